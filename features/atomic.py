@@ -1,0 +1,86 @@
+"""Files and folders that appear whole or not at all, whenever the process is killed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_PARTIAL = ".partial-"
+
+
+def _partial_name(target: Path) -> Path:
+    return target.parent / f"{_PARTIAL}{uuid.uuid4().hex[:12]}-{target.name}"
+
+
+def fsync_folder(folder: Path) -> None:
+    """Make a rename inside `folder` durable; a no-op where folders cannot be opened (Windows)."""
+    if os.name == "nt":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_bytes(target: Path, data: bytes) -> None:
+    """Write `data` to `target` through a temporary name, synced, then renamed into place."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = _partial_name(target)
+    try:
+        with open(partial, "wb") as handle:
+            handle.write(data)
+            handle.flush()
+            os.fsync(handle.fileno())
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
+    fsync_folder(target.parent)
+
+
+def write_text(target: Path, text: str) -> None:
+    """`write_bytes` of UTF-8 text."""
+    write_bytes(target, text.encode("utf-8"))
+
+
+@contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """Yield an empty folder that becomes `target` when the block ends without an exception.
+
+    Every file in it is synced before the rename, so `target` never holds half of its content.
+
+    Raises
+    ------
+    FileExistsError
+        If `target` is there already.
+    """
+    if target.exists():
+        raise FileExistsError(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = _partial_name(target)
+    partial.mkdir()
+    try:
+        yield partial
+        for path in partial.rglob("*"):
+            if path.is_file():
+                with open(path, "rb") as handle:
+                    os.fsync(handle.fileno())
+        os.rename(partial, target)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    fsync_folder(target.parent)
+
+
+def remove_partials(folder: Path) -> int:
+    """Delete what a killed process left half-written in `folder`; return how many were found."""
+    leftovers = [path for path in folder.glob(f"{_PARTIAL}*")] if folder.is_dir() else []
+    for path in leftovers:
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+    return len(leftovers)

@@ -1,0 +1,192 @@
+"""A mission's frames on disk: a stereo folder, a flat folder, or a video file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import FrameError, ToktError
+from .image_file import SUFFIXES, decode_image
+
+LEFT, RIGHT = "left", "right"
+VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".m4v", ".webm"})
+_NUMBER = re.compile(r"(\d+)$")
+
+
+class Mission(Protocol):
+    """One dive's frames. A frame is named by its camera and its number."""
+
+    @property
+    def name(self) -> str:
+        """The mission's name, as label records carry it."""
+
+    @property
+    def path(self) -> Path:
+        """The folder or file it was opened from."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """``("left", "right")`` or ``("left",)``."""
+
+    def frames(self, camera: str = LEFT) -> list[int]:
+        """Frame numbers of one camera, in numeric order."""
+
+    def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
+        """One frame as the camera gave it: uint8, gray or BGR. Raises FrameError."""
+
+    def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
+        """One frame as an image file that decodes to `read`'s pixels: (bytes, suffix)."""
+
+
+def open_mission(path: Path | str) -> Mission:
+    """Open a folder with ``Left/`` (and ``Right/``), a flat folder of images, or a video file.
+
+    Raises
+    ------
+    ToktError
+        If there is nothing there, no image in it, or a file name without a frame number.
+    """
+    path = Path(path)
+    if path.is_file():
+        if path.suffix.lower() not in VIDEO_SUFFIXES:
+            raise ToktError(f"{path} is neither a folder of frames nor a video file")
+        return VideoMission(path)
+    if not path.is_dir():
+        raise ToktError(f"mission {path} does not exist")
+    return FolderMission(path)
+
+
+def _numbered(folder: Path) -> dict[int, Path]:
+    """Image files of a folder by the number their names end in."""
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() not in SUFFIXES or path.name.startswith("."):
+            continue
+        match = _NUMBER.search(path.stem)
+        if match is None:
+            raise ToktError(f"{path}: the file name does not end in a frame number")
+        number = int(match[1])
+        if number in found:
+            raise ToktError(f"{path} and {found[number].name} are both frame {number}")
+        found[number] = path
+    return dict(sorted(found.items()))
+
+
+class FolderMission:
+    """A mission kept as one image file a frame."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.name = path.resolve().name
+        by_name = {child.name.lower(): child for child in path.iterdir() if child.is_dir()}
+        self._files = {
+            camera: _numbered(by_name[camera]) for camera in (LEFT, RIGHT) if camera in by_name
+        }
+        if not self._files:
+            self._files = {LEFT: _numbered(path)}
+        if not self._files.get(LEFT):
+            raise ToktError(f"mission {path} has no frames (looked for images in it and in Left/)")
+        self.cameras = tuple(self._files)
+
+    def _file(self, frame: int, camera: str) -> Path:
+        file = self._files.get(camera, {}).get(frame)
+        if file is None:
+            raise FrameError(f"mission {self.name} has no {camera} frame {frame}")
+        return file
+
+    def frames(self, camera: str = LEFT) -> list[int]:
+        """Frame numbers of one camera, in numeric order."""
+        return list(self._files.get(camera, {}))
+
+    def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
+        """One frame: uint8, gray (height, width) or BGR (height, width, 3)."""
+        return decode_image(self.encoded(frame, camera)[0], str(self._file(frame, camera)))
+
+    def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
+        """The frame's own file, untouched, and its suffix."""
+        file = self._file(frame, camera)
+        try:
+            return file.read_bytes(), file.suffix.lower()
+        except OSError as error:
+            raise FrameError(f"{file}: {error.strerror or error}") from None
+
+
+class VideoMission:
+    """A mission kept as a video of one camera; frames are numbered from 1 in file order."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.name = path.stem
+        self.cameras = (LEFT,)
+        self._capture = cv2.VideoCapture(str(path))
+        self._next = 1
+        count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if not self._capture.isOpened() or count < 1:
+            raise ToktError(f"{path} is not a video that can be read")
+        self._count = count
+        self.frames_per_second = float(self._capture.get(cv2.CAP_PROP_FPS)) or None
+
+    def frames(self, camera: str = LEFT) -> list[int]:
+        """Frame numbers 1..n; other cameras than ``"left"`` have none."""
+        return list(range(1, self._count + 1)) if camera == LEFT else []
+
+    def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
+        """One frame, BGR. Fast in order; a step back reads the file from its start again.
+
+        Seeking by frame number is not exact for many codecs, so it is not used: the same
+        number is always the same picture.
+        """
+        if camera != LEFT or not 1 <= frame <= self._count:
+            raise FrameError(f"mission {self.name} has no {camera} frame {frame}")
+        if frame < self._next:
+            self._capture.release()
+            self._capture = cv2.VideoCapture(str(self.path))
+            self._next = 1
+        while self._next < frame and self._capture.grab():
+            self._next += 1
+        good, image = self._capture.read() if self._next == frame else (False, None)
+        if not good or image is None:
+            raise FrameError(f"{self.path}: frame {frame} cannot be decoded")
+        self._next = frame + 1
+        return np.asarray(image, np.uint8)
+
+    def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
+        """The frame as a lossless PNG."""
+        good, data = cv2.imencode(".png", self.read(frame, camera))
+        if not good:
+            raise FrameError(f"{self.path}: frame {frame} cannot be stored as PNG")
+        return data.tobytes(), ".png"
+
+
+def parse_frames(text: str) -> list[int]:
+    """Read a list of frame numbers and ranges such as ``"1-99,132-246"``; sorted, unique.
+
+    Raises
+    ------
+    ToktError
+        If a part is not a number or a rising range.
+    """
+    frames: set[int] = set()
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", part)
+        if match is None or (match[2] and int(match[2]) < int(match[1])):
+            raise ToktError(f"not a list of frames: {text!r} (write for example 1-99,132-246)")
+        frames.update(range(int(match[1]), int(match[2] or match[1]) + 1))
+    return sorted(frames)
+
+
+def format_frames(frames: Iterable[int]) -> str:
+    """The opposite of `parse_frames`: ``[1, 2, 3, 7]`` gives ``"1-3,7"``."""
+    runs: list[list[int]] = []
+    for frame in sorted(set(frames)):
+        if runs and frame == runs[-1][1] + 1:
+            runs[-1][1] = frame
+        else:
+            runs.append([frame, frame])
+    return ",".join(str(a) if a == b else f"{a}-{b}" for a, b in runs)

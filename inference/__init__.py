@@ -1,0 +1,1 @@
+"""The runtime: live sources, detectors, verdicts and UDP."""

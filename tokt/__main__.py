@@ -1,0 +1,5 @@
+"""``python -m tokt``."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,42 @@
+"""The `tokt` program: its commands, and how it ends when something is wrong."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from ..features.errors import ToktError
+
+app = typer.Typer(
+    name="tokt",
+    help="Label, train, compare and deploy small texture models that keep an ROV off obstacles.",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback(invoke_without_command=True)
+def _root(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main() -> None:
+    """Run the command line; a user's mistake is one line on stderr and exit code 2."""
+    try:
+        code = app(standalone_mode=False)
+    except ToktError as error:
+        _fail(str(error))
+    except typer.TyperException as error:
+        _fail(error.format_message())
+    except typer.Abort:
+        sys.exit(130)
+    else:
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str) -> None:
+    print(f"tokt: error: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(2)

@@ -1,0 +1,1 @@
+"""Dataset versions, honest cross-validation, training with MLflow, evaluation and comparison."""
