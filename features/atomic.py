@@ -32,11 +32,11 @@ def write_bytes(target: Path, data: bytes) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = _partial_name(target)
     try:
-        with open(partial, "wb") as handle:
+        with partial.open("wb") as handle:
             handle.write(data)
             handle.flush()
             os.fsync(handle.fileno())
-        os.replace(partial, target)
+        partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
     fsync_folder(target.parent)
@@ -45,6 +45,28 @@ def write_bytes(target: Path, data: bytes) -> None:
 def write_text(target: Path, text: str) -> None:
     """`write_bytes` of UTF-8 text."""
     write_bytes(target, text.encode("utf-8"))
+
+
+@contextmanager
+def scratch_folder(beside: Path) -> Iterator[Path]:
+    """Yield an empty folder next to `beside`, gone when the block ends unless published."""
+    beside.parent.mkdir(parents=True, exist_ok=True)
+    partial = _partial_name(beside)
+    partial.mkdir()
+    try:
+        yield partial
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def publish_folder(folder: Path, target: Path) -> None:
+    """Sync every file in a scratch folder, then rename it to `target`, which must not exist."""
+    for path in folder.rglob("*"):
+        if path.is_file():
+            with path.open("rb") as handle:
+                os.fsync(handle.fileno())
+    folder.rename(target)
+    fsync_folder(target.parent)
 
 
 @contextmanager
@@ -60,24 +82,14 @@ def new_folder(target: Path) -> Iterator[Path]:
     """
     if target.exists():
         raise FileExistsError(target)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = _partial_name(target)
-    partial.mkdir()
-    try:
-        yield partial
-        for path in partial.rglob("*"):
-            if path.is_file():
-                with open(path, "rb") as handle:
-                    os.fsync(handle.fileno())
-        os.rename(partial, target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-    fsync_folder(target.parent)
+    with scratch_folder(target) as folder:
+        yield folder
+        publish_folder(folder, target)
 
 
 def remove_partials(folder: Path) -> int:
     """Delete what a killed process left half-written in `folder`; return how many were found."""
-    leftovers = [path for path in folder.glob(f"{_PARTIAL}*")] if folder.is_dir() else []
+    leftovers = list(folder.glob(f"{_PARTIAL}*")) if folder.is_dir() else []
     for path in leftovers:
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)

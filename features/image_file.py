@@ -6,6 +6,7 @@ a texture model takes for open water. So the end of the image is looked for befo
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
 
@@ -104,3 +105,10 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     except OSError as error:
         raise FrameError(f"{path}: {error.strerror or error}") from None
     return decode_image(data, str(path))
+
+
+def pixel_sha256(image: NDArray[np.uint8]) -> str:
+    """SHA-256 (hex) of an image's shape and pixels, however its file was compressed."""
+    digest = hashlib.sha256(repr(image.shape).encode("ascii"))
+    digest.update(np.ascontiguousarray(image).data)
+    return digest.hexdigest()

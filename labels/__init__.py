@@ -1,1 +1,1 @@
-"""What people say about patches: taxonomy, label store, label files, agreement, synthetic missions."""
+"""What people say about patches: taxonomy, label store and files, agreement, synthetic missions."""

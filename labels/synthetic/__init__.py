@@ -1,0 +1,1 @@
+"""Synthetic missions: rendered stereo frames whose labels, masks and depth are exact."""

@@ -7,6 +7,7 @@ import sys
 import typer
 
 from ..features.errors import ToktError
+from . import dataset, labels, models, train
 
 app = typer.Typer(
     name="tokt",
@@ -21,6 +22,17 @@ app = typer.Typer(
 def _root(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
+
+
+app.add_typer(labels.labels_app, name="labels")
+app.add_typer(dataset.dataset_app, name="dataset")
+app.command("train")(train.train)
+app.command("evaluate")(train.evaluate)
+app.add_typer(models.models_app, name="models")
+app.command("export")(models.export)
+app.command("deploy")(models.deploy)
+app.command("rollback")(models.rollback)
+app.command("store")(models.store)
 
 
 def main() -> None:

@@ -1,0 +1,274 @@
+"""Extractors: a frame and a grid become one feature row a patch, as a JSON spec says.
+
+Training and the runtime both call `Extractor.describe`, so they cannot differ. A spec is all
+there is to know about an extractor; two equal specs give equal features.
+
+Specs, version 1::
+
+    {"name": "lbp", "version": 1, "points": 10, "radius": 5, "border": "patch", "image": {...}}
+    {"name": "haralick", "version": 1, "ignore_zeros": false, "image": {...}}
+    {"name": "join", "version": 1, "parts": [SPEC, SPEC, ...]}
+
+``image`` says how the frame becomes the gray picture that is looked at; there is one way so far:
+``{"resize": "area", "gray": "bt601"}``, INTER_AREA to the grid's width, then BGR to gray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ToktError
+from .grid import Grid
+
+Spec = Mapping[str, Any]
+SPEC_VERSION = 1
+PLAIN_IMAGE = {"resize": "area", "gray": "bt601"}
+HARALICK_NAMES = (
+    "angular_second_moment",
+    "contrast",
+    "correlation",
+    "sum_of_squares",
+    "inverse_difference_moment",
+    "sum_average",
+    "sum_variance",
+    "sum_entropy",
+    "entropy",
+    "difference_variance",
+    "difference_entropy",
+    "information_correlation_1",
+    "information_correlation_2",
+)
+
+
+class Extractor(Protocol):
+    """What turns a frame into features."""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The JSON spec that describes this extractor whole."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One name a feature."""
+
+    @property
+    def dim(self) -> int:
+        """Number of features of one patch."""
+
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """Features of every patch: float64, shape (grid.n_patches, dim), row by row."""
+
+
+def gray_picture(frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
+    """The frame as the plain extractors see it: resized to the grid's width, then gray.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (height, width) or (height, width, 3)
+        As the camera gave it, gray or BGR, any size.
+    grid : Grid
+        Says the width.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the frame is not uint8, or has another shape.
+    """
+    if frame.dtype != np.uint8:
+        raise TypeError(f"a frame is uint8, not {frame.dtype}")
+    if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] != 3):
+        raise ValueError(f"a frame is (height, width) or (height, width, 3), not {frame.shape}")
+    height, width = grid.resized(*frame.shape[:2])
+    if min(height, width) < 1:
+        raise ValueError(f"a frame of {frame.shape} has no pixel left after the resize")
+    picture = frame
+    if (height, width) != frame.shape[:2]:
+        picture = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA).astype(
+            np.uint8, copy=False
+        )
+    if picture.ndim == 3:
+        picture = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+    return picture
+
+
+class Lbp:
+    """Normalised histograms of uniform local binary patterns (thesis section 3.4)."""
+
+    def __init__(self, points: int, radius: int, border: str) -> None:
+        self.points = points
+        self.radius = radius
+        self.border = border
+        self.names = tuple(
+            f"lbp_{points}_{radius}_{border}_{pattern}" for pattern in [*range(points + 1), "other"]
+        )
+        self.dim = points + 2
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        return {
+            "name": "lbp",
+            "version": SPEC_VERSION,
+            "points": self.points,
+            "radius": self.radius,
+            "border": self.border,
+            "image": dict(PLAIN_IMAGE),
+        }
+
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """Fraction of a patch's pixels with each pattern; rows sum to 1."""
+        return self.describe_picture(gray_picture(frame, grid), grid)
+
+    def describe_picture(self, gray: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """`describe` for a frame that is resized and gray already."""
+        from . import reference
+
+        counts = reference.lbp_counts(gray, grid, self.points, self.radius, self.border)
+        patch_height, patch_width = grid.patch_size(*gray.shape)
+        return counts / float(patch_height * patch_width)
+
+
+class Haralick:
+    """Haralick's first 13 features, mean over 4 directions (thesis section 3.5)."""
+
+    def __init__(self, ignore_zeros: bool) -> None:
+        self.ignore_zeros = ignore_zeros
+        self.names = tuple(f"haralick_{name}" for name in HARALICK_NAMES)
+        self.dim = len(self.names)
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        return {
+            "name": "haralick",
+            "version": SPEC_VERSION,
+            "ignore_zeros": self.ignore_zeros,
+            "image": dict(PLAIN_IMAGE),
+        }
+
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """The 13 features of each patch's grey-level co-occurrence matrices (GLCM)."""
+        return self.describe_picture(gray_picture(frame, grid), grid)
+
+    def describe_picture(self, gray: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """`describe` for a frame that is resized and gray already."""
+        from . import reference
+
+        return reference.haralick_features(gray, grid, self.ignore_zeros)
+
+
+class Join:
+    """Several extractors' features side by side, from one gray picture."""
+
+    def __init__(self, parts: Sequence[Lbp | Haralick]) -> None:
+        self.parts = tuple(parts)
+        self.dim = sum(part.dim for part in self.parts)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parts' names, in order."""
+        return tuple(name for part in self.parts for name in part.names)
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        parts = [part.spec for part in self.parts]
+        return {"name": "join", "version": SPEC_VERSION, "parts": parts}
+
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """The parts' features, in order."""
+        gray = gray_picture(frame, grid)
+        return np.hstack([part.describe_picture(gray, grid) for part in self.parts])
+
+
+def _lbp_from(spec: Spec) -> Lbp:
+    points, radius, border = spec["points"], spec["radius"], spec["border"]
+    if type(points) is not int or type(radius) is not int:
+        raise ToktError(f"lbp: points and radius are whole numbers, not {points!r}, {radius!r}")
+    if not 4 <= points <= 64 or not 1 <= radius <= 32:
+        raise ToktError(f"lbp: {points} points at radius {radius} is out of range (4-64, 1-32)")
+    if border not in ("patch", "frame"):
+        raise ToktError(f"lbp: border is 'patch' or 'frame', not {border!r}")
+    return Lbp(points, radius, border)
+
+
+def _haralick_from(spec: Spec) -> Haralick:
+    if type(spec["ignore_zeros"]) is not bool:
+        raise ToktError("haralick: ignore_zeros is true or false")
+    return Haralick(spec["ignore_zeros"])
+
+
+_BUILDERS = {
+    "lbp": (_lbp_from, {"name", "version", "points", "radius", "border", "image"}),
+    "haralick": (_haralick_from, {"name", "version", "ignore_zeros", "image"}),
+}
+
+
+def _check_keys(spec: Spec, keys: set[str]) -> None:
+    if set(spec) != keys:
+        wrong = ", ".join(sorted(set(spec) ^ keys))
+        raise ToktError(f"extractor {spec['name']}: unknown or missing in its spec: {wrong}")
+
+
+def build_extractor(spec: Spec) -> Lbp | Haralick | Join:
+    """Build the extractor a spec describes.
+
+    Raises
+    ------
+    ToktError
+        If the spec names an extractor, version or option this tokt does not know. A spec is
+        never read with a part of it ignored.
+    """
+    name = spec.get("name")
+    if name not in (*_BUILDERS, "join"):
+        raise ToktError(f"unknown extractor {name!r} (known: {', '.join([*_BUILDERS, 'join'])})")
+    if spec.get("version") != SPEC_VERSION:
+        raise ToktError(f"extractor {name}: version {spec.get('version')!r} is not known here")
+    if name == "join":
+        _check_keys(spec, {"name", "version", "parts"})
+        parts = [build_extractor(part) for part in spec["parts"]]
+        flat = [part for part in parts if not isinstance(part, Join)]
+        if len(flat) < 2 or len(flat) != len(parts):
+            raise ToktError("extractor join: takes two or more plain extractors")
+        return Join(flat)
+    builder, keys = _BUILDERS[str(name)]
+    _check_keys(spec, keys)
+    if spec["image"] != PLAIN_IMAGE:
+        raise ToktError(f"extractor {name}: image {spec['image']!r} is not known here")
+    return builder(spec)
+
+
+NAMED: dict[str, Lbp | Haralick] = {
+    "lbp": Lbp(10, 5, "patch"),
+    "lbp_10_5": Lbp(10, 5, "patch"),
+    "lbp_24_8": Lbp(24, 8, "patch"),
+    "lbp_10_5_frame": Lbp(10, 5, "frame"),
+    "lbp_24_8_frame": Lbp(24, 8, "frame"),
+    "haralick": Haralick(ignore_zeros=False),
+}
+
+
+def extractor_named(text: str) -> Lbp | Haralick | Join:
+    """The extractor behind a name, or behind several joined by ``+``.
+
+    Examples
+    --------
+    >>> extractor_named("haralick+lbp_24_8_frame").dim
+    39
+
+    Raises
+    ------
+    ToktError
+        If a name is not known.
+    """
+    parts = []
+    for name in text.split("+"):
+        if name not in NAMED:
+            raise ToktError(f"unknown extractor {name!r} (known: {', '.join(NAMED)}; join with +)")
+        parts.append(NAMED[name])
+    return parts[0] if len(parts) == 1 else Join(parts)

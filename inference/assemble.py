@@ -1,0 +1,65 @@
+"""Put a policy together from what there is: a model, a calibration, or both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..features.errors import ToktError
+from ..features.grid import DEFAULT_GRID
+from .calibration import StereoCalibration
+from .detector import GridDetector, PatchScorer
+from .disparity import DisparityDetector
+from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
+
+LoadModel = Callable[[], PatchScorer]
+
+
+def build_policy(
+    name: str, load_model: LoadModel | None, calibration: StereoCalibration | None
+) -> Policy:
+    """The policy of that name.
+
+    Parameters
+    ----------
+    name : {"texture", "disparity", "either", "fallback"}
+    load_model : callable, optional
+        Loads the model, or raises ToktError. Only policy ``fallback`` goes on when it does, and
+        only with a calibration: every verdict's health then says why there is no model.
+    calibration : StereoCalibration, optional
+        What disparity needs.
+
+    Raises
+    ------
+    ToktError
+        If the policy is not known, or lacks its model or its calibration.
+    """
+    if name not in POLICIES:
+        raise ToktError(f"unknown policy {name!r} (choose from {', '.join(POLICIES)})")
+    if calibration is None and name in ("disparity", "either"):
+        raise ToktError(f"policy {name} needs a stereo calibration (--calibration FILE.yml)")
+    if load_model is None and name != "disparity":
+        raise ToktError(f"policy {name} needs a model (--store STORE or --bundle FILE)")
+    model, fault = _load(load_model, may_fail=name == "fallback" and calibration is not None)
+    grid = DEFAULT_GRID if model is None else model.grid
+    disparity = None if calibration is None else DisparityDetector(calibration, grid)
+    if disparity is not None and (name == "disparity" or model is None):
+        return SinglePolicy(disparity, note=fault)
+    if model is None:
+        raise AssertionError("a model that may not fail was loaded")
+    texture = GridDetector(model)
+    if name == "texture":
+        return SinglePolicy(texture)
+    if disparity is None:
+        return SinglePolicy(texture, note="no fallback: there is no stereo calibration")
+    return (EitherPolicy if name == "either" else FallbackPolicy)(texture, disparity)
+
+
+def _load(load_model: LoadModel | None, may_fail: bool) -> tuple[PatchScorer | None, str]:
+    if load_model is None:
+        return None, ""
+    try:
+        return load_model(), ""
+    except ToktError as error:
+        if not may_fail:
+            raise
+        return None, f"no texture model: {error}"

@@ -1,0 +1,142 @@
+"""Policies: which detectors judge a frame, and what their answers come to.
+
+A detector that raises is taken for one that could not judge. Unknown never becomes clear: a
+frame is clear only where at least one detector judged it and none saw an obstacle, and whatever
+could not be judged is told in the verdict's health.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .detector import Detection, Detector
+from .sources import Frame
+from .verdict import HEALTHY, Verdict, unknown_verdict, verdict_from_mask
+
+POLICIES = ("texture", "disparity", "either", "fallback")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict, and the decision values behind it where a model gave some.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    decision_values : array of float64, shape (n_patches, n_outputs), or None
+    """
+
+    verdict: Verdict
+    decision_values: NDArray[np.float64] | None = None
+
+
+class Policy(Protocol):
+    """Something that always has a verdict on a frame."""
+
+    def judge(self, frame: Frame) -> Judgement:
+        """Judge one frame; never raises for what a detector does."""
+
+
+def guarded(detector: Detector, frame: Frame) -> Detection:
+    """Ask a detector; whatever it raises is its reason for not judging."""
+    try:
+        return detector.detect(frame)
+    # The one place where any exception is caught: a defect in a detector must cost one verdict,
+    # which is then unknown, and never the loop that keeps the vehicle's pilot informed.
+    except Exception as error:  # noqa: BLE001
+        fault = f"the {detector.method} detector failed: {type(error).__name__}: {error}"
+        return Detection(None, detector.method, fault=" ".join(fault.split()))
+
+
+def _judgement(detection: Detection, health: str) -> Judgement:
+    if detection.mask is None:
+        return Judgement(unknown_verdict(health))
+    verdict = verdict_from_mask(
+        detection.mask, detection.method, detection.model, detection.distance_m, health
+    )
+    return Judgement(verdict, detection.decision_values)
+
+
+class SinglePolicy:
+    """One detector alone.
+
+    Parameters
+    ----------
+    detector : Detector
+    note : str
+        What is not as it should be throughout, for the health of every verdict.
+    """
+
+    def __init__(self, detector: Detector, note: str = "") -> None:
+        self.detector = detector
+        self.note = note
+
+    def judge(self, frame: Frame) -> Judgement:
+        """The detector's answer."""
+        detection = guarded(self.detector, frame)
+        return _judgement(detection, _health(self.note, detection.fault))
+
+
+class FallbackPolicy:
+    """Texture where it can judge, otherwise disparity.
+
+    Parameters
+    ----------
+    texture, disparity : Detector
+    """
+
+    def __init__(self, texture: Detector, disparity: Detector) -> None:
+        self.texture = texture
+        self.disparity = disparity
+
+    def judge(self, frame: Frame) -> Judgement:
+        """The first detector's answer, or the second's where the first has none."""
+        first = guarded(self.texture, frame)
+        if first.mask is not None:
+            return _judgement(first, HEALTHY)
+        second = guarded(self.disparity, frame)
+        return _judgement(second, _health(_unable(first), _unable(second)))
+
+
+class EitherPolicy:
+    """Both detectors: an obstacle where either sees one.
+
+    The masks of those that judged are joined, and the verdict is that of the joined mask: its
+    mean is at least that of each, so it is an obstacle whenever one of them is.
+
+    Parameters
+    ----------
+    texture, disparity : Detector
+        With masks of one size.
+    """
+
+    def __init__(self, texture: Detector, disparity: Detector) -> None:
+        self.texture = texture
+        self.disparity = disparity
+
+    def judge(self, frame: Frame) -> Judgement:
+        """Both detectors' answers joined."""
+        first, second = guarded(self.texture, frame), guarded(self.disparity, frame)
+        health = _health(_unable(first), _unable(second))
+        if first.mask is None or second.mask is None:
+            return _judgement(second if first.mask is None else first, health)
+        joined = replace(
+            first,
+            mask=np.asarray(cv2.bitwise_or(first.mask, second.mask), np.uint8),
+            method=f"{first.method}+{second.method}",
+            distance_m=second.distance_m,
+        )
+        return _judgement(joined, health)
+
+
+def _unable(detection: Detection) -> str:
+    return "" if detection.mask is not None else f"{detection.method}: {detection.fault}"
+
+
+def _health(*faults: str) -> str:
+    return "; ".join(fault for fault in faults if fault) or HEALTHY

@@ -1,0 +1,60 @@
+"""One frame's report: the verdict with its number and times, as datagrams and logs carry it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from .verdict import Verdict
+
+V2 = 2
+HEALTH_CHARACTERS = 300
+"""Longest health text that is sent or logged: keeps a datagram under one Ethernet frame."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What is said about one frame.
+
+    Parameters
+    ----------
+    seq : int
+        1 for the first frame of a run, then rising by one a frame, whatever was sent.
+    frame : int
+        The frame's number in its source.
+    t : float
+        Frame time: seconds since 1970 (UTC) when the source delivered it.
+    latency_ms : float
+        From the frame's delivery to its verdict, in milliseconds.
+    verdict : Verdict
+    """
+
+    seq: int
+    frame: int
+    t: float
+    latency_ms: float
+    verdict: Verdict
+
+    def fields(self) -> dict[str, Any]:
+        """The fields of UDP v2 (DESIGN.md); a number that is not finite becomes None."""
+        verdict = self.verdict
+        return {
+            "v": V2,
+            "seq": self.seq,
+            "t": _finite(self.t),
+            "status": verdict.status,
+            "x": verdict.x,
+            "y": verdict.y,
+            "box": None if verdict.box is None else list(verdict.box),
+            "mean": _finite(verdict.mean),
+            "distance_m": _finite(verdict.distance_m),
+            "method": verdict.method,
+            "model": verdict.model,
+            "latency_ms": _finite(self.latency_ms),
+            "health": verdict.health[:HEALTH_CHARACTERS],
+        }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

@@ -1,0 +1,156 @@
+"""Sources: where the runtime's frames come from.
+
+A source delivers frames in order, and a frame that cannot be read as a frame with the reason
+instead of a picture: it never raises for one, and never leaves one out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import FrameError, ToktError
+from ..features.mission import LEFT, RIGHT, Mission, format_frames, open_mission
+from .clock import Clock
+
+_STOP_CHECK_S = 0.05
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One moment of the mission, as the cameras gave it.
+
+    Parameters
+    ----------
+    number : int
+    t : float
+        Seconds since 1970 (UTC) when the source delivered it.
+    left, right : array of uint8, shape (height, width) or (height, width, 3), or None
+        None where there is no picture.
+    left_fault, right_fault : str
+        Why there is none; empty where there is one.
+    """
+
+    number: int
+    t: float
+    left: NDArray[np.uint8] | None
+    right: NDArray[np.uint8] | None
+    left_fault: str = ""
+    right_fault: str = ""
+
+
+class Source(Protocol):
+    """Something that delivers frames."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Frames in order, until there are no more or `stop` was called."""
+
+    def stop(self) -> None:
+        """Deliver no further frame; may be called from a signal handler."""
+
+
+class MissionSource:
+    """Replay a mission from disk: a stereo folder, a flat folder or a video.
+
+    Parameters
+    ----------
+    mission : Mission
+    clock : Clock
+    frames : sequence of int, optional
+        Which frames to deliver; all of the left camera's by default.
+    rate : float, optional
+        Frames per second. A frame is due at a fixed time after the first, so a late one delays
+        none after it; without a rate each frame comes as soon as it is asked for.
+    stereo : bool
+        Whether to read the right camera's frames as well.
+
+    Raises
+    ------
+    ToktError
+        If the rate is not positive, or no chosen frame is in the mission.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        clock: Clock,
+        frames: Sequence[int] | None = None,
+        rate: float | None = None,
+        stereo: bool = True,
+    ) -> None:
+        if rate is not None and not 0 < rate < float("inf"):
+            raise ToktError(f"a rate is a positive number of frames per second, not {rate}")
+        self.numbers = _chosen(mission, frames)
+        self._mission = mission
+        self._clock = clock
+        self._rate = rate
+        self._stereo = stereo
+        self._stopped = False
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Deliver the frames."""
+        start = self._clock.monotonic()
+        for index, number in enumerate(self.numbers):
+            left, left_fault = self._read(number, LEFT)
+            right, right_fault = self._read(number, RIGHT) if self._stereo else (None, "not read")
+            if self._rate is not None:
+                self._wait_until(start + index / self._rate)
+            if self._stopped:
+                return
+            yield Frame(number, self._clock.time(), left, right, left_fault, right_fault)
+
+    def stop(self) -> None:
+        """Deliver no further frame."""
+        self._stopped = True
+
+    def _read(self, number: int, camera: str) -> tuple[NDArray[np.uint8] | None, str]:
+        try:
+            return self._mission.read(number, camera), ""
+        except FrameError as error:
+            return None, str(error)
+
+    def _wait_until(self, due: float) -> None:
+        """Sleep in short pieces, so that `stop` is noticed."""
+        while not self._stopped:
+            remaining = due - self._clock.monotonic()
+            if remaining <= 0:
+                return
+            self._clock.sleep(min(remaining, _STOP_CHECK_S))
+
+
+def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
+    """The frames to deliver: those asked for that the mission has."""
+    present = mission.frames(LEFT)
+    if frames is None:
+        return present
+    chosen = sorted(set(present) & set(frames))
+    if not chosen:
+        raise ToktError(
+            f"mission {mission.name} has frames {format_frames(present)}, "
+            f"none of {format_frames(frames)}"
+        )
+    return chosen
+
+
+def open_source(
+    text: str,
+    clock: Clock,
+    frames: Sequence[int] | None = None,
+    rate: float | None = None,
+    stereo: bool = True,
+) -> MissionSource:
+    """Open what a user named as the source: a folder or a video file.
+
+    Raises
+    ------
+    ToktError
+        If it is neither.
+    """
+    if not Path(text).exists():
+        raise ToktError(f"unknown source {text!r}: not a folder of frames and not a video file")
+    return MissionSource(open_mission(text), clock, frames, rate, stereo)

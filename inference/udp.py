@@ -1,0 +1,219 @@
+"""Datagrams: UDP v1 for the thesis's LabVIEW program, UDP v2 (JSON), and sending either.
+
+Both formats are fixed by DESIGN.md. Unknown is never sent as clear: v1 has no word for it and
+sends nothing, so that LabVIEW's receive time-out acts; v2 sends status -1.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import socket
+from typing import Any, Protocol
+
+from ..features.errors import ToktError
+from .report import V2, Report
+from .verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
+
+DEFAULT_HOST = "127.0.0.1"
+DEFAULT_PORT = 1130
+"""The port of the thesis's LabVIEW program."""
+
+_V1 = re.compile(
+    rb"status : , ([01])  ,Xpos : ,(-?\d{1,9}),  Ypos : , (-?\d{1,9}) , meanValue : ,"
+    rb"(\d{1,24}(?:\.\d{1,24})?(?:e[+-]\d{1,3})?)"
+)
+_ADDRESS = re.compile(r"(?:\[([^\]]+)\]|([^:\s]+)):(\d{1,5})")
+
+
+def encode_v1(verdict: Verdict) -> bytes | None:
+    """One ASCII datagram of eight comma-separated fields, or None for what v1 cannot say.
+
+    Returns
+    -------
+    bytes or None
+        None for an unknown verdict, and for a mean that is not finite.
+    """
+    if verdict.status not in (OBSTACLE, CLEAR) or verdict.x is None or verdict.y is None:
+        return None
+    if verdict.mean is None or not math.isfinite(verdict.mean):
+        return None
+    return (
+        f"status : , {verdict.status}  ,Xpos : ,{verdict.x},  Ypos : , {verdict.y} "
+        f", meanValue : ,{verdict.mean:.12g}"
+    ).encode("ascii")
+
+
+def encode_v2(report: Report) -> bytes:
+    """One JSON object in ASCII, every field of v2 present."""
+    return json.dumps(report.fields(), separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def decode(data: bytes) -> dict[str, Any]:
+    """Read a datagram of either format.
+
+    Returns
+    -------
+    dict
+        For v1 ``{"v": 1, "status", "x", "y", "mean"}``; for v2 its JSON object.
+
+    Raises
+    ------
+    ToktError
+        If it is neither.
+    """
+    match = _V1.fullmatch(data)
+    if match is not None:
+        status, x, y = (int(match[group]) for group in (1, 2, 3))
+        mean = float(match[4])
+        if not math.isfinite(mean):
+            raise ToktError("not a tokt datagram: v1 with a mean value that is not finite")
+        return {"v": 1, "status": status, "x": x, "y": y, "mean": mean}
+    try:
+        value = json.loads(data.decode("utf-8"), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError):
+        raise ToktError("not a tokt datagram: neither v1 nor JSON") from None
+    _check_v2(value)
+    return dict(value)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is not JSON")
+
+
+def _check_v2(value: Any) -> None:
+    """Hold a JSON value against the contract of v2."""
+    if not isinstance(value, dict) or value.get("v") != V2:
+        raise ToktError("not a tokt datagram: JSON, but not version 2")
+    whole, number, text = (int,), (int, float), (str,)
+    contract: dict[str, tuple[tuple[type, ...], bool]] = {
+        "seq": (whole, False),
+        "t": (number, True),
+        "status": (whole, False),
+        "x": (whole, True),
+        "y": (whole, True),
+        "box": ((list,), True),
+        "mean": (number, True),
+        "distance_m": (number, True),
+        "method": (text, False),
+        "model": (text, True),
+        "latency_ms": (number, True),
+        "health": (text, False),
+    }
+    for name, (types, optional) in contract.items():
+        field = value.get(name)
+        if name not in value or not _fits(field, types, optional):
+            raise ToktError(f"not a tokt datagram: v2 with a wrong or missing {name!r}")
+    if value["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
+        raise ToktError(f"not a tokt datagram: status {value['status']}")
+
+
+def _fits(field: Any, types: tuple[type, ...], optional: bool) -> bool:
+    if field is None:
+        return optional
+    if isinstance(field, bool) or not isinstance(field, types):
+        return False
+    if isinstance(field, list):
+        return len(field) == 4 and all(_fits(part, (int,), False) for part in field)
+    return not isinstance(field, float) or math.isfinite(field)
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Read ``HOST:PORT`` (or ``[IPV6]:PORT``).
+
+    Raises
+    ------
+    ToktError
+        If it is neither, or the port is not 1..65535.
+    """
+    match = _ADDRESS.fullmatch(text.strip())
+    if match is None or not 1 <= int(match[3]) <= 65535:
+        raise ToktError(f"not an address: {text!r} (write HOST:PORT, for example 127.0.0.1:1130)")
+    return match[1] or match[2], int(match[3])
+
+
+def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
+    """Look a host name up once: (address family, socket address).
+
+    Raises
+    ------
+    ToktError
+        If the name is not known.
+    """
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise ToktError(f"host {host!r} cannot be found: {error}") from None
+    family, _, _, _, address = found[0]
+    return family, address
+
+
+class Sender(Protocol):
+    """Where reports go, besides the log."""
+
+    sent: int
+    failed: int
+
+    def send(self, report: Report) -> None:
+        """Pass a report on; never waits and never raises for what the network does."""
+
+
+class UdpSender:
+    """Send every report to one address, without ever waiting for the network.
+
+    The socket does not block and is not connected: an unreachable host, a cable that is out or
+    a receiver that is not running costs one failed call at most, and sending works again by
+    itself when the network does.
+
+    Parameters
+    ----------
+    host : str
+        Name or address; looked up once, here.
+    port : int
+    version : {1, 2}
+
+    Attributes
+    ----------
+    sent : int
+        Datagrams the operating system took. UDP does not tell whether anyone listens.
+    failed : int
+        Datagrams it refused (no route, full buffer, ...).
+    unsaid : int
+        Reports that the format cannot say: unknown verdicts in v1.
+    last_error : str
+        Why the last refused datagram was refused.
+
+    Raises
+    ------
+    ToktError
+        If the host name is not known.
+    """
+
+    def __init__(self, host: str, port: int, version: int) -> None:
+        self.version = version
+        self.sent = 0
+        self.failed = 0
+        self.unsaid = 0
+        self.last_error = ""
+        family, self._address = resolve(host, port)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+
+    def send(self, report: Report) -> None:
+        """Send one datagram, or count why not."""
+        data = encode_v1(report.verdict) if self.version == 1 else encode_v2(report)
+        if data is None:
+            self.unsaid += 1
+            return
+        try:
+            self._socket.sendto(data, self._address)
+        except OSError as error:
+            self.failed += 1
+            self.last_error = error.strerror or str(error)
+        else:
+            self.sent += 1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()

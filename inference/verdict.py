@@ -1,0 +1,135 @@
+"""From a mask to a verdict: is there an obstacle, where, and which way to steer.
+
+The centre, the box, the mean value and the status follow L. S. Brusletto (NTNU 2016), with the
+corrections that DESIGN.md lists: Ypos comes from the centre's y, the box is the union of the
+contours' boxes, and contours of zero area have no weight instead of dividing by zero.
+
+::
+
+    0,0 ------------------- width      a mask pixel is 255 where an obstacle was seen
+     |        .                        .  frame centre (width // 2, height // 2)
+     |      .....  o (cx, cy)          o  centre of what was seen
+     |        .                        x = -(cx - width // 2)   negative: steer left,
+    height                             y = -(cy - height // 2)  away from the obstacle
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+OBSTACLE, CLEAR, UNKNOWN = 1, 0, -1
+
+STATUS_MEAN_THRESHOLD = 0.345
+"""Mean grey level of the 0/255 mask above which the status is 1. Source: the thesis's program;
+one patch of a 10x10 grid (mean about 2.5) is far above it."""
+
+HEALTHY = "ok"
+
+Box = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the runtime says about one frame.
+
+    Parameters
+    ----------
+    status : {1, 0, -1}
+        Obstacle, clear, or unknown: no detector could judge the frame.
+    x, y : int or None
+        Direction to steer (not where the obstacle is), in pixels of the mask; 0, 0 when there
+        is nothing to steer from; None when unknown.
+    box : (x0, y0, width, height) or None
+        Around everything seen, in pixels of the mask; None when there is nothing.
+    mean : float or None
+        Mean grey level of the 0/255 mask, 0..255; None when unknown.
+    distance_m : float or None
+        Distance in metres to the nearest part, where a detector measures it.
+    method : str
+        ``"texture"``, ``"disparity"``, ``"texture+disparity"`` or ``"none"``.
+    model : str or None
+        ``name/version`` of the model that judged the frame, if one did.
+    health : str
+        ``"ok"``, or what is not as it should be, in words.
+    """
+
+    status: int
+    x: int | None
+    y: int | None
+    box: Box | None
+    mean: float | None
+    distance_m: float | None
+    method: str
+    model: str | None
+    health: str = HEALTHY
+
+
+def unknown_verdict(reason: str) -> Verdict:
+    """The verdict on a frame that nothing could judge, and why."""
+    return Verdict(UNKNOWN, None, None, None, None, None, "none", None, reason)
+
+
+def verdict_from_mask(
+    mask: NDArray[np.uint8],
+    method: str,
+    model: str | None = None,
+    distance_m: float | None = None,
+    health: str = HEALTHY,
+) -> Verdict:
+    """Judge a mask.
+
+    Parameters
+    ----------
+    mask : array of uint8, shape (height, width)
+        255 where an obstacle was seen, 0 elsewhere.
+    method, model, distance_m, health
+        As in `Verdict`.
+
+    Returns
+    -------
+    Verdict
+        Status 1 when the mask's mean exceeds `STATUS_MEAN_THRESHOLD`, otherwise 0. An empty
+        mask has no centre, and x = y = 0: nothing asks for steering. (The thesis's program keeps
+        its initial centre (0, 0) there, and so sends the way from the frame's corner.)
+    """
+    height, width = mask.shape
+    mean = float(cv2.mean(mask)[0])
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    status = OBSTACLE if mean > STATUS_MEAN_THRESHOLD else CLEAR
+    if not contours:
+        return Verdict(status, 0, 0, None, mean, distance_m, method, model, health)
+    cx, cy = _centre(contours, mask)
+    x, y = -(cx - width // 2), -(cy - height // 2)
+    return Verdict(status, x, y, _box(contours), mean, distance_m, method, model, health)
+
+
+def _centre(contours: Sequence[NDArray[Any]], mask: NDArray[np.uint8]) -> tuple[int, int]:
+    """Area-weighted mean of the contours' rounded centroids, cut to whole pixels."""
+    weighted_x = weighted_y = total = 0.0
+    for contour in contours:
+        area = cv2.contourArea(contour)
+        if area == 0:
+            continue
+        moments = cv2.moments(contour)
+        weighted_x += area * round(moments["m10"] / moments["m00"])
+        weighted_y += area * round(moments["m01"] / moments["m00"])
+        total += area
+    if total == 0:
+        # Single pixels and lines one pixel wide enclose no area, yet they are somewhere.
+        rows, columns = np.nonzero(mask)
+        return int(columns.mean()), int(rows.mean())
+    return int(weighted_x / total), int(weighted_y / total)
+
+
+def _box(contours: Sequence[NDArray[Any]]) -> Box:
+    """Union of the contours' bounding boxes."""
+    boxes = np.array([cv2.boundingRect(contour) for contour in contours])
+    x0, y0 = boxes[:, :2].min(axis=0)
+    x1, y1 = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
+    return int(x0), int(y0), int(x1 - x0), int(y1 - y0)

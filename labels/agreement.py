@@ -1,0 +1,180 @@
+"""How well two annotators agree on the patches that both labelled."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..features.errors import ToktError
+from .record import HUMAN, Cell, LabelRecord
+from .taxonomy import UNSURE, Taxonomy
+
+
+@dataclass(frozen=True)
+class ClassAgreement:
+    """Agreement on one class, with A as the reference.
+
+    Attributes
+    ----------
+    n_a, n_b, n_both : int
+        Patches that A, that B, and that both gave this class.
+    precision, recall : float or None
+        ``n_both / n_b`` and ``n_both / n_a``; None where nothing is divided.
+    f1 : float or None
+        ``2 n_both / (n_a + n_b)``, the positive agreement; the same with A and B exchanged.
+    """
+
+    n_a: int
+    n_b: int
+    n_both: int
+    precision: float | None
+    recall: float | None
+    f1: float | None
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What two annotators' labels have in common.
+
+    Attributes
+    ----------
+    n_a, n_b, n_both : int
+        Patches labelled by A, by B, by both (``unsure`` is a label here).
+    n_both_sure : int
+        Patches that both gave a class.
+    kappa, agreement : float or None
+        Cohen's kappa and the share of equal labels, over the patches where both are sure. None
+        where there is no such patch; kappa also where all are of one class (it is undefined).
+    kappa_with_unsure, agreement_with_unsure : float or None
+        The same over all patches labelled by both, ``unsure`` being a class of its own.
+    labels : list of str
+        The taxonomy's classes that occur, in its order, then ``unsure`` if it occurs.
+    confusion : list of list of int
+        ``confusion[i][j]``: patches that A labelled ``labels[i]`` and B ``labels[j]``.
+    per_class : dict of str to ClassAgreement
+        Over all patches labelled by both, by label.
+    obstacle : ClassAgreement
+        On "is an obstacle", over the patches where A is sure; B's ``unsure`` counts as no
+        obstacle. It depends on who is A.
+    """
+
+    n_a: int
+    n_b: int
+    n_both: int
+    n_both_sure: int
+    kappa: float | None
+    agreement: float | None
+    kappa_with_unsure: float | None
+    agreement_with_unsure: float | None
+    labels: list[str]
+    confusion: list[list[int]]
+    per_class: dict[str, ClassAgreement]
+    obstacle: ClassAgreement
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return asdict(self)
+
+
+def agreement(
+    a_records: Iterable[LabelRecord], b_records: Iterable[LabelRecord], taxonomy: Taxonomy
+) -> Agreement:
+    """Compare the labels of annotator A with those of annotator B.
+
+    Parameters
+    ----------
+    a_records, b_records : iterable of LabelRecord
+        One annotator's labels each; model suggestions among them are left out.
+    taxonomy : Taxonomy
+        Says which class is an obstacle.
+
+    Raises
+    ------
+    ToktError
+        If a patch is labelled twice on one side, no patch is labelled on both, a class is not in
+        `taxonomy`, or scikit-learn is not installed.
+
+    References
+    ----------
+    J. Cohen, A coefficient of agreement for nominal scales, Educational and Psychological
+    Measurement 20 (1960); the positive agreement is that of Cicchetti and Feinstein, High
+    agreement but low kappa II, Journal of Clinical Epidemiology 43 (1990).
+    """
+    a, b = _by_cell(a_records), _by_cell(b_records)
+    pairs = [(label, b[cell]) for cell, label in a.items() if cell in b]
+    if not pairs:
+        raise ToktError("no patch is labelled by both (same mission, camera, frame, grid, cell)")
+    used = {label for pair in pairs for label in pair}
+    for label in sorted(used):
+        taxonomy.check_label(label)
+    labels = [name for name in (*taxonomy.names, UNSURE) if name in used]
+    counts = Counter(pairs)
+    sure = [pair for pair in pairs if UNSURE not in pair]
+    obstacles = [
+        (taxonomy.is_obstacle(of_a), of_b != UNSURE and taxonomy.is_obstacle(of_b))
+        for of_a, of_b in pairs
+        if of_a != UNSURE
+    ]
+    return Agreement(
+        n_a=len(a),
+        n_b=len(b),
+        n_both=len(pairs),
+        n_both_sure=len(sure),
+        kappa=_kappa(sure),
+        agreement=_share_equal(sure),
+        kappa_with_unsure=_kappa(pairs),
+        agreement_with_unsure=_share_equal(pairs),
+        labels=labels,
+        confusion=[[counts[of_a, of_b] for of_b in labels] for of_a in labels],
+        per_class={
+            name: _on_class([(of_a == name, of_b == name) for of_a, of_b in pairs])
+            for name in labels
+        },
+        obstacle=_on_class(obstacles),
+    )
+
+
+def _by_cell(records: Iterable[LabelRecord]) -> dict[Cell, str]:
+    found: dict[Cell, LabelRecord] = {}
+    labels: dict[Cell, str] = {}
+    for record in records:
+        if record.source != HUMAN or record.label is None:
+            continue
+        first = found.setdefault(record.cell, record)
+        if first is not record:
+            raise ToktError(
+                f"{record.cell} is labelled by {first.annotator} and by {record.annotator};"
+                " compare one annotator at a time"
+            )
+        labels[record.cell] = record.label
+    return labels
+
+
+def _kappa(pairs: list[tuple[str, str]]) -> float | None:
+    try:
+        from sklearn.metrics import cohen_kappa_score
+    except ModuleNotFoundError:
+        raise ToktError("agreement needs scikit-learn: pip install tokt[train]") from None
+    if len({label for pair in pairs for label in pair}) < 2:
+        return None
+    of_a, of_b = zip(*pairs, strict=True)
+    return float(cohen_kappa_score(of_a, of_b))
+
+
+def _share_equal(pairs: list[tuple[str, str]]) -> float | None:
+    return sum(of_a == of_b for of_a, of_b in pairs) / len(pairs) if pairs else None
+
+
+def _on_class(pairs: list[tuple[bool, bool]]) -> ClassAgreement:
+    n_a, n_b = sum(of_a for of_a, _ in pairs), sum(of_b for _, of_b in pairs)
+    n_both = pairs.count((True, True))
+    return ClassAgreement(
+        n_a=n_a,
+        n_b=n_b,
+        n_both=n_both,
+        precision=n_both / n_b if n_b else None,
+        recall=n_both / n_a if n_a else None,
+        f1=2 * n_both / (n_a + n_b) if n_a + n_b else None,
+    )

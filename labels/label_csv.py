@@ -1,0 +1,198 @@
+"""Label files: CSV with one row a patch, in and out."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from ..features.atomic import write_text
+from ..features.errors import ToktError
+from ..features.grid import DEFAULT_GRID, Grid
+from .record import HUMAN, LabelRecord, utc_now, utc_text
+from .taxonomy import Taxonomy
+
+COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
+MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version")
+_INTEGER = re.compile(r"-?[0-9]{1,18}")
+
+
+def read_label_csv(
+    path: Path,
+    taxonomy: Taxonomy,
+    *,
+    annotator: str | None = None,
+    grid: Grid = DEFAULT_GRID,
+) -> list[LabelRecord]:
+    """Read a whole label file, or refuse it with its first mistake and that line's number.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8 text (with or without byte order mark, any line ends) whose first line names the
+        `COLUMNS` in any order, and any of `MORE_COLUMNS`.
+    taxonomy : Taxonomy
+        The classes a label may have, besides ``unsure``.
+    annotator : str, optional
+        Who labelled, where the file has no such column; the file's name without ending by
+        default, which keeps second annotators' files apart.
+    grid : Grid
+        The grid, where the file has no such column.
+
+    Returns
+    -------
+    list of LabelRecord
+        In the file's order. Without a time column they carry the present moment.
+
+    Raises
+    ------
+    ToktError
+        For wrong columns, an unknown class, a patch outside the grid, a number that is none, or
+        a patch that the same annotator labels twice.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise ToktError(f"label file {path} does not exist") from None
+    except OSError as error:
+        raise ToktError(f"label file {path}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ToktError(f"{path} is not a label file: it is not UTF-8 text") from None
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    rows = _Rows(taxonomy, annotator or path.stem, grid)
+    try:
+        header = next(reader, [])
+        _check_header(header)
+        for values in reader:
+            if values:
+                rows.add(header, values, reader.line_num)
+    except (ToktError, csv.Error) as error:
+        raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
+    if not rows.records:
+        raise ToktError(f"{path} has no labels in it")
+    return rows.records
+
+
+def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = False) -> int:
+    """Write `records` sorted by patch, whole or not at all; return how many.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder is made when it is not there.
+    records : iterable of LabelRecord
+        Labels in force, as `LabelStore.current` returns them.
+    full : bool
+        Add `MORE_COLUMNS`; with them nothing of a record is lost.
+
+    Raises
+    ------
+    ToktError
+        If the file cannot be written, or if without `full` there is more than one annotator or
+        another grid than the default one: the six columns cannot say so.
+    """
+    columns = COLUMNS + MORE_COLUMNS if full else COLUMNS
+    chosen = sorted(
+        records,
+        key=lambda r: (r.mission, r.camera, r.frame, str(r.grid), r.row, r.col, r.annotator),
+    )
+    if not full:
+        _check_six_columns_suffice(chosen)
+    out = io.StringIO(newline="")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([getattr(record, name) for name in columns] for record in chosen)
+    try:
+        write_text(path, out.getvalue())
+    except OSError as error:
+        raise ToktError(f"cannot write {path}: {error.strerror or error}") from None
+    return len(chosen)
+
+
+class _Rows:
+    """Turns rows into records, remembering the line of each patch to find it again."""
+
+    def __init__(self, taxonomy: Taxonomy, annotator: str, grid: Grid) -> None:
+        self.records: list[LabelRecord] = []
+        self._taxonomy = taxonomy
+        self._defaults = {
+            "annotator": annotator,
+            "time": utc_now(),
+            "grid": str(grid),
+            "source": HUMAN,
+            "model_version": "",
+        }
+        self._grids = {str(grid): grid}
+        self._lines: dict[tuple[object, ...], int] = {}
+
+    def add(self, header: list[str], values: list[str], line: int) -> None:
+        if len(values) != len(header):
+            raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
+        row = {**self._defaults, **dict(zip(header, values, strict=True))}
+        self._taxonomy.check_label(row["label"])
+        record = LabelRecord(
+            mission=row["mission"],
+            camera=row["camera"],
+            frame=_integer(row, "frame"),
+            grid=self._grid(row["grid"]),
+            row=_integer(row, "row"),
+            col=_integer(row, "col"),
+            label=row["label"],
+            annotator=row["annotator"],
+            time=utc_text(row["time"]),
+            source=row["source"],
+            model_version=row["model_version"] or None,
+        )
+        key = (*record.cell[:3], str(record.grid), record.row, record.col, record.annotator)
+        first = self._lines.setdefault(key, line)
+        if first != line:
+            raise ToktError(f"{record.cell} is labelled on line {first} already")
+        self.records.append(record)
+
+    def _grid(self, text: str) -> Grid:
+        if text not in self._grids:
+            self._grids[text] = Grid.parse(text)
+        return self._grids[text]
+
+
+def _check_header(header: list[str]) -> None:
+    known = ", ".join(COLUMNS)
+    missing = [name for name in COLUMNS if name not in header]
+    unknown = [name for name in header if name not in COLUMNS + MORE_COLUMNS]
+    twice = [name for name in header if header.count(name) > 1]
+    if not header:
+        raise ToktError(f"the file is empty; a label file begins with {known}")
+    if missing and len(header) == 1 and ";" in header[0]:
+        raise ToktError("the columns are separated by ; and must be by ,")
+    if missing:
+        raise ToktError(f"no column {', '.join(missing)}; a label file has {known}")
+    if unknown:
+        raise ToktError(
+            f"unknown column {', '.join(map(repr, unknown))};"
+            f" besides {known} there may be {', '.join(MORE_COLUMNS)}"
+        )
+    if twice:
+        raise ToktError(f"column {twice[0]} is there twice")
+
+
+def _integer(row: dict[str, str], name: str) -> int:
+    if not _INTEGER.fullmatch(row[name]):
+        raise ToktError(f"{name} {row[name]!r} is not a whole number")
+    return int(row[name])
+
+
+def _check_six_columns_suffice(records: list[LabelRecord]) -> None:
+    annotators = sorted({record.annotator for record in records})
+    grids = sorted({str(record.grid) for record in records})
+    if len(annotators) > 1:
+        raise ToktError(
+            f"labels by {len(annotators)} annotators ({', '.join(annotators)}): choose one with"
+            " --annotator, or write all with --full"
+        )
+    if grids and grids != [str(DEFAULT_GRID)]:
+        raise ToktError(
+            f"labels on the grid {', '.join(grids)}: only --full writes a grid other than"
+            f" {DEFAULT_GRID}"
+        )

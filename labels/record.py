@@ -1,0 +1,131 @@
+"""One thing said about one patch: the label record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from typing import NamedTuple
+
+from ..features.errors import ToktError
+from ..features.grid import Grid
+
+HUMAN, MODEL = "human", "model"
+_CAMERAS = ("left", "right")
+_LAST_FRAME = 2**31 - 1
+
+
+class Cell(NamedTuple):
+    """One patch of one frame, in one grid."""
+
+    mission: str
+    camera: str
+    frame: int
+    grid: Grid
+    row: int
+    col: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.mission} {self.camera} frame {self.frame} row {self.row} col {self.col}"
+            f" ({self.grid})"
+        )
+
+
+@dataclass(frozen=True)
+class LabelRecord:
+    """What somebody said about a patch (the label record of the design).
+
+    Parameters
+    ----------
+    mission, camera : str
+        The mission's name; ``"left"`` or ``"right"``.
+    frame : int
+        Frame number.
+    grid : Grid
+        The grid that `row` and `col` count in, both from 0.
+    label : str or None
+        A class, ``"unsure"``, or ``None``: the annotator takes the label back.
+    annotator : str
+        Who said it; for a suggestion, any name for the model.
+    time : str
+        When it was said: UTC, ISO 8601, as `utc_text` writes it.
+    source : str
+        ``"human"``, or ``"model"`` for a suggestion.
+    model_version : str or None
+        The model version that suggested it. A human record may carry one: a person confirmed
+        that model's suggestion.
+
+    Raises
+    ------
+    ToktError
+        If the patch is outside the grid or a value cannot be what it should be.
+    """
+
+    mission: str
+    camera: str
+    frame: int
+    grid: Grid
+    row: int
+    col: int
+    label: str | None
+    annotator: str
+    time: str
+    source: str = HUMAN
+    model_version: str | None = None
+
+    def __post_init__(self) -> None:
+        _check_name("mission", self.mission)
+        _check_name("annotator", self.annotator)
+        if self.model_version is not None:
+            _check_name("model_version", self.model_version)
+        if self.camera not in _CAMERAS:
+            raise ToktError(f"camera {self.camera!r} is not one of {', '.join(_CAMERAS)}")
+        if not 0 <= self.frame <= _LAST_FRAME:
+            raise ToktError(f"frame {self.frame} is not a frame number")
+        if not self.grid.contains(self.row, self.col):
+            raise ToktError(f"row {self.row} col {self.col} is outside the grid {self.grid}")
+        if self.source not in (HUMAN, MODEL):
+            raise ToktError(f"source {self.source!r} is not one of {HUMAN}, {MODEL}")
+        if self.source == MODEL and (self.model_version is None or self.label is None):
+            raise ToktError("a suggestion needs a label and the model version that made it")
+        if utc_text(self.time) != self.time:
+            raise ToktError(f"time {self.time!r} is not of the form {utc_text(self.time)}")
+
+    @property
+    def cell(self) -> Cell:
+        """The patch it speaks of."""
+        return Cell(self.mission, self.camera, self.frame, self.grid, self.row, self.col)
+
+
+def _check_name(what: str, value: str) -> None:
+    # Printable and trimmed, so that files, tables and the store all keep it as it is.
+    if not value or not value.isprintable() or value != value.strip():
+        raise ToktError(f"{what} {value!r} is empty or has blanks around it or unprintable signs")
+
+
+def utc_now() -> str:
+    """The present moment as label records write it, for example ``2016-04-20T10:11:12.345Z``."""
+    return _write(datetime.now(UTC))
+
+
+@lru_cache(maxsize=1024)
+def utc_text(text: str) -> str:
+    """Any ISO 8601 time with a zone as label records write it: UTC, ending in ``Z``.
+
+    Raises
+    ------
+    ToktError
+        If `text` is not such a time.
+    """
+    try:
+        moment = datetime.fromisoformat(text)
+        if moment.tzinfo is not None:
+            return _write(moment.astimezone(UTC))
+    except (ValueError, OverflowError):
+        pass
+    raise ToktError(f"time {text!r} is not like 2016-04-20T10:11:12Z (date, time, zone)")
+
+
+def _write(moment: datetime) -> str:
+    return moment.isoformat().removesuffix("+00:00") + "Z"

@@ -1,0 +1,136 @@
+"""How dark water, a lamp and a camera turn the tower into a frame.
+
+Light from the lamp reaches a surface at distance r_l and returns to the camera over r, so a
+surface shows ``albedo * lamp * beam / r_l**2 * exp(-c (r_l + r))`` (Beer-Lambert) in front of a
+veil of back-scattered light ``veil * (1 - exp(-b r))``, as in Jaffe (1990), "Computer modeling
+and the design of optimal underwater imaging systems". Light scattered forward on the way blurs
+it. Marine snow, the sensor's noise and 8 bits come on top. Grey levels are those of the mission.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .raycast import View
+from .rig import Rig
+from .snow import marine_snow
+from .story import Pose
+from .water import Eye, Water
+
+Image = NDArray[np.float32]
+
+_LAMP_AT_M = (-0.45, -0.35, 0.0)
+_LAMP_TOWARDS = (0.10, 0.03, 1.0)
+_LAMP_BEAM_RAD = 0.45
+"""The lamp beside the left camera: place and axis in camera coordinates, width of its beam."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """One eye's frame before the sensor: linear grey levels, (height, width, 3) float32 BGR."""
+
+    open_water: Image
+    tower: Image
+    snow: Image
+
+    @property
+    def clean(self) -> Image:
+        """Water and tower without snow or noise."""
+        return self.open_water + self.tower
+
+
+def expose(
+    water: Water,
+    rig: Rig,
+    pose: Pose,
+    view: View,
+    eye: Eye,
+    rng: np.random.Generator,
+) -> Exposure:
+    """Image formation of one eye.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Of the water at this moment: give both eyes the same, so that they see the same snow.
+    """
+    shape = _illumination(rig, eye)
+    drift = rng.uniform(0.97, 1.03)
+    clouds = rng.standard_normal((9, 12)).astype(np.float32)
+    uneven = 1 + 0.006 * cv2.resize(clouds, (rig.width, rig.height), interpolation=cv2.INTER_CUBIC)
+    veil = np.float32(water.veil) * (shape * uneven * np.float32(drift))[..., None]
+    open_water = (veil + np.float32(water.veil_floor)) * np.float32(eye.gain)
+    tower = _tower_light(water, rig, pose, view, open_water, eye.gain)
+    snow = marine_snow(water, rig, pose, view, rng)
+    tint = np.float32([1.0, 0.85, 0.75]) * np.float32(eye.gain)
+    return Exposure(open_water, tower, (snow * shape)[..., None] * tint)
+
+
+def _illumination(rig: Rig, eye: Eye) -> Image:
+    """Back-scattered light over the picture, 1 at its brightest: beam and vignette together."""
+    x = (np.arange(rig.width, dtype=np.float32) + 0.5) / rig.width
+    y = (np.arange(rig.height, dtype=np.float32) + 0.5) / rig.width
+    across = np.exp(-0.5 * ((x - eye.centre[0]) / eye.spread[0]) ** 2)
+    down = np.exp(-0.5 * ((y - eye.centre[1]) / eye.spread[1]) ** 2)
+    return np.asarray(np.outer(down, across) * _vignette(x[None, :], y[:, None], rig), np.float32)
+
+
+def _vignette(x: NDArray[Any], y: NDArray[Any], rig: Rig) -> NDArray[Any]:
+    """Fall-off of the lens towards the corners; x, y in frame widths."""
+    radius_squared = (x - 0.5) ** 2 + (y - rig.height / rig.width / 2) ** 2
+    return np.asarray(1 - 0.25 * (radius_squared / 0.39) ** 6)
+
+
+def _tower_light(
+    water: Water, rig: Rig, pose: Pose, view: View, open_water: Image, gain: float
+) -> Image:
+    """What the tower changes of the open water, in grey levels; it may darken."""
+    change = np.zeros_like(open_water)
+    pixels = view.tower
+    if not len(pixels):
+        return change
+    camera, depth = view.camera, view.depth[pixels]
+    ray = camera.rays(pixels)
+    to_surface = depth * ray
+    distance = np.sqrt(np.square(to_surface).sum(axis=0))
+    from_lamp = to_surface + (
+        camera.centre - pose.centre - pose.rotation.T @ np.array(_LAMP_AT_M)
+    )[:, None]  # fmt: skip
+    lamp_distance = np.sqrt(np.square(from_lamp).sum(axis=0))
+    axis = pose.rotation.T @ np.array(_LAMP_TOWARDS) / np.linalg.norm(_LAMP_TOWARDS)
+    off_axis = np.arccos((axis @ from_lamp / lamp_distance).clip(-1, 1))
+    normal = view.normal[:, pixels]
+    facing = -(from_lamp * normal).sum(axis=0) / lamp_distance
+    # Water scatters light round corners: a side that faces away is dim, not black.
+    lit = np.where(np.abs(normal).sum(axis=0) > 0, 0.18 + 0.82 * facing.clip(0), 0.5)
+    v, u = np.divmod(pixels, rig.width)
+    lit *= np.exp(-0.5 * (off_axis / _LAMP_BEAM_RAD) ** 2) / lamp_distance**2
+    lit *= gain * _vignette((u + 0.5) / rig.width, (v + 0.5) / rig.width, rig)
+    path = (lamp_distance + distance).astype(np.float32)
+    flat = change.reshape(-1, 3)
+    behind = open_water.reshape(-1, 3)[pixels]
+    seen = np.exp(-path[:, None] * np.float32(water.attenuation)) * view.albedo[pixels]
+    seen *= np.float32(water.lamp) * lit[:, None].astype(np.float32)
+    seen -= behind * np.exp(-water.veil_growth * distance)[:, None].astype(np.float32)
+    flat[pixels] = np.minimum(seen, np.float32(400.0))
+    spread = (water.blur_px + water.blur_px_per_m * float(distance.min())) * rig.scale
+    return _scattered(change, v, u, spread, water.glow)
+
+
+def _scattered(change: Image, v: Any, u: Any, spread_px: float, glow: float) -> Image:
+    """Blur the tower's light, and let a share of it glow around it."""
+    rim = int(np.ceil(4 * spread_px)) + 1
+    top, bottom = max(int(v.min()) - rim, 0), int(v.max()) + rim + 1
+    left, right = max(int(u.min()) - rim, 0), int(u.max()) + rim + 1
+    box = change[top:bottom, left:right]
+    box[:] = cv2.GaussianBlur(box, (0, 0), spread_px)
+    height, width = change.shape[:2]
+    small = cv2.resize(change, (85, 64), interpolation=cv2.INTER_AREA)
+    halo = cv2.GaussianBlur(np.maximum(small, 0), (0, 0), 5.0)
+    change += np.float32(glow) * cv2.resize(halo, (width, height), interpolation=cv2.INTER_LINEAR)
+    return change

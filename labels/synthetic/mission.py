@@ -1,0 +1,291 @@
+"""Render a whole synthetic mission into a folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.atomic import new_folder
+from ...features.errors import ToktError
+from ...features.grid import DEFAULT_GRID
+from ...features.mission import LEFT
+from .light import Exposure, expose
+from .patch_labels import (
+    LEAST_CONTRAST,
+    LEAST_COVERAGE,
+    OCEAN,
+    TOWER,
+    UNSURE,
+    contrast,
+    coverage,
+    patch_labels,
+)
+from .raycast import View, look
+from .rig import FULL_WIDTH, Rig
+from .sensor import develop
+from .story import Pose, draw_story
+from .tower import Tower
+from .water import Water
+
+SCENE_FORMAT = 1
+"""Version of scene.json; a change of meaning or a key taken away raises it."""
+_LEAST_WIDTH = 120
+_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95,
+         cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422]  # fmt: skip
+"""Quantisation and colour sampling of the mission's own files."""
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 3]
+_MOMENT, _SENSOR = 4, 5
+"""Numbers of the random streams of a frame; the scene's are 0 to 3."""
+_FARTHEST_MM = np.iinfo(np.uint16).max
+
+Progress = Callable[[Iterable["Frame"], int, str], Iterable["Frame"]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What one stereo pair adds to the labels and the scene file."""
+
+    number: int
+    nearest_m: float | None
+    to_collar_m: float
+    labels: list[str]
+
+
+@dataclass(frozen=True)
+class SyntheticMission:
+    """A rendered mission in numbers.
+
+    Attributes
+    ----------
+    obstacle_frames, ocean_frames : int
+        Frames with a patch labelled as the tower; frames without any tower pixel.
+    patches : dict
+        Number of patches by label.
+    nearest_m : float or None
+        Least depth of the tower in the left camera over the mission.
+    """
+
+    path: str
+    name: str
+    seed: int
+    frames: int
+    width: int
+    height: int
+    obstacle_frames: int
+    ocean_frames: int
+    patches: dict[str, int]
+    nearest_m: float | None
+
+    def to_json(self) -> dict[str, object]:
+        """Plain JSON form."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a seed decides; frames can be rendered from it in any order."""
+
+    seed: int
+    rig: Rig
+    water: Water
+    tower: Tower
+    poses: list[Pose]
+
+    @classmethod
+    def draw(cls, seed: int, n_frames: int, width: int) -> Scene:
+        """Draw a scene; each part has a stream of its own, so that none shifts another."""
+        rig, water, tower, story = (np.random.default_rng([seed, part]) for part in range(4))
+        return cls(
+            seed,
+            Rig.draw(rig, width),
+            Water.draw(water),
+            Tower.draw(tower),
+            draw_story(story, n_frames),
+        )
+
+
+def simulate_mission(
+    out: Path,
+    *,
+    seed: int = 1,
+    n_frames: int = 120,
+    width: int = FULL_WIDTH,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> SyntheticMission:
+    """Render a mission: open water, an approach to a tower, a retreat.
+
+    Writes ``Left/sim_L_N.jpg``, ``Right/sim_R_N.jpg``, ``masks/L_N.png`` (255 on the tower),
+    ``depth/L_N.png`` (16 bit, mm along the optical axis, 0 is open water), ``labels.csv``,
+    ``calibration.yml`` and ``scene.json``. The folder appears when all of it is written.
+
+    Parameters
+    ----------
+    out : Path
+        Folder to make; its name becomes the mission's name.
+    seed : int
+        The same seed gives the same bytes, whatever `jobs`.
+    n_frames : int
+        Stereo pairs; from 40 on every part of the story has frames.
+    width : int
+        Frame width in pixels; the height and the cameras follow the mission's proportions.
+    jobs : int, optional
+        Threads; all cores by default.
+    progress : callable, optional
+        ``progress(frames, total, what)`` passes the frames on as they are done.
+
+    Raises
+    ------
+    ToktError
+        If `out` is there and not an empty folder, or a number is out of range.
+    """
+    out = Path(out)
+    _check(out, seed, n_frames, width, jobs)
+    scene = Scene.draw(seed, n_frames, width)
+    name = out.resolve().name
+    if out.is_dir():
+        out.rmdir()
+    with new_folder(out) as folder:
+        for part in ("Left", "Right", "masks", "depth"):
+            (folder / part).mkdir()
+        frames = _render_all(scene, folder, jobs or os.cpu_count() or 1, progress)
+        (folder / "labels.csv").write_bytes(_labels_csv(name, frames))
+        scene.rig.write(folder / "calibration.yml")
+        (folder / "scene.json").write_text(_scene_json(scene, frames), encoding="utf-8")
+    return _summary(out, scene, frames)
+
+
+def _check(out: Path, seed: int, n_frames: int, width: int, jobs: int | None) -> None:
+    if out.is_dir() and any(out.iterdir()):
+        raise ToktError(f"{out} is not empty; give the name of a new folder")
+    if out.exists() and not out.is_dir():
+        raise ToktError(f"{out} is a file; give the name of a new folder")
+    if seed < 0:
+        raise ToktError(f"a seed is 0 or more, not {seed}")
+    if n_frames < 1:
+        raise ToktError(f"a mission has at least one frame, not {n_frames}")
+    if not _LEAST_WIDTH <= width <= FULL_WIDTH:
+        raise ToktError(f"frames are {_LEAST_WIDTH} to {FULL_WIDTH} pixels wide, not {width}")
+    if jobs is not None and jobs < 1:
+        raise ToktError(f"at least one job is needed, not {jobs}")
+
+
+def _render_all(scene: Scene, folder: Path, jobs: int, progress: Progress | None) -> list[Frame]:
+    total = len(scene.poses)
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            done: Iterable[Frame] = pool.map(
+                lambda number: _render_frame(scene, folder, number), range(1, total + 1)
+            )
+            if progress is not None:
+                done = progress(done, total, "simulate")
+            return list(done)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _render_frame(scene: Scene, folder: Path, number: int) -> Frame:
+    """Render and write one stereo pair, and the left eye's truth."""
+    pose = scene.poses[number - 1]
+    views = [look(scene.tower, camera) for camera in pose.cameras(scene.rig)]
+    eyes = (scene.water.left, scene.water.right)
+    for side, (view, eye) in enumerate(zip(views, eyes, strict=True)):
+        moment = np.random.default_rng([scene.seed, _MOMENT, number])
+        exposure = expose(scene.water, scene.rig, pose, view, eye, moment)
+        if side == 0:
+            labels = _write_truth(folder, number, view, exposure)
+        sensor = np.random.default_rng([scene.seed, _SENSOR, number, side])
+        folder_name, letter = (("Left", "L"), ("Right", "R"))[side]
+        image = develop(scene.water, exposure, sensor)
+        _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, _JPEG)
+    nearest = float(views[0].depth.min())
+    return Frame(
+        number,
+        round(nearest, 4) if np.isfinite(nearest) else None,
+        round(float(np.linalg.norm(pose.centre)), 4),
+        labels,
+    )
+
+
+def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> list[str]:
+    """Write mask and depth of the left eye; return the labels of its patches."""
+    depth = view.image(view.depth)
+    mask = np.isfinite(depth)
+    millimetres = np.where(mask, np.rint(depth * 1000), 0).clip(0, _FARTHEST_MM)
+    _write_image(folder / "masks" / f"L_{number}.png", mask.astype(np.uint8) * 255, _PNG)
+    _write_image(folder / "depth" / f"L_{number}.png", millimetres.astype(np.uint16), _PNG)
+    covered = coverage(mask, DEFAULT_GRID)
+    if not mask.any():
+        return patch_labels(covered, covered)
+    seen = contrast(exposure.clean, exposure.open_water, mask, DEFAULT_GRID)
+    return patch_labels(covered, seen)
+
+
+def _write_image(path: Path, image: NDArray[Any], parameters: list[int]) -> None:
+    good, data = cv2.imencode(path.suffix, image, parameters)
+    if not good:
+        raise RuntimeError(f"OpenCV cannot encode {path.name}")
+    path.write_bytes(data.tobytes())
+
+
+def _labels_csv(name: str, frames: list[Frame]) -> bytes:
+    """One row a patch of the left frames."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["mission", "camera", "frame", "row", "col", "label"])
+    for frame in frames:
+        for cell, label in enumerate(frame.labels):
+            row, col = divmod(cell, DEFAULT_GRID.cols)
+            writer.writerow([name, LEFT, frame.number, row, col, label])
+    return text.getvalue().encode("utf-8")
+
+
+def _scene_json(scene: Scene, frames: list[Frame]) -> str:
+    content = {
+        "format": SCENE_FORMAT,
+        "seed": scene.seed,
+        "n_frames": len(frames),
+        "width": scene.rig.width,
+        "height": scene.rig.height,
+        "grid": str(DEFAULT_GRID),
+        "least_coverage": LEAST_COVERAGE,
+        "least_contrast_grey_levels": LEAST_CONTRAST,
+        "water": scene.water.to_json(),
+        "frames": [
+            {
+                "frame": frame.number,
+                "nearest_m": frame.nearest_m,
+                "to_collar_m": frame.to_collar_m,
+            }
+            for frame in frames
+        ],
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def _summary(out: Path, scene: Scene, frames: list[Frame]) -> SyntheticMission:
+    labels = Counter(label for frame in frames for label in frame.labels)
+    return SyntheticMission(
+        path=str(out),
+        name=out.resolve().name,
+        seed=scene.seed,
+        frames=len(frames),
+        width=scene.rig.width,
+        height=scene.rig.height,
+        obstacle_frames=sum(TOWER in frame.labels for frame in frames),
+        ocean_frames=sum(frame.nearest_m is None for frame in frames),
+        patches={label: labels[label] for label in (OCEAN, TOWER, UNSURE)},
+        nearest_m=min((f.nearest_m for f in frames if f.nearest_m is not None), default=None),
+    )

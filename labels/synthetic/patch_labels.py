@@ -1,0 +1,81 @@
+"""The label of each patch of a synthetic frame, from the tower's geometry and its contrast."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.grid import Grid
+
+OCEAN, UNSURE, TOWER = "ocean", "unsure", "subsea_installation"
+LEAST_COVERAGE = 0.10
+"""Share of a patch from which the tower counts, as on the real mission."""
+LEAST_CONTRAST = 0.8
+"""Mean absolute difference in grey levels that a person can make out with enhancement."""
+
+
+def coverage(mask: NDArray[np.bool_], grid: Grid) -> NDArray[np.float64]:
+    """Share of each patch that the tower covers.
+
+    Parameters
+    ----------
+    mask : (height, width) bool
+        Tower pixels of a frame as the camera gave it; it is resized as the frame would be.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, (patches,), 0..1; exactly 0 where no tower pixel reaches the patch.
+    """
+    return _patch_means(mask.astype(np.float32), grid)
+
+
+def contrast(
+    with_tower: NDArray[np.float32],
+    without: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    grid: Grid,
+) -> NDArray[np.float64]:
+    """Mean absolute change in grey levels that the tower makes where it covers a patch.
+
+    Parameters
+    ----------
+    with_tower, without : (height, width, 3) float32
+        The frame without snow and noise, BGR, and the same with the tower taken away.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, (patches,); 0 for a patch without tower.
+    """
+    size = grid.resized(*mask.shape)[::-1]
+    gray = [
+        cv2.cvtColor(
+            cv2.resize(np.minimum(image, 255), size, interpolation=cv2.INTER_AREA),
+            cv2.COLOR_BGR2GRAY,
+        )
+        for image in (with_tower, without)
+    ]
+    covered = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    change = grid.cells(np.abs(gray[0] - gray[1]) * covered).sum(axis=(1, 2), dtype=np.float64)
+    weight = grid.cells(covered).sum(axis=(1, 2), dtype=np.float64)
+    return np.divide(change, weight, out=np.zeros_like(change), where=weight > 0)
+
+
+def patch_labels(covered: NDArray[np.float64], seen: NDArray[np.float64]) -> list[str]:
+    """`subsea_installation`, `unsure` or `ocean` for each patch, row by row.
+
+    A patch is the tower's when it covers `LEAST_COVERAGE` of it and differs from open water by
+    `LEAST_CONTRAST`; a smaller or fainter part of the tower is `unsure`.
+    """
+    certain = (covered >= LEAST_COVERAGE) & (seen >= LEAST_CONTRAST)
+    return list(np.where(certain, TOWER, np.where(covered > 0, UNSURE, OCEAN)))
+
+
+def _patch_means(image: NDArray[Any], grid: Grid) -> NDArray[np.float64]:
+    size = grid.resized(*image.shape)[::-1]
+    resized = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(grid.cells(resized).mean(axis=(1, 2), dtype=np.float64))

@@ -1,0 +1,91 @@
+"""The stereo rig of a synthetic mission, and its calibration file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+FULL_WIDTH = 1360
+"""Frame width in pixels of the mission camera; every length in px is given at this width."""
+FULL_HEIGHT = 1024
+_FOCAL_PX = 2222.0
+_BASELINE_M = 0.3055
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Two pinhole cameras without distortion; a right-camera point is ``R @ left + T``.
+
+    Attributes
+    ----------
+    width, height : int
+        Frame size in pixels.
+    left, right : (3, 3) arrays
+        Camera matrices in pixels; pixel centres have whole-number coordinates.
+    rotation : (3, 3) array
+        R.
+    translation_m : (3,) array
+        T in metres, about ``(-baseline, 0, 0)``.
+    """
+
+    width: int
+    height: int
+    left: Float
+    right: Float
+    rotation: Float
+    translation_m: Float
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, width: int) -> Rig:
+        """A rig of the mission's proportions, turned by about a degree as a real one is."""
+        scale = width / FULL_WIDTH
+        height = round(FULL_HEIGHT * scale)
+
+        def camera(focal_px: float) -> Float:
+            focal = focal_px * scale
+            centre = (width - 1) / 2, (height - 1) / 2
+            return np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1.0]])
+
+        rotation = cv2.Rodrigues(rng.normal(0.0, [0.010, 0.010, 0.010]))[0]
+        direction = np.array([-1.0, *rng.normal(0.0, 0.01, 2)])
+        return cls(
+            width,
+            height,
+            camera(_FOCAL_PX),
+            camera(_FOCAL_PX * rng.uniform(0.997, 1.005)),
+            np.asarray(rotation, np.float64),
+            _BASELINE_M * direction / np.linalg.norm(direction),
+        )
+
+    @property
+    def scale(self) -> float:
+        """Pixels of this rig for one pixel of the mission camera."""
+        return self.width / FULL_WIDTH
+
+    def write(self, path: Path) -> None:
+        """Write an OpenCV FileStorage with K1 D1 K2 D2 R T_mm R1 R2."""
+        no_distortion = np.zeros(5)
+        translation = self.translation_m.reshape(3, 1)
+        size = (self.width, self.height)
+        rectified = cv2.stereoRectify(
+            self.left, no_distortion, self.right, no_distortion, size, self.rotation, translation
+        )
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        for key, value in (
+            ("K1", self.left),
+            ("D1", no_distortion),
+            ("K2", self.right),
+            ("D2", no_distortion),
+            ("R", self.rotation),
+            ("T_mm", translation * 1000.0),
+            ("R1", rectified[0]),
+            ("R2", rectified[1]),
+        ):
+            storage.write(key, value)
+        storage.release()

@@ -1,0 +1,45 @@
+"""The camera's sensor: shot and read noise, and 8 bits."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .light import Exposure
+from .rig import FULL_WIDTH
+from .water import Water
+
+_GRID_WIDTH = 360
+_KERNEL = np.array([0.27, 0.46, 0.27], np.float32)
+"""How a colour filter's interpolation spreads a pixel's noise to its neighbours."""
+
+
+def develop(water: Water, exposure: Exposure, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Add the sensor's noise and round to 8 bits: (height, width, 3) uint8."""
+    light = exposure.clean
+    light += exposure.snow
+    np.clip(light, 0, 255, out=light)
+    shared = rng.standard_normal(light.shape[:2], np.float32)
+    noise = rng.standard_normal(light.shape, np.float32)
+    noise *= np.float32(0.65)
+    noise += np.float32(0.76) * shared[..., None]
+    noise = cv2.sepFilter2D(noise, -1, _KERNEL, _KERNEL)
+    variance = light * np.float32(water.shot_noise)
+    variance += np.square(np.float32(water.read_noise))
+    noise *= cv2.sqrt(variance)
+    noise *= np.float32(_noise_factor(light.shape[1]) / float(np.square(_KERNEL).sum()))
+    light += noise
+    return np.asarray(cv2.convertScaleAbs(np.maximum(light, 0, out=light)), np.uint8)
+
+
+def _noise_left(pixels: float) -> float:
+    """Deviation of the mean over a square of `pixels` x `pixels` of noise of unit deviation."""
+    correlation = np.correlate(_KERNEL, _KERNEL, "full")[2:] / np.square(_KERNEL).sum()
+    pairs = np.maximum(1 - np.arange(len(correlation)) / pixels, 0)
+    return float((2 * (correlation * pairs).sum() - 1) / pixels)
+
+
+def _noise_factor(width: int) -> float:
+    """Makes the noise that is left after the resize to the grid's width the same at any width."""
+    return _noise_left(FULL_WIDTH / _GRID_WIDTH) / _noise_left(max(width / _GRID_WIDTH, 1.0))

@@ -1,0 +1,211 @@
+"""The tower of a synthetic mission: tripod, mast, collar, lantern, and what grows on them.
+
+Tower coordinates are metres: x right, y down, z away from a vehicle that approaches along +z;
+the origin is on the mast's axis at the height of the collar.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+_UP = np.array([0.0, -1.0, 0.0])
+_TOWARDS_VEHICLE = np.array([0.0, 0.0, -1.0])
+_TOP_OF_LEGS_M, _FEET_M = 0.50, 2.30
+_MAST_RADIUS_M = 0.075
+TEXTURE_SIZE = 1024
+"""Texels along a side of the surface texture, which repeats."""
+TEXEL_M = 0.0015
+
+
+@dataclass(frozen=True)
+class Material:
+    """What light a surface gives back: BGR albedo of its paint and of its rust, 0..1."""
+
+    paint: tuple[float, float, float]
+    rust: tuple[float, float, float] = (0.20, 0.32, 0.42)
+    rusted: float = 0.6
+
+
+WHITE = Material((0.85, 0.84, 0.76))
+GREY = Material((0.42, 0.42, 0.40))
+YELLOW = Material((0.15, 0.65, 0.70), rusted=0.2)
+GROWTH = Material((0.25, 0.31, 0.31), rust=(0.10, 0.16, 0.20), rusted=0.9)
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """A closed cylinder or truncated cone between two points, radii in metres."""
+
+    start: Float
+    end: Float
+    start_radius: float
+    end_radius: float
+    material: Material
+
+    def frame(self) -> Float:
+        """Orthonormal rows (side, along the axis, other side).
+
+        The first side faces the vehicle where it can, which puts the seam of the texture, where
+        it has run once around, on the far side.
+        """
+        along = (self.end - self.start) / self.length
+        facing = _TOWARDS_VEHICLE if abs(along[2]) < 0.9 else _UP
+        side = facing - (facing @ along) * along
+        side /= np.linalg.norm(side)
+        return np.stack([side, along, np.cross(side, along)])
+
+    @property
+    def length(self) -> float:
+        """Length in metres."""
+        return float(np.linalg.norm(self.end - self.start))
+
+    def on_surface(self, angle: float, along: float) -> tuple[Float, Float]:
+        """A point of the side, at `angle` (rad) and fraction `along`, and its outward normal."""
+        side, _, other = self.frame()
+        normal = np.cos(angle) * side + np.sin(angle) * other
+        radius = self.start_radius + along * (self.end_radius - self.start_radius)
+        return self.start + along * (self.end - self.start) + radius * normal, normal
+
+
+@dataclass(frozen=True)
+class Box:
+    """A cuboid: centre, orthonormal axes as rows, half sizes in metres."""
+
+    centre: Float
+    axes: Float
+    half: Float
+    material: Material
+
+
+@dataclass(frozen=True)
+class Stalk:
+    """Something thin that grows out of the tower; a line of a given half-width in metres."""
+
+    root: Float
+    tip: Float
+    half_width: float
+    brightness: float
+
+
+@dataclass(frozen=True)
+class Tower:
+    """All solids and stalks, and the texture that is fixed to the solids.
+
+    Attributes
+    ----------
+    textures : list of (TEXTURE_SIZE, TEXTURE_SIZE, 2) float32
+        Relative brightness and rust of a texel, both 0..1; each entry is the one before it at
+        half the detail, for surfaces farther away.
+    """
+
+    solids: tuple[Frustum | Box, ...]
+    stalks: tuple[Stalk, ...]
+    textures: tuple[NDArray[np.float32], ...]
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Tower:
+        """A tower of the mission's size, turned about its mast as `rng` has it."""
+        turn = rng.uniform(0.0, 2 * np.pi)
+        legs = _tripod(turn)
+        head = _head(rng)
+        solids = (*head, *legs, *_braces(legs, rng))
+        return cls(tuple(solids), tuple(_growth(head, legs, rng)), _textures(rng))
+
+
+def _up(metres: float) -> Float:
+    return _UP * metres
+
+
+def _tripod(turn: float) -> list[Frustum]:
+    legs = []
+    for number in range(3):
+        angle = turn + number * 2 * np.pi / 3
+        outward = np.array([np.cos(angle), 0.0, np.sin(angle)])
+        legs.append(
+            Frustum(
+                _up(-_TOP_OF_LEGS_M) + 0.05 * outward,
+                _up(-_FEET_M) + 0.78 * outward,
+                0.055,
+                0.075,
+                WHITE if number == 0 else GREY,
+            )
+        )
+    return legs
+
+
+def _head(rng: np.random.Generator) -> list[Frustum]:
+    """Mast, collar and lantern, from the legs up."""
+
+    def upright(low_m: float, high_m: float, radius_m: float, material: Material) -> Frustum:
+        return Frustum(_up(low_m), _up(high_m), radius_m, radius_m, material)
+
+    parts = [
+        upright(-0.62, 0.0, _MAST_RADIUS_M, WHITE),
+        upright(-0.06, 0.05, rng.uniform(0.17, 0.23), GROWTH),
+        upright(0.05, 0.12, 0.055, YELLOW),
+        upright(0.12, 0.15, 0.075, GREY),
+        upright(0.36, 0.40, 0.07, GREY),
+        upright(0.15, 0.30, 0.03, WHITE),
+    ]
+    for number in range(4):
+        angle = np.pi / 4 + number * np.pi / 2
+        foot = 0.06 * np.array([np.cos(angle), 0.0, np.sin(angle)])
+        parts.append(Frustum(_up(0.15) + foot, _up(0.36) + foot, 0.008, 0.008, GREY))
+    return parts
+
+
+def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Box]:
+    """Bars between neighbouring legs, and one anode plate on each leg."""
+    parts: list[Frustum | Box] = []
+    for number, leg in enumerate(legs):
+        following = legs[(number + 1) % len(legs)]
+        for along in (0.45, 0.85):
+            ends = (one.start + along * (one.end - one.start) for one in (leg, following))
+            parts.append(Frustum(*ends, 0.018, 0.018, GREY))
+        axes = leg.frame()
+        along = rng.uniform(0.18, 0.35)
+        centre = leg.start + along * (leg.end - leg.start) + 0.09 * axes[0]
+        parts.append(Box(centre, axes, np.array([0.075, 0.10, 0.02]), GREY))
+    return parts
+
+
+def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) -> list[Stalk]:
+    """Stalks on the collar, the mast and the legs, denser and longer on the collar."""
+    stalks = []
+    overgrown = ((head[1], 320, 0.08), (head[0], 130, 0.06), *((leg, 90, 0.06) for leg in legs))
+    for solid, count, longest_m in overgrown:
+        for _ in range(count):
+            root, normal = solid.on_surface(rng.uniform(0, 2 * np.pi), rng.uniform(0.02, 0.98))
+            direction = normal + rng.normal(0.0, 0.35, 3)
+            length = longest_m * rng.uniform(0.3, 1.0)
+            tip = root + length * direction / np.linalg.norm(direction)
+            stalks.append(Stalk(root, tip, rng.uniform(0.0015, 0.005), rng.uniform(0.6, 1.7)))
+    return stalks
+
+
+def _textures(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
+    fine = _periodic_noise(rng, slope=0.9)
+    rust = _periodic_noise(rng, slope=1.5)
+    levels = [np.stack([0.5 + 0.16 * fine, 0.4 + 0.4 * (rust - 0.4)], axis=-1).clip(0, 1)]
+    for _ in range(4):
+        last = levels[-1]
+        pairs = (last + np.roll(last, -1, 0)) / 2
+        halved = ((pairs + np.roll(pairs, -1, 1)) / 2)[::2, ::2]
+        levels.append(halved)
+    return tuple(level.astype(np.float32) for level in levels)
+
+
+def _periodic_noise(rng: np.random.Generator, slope: float) -> Float:
+    """Noise of zero mean and unit deviation whose amplitude falls as 1 / frequency ** slope."""
+    spectrum = np.fft.rfft2(rng.standard_normal((TEXTURE_SIZE, TEXTURE_SIZE)))
+    rows = np.fft.fftfreq(TEXTURE_SIZE)[:, None]
+    cols = np.fft.rfftfreq(TEXTURE_SIZE)[None, :]
+    # Waves longer than a fifth of the tile would make whole legs bright or dark.
+    frequency = np.hypot(rows, cols).clip(5 / TEXTURE_SIZE)
+    noise = np.fft.irfft2(spectrum / frequency**slope, s=(TEXTURE_SIZE, TEXTURE_SIZE))
+    return np.asarray((noise - noise.mean()) / noise.std(), np.float64)

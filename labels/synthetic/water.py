@@ -1,0 +1,81 @@
+"""The conditions of one dive: water, lamp, snow and the two cameras' response."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Eye:
+    """One camera's response: the veil of open water over its picture, and its gain.
+
+    `centre` and `spread` are (x, y) in frame widths: the veil is brightest where the lamp's beam
+    crosses the camera's view.
+    """
+
+    centre: tuple[float, float]
+    spread: tuple[float, float]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Water:
+    """Water, lamp and camera of one mission; triples are blue, green, red.
+
+    Attributes
+    ----------
+    attenuation : 1/m
+    veil : grey levels of open water where it is brightest, over `veil_floor`
+    veil_growth : 1/m
+        How fast the veil closes with range.
+    lamp : grey levels of a white surface one metre from the lamp and the camera
+    snow_per_frame : number of particles in view
+    snow_brightness : grey levels of a particle in focus at one metre, summed over its pixels
+    read_noise : grey levels
+    shot_noise : grey levels squared a grey level
+    blur_px, blur_px_per_m : spread of a point by the lens and by water in front of it
+    glow : share of a surface's light that is scattered forward into a halo
+    """
+
+    attenuation: tuple[float, float, float] = (0.055, 0.065, 0.115)
+    veil: tuple[float, float, float] = (58.0, 26.7, 14.0)
+    veil_floor: tuple[float, float, float] = (3.3, 2.5, 2.1)
+    veil_growth: float = 0.30
+    lamp: tuple[float, float, float] = (1900.0, 1600.0, 1120.0)
+    snow_per_frame: int = 1000
+    snow_brightness: float = 900.0
+    read_noise: tuple[float, float, float] = (0.33, 0.18, 0.20)
+    shot_noise: tuple[float, float, float] = (0.0055, 0.0055, 0.012)
+    blur_px: float = 0.8
+    blur_px_per_m: float = 0.25
+    glow: float = 0.05
+    left: Eye = field(default=Eye((0.71, 0.30), (0.405, 0.50), 1.0))
+    right: Eye = field(default=Eye((0.60, 0.17), (0.38, 0.52), 1.48))
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Water:
+        """One dive's conditions, spread about those of the mission as days at sea differ."""
+        base = cls()
+
+        def times(values: tuple[float, float, float], low: float, high: float) -> Any:
+            factor = rng.uniform(low, high)
+            return tuple(round(value * factor, 6) for value in values)
+
+        return cls(
+            attenuation=times(base.attenuation, 0.8, 1.25),
+            veil=times(base.veil, 0.78, 1.12),
+            veil_floor=times(base.veil_floor, 0.8, 1.2),
+            veil_growth=round(base.veil_growth * rng.uniform(0.8, 1.25), 6),
+            lamp=times(base.lamp, 0.8, 1.4),
+            snow_per_frame=round(base.snow_per_frame * rng.uniform(0.6, 1.5)),
+            snow_brightness=round(base.snow_brightness * rng.uniform(0.7, 1.4), 6),
+            read_noise=times(base.read_noise, 0.85, 1.15),
+            shot_noise=times(base.shot_noise, 0.85, 1.15),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return asdict(self)

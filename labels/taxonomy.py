@@ -1,0 +1,198 @@
+"""The classes a patch can have, read from a taxonomy file that users may extend."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from ..features.errors import ToktError
+
+FORMAT = 1
+"""Format of taxonomy files. Raise it when an older `tokt` would misread a newer file."""
+
+FILE_NAME = "taxonomy.toml"
+
+UNSURE = "unsure"
+"""A person looked at the patch and could not decide: never trained or scored on, never a class."""
+UNSURE_KEY = "u"
+UNSURE_COLOR = "#999999"
+
+_NAME = re.compile(r"[^\W\d_][\w-]*")
+_COLOR = re.compile(r"#[0-9a-fA-F]{6}")
+
+
+@dataclass(frozen=True)
+class LabelClass:
+    """One class of a taxonomy.
+
+    Parameters
+    ----------
+    name : str
+        What label records, datasets and models carry.
+    obstacle : bool
+        Whether the vehicle could hit it.
+    color : str
+        ``#rrggbb``.
+    key : str
+        The one character that chooses it on the labelling page.
+    description : str
+        What a person should look for.
+    """
+
+    name: str
+    obstacle: bool
+    color: str
+    key: str
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Taxonomy:
+    """The classes in their order, which is the order of confusion matrices and model outputs.
+
+    Raises
+    ------
+    ToktError
+        If two classes share a name or a key, or no class (or every class) is an obstacle.
+    """
+
+    classes: tuple[LabelClass, ...]
+
+    def __post_init__(self) -> None:
+        for what, values in (
+            ("are named", self.names),
+            ("have the key", tuple(known.key for known in self.classes)),
+        ):
+            for value in values:
+                if values.count(value) > 1:
+                    raise ToktError(f"two classes {what} {value!r}")
+        if len({known.obstacle for known in self.classes}) != 2:
+            raise ToktError("there must be a class with obstacle = true and one with false")
+
+    @classmethod
+    def load(cls, path: Path | None = None) -> Taxonomy:
+        """Read a taxonomy file; ``None`` reads the one that comes with `tokt`.
+
+        Raises
+        ------
+        ToktError
+            If the file cannot be read or what it says is not a taxonomy; names the file.
+        """
+        source = resources.files(__package__) / FILE_NAME if path is None else path
+        try:
+            value = tomllib.loads(source.read_text("utf-8"))
+        except OSError as error:
+            raise ToktError(f"taxonomy {source}: {error.strerror or error}") from None
+        except UnicodeDecodeError:
+            raise ToktError(f"taxonomy {source}: not UTF-8 text") from None
+        except tomllib.TOMLDecodeError as error:
+            raise ToktError(f"taxonomy {source}: {error}") from None
+        return cls.from_json(value, f"taxonomy {source}")
+
+    @classmethod
+    def from_json(cls, value: Any, where: str = "taxonomy") -> Taxonomy:
+        """Read what `to_json` wrote; `where` begins the error message.
+
+        Raises
+        ------
+        ToktError
+            If `value` is not a taxonomy of a format this version reads.
+        """
+        try:
+            return _parse(value)
+        except ToktError as error:
+            raise ToktError(f"{where}: {error}") from None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form, as dataset versions embed it."""
+        return {"format": FORMAT, "classes": [asdict(known) for known in self.classes]}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Class names in order, without ``unsure``."""
+        return tuple(known.name for known in self.classes)
+
+    def is_obstacle(self, name: str) -> bool:
+        """Whether class `name` is something the vehicle could hit.
+
+        Raises
+        ------
+        ToktError
+            If there is no such class (``unsure`` is none).
+        """
+        for known in self.classes:
+            if known.name == name:
+                return known.obstacle
+        raise ToktError(f"unknown class {name!r}; known: {', '.join(self.names)}")
+
+    def check_label(self, label: str) -> None:
+        """Raise ToktError unless `label` is a class or ``unsure``."""
+        if label != UNSURE and label not in self.names:
+            known = ", ".join((*self.names, UNSURE))
+            raise ToktError(f"unknown class {label!r}; known: {known}")
+
+
+def load_taxonomy(workspace: Path | None = None, file: Path | None = None) -> Taxonomy:
+    """The taxonomy in force: `file` if given, else the workspace's own, else the packaged one.
+
+    Raises
+    ------
+    ToktError
+        If the file that is in force cannot be used.
+    """
+    if file is None and workspace is not None and (workspace / FILE_NAME).is_file():
+        file = workspace / FILE_NAME
+    return Taxonomy.load(file)
+
+
+def _parse(value: Any) -> Taxonomy:
+    if not isinstance(value, Mapping):
+        raise ToktError("not a table of format and classes")
+    version = value.get("format")
+    if type(version) is not int or version < 1:
+        raise ToktError(f'the first line must be "format = {FORMAT}"')
+    if version > FORMAT:
+        raise ToktError(f"format {version} is newer than this tokt reads ({FORMAT}); update tokt")
+    unknown = sorted(set(value) - {"format", "classes"})
+    if unknown:
+        raise ToktError(f"unknown field {unknown[0]!r}")
+    tables = value.get("classes")
+    if not isinstance(tables, list) or not tables:
+        raise ToktError("no [[classes]] in it")
+    return Taxonomy(tuple(_parse_class(table, n) for n, table in enumerate(tables, 1)))
+
+
+def _parse_class(table: Any, number: int) -> LabelClass:
+    if not isinstance(table, Mapping):
+        raise ToktError(f"class {number} is not a table")
+    where = f"class {table.get('name', number)!r}"
+    for field in fields(LabelClass):
+        kind, text = (bool, "true or false") if field.name == "obstacle" else (str, "text")
+        if field.name not in table and field.name != "description":
+            raise ToktError(f"{where} has no {field.name}")
+        if not isinstance(table.get(field.name, ""), kind):
+            raise ToktError(f"{where}: {field.name} must be {text}")
+    unknown = sorted(set(table) - {field.name for field in fields(LabelClass)})
+    if unknown:
+        raise ToktError(f"{where} has an unknown field {unknown[0]!r}")
+    known = LabelClass(**table)
+    _check_class(known, where)
+    return known
+
+
+def _check_class(known: LabelClass, where: str) -> None:
+    if known.name == UNSURE:
+        raise ToktError(f"{UNSURE!r} cannot be a class: it marks what a person could not decide")
+    if not _NAME.fullmatch(known.name):
+        raise ToktError(f"{where}: a name is a letter, then letters, digits, _ or -")
+    if not _COLOR.fullmatch(known.color):
+        raise ToktError(f"{where}: color {known.color!r} is not of the form #rrggbb")
+    if len(known.key) != 1 or not known.key.isprintable() or known.key == " ":
+        raise ToktError(f"{where}: key {known.key!r} is not one character")
+    if known.key == UNSURE_KEY:
+        raise ToktError(f"{where}: key {UNSURE_KEY!r} is kept for {UNSURE!r}")

@@ -1,0 +1,378 @@
+"""The bundle: the one file that is shipped, and the checks that it must pass to be used.
+
+A bundle ``NAME-VERSION.tokt`` is a zip of five members, stored in this order with no time stamps,
+so that the same model gives the same bytes:
+
+- ``manifest.json``: who this model is, how it sees, where it comes from, and the SHA-256 of the
+  other members; ``manifest_sha256`` is the hash of the manifest without that key.
+- ``weights.npz``: weights, bias, thresholds (float64).
+- ``golden.npz``: frames, as PNG files, with the decision values the training machine computed.
+- ``lineage.npz``: the first 8 bytes of the pixel hash of every frame the model learnt from, so
+  that nobody scores a model on what it was trained on without being told.
+- ``card.md``: the same for people.
+
+Reading has three acts that do not mix: *parse* the archive into plain values, *check* every hash,
+shape and bound, and only then *construct* and recompute the golden values. No pickle anywhere.
+
+To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
+of the old one in a test that it still loads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.canonical import json_sha256
+from ..features.errors import ToktError
+from ..features.extractor import Extractor, build_extractor
+from ..features.grid import Grid
+from ..features.image_file import decode_image
+from .linear import LinearModel
+
+FORMAT_VERSION = 1
+GOLDEN_TOLERANCE = 1e-9
+SUFFIX = ".tokt"
+
+_MEMBERS = ("manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md")
+_LARGEST_MEMBER_BYTES = 64 * 1024 * 1024
+_MANIFEST_KEYS = {
+    "format_version",
+    "name",
+    "version",
+    "extractor",
+    "grid",
+    "classes",
+    "provenance",
+    "metrics",
+    "members",
+    "manifest_sha256",
+}
+
+
+@dataclass(frozen=True)
+class Golden:
+    """Frames and what the training machine computed for them.
+
+    Parameters
+    ----------
+    frames : tuple of bytes
+        PNG files as the camera gave the frames.
+    decision_values : array of float64, shape (n_frames, n_patches, n_outputs)
+    obstacle : array of bool, shape (n_frames, n_patches)
+    """
+
+    frames: tuple[bytes, ...]
+    decision_values: NDArray[np.float64]
+    obstacle: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class BundleContent:
+    """Everything a bundle holds, before it is written.
+
+    Parameters
+    ----------
+    name, version : str
+        As in the registry.
+    extractor_spec : mapping
+        The extractor's JSON spec.
+    grid : Grid
+    model : LinearModel
+    provenance : mapping
+        MLflow run and model ids, dataset hash and name, code and library versions.
+    metrics : mapping
+        Cross-validated figures, with how they were split.
+    golden : Golden
+    trained_on : array of uint64
+        First 8 bytes of the pixel hash of each training frame.
+    card : str
+        The model card, Markdown.
+    """
+
+    name: str
+    version: str
+    extractor_spec: Mapping[str, Any]
+    grid: Grid
+    model: LinearModel
+    provenance: Mapping[str, Any]
+    metrics: Mapping[str, Any]
+    golden: Golden
+    trained_on: NDArray[np.uint64]
+    card: str
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A bundle that has passed every check."""
+
+    content: BundleContent
+    extractor: Extractor
+    sha256: str
+    data: bytes
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self.content.name
+
+    @property
+    def version(self) -> str:
+        """The model's version."""
+        return self.content.version
+
+    @property
+    def label(self) -> str:
+        """``name/version``, as datagrams and logs carry it."""
+        return f"{self.name}/{self.version}"
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of patches."""
+        return self.content.grid
+
+    @property
+    def model(self) -> LinearModel:
+        """The linear model."""
+        return self.content.model
+
+    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Decision values of a frame's patches, shape (n_patches, n_outputs)."""
+        return self.model.decision_values(self.extractor.describe(frame, self.grid))
+
+
+def _npz(**arrays: NDArray[Any]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def _classes_json(model: LinearModel) -> list[dict[str, Any]]:
+    pairs = zip(model.classes, model.obstacle, strict=True)
+    return [{"name": name, "obstacle": obstacle} for name, obstacle in pairs]
+
+
+def bundle_bytes(content: BundleContent) -> bytes:
+    """The bundle file of a model; the same content gives the same bytes."""
+    model, golden = content.model, content.golden
+    sizes = np.array([len(frame) for frame in golden.frames], np.int64)
+    members = {
+        "weights.npz": _npz(weights=model.weights, bias=model.bias, thresholds=model.thresholds),
+        "golden.npz": _npz(
+            frames=np.frombuffer(b"".join(golden.frames), np.uint8),
+            sizes=sizes,
+            decision_values=golden.decision_values,
+            obstacle=golden.obstacle,
+        ),
+        "lineage.npz": _npz(trained_on=np.sort(content.trained_on)),
+        "card.md": content.card.encode("utf-8"),
+    }
+    manifest: dict[str, Any] = {
+        "format_version": FORMAT_VERSION,
+        "name": content.name,
+        "version": content.version,
+        "extractor": dict(content.extractor_spec),
+        "grid": content.grid.to_json(),
+        "classes": _classes_json(model),
+        "provenance": dict(content.provenance),
+        "metrics": dict(content.metrics),
+        "members": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
+    }
+    manifest["manifest_sha256"] = json_sha256(manifest)
+    members["manifest.json"] = (json.dumps(manifest, indent=2, sort_keys=True) + "\n").encode()
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name in _MEMBERS:
+            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), members[name])
+    return buffer.getvalue()
+
+
+def _parse(data: bytes, where: str) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """Act one: the archive as a manifest and raw members; nothing is believed yet."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            infos = archive.infolist()
+            if len(infos) != len(_MEMBERS) and "manifest.json" not in archive.namelist():
+                raise ToktError(f"{where}: not a tokt bundle (no manifest.json in it)")
+            if any(info.file_size > _LARGEST_MEMBER_BYTES for info in infos):
+                raise ToktError(f"{where}: a member of the bundle is too large")
+            members = {info.filename: archive.read(info) for info in infos}
+    except (zipfile.BadZipFile, EOFError, NotImplementedError, OSError) as error:
+        raise ToktError(f"{where}: the bundle is truncated or damaged ({error})") from None
+    try:
+        manifest = json.loads(members.pop("manifest.json", b"null"))
+    except ValueError:
+        raise ToktError(f"{where}: the bundle's manifest is not JSON") from None
+    if not isinstance(manifest, dict):
+        raise ToktError(f"{where}: not a tokt bundle (no manifest in it)")
+    return manifest, members
+
+
+def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where: str) -> None:
+    """Act two, first half: the format is known, nothing is missing, added or edited."""
+    version = manifest.get("format_version")
+    if not isinstance(version, int) or version < 1:
+        raise ToktError(f"{where}: the bundle has no format version")
+    if version > FORMAT_VERSION:
+        raise ToktError(
+            f"{where}: bundle format {version} is newer than this tokt reads ({FORMAT_VERSION}); "
+            "update tokt on this machine"
+        )
+    if set(manifest) != _MANIFEST_KEYS:
+        raise ToktError(f"{where}: the bundle's manifest has unknown or missing entries")
+    bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}
+    try:
+        sound = json_sha256(bare) == manifest["manifest_sha256"]
+    except ValueError:
+        sound = False
+    if not sound:
+        raise ToktError(f"{where}: the bundle's manifest has been edited (its hash does not match)")
+    if not isinstance(manifest["members"], dict) or set(manifest["members"]) != set(members):
+        raise ToktError(f"{where}: the bundle has unknown or missing members")
+    for name, data in members.items():
+        if hashlib.sha256(data).hexdigest() != manifest["members"][name]:
+            raise ToktError(f"{where}: {name} in the bundle has been edited (hash does not match)")
+
+
+def _arrays(data: bytes, wanted: dict[str, type], where: str, member: str) -> dict[str, Any]:
+    """An npz member's arrays, of just the names and dtypes expected."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise ToktError(f"{where}: {member} cannot be read ({error})") from None
+    if {name: array.dtype for name, array in arrays.items()} != {
+        name: np.dtype(dtype) for name, dtype in wanted.items()
+    }:
+        raise ToktError(f"{where}: {member} does not hold {', '.join(wanted)} as expected")
+    return arrays
+
+
+def _golden_from(data: bytes, where: str) -> Golden:
+    wanted = {
+        "frames": np.uint8,
+        "sizes": np.int64,
+        "decision_values": np.float64,
+        "obstacle": np.bool_,
+    }
+    arrays = _arrays(data, wanted, where, "golden.npz")
+    sizes, values, obstacle = arrays["sizes"], arrays["decision_values"], arrays["obstacle"]
+    if sizes.ndim != 1 or not len(sizes) or (sizes < 1).any():
+        raise ToktError(f"{where}: the bundle has no golden frames")
+    if sizes.sum() != arrays["frames"].size or values.ndim != 3 or len(values) != len(sizes):
+        raise ToktError(f"{where}: the bundle's golden frames and values do not fit together")
+    if obstacle.shape != values.shape[:2]:
+        raise ToktError(f"{where}: the bundle's golden verdicts and values do not fit together")
+    ends = np.cumsum(sizes)
+    raw = arrays["frames"].tobytes()
+    frames = tuple(raw[end - size : end] for size, end in zip(sizes, ends, strict=True))
+    return Golden(frames, values, obstacle)
+
+
+def _check_content(
+    manifest: dict[str, Any], members: dict[str, bytes], where: str
+) -> BundleContent:
+    """Act two, second half: every value has the shape and the bounds it must have."""
+    kinds = {"weights": np.float64, "bias": np.float64, "thresholds": np.float64}
+    arrays = _arrays(members["weights.npz"], kinds, where, "weights.npz")
+    lineage = _arrays(members["lineage.npz"], {"trained_on": np.uint64}, where, "lineage.npz")
+    try:
+        model = LinearModel(
+            arrays["weights"],
+            arrays["bias"],
+            arrays["thresholds"],
+            tuple(str(item["name"]) for item in manifest["classes"]),
+            tuple(item["obstacle"] is True for item in manifest["classes"]),
+        )
+        return BundleContent(
+            name=str(manifest["name"]),
+            version=str(manifest["version"]),
+            extractor_spec=dict(manifest["extractor"]),
+            grid=Grid.from_json(manifest["grid"]),
+            model=model,
+            provenance=dict(manifest["provenance"]),
+            metrics=dict(manifest["metrics"]),
+            golden=_golden_from(members["golden.npz"], where),
+            trained_on=lineage["trained_on"],
+            card=members["card.md"].decode("utf-8"),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ToktError(f"{where}: the bundle's content does not fit together ({error})") from None
+
+
+def _check_golden(bundle: Bundle, where: str) -> None:
+    """Act three: this machine must compute what the training machine computed."""
+    golden = bundle.content.golden
+    shape = (bundle.grid.n_patches, len(bundle.model.bias))
+    if golden.decision_values.shape[1:] != shape:
+        raise ToktError(f"{where}: the golden values have another shape than the model's grid")
+    for index, png in enumerate(golden.frames):
+        frame = decode_image(png, f"{where}: golden frame {index}")
+        values = bundle.decision_values(frame)
+        difference = float(np.abs(values - golden.decision_values[index]).max())
+        if not difference <= GOLDEN_TOLERANCE:
+            raise ToktError(
+                f"{where}: golden frame {index} gives decision values that differ by "
+                f"{difference:.3g} from the training machine's (at most {GOLDEN_TOLERANCE:g}); "
+                "the model would not judge here as it was trained to"
+            )
+        if (bundle.model.obstacle_patches(values) != golden.obstacle[index]).any():
+            raise ToktError(f"{where}: golden frame {index} gives other obstacle patches")
+
+
+def bundle_from_bytes(data: bytes, where: str) -> Bundle:
+    """Parse, check and construct a bundle, then recompute its golden values.
+
+    Parameters
+    ----------
+    data : bytes
+        The bundle file.
+    where : str
+        What to call it in an error, usually its path.
+
+    Raises
+    ------
+    ToktError
+        If any step fails; nothing of a refused bundle is kept.
+    """
+    manifest, members = _parse(data, where)
+    _check_integrity(manifest, members, where)
+    content = _check_content(manifest, members, where)
+    try:
+        extractor = build_extractor(content.extractor_spec)
+    except ToktError as error:
+        raise ToktError(f"{where}: {error}") from None
+    except (KeyError, TypeError) as error:
+        raise ToktError(f"{where}: the extractor spec cannot be read ({error})") from None
+    if extractor.dim != content.model.dim:
+        raise ToktError(
+            f"{where}: the model takes {content.model.dim} features, its extractor gives "
+            f"{extractor.dim}"
+        )
+    bundle = Bundle(content, extractor, hashlib.sha256(data).hexdigest(), data)
+    _check_golden(bundle, where)
+    return bundle
+
+
+def read_bundle(path: Path | str) -> Bundle:
+    """Read a bundle file and check it whole; see `bundle_from_bytes`.
+
+    Raises
+    ------
+    ToktError
+        If it is not there or fails any check.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise ToktError(f"bundle {path}: {error.strerror or error}") from None
+    return bundle_from_bytes(data, str(path))

@@ -1,0 +1,120 @@
+"""The linear model: one matrix product from features to decision values, and what they mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Weights with the scaler folded in, the thresholds, and which classes are obstacles.
+
+    With two classes there is one output: the decision value of the second class against the
+    first; if just one of them is an obstacle it is the second. With more classes there is one
+    output a class (one against the rest).
+
+    Parameters
+    ----------
+    weights : array of float64, shape (n_outputs, dim)
+    bias : array of float64, shape (n_outputs,)
+    thresholds : array of float64, shape (n_outputs,)
+        A decision value must exceed its threshold for a patch to be of that class; with
+        several classes the largest excess wins.
+    classes : tuple of str
+        Two names for one output, otherwise one name an output.
+    obstacle : tuple of bool
+        For each class whether a patch of it is an obstacle.
+    """
+
+    weights: NDArray[np.float64]
+    bias: NDArray[np.float64]
+    thresholds: NDArray[np.float64]
+    classes: tuple[str, ...]
+    obstacle: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        outputs, dim = self.weights.shape if self.weights.ndim == 2 else (0, 0)
+        expected = 2 if outputs == 1 else outputs
+        if outputs < 1 or dim < 1 or len(self.classes) != expected:
+            raise ValueError(f"{self.weights.shape} weights do not fit classes {self.classes}")
+        if self.bias.shape != (outputs,) or self.thresholds.shape != (outputs,):
+            raise ValueError("one bias and one threshold an output are needed")
+        if len(self.obstacle) != len(self.classes) or len(set(self.classes)) != len(self.classes):
+            raise ValueError("each class needs a name of its own and one obstacle flag")
+        if outputs == 1 and self.obstacle == (True, False):
+            raise ValueError("of two classes the obstacle comes second")
+        for array in (self.weights, self.bias, self.thresholds):
+            if array.dtype != np.float64 or not np.isfinite(array).all():
+                raise ValueError("weights, bias and thresholds are finite float64")
+
+    @classmethod
+    def fold(
+        cls,
+        coef: NDArray[np.float64],
+        intercept: NDArray[np.float64],
+        mean: NDArray[np.float64],
+        scale: NDArray[np.float64],
+        thresholds: NDArray[np.float64],
+        classes: tuple[str, ...],
+        obstacle: tuple[bool, ...],
+    ) -> LinearModel:
+        """Fold a scaler into a linear classifier: ``w / sigma`` and ``b - w . mu / sigma``.
+
+        Parameters
+        ----------
+        coef, intercept
+            Of the classifier on scaled features, shapes (n_outputs, dim) and (n_outputs,).
+        mean, scale
+            The scaler's mu and sigma, shape (dim,).
+        thresholds, classes, obstacle
+            As in `LinearModel`.
+        """
+        weights = np.asarray(coef / scale, np.float64)
+        bias = np.asarray(intercept - weights @ mean, np.float64)
+        return cls(weights, bias, np.asarray(thresholds, np.float64), classes, obstacle)
+
+    @property
+    def dim(self) -> int:
+        """Number of features a patch must have."""
+        return int(self.weights.shape[1])
+
+    def decision_values(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distances, shape (n_patches, n_outputs), of features (n_patches, dim).
+
+        Raises
+        ------
+        ValueError
+            If a feature is not finite: such a patch cannot be judged, and must not be clear.
+        """
+        values = np.asarray(features @ self.weights.T + self.bias, np.float64)
+        if not np.isfinite(values).all():
+            raise ValueError("a decision value is not finite")
+        return values
+
+    def predicted(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Index into `classes` for each row of decision values."""
+        excess = values - self.thresholds
+        if excess.shape[1] == 1:
+            return (excess[:, 0] > 0).astype(np.int64)
+        return excess.argmax(axis=1).astype(np.int64)
+
+    def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """For each row of decision values whether that patch is an obstacle."""
+        return np.asarray(self.obstacle, bool)[self.predicted(values)]
+
+    def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far each patch is on the obstacle side; above 0 exactly where it is one.
+
+        With several classes: the best obstacle class's excess over the best clear one's. A tie
+        at 0 is decided as `predicted` decides it, by the order of the classes.
+        """
+        excess = values - self.thresholds
+        flags = np.asarray(self.obstacle, bool)
+        if flags.all() or not flags.any():
+            return np.full(len(values), np.inf if flags.all() else -np.inf)
+        if excess.shape[1] == 1:
+            return excess[:, 0]
+        return np.asarray(excess[:, flags].max(axis=1) - excess[:, ~flags].max(axis=1))

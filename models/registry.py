@@ -1,0 +1,266 @@
+"""The model registry (MLflow) and the way from a registered version to a bundle.
+
+What a registered version consists of, all logged by its run: the scikit-learn pipeline (the truth
+about the weights, stored by skops, no pickle), and the run artifacts below ``tokt/``:
+``recipe.json`` (extractor spec, grid, classes, thresholds, provenance, metrics), ``golden.npz``
+and ``lineage.npz``. A version is registered after everything else is there.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..features import atomic
+from ..features.errors import ToktError
+from ..features.grid import Grid
+from .bundle import (
+    SUFFIX,
+    Bundle,
+    BundleContent,
+    Golden,
+    bundle_bytes,
+    bundle_from_bytes,
+    read_bundle,
+)
+from .card import model_card
+from .linear import LinearModel
+
+# Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
+os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+
+import mlflow
+from mlflow.entities.model_registry import ModelVersion
+from mlflow.exceptions import MlflowException
+
+EXPERIMENT = "tokt"
+RECIPE_VERSION = 1
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+def check_model_name(name: str) -> None:
+    """Raise ToktError unless `name` can be a model's name, also in a file name."""
+    if not _NAME.fullmatch(name):
+        raise ToktError(f"model name {name!r}: use letters, digits, '-', '_' and '.'")
+
+
+def tracking_uri(workspace: Path) -> str:
+    """Where runs and models are kept: ``MLFLOW_TRACKING_URI``, or the workspace's own file."""
+    given = os.environ.get("MLFLOW_TRACKING_URI")
+    return given or f"sqlite:///{(workspace / 'mlflow.db').resolve()}"
+
+
+def _create_database(path: Path) -> None:
+    """Make MLflow's tables under a temporary name, so that a kill leaves no half-made file."""
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+
+    with atomic.scratch_folder(path) as folder:
+        fresh = folder / path.name
+        store = SqlAlchemyStore(f"sqlite:///{fresh}", (folder / "unused").as_uri())
+        store.engine.dispose()
+        if not path.exists():
+            fresh.replace(path)
+
+
+@dataclass(frozen=True)
+class RegisteredVersion:
+    """One line of ``tokt models list``."""
+
+    name: str
+    version: str
+    aliases: tuple[str, ...]
+    run_id: str
+    tags: dict[str, str]
+
+    @property
+    def label(self) -> str:
+        """``name/version``."""
+        return f"{self.name}/{self.version}"
+
+
+class Registry:
+    """Runs and registered models of one workspace.
+
+    Parameters
+    ----------
+    workspace : Path
+        Holds ``mlflow.db`` and ``mlartifacts/`` unless ``MLFLOW_TRACKING_URI`` names a server.
+    """
+
+    def __init__(self, workspace: Path) -> None:
+        logging.getLogger("mlflow").setLevel(logging.WARNING)
+        logging.getLogger("alembic").setLevel(logging.WARNING)
+        self.workspace = workspace
+        self.uri = tracking_uri(workspace)
+        local = workspace / "mlflow.db"
+        if self.uri == f"sqlite:///{local.resolve()}" and not local.exists():
+            _create_database(local.resolve())
+        mlflow.set_tracking_uri(self.uri)
+        mlflow.set_registry_uri(self.uri)
+        self.client = mlflow.MlflowClient()
+
+    def experiment_id(self) -> str:
+        """The id of the experiment that tokt's runs go to; created when missing."""
+        found = self.client.get_experiment_by_name(EXPERIMENT)
+        if found is not None:
+            return str(found.experiment_id)
+        local = self.uri.startswith("sqlite:")
+        location = (self.workspace / "mlartifacts").resolve().as_uri() if local else None
+        try:
+            return str(self.client.create_experiment(EXPERIMENT, artifact_location=location))
+        except MlflowException:
+            again = self.client.get_experiment_by_name(EXPERIMENT)
+            if again is None:
+                raise
+            return str(again.experiment_id)
+
+    def register(
+        self, name: str, model_uri: str, run_id: str, model_id: str, tags: dict[str, str]
+    ) -> RegisteredVersion:
+        """Register what a run logged as a new version of `name`."""
+        try:
+            self.client.get_registered_model(name)
+        except MlflowException:
+            self.client.create_registered_model(name)
+        version = self.client.create_model_version(
+            name, source=model_uri, run_id=run_id, model_id=model_id, tags=tags
+        )
+        return self._listed(version)
+
+    def versions(self) -> list[RegisteredVersion]:
+        """Every registered version, by name, newest first."""
+        found = [
+            self._listed(self.client.get_model_version(version.name, version.version))
+            for version in self.client.search_model_versions()
+        ]
+        return sorted(found, key=lambda item: (item.name, -int(item.version)))
+
+    def find(self, reference: str) -> RegisteredVersion:
+        """The version behind ``name`` (its newest), ``name@alias`` or ``name/version``.
+
+        Raises
+        ------
+        ToktError
+            If there is no such model, alias or version.
+        """
+        match = re.fullmatch(r"([^@/]+)(?:@([^@/]+)|/(\d+))?", reference)
+        if match is None:
+            raise ToktError(f"not a model: {reference!r} (write NAME, NAME@ALIAS or NAME/VERSION)")
+        name, alias, number = match[1], match[2], match[3]
+        known = [item for item in self.versions() if item.name == name]
+        if not known:
+            names = ", ".join(sorted({item.name for item in self.versions()})) or "none yet"
+            raise ToktError(f"no model {name!r} in the registry (there are: {names})")
+        for item in known:
+            if alias in item.aliases or item.version == number or (not alias and not number):
+                return item
+        wanted = f"alias {alias!r}" if alias else f"version {number}"
+        raise ToktError(f"model {name!r} has no {wanted}")
+
+    def set_alias(self, reference: str, alias: str) -> RegisteredVersion:
+        """Point `alias` at a version, away from any other."""
+        version = self.find(reference)
+        if not _NAME.fullmatch(alias) or alias == "latest" or re.fullmatch(r"v\d+", alias):
+            raise ToktError(f"{alias!r} cannot be an alias")
+        self.client.set_registered_model_alias(version.name, alias, version.version)
+        return self.find(version.label)
+
+    def recipe(self, version: RegisteredVersion) -> dict[str, Any]:
+        """The run's ``recipe.json``: all of a model but its weights."""
+        text = self._artifact(version, "recipe.json").decode("utf-8")
+        recipe: dict[str, Any] = json.loads(text)
+        if recipe.get("recipe_version") != RECIPE_VERSION:
+            raise ToktError(f"model {version.label} was trained by another generation of tokt")
+        return recipe
+
+    def bundle(self, reference: str) -> Bundle:
+        """A registered version as a checked bundle; the same version gives the same bytes.
+
+        Raises
+        ------
+        ToktError
+            If it is not there, was not trained by tokt, or fails its own golden check.
+        """
+        version = self.find(reference)
+        content = self._content(version, self.recipe(version))
+        return bundle_from_bytes(bundle_bytes(content), f"model {version.label}")
+
+    def _content(self, version: RegisteredVersion, recipe: dict[str, Any]) -> BundleContent:
+        model = self._linear_model(version, recipe)
+        with np.load(io.BytesIO(self._artifact(version, "golden.npz")), allow_pickle=False) as file:
+            ends = np.cumsum(file["sizes"])
+            raw = file["frames"].tobytes()
+            pairs = zip(file["sizes"], ends, strict=True)
+            frames = tuple(raw[end - size : end] for size, end in pairs)
+            golden = Golden(frames, file["decision_values"], file["obstacle"])
+        lineage = self._artifact(version, "lineage.npz")
+        with np.load(io.BytesIO(lineage), allow_pickle=False) as file:
+            trained_on = file["trained_on"]
+        provenance = {**recipe["provenance"], "mlflow_run_id": version.run_id}
+        return BundleContent(
+            name=version.name,
+            version=version.version,
+            extractor_spec=recipe["extractor"],
+            grid=Grid.from_json(recipe["grid"]),
+            model=model,
+            provenance=provenance,
+            metrics=recipe["metrics"],
+            golden=golden,
+            trained_on=trained_on,
+            card=model_card(version.label, recipe, provenance),
+        )
+
+    def _linear_model(self, version: RegisteredVersion, recipe: dict[str, Any]) -> LinearModel:
+        pipeline = mlflow.sklearn.load_model(f"models:/{version.label}")
+        svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
+        dim = svc.coef_.shape[1]
+        return LinearModel.fold(
+            svc.coef_,
+            svc.intercept_,
+            np.zeros(dim) if scaler is None else scaler.mean_,
+            np.ones(dim) if scaler is None else scaler.scale_,
+            np.array(recipe["thresholds"], np.float64),
+            tuple(item["name"] for item in recipe["classes"]),
+            tuple(item["obstacle"] for item in recipe["classes"]),
+        )
+
+    def _artifact(self, version: RegisteredVersion, name: str) -> bytes:
+        uri = f"runs:/{version.run_id}/tokt/{name}"
+        try:
+            return Path(mlflow.artifacts.download_artifacts(uri)).read_bytes()
+        except (MlflowException, OSError):
+            raise ToktError(
+                f"model {version.label}: {name} is missing from its run; was it trained by tokt?"
+            ) from None
+
+    @staticmethod
+    def _listed(version: ModelVersion) -> RegisteredVersion:
+        return RegisteredVersion(
+            name=version.name,
+            version=str(version.version),
+            aliases=tuple(sorted(version.aliases or ())),
+            run_id=version.run_id or "",
+            tags={str(key): str(value) for key, value in (version.tags or {}).items()},
+        )
+
+
+def load_model(reference: str, workspace: Path) -> Bundle:
+    """The bundle behind a ``.tokt`` file, ``name``, ``name@alias`` or ``name/version``.
+
+    Raises
+    ------
+    ToktError
+        If there is none, or it fails a check.
+    """
+    if reference.endswith(SUFFIX):
+        return read_bundle(reference)
+    return Registry(workspace).bundle(reference)

@@ -1,0 +1,172 @@
+"""Small missions, a small real model and real sockets for the runtime's tests."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.extractor import extractor_named
+from tokt.features.grid import Grid
+from tokt.models.bundle import BundleContent, Golden, bundle_bytes
+from tokt.models.linear import LinearModel
+
+MISSION = Path(
+    os.environ.get(
+        "TOKT_MISSION", Path(__file__).parents[2] / ".." / "shared" / "mission" / "approach"
+    )
+)
+PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x271 frame
+
+
+@pytest.fixture(scope="session")
+def mission() -> Path:
+    """The real mission's folder."""
+    if not (MISSION / "Left").is_dir():
+        pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
+    return MISSION
+
+
+@pytest.fixture(scope="session")
+def calibration_path(mission: Path) -> Path:
+    """The real mission's calibration."""
+    path = mission.parent / "calibration.yml"
+    if not path.is_file():
+        pytest.skip(f"the real mission's calibration is not at {path}")
+    return path
+
+
+def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
+    """A 360x271 gray frame: two even halves, and noise on the given (row, col) patches."""
+    frame = np.full((271, 360), 30, np.uint8)
+    frame[:, 180:] = 45
+    rng = np.random.default_rng(seed)
+    for row, col in patches:
+        y, x = row * PATCH_HEIGHT, col * PATCH_WIDTH
+        noise = rng.integers(10, 120, (PATCH_HEIGHT, PATCH_WIDTH))
+        frame[y : y + PATCH_HEIGHT, x : x + PATCH_WIDTH] = noise
+    return frame
+
+
+@pytest.fixture(scope="session")
+def draw_frame() -> Callable[..., NDArray[np.uint8]]:
+    """`draw`."""
+    return draw
+
+
+@pytest.fixture
+def make_mission(tmp_path: Path) -> Callable[..., Path]:
+    """Write a stereo folder: for each frame the patches with noise."""
+
+    def make(scenes: list[list[tuple[int, int]]], name: str = "dive") -> Path:
+        for camera, letter in (("Left", "L"), ("Right", "R")):
+            (tmp_path / name / camera).mkdir(parents=True)
+            for number, patches in enumerate(scenes, 1):
+                path = tmp_path / name / camera / f"t_{letter}_{number}.jpg"
+                cv2.imwrite(str(path), draw(patches, number), [cv2.IMWRITE_JPEG_QUALITY, 98])
+        return tmp_path / name
+
+    return make
+
+
+@dataclass
+class NoiseScorer:
+    """A patch scorer without any learning: a patch's standard deviation less 5 grey levels."""
+
+    label: str = "noise/1"
+    grid: Grid = Grid()  # noqa: RUF009 - frozen
+
+    @property
+    def model(self) -> NoiseScorer:
+        return self
+
+    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+        height, width = self.grid.resized(*frame.shape[:2])
+        gray = frame if frame.ndim == 2 else frame.mean(axis=2).astype(np.uint8)
+        cells = self.grid.cells(np.asarray(cv2.resize(gray, (width, height))))
+        return cells.std(axis=(1, 2))[:, None] - 5.0
+
+    def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return values[:, 0] > 0
+
+
+@pytest.fixture
+def noise_scorer() -> NoiseScorer:
+    return NoiseScorer()
+
+
+@pytest.fixture(scope="session")
+def bundle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A real bundle: noise has few pixels whose whole neighbourhood is as bright or brighter."""
+    extractor, grid = extractor_named("lbp_10_5_frame"), Grid()
+    weights = np.zeros((1, extractor.dim))
+    weights[0, 10] = -1.0
+    model = LinearModel(weights, np.array([0.3]), np.zeros(1), ("ocean", "other"), (False, True))
+    frame = draw([(4, 5)])
+    values = model.decision_values(extractor.describe(frame, grid))
+    content = BundleContent(
+        name="noise",
+        version="7",
+        extractor_spec=extractor.spec,
+        grid=grid,
+        model=model,
+        provenance={},
+        metrics={},
+        golden=Golden(
+            (cv2.imencode(".png", frame)[1].tobytes(),),
+            values[None],
+            model.obstacle_patches(values)[None],
+        ),
+        trained_on=np.zeros(0, np.uint64),
+        card="A model for tests.\n",
+    )
+    path = tmp_path_factory.mktemp("bundle") / "noise-7.tokt"
+    path.write_bytes(bundle_bytes(content))
+    return path
+
+
+@pytest.fixture
+def receiver() -> Iterator[socket.socket]:
+    """A UDP socket on a loopback port of its own."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        opened.bind(("127.0.0.1", 0))
+        opened.settimeout(5)
+        yield opened
+
+
+@pytest.fixture
+def closed_port() -> int:
+    """A loopback port that nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        opened.bind(("127.0.0.1", 0))
+        return int(opened.getsockname()[1])
+
+
+class HandClock:
+    """A clock that moves only when somebody sleeps, or when a test moves it."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.slept: list[float] = []
+
+    def time(self) -> float:
+        return 1_000_000.0 + self.now
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float, /) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+
+
+@pytest.fixture
+def hand_clock() -> HandClock:
+    return HandClock()

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.calibration import load_calibration
+
+CAMERA = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
+PARTS: dict[str, Any] = {
+    "K1": CAMERA,
+    "D1": np.zeros(5),
+    "K2": CAMERA,
+    "D2": np.zeros((1, 5)),
+    "R": np.eye(3),
+    "T_mm": np.array([[-300.0], [1.0], [2.0]]),
+    "image_width": 640,
+    "image_height": 480,
+}
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[..., Path]:
+    def write_calibration(name: str = "c.yml", **changes: Any) -> Path:
+        path = tmp_path / name
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        for key, value in {**PARTS, **changes}.items():
+            if value is not None:
+                storage.write(key, value)
+        storage.release()
+        return path
+
+    return write_calibration
+
+
+@pytest.mark.parametrize("name", ["c.yml", "c.json"])
+def test_a_calibration_is_read(write: Callable[..., Path], name: str) -> None:
+    calibration = load_calibration(write(name))
+    assert calibration.frame_size == (640, 480)
+    assert calibration.D2.shape == (5,) and calibration.T_mm.shape == (3, 1)
+    assert calibration.baseline_mm == pytest.approx(300.008, abs=1e-3)
+
+
+turned = cv2.Rodrigues(np.array([0.0, 0.3, 0.0]))[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"K1": None}, "has no K1"),
+        ({"K1": np.eye(2)}, "K1 must be 3x3"),
+        ({"K1": -CAMERA}, "K1 is not a camera matrix"),
+        ({"D1": np.zeros(3)}, "D1 must hold"),
+        ({"D1": np.array([0.1, np.nan, 0, 0, 0])}, "D1 holds a number that is not finite"),
+        ({"T_mm": np.zeros(2)}, "T_mm must hold 3"),
+        ({"T_mm": np.zeros(3)}, "side by side"),
+        ({"T_mm": np.array([10.0, 300.0, 0.0])}, "side by side"),
+        ({"T_mm": np.array([300.0, 0.0, 0.0])}, "left of the left"),
+        ({"R": 2 * np.eye(3)}, "R is not a rotation"),
+        ({"image_width": 100}, "principal point of K1 lies outside"),
+        ({"R1": np.eye(3)}, "R1 and R2 must both"),
+        ({"R1": np.eye(3), "R2": turned}, "do not belong"),
+        ({"K2": 7}, "has no K2"),
+    ],
+)
+def test_what_is_wrong_is_said(
+    write: Callable[..., Path], changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ToktError, match=message):
+        load_calibration(write(**changes))
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"hello", b"%YAML:1.0\n---\nK1: [", b"\xff\x00\x01"]
+)
+def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "c.yml"
+    path.write_bytes(content)
+    with pytest.raises(ToktError, match="calibration"):
+        load_calibration(path)
+    with pytest.raises(ToktError, match="does not exist"):
+        load_calibration(tmp_path / "none.yml")
+
+
+@pytest.mark.mission
+def test_the_mission_s_calibration(calibration_path: Path) -> None:
+    calibration = load_calibration(calibration_path)
+    assert calibration.frame_size == (1360, 1024)
+    assert calibration.baseline_mm == pytest.approx(305.47, abs=0.01)

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.features.image_file import read_image
+from tokt.inference.calibration import StereoCalibration, load_calibration
+from tokt.inference.disparity import DisparityDetector, Matches
+from tokt.inference.sources import Frame
+from tokt.inference.verdict import verdict_from_mask
+
+WIDTH, HEIGHT = 1360, 1024
+CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])
+PLAIN = StereoCalibration(
+    CAMERA,
+    np.zeros(5),
+    CAMERA,
+    np.zeros(5),
+    np.eye(3),
+    np.array([[-300.0], [0.0], [0.0]]),
+    (WIDTH, HEIGHT),
+)
+SQUARE_PX = 320
+DISPARITY_PX = 200  # at full size: 2200 * 0.3 / 200 = 3.3 m
+DEPTH_M = 3.3
+
+
+@pytest.fixture(scope="module")
+def plain() -> DisparityDetector:
+    return DisparityDetector(PLAIN, Grid())
+
+
+def pair(x: int, y: int = 350) -> tuple[np.ndarray, np.ndarray]:
+    """An even sea with one textured square, at (x, y) in the left view and nearer than it."""
+    rng = np.random.default_rng(3)
+    texture = cv2.resize(rng.uniform(20, 120, (80, 80)), (SQUARE_PX, SQUARE_PX))
+    fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
+    left, right = fall.copy(), fall.copy()
+    left[y : y + SQUARE_PX, x : x + SQUARE_PX] = texture
+    start = x - DISPARITY_PX
+    right[y : y + SQUARE_PX, max(start, 0) : start + SQUARE_PX] = texture[:, max(-start, 0) :]
+    return left.round().astype(np.uint8), right.round().astype(np.uint8)
+
+
+def test_a_square_is_found_where_it_is_at_its_distance(plain: DisparityDetector) -> None:
+    found = plain.detect(Frame(1, 0.0, *pair(700)))
+    assert found.mask is not None and found.mask.shape == (271, 360)
+    assert found.distance_m == pytest.approx(DEPTH_M, rel=0.01)
+    verdict = verdict_from_mask(found.mask, "disparity")
+    assert verdict.status == 1 and verdict.box is not None
+    scale = 360 / WIDTH
+    expected = np.array([700, 350, SQUARE_PX, SQUARE_PX]) * scale
+    assert np.abs(np.array(verdict.box) - expected).max() <= 6
+
+
+def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(
+    plain: DisparityDetector,
+) -> None:
+    found = plain.detect(Frame(1, 0.0, *pair(230)))  # its right view starts at 30
+    assert found.mask is not None and found.mask[:, : 400 * 360 // WIDTH].any()
+
+
+def test_an_even_sea_is_clear(plain: DisparityDetector) -> None:
+    left, _ = pair(700)
+    left[:] = left[0]
+    found = plain.detect(Frame(1, 0.0, left, left.copy()))
+    assert found.mask is not None and not found.mask.any() and found.distance_m is None
+
+
+def test_texture_that_matches_nowhere_is_unknown_not_clear(plain: DisparityDetector) -> None:
+    left, right = pair(700)
+    found = plain.detect(Frame(1, 0.0, left, np.ascontiguousarray(right[::-1])))
+    assert found.mask is None and "do not match" in found.fault
+
+
+def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
+    left, right = pair(700)
+    cases = {
+        "no right": Frame(1, 0.0, left, None, "", "no right frame 1"),
+        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
+        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
+        "left: the frame is saturated": Frame(1, 0.0, left | 255 * (left > 0), right),
+        "a.jpg": Frame(1, 0.0, None, right, "a.jpg is truncated"),
+    }
+    for word, frame in cases.items():
+        found = plain.detect(frame)
+        assert found.mask is None and word in found.fault
+
+
+def test_a_calibration_that_turns_the_view_away_is_refused() -> None:
+    away = cv2.Rodrigues(np.array([0.0, 0.9, 0.0]))[0]
+    with pytest.raises(ToktError, match="out of view"):
+        DisparityDetector(replace(PLAIN, R=away, T_mm=np.array([[-10.0], [0], [9.0]])), Grid())
+
+
+@pytest.fixture(scope="module")
+def real(calibration_path: Path) -> DisparityDetector:
+    return DisparityDetector(load_calibration(calibration_path), Grid())
+
+
+def picture(mission: Path, camera: str, number: int) -> np.ndarray:
+    return read_image(mission / camera / f"tokt1_{camera[0]}_{number}.jpg")
+
+
+def matched(
+    detector: DisparityDetector, mission: Path, left: int, right: int, turn: bool = False
+) -> Matches:
+    other = picture(mission, "Right", right)
+    other = np.ascontiguousarray(other[::-1]) if turn else other
+    return detector.match(picture(mission, "Left", left), other)
+
+
+@pytest.mark.mission
+def test_control_another_right_frame_leaves_no_match(
+    mission: Path, real: DisparityDetector
+) -> None:
+    assert matched(real, mission, 180, 180).valid.mean() > 0.2
+    for other in (50, 170, 175, 183, 186, 200):
+        assert matched(real, mission, 180, other).valid.mean() <= 0.003
+    assert matched(real, mission, 180, 180, turn=True).valid.mean() <= 0.003
+
+
+@pytest.mark.mission
+def test_control_a_wrong_pair_is_unknown(mission: Path, real: DisparityDetector) -> None:
+    frame = Frame(180, 0.0, picture(mission, "Left", 180), picture(mission, "Right", 170))
+    found = real.detect(frame)
+    assert found.mask is None and "do not match" in found.fault
+
+
+@pytest.mark.mission
+def test_ocean_frames_have_no_match(mission: Path, real: DisparityDetector) -> None:
+    for number in range(1, 100, 7):
+        assert not matched(real, mission, number, number).valid.any()
+
+
+@pytest.mark.mission
+def test_the_tower_is_an_obstacle_at_its_measured_depth(
+    mission: Path, real: DisparityDetector
+) -> None:
+    for number, depth_m in ((142, 9.6), (170, 5.1), (186, 1.84), (205, 4.8)):
+        found = matched(real, mission, number, number)
+        median = real.focal_baseline_px_m / np.median(found.disparity_px[found.valid])
+        assert median == pytest.approx(depth_m, rel=0.03)
+        frame = Frame(
+            number, 0.0, picture(mission, "Left", number), picture(mission, "Right", number)
+        )
+        detection = real.detect(frame)
+        assert detection.mask is not None and detection.distance_m is not None
+        assert verdict_from_mask(detection.mask, "disparity").status == 1
+        assert 0.9 * depth_m < detection.distance_m < 1.03 * depth_m

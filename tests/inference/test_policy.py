@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.assemble import build_policy
+from tokt.inference.calibration import StereoCalibration
+from tokt.inference.detector import Detection
+from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy
+from tokt.inference.sources import Frame
+
+FRAME = Frame(1, 0.0, None, None, "no picture", "no picture")
+CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])
+CALIBRATION = StereoCalibration(
+    CAMERA,
+    np.zeros(5),
+    CAMERA,
+    np.zeros(5),
+    np.eye(3),
+    np.array([[-300.0], [0.0], [0.0]]),
+    (1360, 1024),
+)
+
+
+def mask(*columns: int) -> np.ndarray:
+    painted = np.zeros((50, 100), np.uint8)
+    painted[10:20, list(columns)] = 255
+    return painted
+
+
+class Says:
+    """A detector with a fixed answer: a mask, a fault, or an exception."""
+
+    def __init__(self, method: str, answer: Any) -> None:
+        self.method = method
+        self.answer = answer
+
+    def detect(self, frame: Frame) -> Detection:
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        if isinstance(self.answer, str):
+            return Detection(None, self.method, fault=self.answer)
+        model = "m/1" if self.method == "texture" else None
+        distance_m = 2.5 if self.method == "disparity" else None
+        return Detection(self.answer, self.method, model, distance_m)
+
+
+ANSWERS = {
+    "obstacle": mask(3, 4, 5),
+    "clear": mask(),
+    "unknown": "cannot judge",
+    "raises": ZeroDivisionError("division\nby zero"),
+}
+STATUS = {"obstacle": 1, "clear": 0, "unknown": -1, "raises": -1}
+
+
+@pytest.mark.parametrize("texture", ANSWERS)
+@pytest.mark.parametrize("disparity", ANSWERS)
+def test_unknown_never_becomes_clear(texture: str, disparity: str) -> None:
+    first, second = Says("texture", ANSWERS[texture]), Says("disparity", ANSWERS[disparity])
+    known = [STATUS[answer] for answer in (texture, disparity) if STATUS[answer] >= 0]
+
+    either = EitherPolicy(first, second).judge(FRAME).verdict
+    assert either.status == (max(known) if known else -1)
+    assert (either.health == "ok") == (len(known) == 2)
+
+    fallback = FallbackPolicy(first, second).judge(FRAME).verdict
+    assert fallback.status == (known[0] if known else -1)
+    assert (fallback.health == "ok") == (STATUS[texture] >= 0)
+
+    alone = SinglePolicy(first).judge(FRAME).verdict
+    assert alone.status == STATUS[texture]
+
+
+def test_what_a_detector_raises_is_told_in_one_line() -> None:
+    verdict = SinglePolicy(Says("texture", ANSWERS["raises"])).judge(FRAME).verdict
+    assert verdict.health == "the texture detector failed: ZeroDivisionError: division by zero"
+    assert verdict.method == "none" and verdict.model is None
+
+
+def test_only_exceptions_are_guarded() -> None:
+    class Interrupted(Says):
+        def detect(self, frame: Frame) -> Detection:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        SinglePolicy(Interrupted("texture", None)).judge(FRAME)
+
+
+def test_either_joins_the_masks() -> None:
+    policy = EitherPolicy(Says("texture", mask(3, 4)), Says("disparity", mask(80)))
+    verdict = policy.judge(FRAME).verdict
+    assert verdict.box == (3, 10, 78, 10)
+    assert verdict.method == "texture+disparity"
+    assert (verdict.model, verdict.distance_m) == ("m/1", 2.5)
+
+
+def test_the_method_is_the_detector_that_judged() -> None:
+    verdict = FallbackPolicy(Says("texture", "dark"), Says("disparity", mask(1, 2))).judge(FRAME)
+    assert verdict.verdict.method == "disparity" and verdict.verdict.model is None
+    assert verdict.verdict.health == "texture: dark"
+
+
+def broken_model() -> Any:
+    raise ToktError("bundle x.tokt: a hash does not match")
+
+
+def test_fallback_goes_on_without_a_model_and_says_so() -> None:
+    policy = build_policy("fallback", broken_model, CALIBRATION)
+    health = policy.judge(FRAME).verdict.health
+    assert health.startswith("no texture model: bundle x.tokt: a hash does not match; ")
+
+
+@pytest.mark.parametrize("name", ["texture", "either", "disparity"])
+def test_other_policies_stop_without_their_model(name: str) -> None:
+    with pytest.raises(ToktError, match="a hash does not match"):
+        build_policy(name, broken_model, CALIBRATION)
+
+
+def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
+    with pytest.raises(ToktError, match="a hash does not match"):
+        build_policy("fallback", broken_model, None)
+    policy = build_policy("fallback", lambda: noise_scorer, None)
+    assert "there is no stereo calibration" in policy.judge(FRAME).verdict.health
+
+
+@pytest.mark.parametrize("name", ["disparity", "either"])
+def test_disparity_needs_a_calibration(name: str, noise_scorer: Any) -> None:
+    with pytest.raises(ToktError, match="needs a stereo calibration"):
+        build_policy(name, lambda: noise_scorer, None)
+
+
+@pytest.mark.parametrize("name", ["texture", "either", "fallback"])
+def test_texture_needs_a_model(name: str) -> None:
+    with pytest.raises(ToktError, match="needs a model"):
+        build_policy(name, None, CALIBRATION)
+
+
+def test_the_names_are_fixed(noise_scorer: Any) -> None:
+    with pytest.raises(ToktError, match="unknown policy 'both'"):
+        build_policy("both", lambda: noise_scorer, CALIBRATION)
+    assert isinstance(build_policy("disparity", None, CALIBRATION), SinglePolicy)
+    assert isinstance(build_policy("either", lambda: noise_scorer, CALIBRATION), EitherPolicy)
+    assert isinstance(build_policy("fallback", lambda: noise_scorer, CALIBRATION), FallbackPolicy)

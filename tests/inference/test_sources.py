@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.sources import open_source
+
+
+def test_a_stereo_folder_gives_pairs_in_numeric_order(
+    make_mission: Callable[..., Path], hand_clock: Any
+) -> None:
+    source = open_source(str(make_mission([[]] * 12)), hand_clock)
+    frames = list(source)
+    assert [frame.number for frame in frames] == list(range(1, 13))
+    assert all(frame.left is not None and frame.right is not None for frame in frames)
+    assert frames[0].t == 1_000_100.0
+
+
+def test_a_truncated_jpeg_is_a_frame_with_a_reason(
+    make_mission: Callable[..., Path], hand_clock: Any
+) -> None:
+    folder = make_mission([[(1, 1)]] * 3)
+    file = folder / "Left" / "t_L_2.jpg"
+    file.write_bytes(file.read_bytes()[:-500])
+    (folder / "Right" / "t_R_3.jpg").unlink()
+    frames = list(open_source(str(folder), hand_clock))
+    assert [frame.left is None for frame in frames] == [False, True, False]
+    assert "truncated" in frames[1].left_fault
+    assert frames[2].right is None and "no right frame 3" in frames[2].right_fault
+
+
+def test_a_rate_paces_by_deadlines(make_mission: Callable[..., Path], hand_clock: Any) -> None:
+    times = []
+    for frame in open_source(str(make_mission([[]] * 5)), hand_clock, rate=4.0):
+        times.append(frame.t - 1_000_100.0)
+        if frame.number == 2:
+            hand_clock.now += 0.6  # a slow round: frame 3 is late, frame 4 is not
+        else:
+            hand_clock.now += 0.1
+    assert times == pytest.approx([0, 0.25, 0.85, 0.95, 1.05])
+
+
+def test_a_rate_does_not_drift(make_mission: Callable[..., Path], hand_clock: Any) -> None:
+    times = []
+    for frame in open_source(str(make_mission([[]] * 30)), hand_clock, rate=10.0):
+        times.append(frame.t - 1_000_100.0)
+        hand_clock.now += 0.0371
+    assert times == pytest.approx([index / 10 for index in range(30)])
+
+
+def test_stop_ends_even_a_long_wait(make_mission: Callable[..., Path], hand_clock: Any) -> None:
+    source = open_source(str(make_mission([[]] * 3)), hand_clock, rate=0.001)
+    sleep = hand_clock.sleep
+
+    def sleep_then_stop(seconds: float, /) -> None:
+        sleep(seconds)
+        source.stop()
+
+    hand_clock.sleep = sleep_then_stop
+    assert [frame.number for frame in source] == [1]
+    assert sum(hand_clock.slept) < 0.1
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_rate_is_positive(
+    make_mission: Callable[..., Path], hand_clock: Any, rate: float
+) -> None:
+    with pytest.raises(ToktError, match="rate"):
+        open_source(str(make_mission([[]])), hand_clock, rate=rate)
+
+
+def test_frames_are_chosen_and_named_when_absent(
+    make_mission: Callable[..., Path], hand_clock: Any
+) -> None:
+    folder = str(make_mission([[]] * 4))
+    assert [frame.number for frame in open_source(folder, hand_clock, [2, 4, 9])] == [2, 4]
+    with pytest.raises(ToktError, match="has frames 1-4, none of 7-8"):
+        open_source(folder, hand_clock, [7, 8])
+
+
+@pytest.mark.parametrize("text", ["pymba:0", "no/such/place"])
+def test_other_sources_are_unknown(text: str, hand_clock: Any) -> None:
+    with pytest.raises(ToktError, match="unknown source"):
+        open_source(text, hand_clock)
+
+
+def test_a_video_gives_its_frames(
+    tmp_path: Path, draw_frame: Callable[..., np.ndarray], hand_clock: Any
+) -> None:
+    path = tmp_path / "dive.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (360, 270))
+    for number in range(4):
+        picture = draw_frame([(number, number)])[:270]
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    frames = list(open_source(str(path), hand_clock))
+    assert [frame.number for frame in frames] == [1, 2, 3, 4]
+    assert all(frame.left is not None and frame.left.shape == (270, 360, 3) for frame in frames)
+    assert all(frame.right is None for frame in frames)

@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+import json
+import math
+import socket
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.inference.report import Report
+from tokt.inference.udp import UdpSender, decode, encode_v1, encode_v2, parse_address
+from tokt.inference.verdict import Verdict, unknown_verdict
+
+positions = st.integers(-100_000, 100_000)
+means = st.floats(0, 255)
+any_float = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def a_verdict(status: int = 1, x: int = -120, y: int = -35, mean: float = 12.3456789012) -> Verdict:
+    return Verdict(status, x, y, (1, 2, 3, 4), mean, None, "texture", "m/1")
+
+
+def parse_v1_by_the_design(datagram: bytes) -> tuple[int, int, int, float]:
+    """Written from DESIGN.md's description alone: eight comma-separated ASCII fields."""
+    fields = datagram.decode("ascii").split(",")
+    assert len(fields) == 8
+    assert [field.strip() for field in fields[0::2]] == [
+        "status :",
+        "Xpos :",
+        "Ypos :",
+        "meanValue :",
+    ]
+    status, x, y, mean = fields[1::2]
+    return int(status), int(x), int(y), float(mean)
+
+
+def test_v1_is_the_design_example_byte_for_byte() -> None:
+    expected = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
+    assert encode_v1(a_verdict()) == expected
+    assert encode_v1(a_verdict(0, 0, 0, 0.0)) == (
+        b"status : , 0  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,0"
+    )
+
+
+@given(st.sampled_from([0, 1]), positions, positions, means)
+def test_an_independent_parser_reads_v1_over_a_real_socket(
+    status: int, x: int, y: int, mean: float
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(5)
+        sender = UdpSender(*receiver.getsockname(), 1)
+        sender.send(Report(1, 1, 0.0, 1.0, a_verdict(status, x, y, mean)))
+        sender.close()
+        got = parse_v1_by_the_design(receiver.recv(4096))
+    assert got[:3] == (status, x, y)
+    assert got[3] == pytest.approx(mean, rel=1e-11, abs=0)
+
+
+def test_v1_says_nothing_about_unknown() -> None:
+    assert encode_v1(unknown_verdict("dark")) is None
+    assert encode_v1(a_verdict(mean=math.nan)) is None
+    sender = UdpSender("127.0.0.1", 9, 1)
+    sender.send(Report(1, 1, 0.0, 1.0, unknown_verdict("dark")))
+    sender.close()
+    assert (sender.sent, sender.unsaid) == (0, 1)
+
+
+def test_v2_says_minus_one_about_unknown() -> None:
+    fields = decode(encode_v2(Report(5, 17, 1.5, 2.0, unknown_verdict("dark"))))
+    assert fields["status"] == -1 and fields["health"] == "dark" and fields["x"] is None
+
+
+def test_v2_has_the_fields_of_the_design() -> None:
+    fields = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
+    assert " ".join(fields) == (
+        "v seq t status x y box mean distance_m method model latency_ms health"
+    )
+
+
+@given(st.sampled_from([0, 1]), positions, positions, means)
+def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
+    data = encode_v1(a_verdict(status, x, y, mean))
+    assert data is not None
+    fields = decode(data)
+    assert (fields["v"], fields["status"], fields["x"], fields["y"]) == (1, status, x, y)
+    assert fields["mean"] == float(f"{mean:.12g}")
+
+
+@settings(deadline=None)
+@given(
+    st.builds(
+        Verdict,
+        status=st.sampled_from([-1, 0, 1]),
+        x=st.none() | positions,
+        y=st.none() | positions,
+        box=st.none() | st.tuples(positions, positions, positions, positions),
+        mean=st.none() | any_float,
+        distance_m=st.none() | any_float,
+        method=st.text(max_size=20),
+        model=st.none() | st.text(max_size=50),
+        health=st.text(max_size=400),
+    ),
+    any_float,
+    any_float,
+)
+def test_v2_round_trip_never_holds_what_json_cannot(
+    verdict: Verdict, t: float, latency_ms: float
+) -> None:
+    data = encode_v2(Report(3, 4, t, latency_ms, verdict))
+    assert (
+        b"NaN" not in data.split(b'"method"')[0] and b"Infinity" not in data.split(b'"method"')[0]
+    )
+    fields = decode(data)
+    assert fields["t"] == (t if math.isfinite(t) else None)
+    mean = verdict.mean
+    assert fields["mean"] == (mean if mean is not None and math.isfinite(mean) else None)
+    assert fields["box"] == (None if verdict.box is None else list(verdict.box))
+    assert fields["health"] == verdict.health[:300]
+
+
+@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
+def test_garbage_is_refused_in_one_way(data: bytes) -> None:
+    with pytest.raises(ToktError):
+        decode(data)
+
+
+good = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"v": 3},
+        {"status": 2},
+        {"status": True},
+        {"status": None},
+        {"box": [1, 2, 3]},
+        {"box": [1, 2, 3, 4.5]},
+        {"x": "left"},
+        {"health": None},
+        {"seq": 1.5},
+    ],
+)
+def test_v2_outside_the_contract_is_refused(change: dict[str, Any]) -> None:
+    decode(json.dumps(good).encode())
+    with pytest.raises(ToktError, match="not a tokt datagram"):
+        decode(json.dumps({**good, **change}).encode())
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b'{"a":' * 10_000,
+        json.dumps({**good, "mean": 0}).replace('"mean": 0', '"mean": 1e999').encode(),
+        json.dumps({**good, "mean": 0}).replace('"mean": 0', '"mean": NaN').encode(),
+        b"status : , 1  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1e+999",
+        b"status : , 2  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1",
+        b"status : , 1  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1\n",
+    ],
+)
+def test_hostile_datagrams_are_refused(data: bytes) -> None:
+    with pytest.raises(ToktError):
+        decode(data)
+
+
+@pytest.mark.parametrize("text", ["", "host", "host:", ":1", "h:0", "h:65536", "a:b:1", "h:1x"])
+def test_addresses_that_are_none(text: str) -> None:
+    with pytest.raises(ToktError, match="not an address"):
+        parse_address(text)
+
+
+def test_addresses() -> None:
+    assert parse_address("192.168.1.73:1130") == ("192.168.1.73", 1130)
+    assert parse_address("[::1]:9") == ("::1", 9)
+
+
+def test_an_unknown_host_is_told_at_the_start() -> None:
+    with pytest.raises(ToktError, match="cannot be found"):
+        UdpSender("no-such-host.invalid", 1130, 1)
+
+
+def test_what_the_network_refuses_is_counted() -> None:
+    # A datagram to a broadcast address is refused (EACCES) without asking for it first.
+    sender = UdpSender("255.255.255.255", 9, 1)
+    for _ in range(3):
+        sender.send(Report(1, 1, 0.0, 1.0, a_verdict()))
+    sender.close()
+    assert (sender.sent, sender.failed) == (0, 3)
+    assert sender.last_error

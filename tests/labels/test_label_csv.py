@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.labels.label_csv import read_label_csv, write_label_csv
+from tokt.labels.record import LabelRecord, utc_text
+from tokt.labels.store import LabelStore
+from tokt.labels.taxonomy import Taxonomy
+
+HEADER = "mission,camera,frame,row,col,label\n"
+TAXONOMY = Taxonomy.load()
+ROOT = Path(__file__).parents[2]
+MISSION = Path(os.environ.get("TOKT_MISSION", ROOT / "../shared/mission/approach"))
+
+
+def _file(folder: Path, text: str, name: str = "ann.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode("utf-8"))
+    return path
+
+
+def test_six_columns(tmp_path: Path) -> None:
+    path = _file(tmp_path, HEADER + "dive,left,7,2,3,ocean\ndive,right,7,2,3,unsure\n")
+    first, second = read_label_csv(path, TAXONOMY)
+    assert first.cell == ("dive", "left", 7, Grid(), 2, 3)
+    assert (first.label, first.annotator, first.source) == ("ocean", "ann", "human")
+    assert (second.camera, second.label, second.time) == ("right", "unsure", first.time)
+    (given_grid, _) = read_label_csv(path, TAXONOMY, annotator="bob", grid=Grid(4, 4))
+    assert (given_grid.annotator, given_grid.grid) == ("bob", Grid(4, 4))
+
+
+def test_all_columns_in_any_order_with_mark_and_windows_line_ends(tmp_path: Path) -> None:
+    path = _file(
+        tmp_path,
+        "\ufefflabel,source,model_version,time,grid,annotator,col,row,frame,camera,mission\r\n"
+        "reef,model,lbp/3,2016-04-20T12:00:00+02:00,3x4@120,net,3,2,9,left,dive\r\n\r\n",
+    )
+    assert read_label_csv(path, TAXONOMY) == [
+        LabelRecord(
+            *("dive", "left", 9, Grid(3, 4, 120), 2, 3, "reef", "net"),
+            *("2016-04-20T10:00:00Z", "model", "lbp/3"),
+        )
+    ]
+
+
+GOOD = "dive,left,1,0,0,ocean\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("", 1, "empty"),
+        ("\n\n", 1, "empty"),
+        ("mission,camera,frame,row,label\n", 1, "no column col;"),
+        (HEADER.replace("label", "class") + GOOD, 1, "no column label"),
+        (HEADER.replace("label", "label,confidence") + GOOD, 1, "unknown column 'confidence'"),
+        (HEADER.replace("label", "label,label") + GOOD, 1, "column label is there twice"),
+        (HEADER.replace(",", ";") + GOOD.replace(",", ";"), 1, "separated by ;"),
+        (HEADER + GOOD + "dive,left,1,0,1,fish\n", 3, "unknown class 'fish'; known: ocean"),
+        (HEADER + GOOD + "dive,left,1,0,1,\n", 3, "unknown class ''"),
+        (HEADER + GOOD + "dive,left,1,0,10,ocean\n", 3, "row 0 col 10 is outside the grid"),
+        (HEADER + GOOD + "dive,left,1,-1,1,ocean\n", 3, "row -1 col 1 is outside the grid"),
+        (HEADER + GOOD + "dive,left,1.0,0,1,ocean\n", 3, "frame '1.0' is not a whole number"),
+        (HEADER + GOOD + f"dive,left,{'9' * 30},0,1,ocean\n", 3, "is not a whole number"),
+        (HEADER + GOOD + "dive,left,99999999999,0,1,ocean\n", 3, "not a frame number"),
+        (HEADER + GOOD + "\n" + GOOD, 4, "is labelled on line 2 already"),
+        (HEADER + GOOD + "dive,left,1,0,ocean\n", 3, "5 fields where the first line names 6"),
+        (HEADER + GOOD + "dive,up,1,0,1,ocean\n", 3, "camera 'up'"),
+        (HEADER + GOOD + ",left,1,0,1,ocean\n", 3, "mission ''"),
+        (HEADER + GOOD + '"dive,left,1,0,1,ocean\n', 3, "unexpected end of data"),
+        (HEADER.replace("label", "label,grid") + "dive,left,1,0,1,ocean,big\n", 2, "not a grid"),
+        (HEADER.replace("label", "label,time") + "dive,left,1,0,1,ocean,noon\n", 2, "time 'noon'"),
+        (HEADER.replace("label", "label,source") + "dive,left,1,0,1,ocean,me\n", 2, "source 'me'"),
+    ],
+)
+def test_mistakes_name_file_and_line(tmp_path: Path, text: str, line: int, message: str) -> None:
+    path = _file(tmp_path, text)
+    with pytest.raises(ToktError) as caught:
+        read_label_csv(path, TAXONOMY)
+    assert str(caught.value).startswith(f"{path} line {line}: ")
+    assert message in str(caught.value)
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match="does not exist"):
+        read_label_csv(tmp_path / "none.csv", TAXONOMY)
+    with pytest.raises(ToktError, match="has no labels"):
+        read_label_csv(_file(tmp_path, HEADER), TAXONOMY)
+    with pytest.raises(ToktError, match=r"Is a directory|Permission denied"):
+        read_label_csv(tmp_path, TAXONOMY)
+    (tmp_path / "image.csv").write_bytes(b"\x89PNG\xff\x00")
+    with pytest.raises(ToktError, match="not UTF-8"):
+        read_label_csv(tmp_path / "image.csv", TAXONOMY)
+
+
+def test_same_patch_by_two_annotators_or_in_two_grids_is_no_duplicate(tmp_path: Path) -> None:
+    text = "mission,camera,frame,row,col,label,annotator,grid\n" + "".join(
+        f"dive,left,1,0,0,ocean,{who},{grid}\n" for who in "ab" for grid in ("2x2@60", "3x3@60")
+    )
+    assert len(read_label_csv(_file(tmp_path, text), TAXONOMY)) == 4
+
+
+def test_six_columns_are_refused_where_they_would_lose_something(tmp_path: Path) -> None:
+    time = "2016-04-20T10:00:00Z"
+    ann = LabelRecord("dive", "left", 1, Grid(), 0, 0, "ocean", "ann", time)
+    bob = LabelRecord("dive", "left", 1, Grid(), 0, 0, "ocean", "bob", time)
+    coarse = LabelRecord("dive", "left", 1, Grid(2, 2), 0, 0, "ocean", "ann", time)
+    path = tmp_path / "out.csv"
+    with pytest.raises(ToktError, match=r"2 annotators \(ann, bob\)"):
+        write_label_csv(path, [ann, bob])
+    with pytest.raises(ToktError, match="grid 2x2@360"):
+        write_label_csv(path, [coarse])
+    assert not path.exists()
+    assert write_label_csv(path, [ann, bob, coarse], full=True) == 3
+
+
+def test_a_failed_export_leaves_the_old_file(tmp_path: Path) -> None:
+    record = LabelRecord("d", "left", 1, Grid(), 0, 0, "reef", "a", "2016-04-20T10:00:00Z")
+    (tmp_path / "file").write_text("old")
+    with pytest.raises(ToktError, match="cannot write"):
+        write_label_csv(tmp_path / "file" / "out.csv", [record])
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+names = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=8)
+cells = st.tuples(
+    names, st.sampled_from(["left", "right"]), st.integers(0, 2**31 - 1),
+    st.sampled_from([Grid(), Grid(3, 4, 120), Grid(12, 12, None)]),
+    st.integers(0, 2), st.integers(0, 3),
+)  # fmt: skip
+moments = st.datetimes(timezones=st.timezones()).filter(lambda t: 2 < t.year < 9998)
+records = st.builds(
+    lambda cell, label, annotator, moment, version: LabelRecord(
+        *cell, label, annotator, utc_text(moment.isoformat()), "human", version
+    ),
+    cells,
+    st.sampled_from([*TAXONOMY.names, "unsure"]),
+    names,
+    moments,
+    st.none() | names,
+)
+distinct = st.lists(
+    records, min_size=1, max_size=20, unique_by=lambda record: (record.cell, record.annotator)
+)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(distinct)
+def test_export_import_export_is_lossless(tmp_path: Path, some: list[LabelRecord]) -> None:
+    path = tmp_path / "full.csv"
+    write_label_csv(path, some, full=True)
+    first = path.read_bytes()
+    read = read_label_csv(path, TAXONOMY)
+    assert set(read) == set(some) and len(read) == len(some)
+    write_label_csv(path, reversed(read), full=True)
+    assert path.read_bytes() == first
+
+
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(distinct)
+def test_store_keeps_records_as_they_are(tmp_path: Path, some: list[LabelRecord]) -> None:
+    path = tmp_path / "labels.db"
+    for leftover in tmp_path.glob("labels.db*"):
+        leftover.unlink()
+    with LabelStore(path) as store:
+        assert store.add(some) == len(some)
+        assert set(store.current()) == set(some)
+
+
+@pytest.mark.mission
+def test_mission_labels_are_read_fast_and_written_back_byte_for_byte(tmp_path: Path) -> None:
+    source = MISSION / "labels.csv"
+    if not source.is_file():
+        pytest.skip(f"no mission labels at {source} (TOKT_MISSION)")
+    begin = time.perf_counter()
+    records = read_label_csv(source, TAXONOMY)
+    assert time.perf_counter() - begin < 2
+    assert len(records) == 21_400
+    write_label_csv(tmp_path / "out.csv", reversed(records))
+    assert (tmp_path / "out.csv").read_bytes() == source.read_bytes()

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEADER = "mission,camera,frame,row,col,label\n"
+ANN = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 6 else 'ocean'}\n" for n in range(10))
+BOB = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 5 else 'ocean'}\n" for n in range(10))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "ann.csv").write_text(ANN)
+    (tmp_path / "bob.csv").write_text(BOB)
+    return tmp_path
+
+
+def _tokt(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tokt", "labels", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def _good(folder: Path, *words: str) -> str:
+    ran = _tokt(folder, *words)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+def _refused(folder: Path, *words: str) -> str:
+    ran = _tokt(folder, *words)
+    assert ran.returncode == 2 and ran.stdout == ""
+    assert ran.stderr.startswith("tokt: error: ") and ran.stderr.count("\n") == 1
+    return ran.stderr
+
+
+def test_import_stats_export(folder: Path) -> None:
+    assert "10 labels by ann: 10 new, 0 changed, 0 known" in _good(folder, "import", "ann.csv")
+    again = json.loads(_good(folder, "import", "ann.csv", "--json"))
+    assert (again["labels"], again["new"], again["unchanged"]) == (10, 0, 10)
+    changed = json.loads(_good(folder, "import", "bob.csv", "--annotator", "ann", "--json"))
+    assert (changed["new"], changed["changed"]) == (0, 1)
+    assert (folder / ".tokt" / "labels.db").is_file()
+    table = _good(folder, "stats")
+    # mission, annotator, frames, patches, ocean, reef, events
+    assert table.splitlines()[2].split() == ["dive", "ann", "1", "10", "6", "4", "11"]
+    stats = json.loads(_good(folder, "stats", "--json"))
+    assert stats["annotators"][0]["counts"] == {"ocean": 6, "reef": 4}
+    _good(folder, "export", "out.csv")
+    assert (folder / "out.csv").read_text() == BOB
+
+
+def test_annotators_are_kept_apart(folder: Path) -> None:
+    for name in ("ann.csv", "bob.csv"):
+        _good(folder, "import", name, "--workspace", "ws")
+    assert "2 annotators (ann, bob)" in _refused(folder, "export", "o.csv", "--workspace", "ws")
+    assert not (folder / "o.csv").exists()
+    _good(folder, "export", "o.csv", "--annotator", "ann", "--workspace", "ws")
+    assert (folder / "o.csv").read_text() == ANN
+    _good(folder, "export", "all.csv", "--full", "--workspace", "ws")
+    copied = json.loads(_good(folder, "import", "all.csv", "--workspace", "copy", "--json"))
+    assert copied["annotators"] == ["ann", "bob"] and copied["new"] == 20
+    _good(folder, "export", "all2.csv", "--full", "--workspace", "copy")
+    assert (folder / "all2.csv").read_bytes() == (folder / "all.csv").read_bytes()
+
+
+def test_agreement_of_files_and_annotators(folder: Path) -> None:
+    by_file = json.loads(_good(folder, "agreement", "ann.csv", "bob.csv", "--json"))
+    assert by_file["confusion"] == [[6, 1], [0, 3]]
+    assert by_file["kappa"] == pytest.approx((0.9 - 0.54) / (1 - 0.54))
+    assert not (folder / ".tokt").exists()
+    for name in ("ann.csv", "bob.csv"):
+        _good(folder, "import", name)
+    by_name = json.loads(_good(folder, "agreement", "ann", "bob", "--json"))
+    assert {**by_name, "a": "", "b": ""} == {**by_file, "a": "", "b": ""}
+    assert "0.7826" in _good(folder, "agreement", "ann", "bob.csv")
+    assert "which has ann, bob" in _refused(folder, "agreement", "ann", "eve")
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("dive,left,2,0,0,fish", "line 12: unknown class 'fish'"),
+        ("dive,left,2,10,0,ocean", "line 12: row 10 col 0 is outside the grid"),
+        ("dive,left,1,0,3,reef", "is labelled on line 5 already"),
+        ("dive,left,2,0,0", "line 12: 5 fields"),
+    ],
+)
+def test_a_wrong_line_imports_nothing(folder: Path, row: str, message: str) -> None:
+    (folder / "bad.csv").write_text(ANN + row + "\n")
+    assert message in _refused(folder, "import", "bad.csv")
+    assert not (folder / ".tokt").exists()
+
+
+def test_own_classes(folder: Path) -> None:
+    (folder / "cage.csv").write_text(HEADER + "dive,left,1,0,0,cage\n")
+    assert "unknown class 'cage'" in _refused(folder, "import", "cage.csv")
+    (folder / ".tokt").mkdir()
+    table = '[[classes]]\nname = "{}"\nobstacle = {}\ncolor = "#123456"\nkey = "{}"\n'
+    text = "format = 1\n" + table.format("ocean", "false", 1) + table.format("cage", "true", 2)
+    (folder / ".tokt" / "taxonomy.toml").write_text(text)
+    _good(folder, "import", "cage.csv")
+
+
+def test_other_mistakes_are_one_line(folder: Path) -> None:
+    assert "no label store" in _refused(folder, "stats")
+    assert "no label store" in _refused(folder, "export", "out.csv")
+    assert "does not exist" in _refused(folder, "import", "none.csv")
+    assert "end in .csv" in _refused(folder, "import", "labels.xlsx")
+    assert "not a grid" in _refused(folder, "import", "ann.csv", "--grid", "ten")
+    assert "no label store" in _refused(folder, "agreement", "ann", "bob")
+    _good(folder, "import", "ann.csv")
+    assert "missions dive" in _refused(folder, "export", "out.csv", "--mission", "transit")
+    (folder / ".tokt" / "labels.db").write_text("not a database at all" * 50)
+    assert "not a database" in _refused(folder, "stats")

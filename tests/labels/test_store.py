@@ -1,0 +1,364 @@
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.labels.merge import merge_annotators
+from tokt.labels.record import Cell, LabelRecord, utc_now, utc_text
+from tokt.labels.store import LabelStore
+
+TIME = "2016-04-20T10:00:00Z"
+GRID = Grid()
+
+
+def _record(label: str | None, *, annotator: str = "ann", frame: int = 1, col: int = 0, **more):
+    return LabelRecord("dive", "left", frame, GRID, 0, col, label, annotator, TIME, **more)
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    with LabelStore(tmp_path / "labels.db") as opened:
+        yield opened
+
+
+def test_last_word_of_each_annotator_is_in_force(store: LabelStore) -> None:
+    assert store.add([_record("ocean"), _record("reef", annotator="bob")]) == 2
+    assert store.add([_record("sand"), _record("ocean", col=1)]) == 2
+    assert store.current() == [
+        _record("sand"),
+        _record("reef", annotator="bob"),
+        _record("ocean", col=1),
+    ]
+    assert [said.label for said in store.history(_record(None).cell)] == ["ocean", "reef", "sand"]
+
+
+def test_a_clock_set_back_does_not_hide_the_last_word(store: LabelStore) -> None:
+    store.add([_record("ocean")])
+    store.add([replace(_record("reef"), time="1970-01-01T00:00:00Z")])
+    assert [said.label for said in store.current()] == ["reef"]
+
+
+def test_saying_the_same_again_writes_nothing(store: LabelStore) -> None:
+    records = [_record("ocean", col=col) for col in range(10)]
+    assert store.add(records) == 10
+    assert store.add([replace(record, time=utc_now()) for record in records]) == 0
+    counted = store.add_counted([_record("reef"), *records[1:], _record("ocean", frame=2)])
+    assert (counted.new, counted.changed, counted.unchanged) == (1, 1, 9)
+
+
+def test_back_and_forth_in_one_call_keeps_every_step(store: LabelStore) -> None:
+    assert store.add([_record("ocean"), _record("reef"), _record("reef"), _record("ocean")]) == 3
+    assert [said.label for said in store.current()] == ["ocean"]
+
+
+def test_label_taken_back_is_gone_from_the_view_but_not_from_history(store: LabelStore) -> None:
+    assert store.add([_record(None)]) == 0
+    store.add([_record("ocean")])
+    assert store.add([_record(None), _record(None)]) == 1
+    assert store.current() == []
+    assert [said.label for said in store.history(_record(None).cell)] == ["ocean", None]
+    (stats,) = store.stats()
+    assert (stats.frames, stats.patches, stats.events, stats.counts) == (0, 0, 2, {})
+    assert store.add([_record("reef")]) == 1
+    assert [said.label for said in store.current()] == ["reef"]
+
+
+def test_suggestions_never_count_nor_overwrite(store: LabelStore) -> None:
+    def suggestion(label: str, version: str = "lbp/1") -> LabelRecord:
+        return _record(label, source="model", model_version=version)
+
+    store.add([suggestion("reef", "lbp/0"), suggestion("reef")])
+    assert store.current() == [] and store.annotators() == [] and store.stats() == []
+    store.add([_record("ocean")])
+    assert store.add([suggestion("reef")]) == 0
+    assert store.add_counted([suggestion("sand")]).suggestions == 1
+    assert [said.label for said in store.current()] == ["ocean"]
+    confirmed = _record("sand", model_version="lbp/1")
+    store.add([confirmed])
+    assert store.current() == [confirmed]
+    assert len(store.history(confirmed.cell)) == 5
+
+
+def test_filters(store: LabelStore) -> None:
+    coarse = LabelRecord("dive", "right", 3, Grid(5, 5), 4, 4, "reef", "bob", TIME)
+    other = replace(_record("ocean"), mission="transit")
+    store.add([coarse, other, _record("ocean"), _record("sand", frame=2)])
+    assert store.current(grid=Grid(5, 5)) == [coarse]
+    assert store.current("transit") == [other]
+    assert store.current(annotator="bob") == [coarse]
+    assert store.current(camera="left", frame=2) == [_record("sand", frame=2)]
+    assert store.current("dive", "nobody") == []
+    assert store.missions() == ["dive", "transit"]
+    assert store.annotators() == ["ann", "bob"]
+
+
+def test_stats(store: LabelStore) -> None:
+    store.add([_record("ocean", frame=f, col=c) for f in (1, 2) for c in range(3)])
+    store.add([_record("unsure"), _record("reef", annotator="bob")])
+    ann, bob = store.stats()
+    assert (ann.frames, ann.patches, ann.events) == (2, 6, 7)
+    assert ann.counts == {"ocean": 5, "unsure": 1}
+    assert (bob.annotator, bob.counts, bob.events) == ("bob", {"reef": 1}, 1)
+
+
+def test_an_interrupted_add_leaves_nothing(store: LabelStore) -> None:
+    def interrupted():
+        yield _record("ocean")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        store.add(interrupted())
+    assert store.current() == []
+    assert store.add([_record("ocean")]) == 1
+
+
+@pytest.mark.parametrize("statement", ["UPDATE events SET label = 'sand'", "DELETE FROM events"])
+def test_events_cannot_be_changed_or_deleted(store: LabelStore, statement: str) -> None:
+    store.add([_record("ocean")])
+    with (
+        sqlite3.connect(store.path) as other,
+        pytest.raises(sqlite3.IntegrityError, match="never"),
+    ):
+        other.execute(statement)
+    assert store.current() == [_record("ocean")]
+
+
+def test_writes_are_synced_through_a_write_ahead_log(store: LabelStore) -> None:
+    connection = store._connection
+    assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    assert connection.execute("PRAGMA synchronous").fetchone() == (2,)
+
+
+def test_a_format_1_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "labels.db"
+    with sqlite3.connect(path) as old:
+        old.executescript(
+            """
+            CREATE TABLE events (id INTEGER PRIMARY KEY AUTOINCREMENT, mission TEXT NOT NULL,
+                camera TEXT NOT NULL, frame INTEGER NOT NULL, grid TEXT NOT NULL,
+                row INTEGER NOT NULL, col INTEGER NOT NULL, label TEXT, annotator TEXT NOT NULL,
+                time TEXT NOT NULL, source TEXT NOT NULL, model_version TEXT);
+            CREATE VIEW said_last AS SELECT mission, camera, frame, grid, row, col, label,
+                annotator, time, source, model_version, MAX(id) AS id FROM events
+                WHERE source = 'human'
+                GROUP BY mission, camera, frame, grid, row, col, annotator;
+            INSERT INTO events VALUES (1, 'dive', 'left', 1, '10x10@360', 0, 0, 'reef', 'ann',
+                '2016-04-20T10:00:00Z', 'human', NULL);
+            INSERT INTO events VALUES (2, 'dive', 'left', 1, '10x10@360', 0, 0, 'ocean', 'ann',
+                '2016-04-20T10:00:00Z', 'human', 'lbp/3');
+            INSERT INTO events VALUES (3, 'dive', 'left', 1, '10x10@360', 0, 0, 'reef', 'model',
+                '2016-04-20T10:00:00Z', 'model', 'lbp/4');
+            PRAGMA application_id = 1953459060;
+            PRAGMA user_version = 1;
+            """
+        )
+    old.close()
+    with LabelStore(path) as store:
+        assert store.current() == [_record("ocean", model_version="lbp/3")]
+        assert store.add([_record("sand")]) == 1
+
+
+def test_a_newer_format_is_refused_and_left_alone(store: LabelStore) -> None:
+    store._connection.execute("PRAGMA user_version = 2")
+    store.close()
+    with pytest.raises(ToktError, match="format 2, newer"):
+        LabelStore(store.path)
+
+
+def test_other_files_are_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "labels.db"
+    path.write_text("mission,camera\n" * 100)
+    with pytest.raises(ToktError, match="not a database"):
+        LabelStore(path)
+    assert path.read_text() == "mission,camera\n" * 100
+    foreign = tmp_path / "mlflow.db"
+    with sqlite3.connect(foreign) as other:
+        other.execute("CREATE TABLE runs (id)")
+    other.close()
+    before = foreign.read_bytes()
+    with pytest.raises(ToktError, match="another kind of database"):
+        LabelStore(foreign)
+    assert foreign.read_bytes() == before
+    (tmp_path / "file").touch()
+    with pytest.raises(ToktError, match="label store"):
+        LabelStore(tmp_path / "file" / "labels.db")
+
+
+def test_reading_where_there_is_no_store_makes_none(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match="no label store"):
+        LabelStore(tmp_path / "a" / "labels.db", create=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_threads_share_a_store(store: LabelStore) -> None:
+    def label(who: int) -> None:
+        for frame in range(20):
+            store.add([_record("ocean", annotator=f"ann{who}", frame=frame)])
+            store.current(frame=frame)
+
+    threads = [threading.Thread(target=label, args=(who,)) for who in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [entry.patches for entry in store.stats()] == [20] * 4
+
+
+IMPORT_LOOP = """
+import sys
+from tokt.cli.labels import labels_app
+file, workspace, name, count = sys.argv[1:]
+for n in range(int(count)):
+    options = ["--annotator", f"{name}{n}", "--workspace", workspace]
+    labels_app(["import", file, *options], standalone_mode=False)
+    print("acknowledged", f"{name}{n}", flush=True)
+"""
+ROWS = 300
+
+
+@pytest.fixture
+def label_file(tmp_path: Path) -> Path:
+    rows = [f"dive,left,{n // 100},{n // 10 % 10},{n % 10},ocean\n" for n in range(ROWS)]
+    path = tmp_path / "some.csv"
+    path.write_text("mission,camera,frame,row,col,label\n" + "".join(rows))
+    return path
+
+
+def _import_loop(file: Path, workspace: Path, name: str, count: int) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", IMPORT_LOOP, str(file), str(workspace), name, str(count)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
+def test_sigkill_at_any_moment_loses_no_acknowledged_import(
+    tmp_path: Path, label_file: Path
+) -> None:
+    chance = random.Random(42)
+    acknowledged: set[str] = set()
+    for trial in range(6):
+        child = _import_loop(label_file, tmp_path, f"t{trial}n", 10_000)
+        assert child.stdout is not None
+        lines = [child.stdout.readline()]
+        time.sleep(chance.uniform(0, 0.15))
+        child.send_signal(signal.SIGKILL)
+        lines += child.stdout.readlines()
+        child.wait()
+        child.stdout.close()
+        acknowledged |= {
+            line.split()[1]
+            for line in lines
+            if line.startswith("acknowledged") and line.endswith("\n")
+        }
+        with LabelStore(tmp_path / "labels.db") as store:
+            assert store._connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+            counts = Counter(record.annotator for record in store.current())
+        assert set(counts.values()) <= {ROWS}
+        assert acknowledged <= set(counts)
+    assert len(acknowledged) > 6
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
+def test_sigkill_while_the_store_is_made(tmp_path: Path, label_file: Path) -> None:
+    path = tmp_path / "labels.db"
+    for _ in range(5):
+        for leftover in tmp_path.glob("labels.db*"):
+            leftover.unlink()
+        child = _import_loop(label_file, tmp_path, "n", 1)
+        while not path.exists() and child.poll() is None:
+            time.sleep(0.0005)
+        child.send_signal(signal.SIGKILL)
+        child.communicate()
+        with LabelStore(path) as store:
+            assert len(store.current()) in (0, ROWS)
+            assert store.add([_record("reef", annotator="after")]) == 1
+
+
+def test_processes_import_at_once_into_a_store_neither_has_made(
+    tmp_path: Path, label_file: Path
+) -> None:
+    children = [_import_loop(label_file, tmp_path / "ws", name, 8) for name in "abc"]
+    for child in children:
+        output, _ = child.communicate(timeout=120)
+        assert child.returncode == 0
+        assert output.count("acknowledged") == 8
+    with LabelStore(tmp_path / "ws" / "labels.db") as store:
+        counts = Counter(record.annotator for record in store.current())
+    assert counts == {f"{name}{n}": ROWS for name in "abc" for n in range(8)}
+
+
+def test_reader_does_not_wait_for_a_writer(store: LabelStore) -> None:
+    store.add([_record("ocean")])
+    with sqlite3.connect(store.path, isolation_level=None) as writer:
+        writer.execute("BEGIN IMMEDIATE")
+        begin = time.monotonic()
+        with LabelStore(store.path, create=False) as reader:
+            assert len(reader.current()) == 1
+        assert time.monotonic() - begin < 5
+        writer.execute("ROLLBACK")
+
+
+def test_merge_of_one_annotator_changes_nothing() -> None:
+    records = [_record("ocean"), _record("unsure", col=1)]
+    assert merge_annotators(records).records == records
+
+
+def test_merge_of_several_annotators() -> None:
+    ann = [_record(label, col=n) for n, label in enumerate(["ocean", "ocean", "ocean", "unsure"])]
+    late = "2016-04-21T10:00:00Z"
+    bob = [
+        replace(_record(label, col=n, annotator="bob"), time=late)
+        for n, label in enumerate(["ocean", "reef", "unsure", "unsure"])
+    ]
+    eve = replace(_record("sand", col=9), annotator="eve")
+    merged = merge_annotators([eve, *bob, *ann])
+    assert [said.label for said in merged.records] == [
+        "ocean",
+        "unsure",
+        "ocean",
+        "unsure",
+        "sand",
+    ]
+    assert merged.conflicts == [Cell("dive", "left", 1, GRID, 0, 1)]
+    assert merged.records[0].annotator == "ann+bob"
+    assert merged.records[0].time == late
+    assert merged.records[4] == eve
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"row": 10}, "outside the grid 10x10@360"),
+        ({"col": -1}, "outside the grid"),
+        ({"frame": -1}, "not a frame number"),
+        ({"frame": 2**31}, "not a frame number"),
+        ({"camera": "Left"}, "camera 'Left'"),
+        ({"annotator": ""}, "annotator ''"),
+        ({"mission": "a\nb"}, "mission"),
+        ({"source": "robot"}, "source 'robot'"),
+        ({"source": "model"}, "model version"),
+        ({"time": "yesterday"}, "time 'yesterday'"),
+        ({"time": "2016-04-20T10:00:00"}, "zone"),
+        ({"time": "2016-04-20T12:00:00+02:00"}, "2016-04-20T10:00:00Z"),
+    ],
+)
+def test_records_that_cannot_be(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ToktError, match=message):
+        replace(_record("ocean"), **changes)
+
+
+def test_utc_text_keeps_the_moment() -> None:
+    assert utc_text("2016-04-20T12:00:00.25+02:00") == "2016-04-20T10:00:00.250000Z"
+    now = utc_now()
+    assert utc_text(now) == now

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.labels.taxonomy import UNSURE, Taxonomy, load_taxonomy
+
+OCEAN = '[[classes]]\nname = "ocean"\nobstacle = false\ncolor = "#0000ff"\nkey = "1"\n'
+WRECK = '[[classes]]\nname = "wreck"\nobstacle = true\ncolor = "#ff0000"\nkey = "2"\n'
+
+
+def _write(folder: Path, text: str) -> Path:
+    path = folder / "taxonomy.toml"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def test_packaged_taxonomy_has_the_five_classes() -> None:
+    taxonomy = Taxonomy.load()
+    assert taxonomy.names == ("ocean", "other", "sand", "reef", "subsea_installation")
+    assert [name for name in taxonomy.names if not taxonomy.is_obstacle(name)] == ["ocean"]
+    assert len({known.color for known in taxonomy.classes}) == 5
+
+
+def test_json_round_trip() -> None:
+    taxonomy = Taxonomy.load()
+    assert Taxonomy.from_json(taxonomy.to_json()) == taxonomy
+
+
+def test_unsure_is_a_label_but_never_a_class() -> None:
+    taxonomy = Taxonomy.load()
+    taxonomy.check_label(UNSURE)
+    assert UNSURE not in taxonomy.names
+    with pytest.raises(ToktError, match="unknown class 'unsure'"):
+        taxonomy.is_obstacle(UNSURE)
+
+
+def test_unknown_class_names_the_known_ones() -> None:
+    with pytest.raises(ToktError, match="unknown class 'Ocean'; known: ocean, other, sand"):
+        Taxonomy.load().check_label("Ocean")
+
+
+def test_workspace_file_adds_a_class_and_a_given_file_wins(tmp_path: Path) -> None:
+    own = _write(tmp_path, f"format = 1\n{OCEAN}{WRECK}")
+    assert load_taxonomy(tmp_path).is_obstacle("wreck")
+    assert load_taxonomy(tmp_path / "elsewhere") == Taxonomy.load()
+    other = tmp_path / "other"
+    other.mkdir()
+    given = _write(other, own.read_text().replace("wreck", "cage"))
+    assert load_taxonomy(tmp_path, given).names == ("ocean", "cage")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("format = 1", "no .*classes"),
+        (OCEAN, "format = 1"),
+        (f"format = 2\n{OCEAN}{WRECK}", "format 2 is newer"),
+        (f"format = true\n{OCEAN}{WRECK}", "format = 1"),
+        (f"format = 1\ncolour = 2\n{OCEAN}{WRECK}", "unknown field 'colour'"),
+        (f"format = 1\nclasses = [3]\n{OCEAN[:0]}", "class 1 is not a table"),
+        (f"format = 1\n{OCEAN}", "obstacle = true"),
+        (f"format = 1\n{OCEAN}{WRECK}{WRECK}", "two classes are named 'wreck'"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('2', '1')}", "two classes have the key '1'"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('#ff0000', 'red')}", "'wreck': color 'red'"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('wreck', 'unsure')}", "'unsure' cannot be"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('wreck', 'a wreck')}", "a name is"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('wreck', '')}", "a name is"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('true', '1')}", "obstacle must be true or false"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('obstacle', 'obstacles')}", "has no obstacle"),
+        (f"format = 1\n{OCEAN}{WRECK}colour = 1", "unknown field 'colour'"),
+        (f"format = 1\n{OCEAN}{WRECK.replace(chr(34) + '2', chr(34) + '22')}", "one character"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('2', 'u')}", "kept for 'unsure'"),
+        ("format = [", "Invalid value"),
+    ],
+)
+def test_mistakes_are_one_line_with_the_file(tmp_path: Path, text: str, message: str) -> None:
+    path = _write(tmp_path, text)
+    with pytest.raises(ToktError, match=message) as caught:
+        Taxonomy.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_or_binary_file_is_a_user_error(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match="No such file"):
+        Taxonomy.load(tmp_path / "none.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ToktError, match="not UTF-8"):
+        Taxonomy.load(tmp_path / "binary.toml")

@@ -1,0 +1,127 @@
+"""``tokt dataset``: build, list and show dataset versions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..features.errors import ToktError
+from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from .output import print_json, progress, say
+
+if TYPE_CHECKING:
+    from ..features.grid import Grid
+    from ..labels.record import LabelRecord
+    from ..labels.taxonomy import Taxonomy
+
+dataset_app = typer.Typer(help="Immutable, content-hashed dataset versions.", no_args_is_help=False)
+
+
+def labels_for(
+    labels: list[Path], workspace: Path, taxonomy: Taxonomy, grid: Grid
+) -> list[LabelRecord]:
+    """The records of the label files given, or else all of the workspace's label store."""
+    from ..labels.store import LabelStore
+    from ..training.mission_source import read_labels
+
+    if labels:
+        return read_labels(labels, taxonomy, grid)
+    with LabelStore(workspace / "labels.db", create=False) as store:
+        return store.current(grid=grid)
+
+
+@dataset_app.command("build")
+def build(
+    name: Annotated[str, typer.Argument(help="The dataset's name.")],
+    mission: Annotated[
+        list[Path] | None, typer.Option("--mission", help="Mission folder or video; repeatable.")
+    ] = None,
+    labels: Annotated[
+        list[Path] | None,
+        typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
+    ] = None,
+    patches: Annotated[
+        Path | None, typer.Option("--patches", help="Folder with one sub-folder of images a class.")
+    ] = None,
+    task: Annotated[str, typer.Option(help="binary (obstacle or clear) or classes.")] = "binary",
+    frames: Annotated[
+        str | None, typer.Option(help="Only these frame numbers, as 1-99,132-246.")
+    ] = None,
+    grid: Annotated[str, typer.Option(help="The grid of the labels.")] = "10x10@360",
+    block: Annotated[
+        int, typer.Option(help="Frames a group; groups are never split between folds.", min=1)
+    ] = 20,
+    taxonomy: TaxonomyOption = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Snapshot labelled patches of missions, or a folder of patches, as a dataset version."""
+    from ..features.grid import Grid
+    from ..features.mission import parse_frames
+    from ..labels.taxonomy import load_taxonomy
+    from ..training.dataset import build_dataset
+    from ..training.mission_source import plan_from_missions, plan_from_patch_folder
+
+    if bool(mission) == bool(patches):
+        raise ToktError("give either --mission DIR or --patches DIR")
+    classes = load_taxonomy(workspace, taxonomy)
+    remarks: list[str] = []
+    if patches:
+        if labels or frames:
+            raise ToktError(
+                "--patches has its labels in its folder names; --labels and --frames "
+                "go with --mission"
+            )
+        plan = plan_from_patch_folder(name, task, patches, classes)
+    else:
+        cells = Grid.parse(grid)
+        wanted = parse_frames(frames) if frames else None
+        records = labels_for(labels or [], workspace, classes, cells)
+        plan, remarks = plan_from_missions(
+            name, task, mission or [], records, classes, cells, wanted, block
+        )
+    for remark in remarks:
+        say(f"note: {remark}")
+    dataset = build_dataset(plan, workspace / "datasets", progress)
+    _show(dataset.label, dataset.info, json)
+
+
+@dataset_app.command("list")
+def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False) -> None:
+    """List every dataset version of the workspace."""
+    from ..training.dataset import list_datasets
+
+    found = list_datasets(workspace / "datasets")
+    if json:
+        print_json({"datasets": [{"label": item.label, **item.info} for item in found]})
+        return
+    for item in found:
+        info = item.info
+        print(f"{item.label}  {item.task}  {info['patches']} patches in {info['frames']} frames")
+
+
+@dataset_app.command("show")
+def show(
+    dataset: Annotated[str, typer.Argument(help="NAME or NAME@HASH.")],
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Show what a dataset version holds."""
+    from ..training.dataset import open_dataset
+
+    found = open_dataset(dataset, workspace / "datasets")
+    _show(found.label, found.info, json)
+
+
+def _show(label: str, info: dict[str, Any], json: bool) -> None:
+    if json:
+        print_json({"label": label, **info})
+        return
+    counts = ", ".join(f"{name} {count}" for name, count in info["labels"].items())
+    grouped = f"{info['groups']} groups" if info["block_frames"] else "UNGROUPED"
+    print(f"{label}: {info['patches']} patches ({counts}) in {info['frames']} frames, {grouped}")
+    print(f"  task {info['task']}, {info['unsure_left_out']} unsure patches left out")
+    for source in info["sources"]:
+        print(f"  from {source}")

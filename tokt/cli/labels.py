@@ -1,0 +1,242 @@
+"""`tokt labels`: label files into the workspace's store and out of it, counts, agreement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..features.errors import ToktError
+from .output import print_json, progress, say
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ..labels.agreement import Agreement, ClassAgreement
+    from ..labels.record import LabelRecord
+    from ..labels.store import LabelStore
+    from ..labels.taxonomy import Taxonomy
+
+labels_app = typer.Typer(
+    help="Label files in and out, counts, and how well annotators agree.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+LabelFile = Annotated[Path, typer.Argument(metavar="FILE", help="Label file (.csv).")]
+Workspace = Annotated[Path, typer.Option(metavar="DIR", help="Folder where tokt keeps its state.")]
+TaxonomyFile = Annotated[
+    Path | None,
+    typer.Option("--taxonomy", metavar="FILE", help="Classes; default: the workspace's, or five."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+DEFAULT_WORKSPACE = Path(".tokt")
+_LONG = 100_000  # labels whose import takes more than a second
+
+
+@labels_app.command("import")
+def import_labels(
+    file: LabelFile,
+    annotator: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Who labelled; default: the file's own name."),
+    ] = None,
+    grid: Annotated[
+        str, typer.Option(metavar="ROWSxCOLS@WIDTH", help="Grid the rows and columns count in.")
+    ] = "10x10@360",
+    taxonomy: TaxonomyFile = None,
+    workspace: Workspace = DEFAULT_WORKSPACE,
+    json: Json = False,
+) -> None:
+    """Add a label file to the workspace: all of it, or nothing when a line is wrong."""
+    from ..features.grid import Grid
+    from ..labels.label_csv import read_label_csv
+    from ..labels.taxonomy import load_taxonomy
+
+    _check_suffix(file)
+    classes = load_taxonomy(workspace, taxonomy)
+    records = read_label_csv(file, classes, annotator=annotator, grid=Grid.parse(grid))
+    n = len(records)
+    with _open_store(workspace, create=True) as store:
+        added = store.add_counted(progress(records, n, "import") if n > _LONG else records)
+    annotators = sorted({record.annotator for record in records})
+    if json:
+        print_json(
+            {
+                "file": str(file),
+                "store": str(store.path),
+                "annotators": annotators,
+                "labels": n,
+                "new": added.new,
+                "changed": added.changed,
+                "unchanged": added.unchanged,
+                "suggestions": added.suggestions,
+            }
+        )
+        return
+    suggested = f", {added.suggestions} suggestions" if added.suggestions else ""
+    typer.echo(
+        f"{file}: {n} labels by {', '.join(annotators)}: {added.new} new,"
+        f" {added.changed} changed, {added.unchanged} known already{suggested}"
+    )
+
+
+@labels_app.command("export")
+def export_labels(
+    file: LabelFile,
+    mission: Annotated[str | None, typer.Option(metavar="NAME", help="This mission only.")] = None,
+    annotator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="This annotator only.")
+    ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Add annotator, time, grid, source, model_version.")
+    ] = False,
+    workspace: Workspace = DEFAULT_WORKSPACE,
+) -> None:
+    """Write the labels in force to a file, sorted by patch."""
+    from ..labels.label_csv import write_label_csv
+
+    _check_suffix(file)
+    with _open_store(workspace) as store:
+        records = store.current(mission, annotator)
+        if not records:
+            raise ToktError(
+                f"no such labels in {store.path}; it has missions {_names(store.missions())}"
+                f" and annotators {_names(store.annotators())}"
+            )
+    count = write_label_csv(file, records, full=full)
+    say(f"{file}: {count} labels")
+
+
+@labels_app.command("stats")
+def show_stats(workspace: Workspace = DEFAULT_WORKSPACE, json: Json = False) -> None:
+    """Count frames, patches and classes by mission and annotator."""
+    from ..labels.taxonomy import UNSURE, load_taxonomy
+
+    with _open_store(workspace) as store:
+        stats = store.stats()
+    if json:
+        from dataclasses import asdict
+
+        print_json({"store": str(store.path), "annotators": [asdict(entry) for entry in stats]})
+        return
+    known = (*load_taxonomy(workspace).names, UNSURE)
+    used = {label for entry in stats for label in entry.counts}
+    labels = [name for name in known if name in used] + sorted(used - set(known))
+    table = _table(("mission", "annotator"), ("frames", "patches", *labels, "events"))
+    for entry in stats:
+        counts = [entry.counts.get(label, 0) for label in labels]
+        numbers = [entry.frames, entry.patches, *counts, entry.events]
+        table.add_row(entry.mission, entry.annotator, *map(str, numbers))
+    _print_table(table)
+
+
+@labels_app.command("agreement")
+def show_agreement(
+    a: Annotated[str, typer.Argument(metavar="A", help="Label file, or annotator in the store.")],
+    b: Annotated[str, typer.Argument(metavar="B", help="The one to hold against A.")],
+    taxonomy: TaxonomyFile = None,
+    workspace: Workspace = DEFAULT_WORKSPACE,
+    json: Json = False,
+) -> None:
+    """Compare two annotators: Cohen's kappa, agreement by class, confusion."""
+    from ..labels.agreement import agreement
+    from ..labels.taxonomy import load_taxonomy
+
+    classes = load_taxonomy(workspace, taxonomy)
+    found = agreement(_said_by(a, workspace, classes), _said_by(b, workspace, classes), classes)
+    if json:
+        print_json({"a": a, "b": b, **found.to_json()})
+    else:
+        _print_agreement(a, b, found)
+
+
+def _check_suffix(file: Path) -> None:
+    if file.suffix.lower() != ".csv":
+        raise ToktError(f"{file}: label files end in .csv (the one format tokt reads and writes)")
+
+
+def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
+    from ..labels.store import FILE_NAME, LabelStore
+
+    return LabelStore(workspace / FILE_NAME, create=create)
+
+
+def _names(names: Iterable[str]) -> str:
+    return ", ".join(names) or "(none)"
+
+
+def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]:
+    """Labels of a file, where there is one of that name, or of an annotator in the store."""
+    if Path(who).is_file():
+        from ..labels.label_csv import read_label_csv
+
+        _check_suffix(Path(who))
+        return read_label_csv(Path(who), taxonomy)
+    from ..labels.store import FILE_NAME
+
+    if not (workspace / FILE_NAME).is_file():
+        raise ToktError(f"{who} is not a file, and {workspace} has no label store")
+    with _open_store(workspace) as store:
+        records = store.current(annotator=who)
+        if not records:
+            raise ToktError(
+                f"{who} is neither a file nor an annotator in {store.path}, which has"
+                f" {_names(store.annotators())}"
+            )
+    return records
+
+
+def _print_agreement(a: str, b: str, found: Agreement) -> None:
+    typer.echo(f"A: {a} ({found.n_a} patches)\nB: {b} ({found.n_b} patches)\n")
+    summary = _table(("",), ("patches", "kappa", "equal"))
+    sure, every = str(found.n_both_sure), str(found.n_both)
+    summary.add_row("both sure", sure, _number(found.kappa), _number(found.agreement))
+    summary.add_row(
+        "both, unsure as a class",
+        every,
+        _number(found.kappa_with_unsure),
+        _number(found.agreement_with_unsure),
+    )
+    _print_table(summary)
+    typer.echo()
+    classes = _table(("class",), ("in A", "in B", "in both", "precision", "recall", "F1"))
+    for name, entry in found.per_class.items():
+        classes.add_row(name, *_class_cells(entry))
+    classes.add_row("obstacle (A sure; B's unsure is none)", *_class_cells(found.obstacle))
+    _print_table(classes)
+    typer.echo()
+    confusion = _table(("A \\ B",), found.labels)
+    for name, counts in zip(found.labels, found.confusion, strict=True):
+        confusion.add_row(name, *map(str, counts))
+    _print_table(confusion)
+
+
+def _class_cells(entry: ClassAgreement) -> list[str]:
+    shares = (entry.precision, entry.recall, entry.f1)
+    return [str(entry.n_a), str(entry.n_b), str(entry.n_both), *map(_number, shares)]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def _table(texts: Iterable[str], numbers: Iterable[str]) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for name in texts:
+        table.add_column(name, no_wrap=True)
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def _print_table(table: Table) -> None:
+    from rich.console import Console
+
+    # Names are printed as they are, and no number is cut to the width of a terminal.
+    Console(markup=False, emoji=False, highlight=False, width=1000).print(table)

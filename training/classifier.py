@@ -1,0 +1,74 @@
+"""The classifier of a model: an optional scaler and a LinearSVC, as scikit-learn has them."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import LinearSVC
+
+from ..models.linear import LinearModel
+from .presets import TrainingSettings
+
+
+def fit_classifier(
+    features: NDArray[np.float64],
+    targets: NDArray[np.int64],
+    penalty: float,
+    settings: TrainingSettings,
+) -> Pipeline:
+    """Fit scaler and LinearSVC; deterministic for the same input.
+
+    Scaled features are solved in the primal, which converges to the same weights whatever the
+    seed. The thesis's unscaled ones are solved in the dual with its seed, as scikit-learn did in
+    2016, and need not converge; `converged` says whether they did.
+
+    Parameters
+    ----------
+    features : array of float64, shape (n, dim)
+    targets : array of int, shape (n,)
+    penalty : float
+        LinearSVC's C.
+    settings : TrainingSettings
+    """
+    svc = LinearSVC(C=penalty, random_state=settings.seed, dual=not settings.scale, max_iter=5000)
+    steps = [("scaler", StandardScaler())] if settings.scale else []
+    pipeline = Pipeline([*steps, ("svc", svc)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        pipeline.fit(np.asarray(features), targets)
+    return pipeline
+
+
+def converged(pipeline: Pipeline) -> bool:
+    """Whether the solver stopped before its iteration limit."""
+    svc = pipeline.named_steps["svc"]
+    return bool(np.max(svc.n_iter_) < svc.max_iter)
+
+
+def decision_values(pipeline: Pipeline, features: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The pipeline's decision function as (n, n_outputs)."""
+    values = np.asarray(pipeline.decision_function(np.asarray(features)), np.float64)
+    return values.reshape(len(features), -1)
+
+
+def linear_model(
+    pipeline: Pipeline, classes: tuple[str, ...], obstacle: tuple[bool, ...]
+) -> LinearModel:
+    """The same model with the scaler folded in and thresholds of 0."""
+    svc = pipeline.named_steps["svc"]
+    scaler = pipeline.named_steps.get("scaler")
+    dim = svc.coef_.shape[1]
+    return LinearModel.fold(
+        svc.coef_,
+        svc.intercept_,
+        np.zeros(dim) if scaler is None else scaler.mean_,
+        np.ones(dim) if scaler is None else scaler.scale_,
+        np.zeros(len(svc.coef_)),
+        classes,
+        obstacle,
+    )

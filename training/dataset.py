@@ -1,0 +1,325 @@
+"""Dataset versions: immutable snapshots of patches, labels, taxonomy and grid, named by content.
+
+On disk, below the workspace::
+
+    datasets/NAME/HASH/dataset.json     format, task, grid, taxonomy, counts, sources
+    datasets/NAME/HASH/patches.parquet  one row a labelled patch
+    datasets/NAME/HASH/frames.parquet   one row a frame: mission, camera, number, group, pixel hash
+    datasets/NAME/HASH/frames/          the frames' own files, named by pixel hash
+    datasets/NAME/latest                the hash that NAME alone means
+
+The hash is SHA-256 over everything that can change what a model learns: task, grid, taxonomy,
+every patch's label and group, every frame's pixels. It does not cover the dataset's name, nor
+how a frame's file is compressed. `unsure` patches are counted, never stored.
+
+To change the format: raise FORMAT_VERSION, keep reading the old one, prove it with a test.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ..features import atomic
+from ..features.canonical import canonical_json
+from ..features.errors import ToktError
+from ..features.grid import Grid
+from ..features.image_file import decode_image, pixel_sha256
+from ..labels.taxonomy import Taxonomy
+
+FORMAT_VERSION = 1
+TASKS = ("binary", "classes")
+CLEAR, OBSTACLE = "clear", "obstacle"
+_HASH_CHARS = 16
+_FRAME_KEY = ["mission", "camera", "frame"]
+_PATCH_COLUMNS = [*_FRAME_KEY, "row", "col", "label", "group"]
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """One frame to take into a dataset.
+
+    Parameters
+    ----------
+    mission, camera, frame
+        Its name.
+    group : str
+        Frames of one group are never split between training and test.
+    load : callable
+        Gives the frame's encoded file and suffix; called once.
+    """
+
+    mission: str
+    camera: str
+    frame: int
+    group: str
+    load: Callable[[], tuple[bytes, str]]
+
+
+@dataclass(frozen=True)
+class DatasetPlan:
+    """What a dataset is to be built from.
+
+    Parameters
+    ----------
+    name : str
+        The dataset's name.
+    task : {"binary", "classes"}
+    grid : Grid
+    taxonomy : Taxonomy
+    frames : sequence of FrameSource
+    patches : DataFrame
+        Columns mission, camera, frame, row, col, label; no `unsure` in it.
+    unsure : int
+        How many patches were left out as `unsure`.
+    block_frames : int or None
+        Consecutive frames a group; None where nothing says which patches belong together (a
+        folder of patches): figures from such a dataset are marked ungrouped.
+    sources : list of str
+        For people: what was read. Not part of the hash.
+    """
+
+    name: str
+    task: str
+    grid: Grid
+    taxonomy: Taxonomy
+    frames: Sequence[FrameSource]
+    patches: pd.DataFrame
+    unsure: int
+    block_frames: int | None
+    sources: list[str]
+
+
+class DatasetVersion:
+    """A dataset on disk. Opening one reads its tables; frames are read when asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self.info: dict[str, Any] = json.loads((path / "dataset.json").read_text("utf-8"))
+            version = int(self.info["format_version"])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise ToktError(f"dataset {path} is damaged or not a dataset") from None
+        if version > FORMAT_VERSION:
+            raise ToktError(f"dataset {path} was written by a newer tokt (format {version})")
+        self.name = str(self.info["name"])
+        self.hash = str(self.info["hash"])
+        self.task = str(self.info["task"])
+        self.block_frames: int | None = self.info["block_frames"]
+        self.grid = Grid.from_json(self.info["grid"])
+        self.taxonomy = Taxonomy.from_json(self.info["taxonomy"])
+
+    @property
+    def label(self) -> str:
+        """``name@hash``."""
+        return f"{self.name}@{self.hash[:_HASH_CHARS]}"
+
+    @cached_property
+    def frames(self) -> pd.DataFrame:
+        """One row a frame: mission, camera, frame, group, digest, file, height, width."""
+        return self._table("frames.parquet")
+
+    @cached_property
+    def patches(self) -> pd.DataFrame:
+        """One row a labelled patch, sorted: mission, camera, frame, row, col, label, group."""
+        return self._table("patches.parquet")
+
+    def _table(self, name: str) -> pd.DataFrame:
+        try:
+            return pd.read_parquet(self.path / name)
+        except (OSError, ValueError):
+            raise ToktError(f"dataset {self.label}: {name} is missing or damaged") from None
+
+    def read_frame(self, index: int) -> NDArray[np.uint8]:
+        """The frame in row `index` of `frames`, checked against its pixel hash.
+
+        Raises
+        ------
+        ToktError
+            If the stored frame is not the one the dataset was built from.
+        """
+        row = self.frames.iloc[index]
+        path = self.path / "frames" / row.file
+        try:
+            image = decode_image(path.read_bytes(), str(path))
+        except OSError as error:
+            raise ToktError(f"dataset {self.label}: {path.name}: {error.strerror}") from None
+        if pixel_sha256(image) != row.digest:
+            raise ToktError(f"dataset {self.label}: frame {row.mission}/{row.frame} has changed")
+        return image
+
+    def classes(self) -> tuple[str, ...]:
+        """What a model of this dataset tells apart, in the model's order."""
+        if self.task == "binary":
+            return CLEAR, OBSTACLE
+        present = set(self.patches.label)
+        names = [name for name in self.taxonomy.names if name in present]
+        if len(names) == 2:
+            names.sort(key=self.taxonomy.is_obstacle)
+        return tuple(names)
+
+    def targets(self) -> NDArray[np.int64]:
+        """Index into `classes` for each patch."""
+        labels = self.patches.label
+        if self.task == "binary":
+            flags = {name: self.taxonomy.is_obstacle(name) for name in labels.unique()}
+            return labels.map(flags).to_numpy(np.int64)
+        order = {name: index for index, name in enumerate(self.classes())}
+        return labels.map(order).to_numpy(np.int64)
+
+    def obstacle_flags(self) -> tuple[bool, ...]:
+        """For each of `classes` whether it is an obstacle."""
+        if self.task == "binary":
+            return False, True
+        return tuple(self.taxonomy.is_obstacle(name) for name in self.classes())
+
+
+def _check_classes(plan: DatasetPlan) -> None:
+    labels = sorted(plan.patches.label.unique())
+    if not labels:
+        raise ToktError(f"dataset {plan.name}: no labelled patch to learn from")
+    if plan.task == "classes" and len(labels) < 2:
+        raise ToktError(f"dataset {plan.name} has one class only ({labels[0]})")
+    sides = {plan.taxonomy.is_obstacle(label) for label in labels}
+    if plan.task == "binary" and len(sides) < 2:
+        side = OBSTACLE if sides.pop() else CLEAR
+        raise ToktError(
+            f"dataset {plan.name} has one class only: every patch is {side} ({', '.join(labels)})"
+        )
+
+
+def _content_hash(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> str:
+    header = {
+        "format_version": FORMAT_VERSION,
+        "task": plan.task,
+        "grid": plan.grid.to_json(),
+        "taxonomy": plan.taxonomy.to_json(),
+        "block_frames": plan.block_frames,
+    }
+    digest = hashlib.sha256(canonical_json(header).encode())
+    for table in (patches, frames[[*_FRAME_KEY, "group", "digest"]]):
+        digest.update(table.to_csv(index=False, lineterminator="\n").encode())
+    return digest.hexdigest()
+
+
+def _store_frames(
+    folder: Path, sources: Iterable[FrameSource], grid: Grid, label: str
+) -> pd.DataFrame:
+    """Copy the frames' files into `folder`, named by pixel hash, and list them."""
+    folder.mkdir()
+    rows = []
+    for source in sources:
+        data, suffix = source.load()
+        name = f"{source.mission}, {source.camera} frame {source.frame}"
+        image = decode_image(data, name)
+        try:
+            grid.patch_size(*grid.resized(*image.shape[:2]))
+        except ToktError as error:
+            raise ToktError(f"dataset {label}: {name}: {error}") from None
+        digest = pixel_sha256(image)
+        file = f"{digest}{suffix}"
+        (folder / file).write_bytes(data)
+        key = (source.mission, source.camera, source.frame)
+        rows.append((*key, source.group, digest, file, *image.shape[:2]))
+    columns = [*_FRAME_KEY, "group", "digest", "file", "height", "width"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> dict[str, Any]:
+    return {
+        "format_version": FORMAT_VERSION,
+        "name": plan.name,
+        "task": plan.task,
+        "grid": plan.grid.to_json(),
+        "taxonomy": plan.taxonomy.to_json(),
+        "block_frames": plan.block_frames,
+        "patches": len(patches),
+        "frames": len(frames),
+        "groups": int(patches.group.nunique()),
+        "labels": {str(k): int(v) for k, v in sorted(patches.label.value_counts().items())},
+        "unsure_left_out": plan.unsure,
+        "sources": plan.sources,
+    }
+
+
+def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -> DatasetVersion:
+    """Write a dataset version; the same content is written once.
+
+    Parameters
+    ----------
+    plan : DatasetPlan
+    root : Path
+        The workspace's ``datasets`` folder.
+    progress : callable
+        ``progress(items, total, what)`` passes the items through, showing how far it is.
+
+    Raises
+    ------
+    ToktError
+        If there is one class only, a frame cannot be read, or a name cannot be used.
+    """
+    if plan.task not in TASKS:
+        raise ToktError(f"task is one of {', '.join(TASKS)}, not {plan.task!r}")
+    if (
+        not plan.name
+        or not all(c.isalnum() or c in "-_." for c in plan.name)
+        or plan.name[0] in "."
+    ):
+        raise ToktError(f"dataset name {plan.name!r}: use letters, digits, '-', '_' and '.'")
+    _check_classes(plan)
+    home = root / plan.name
+    home.mkdir(parents=True, exist_ok=True)
+    staging = home / "building"
+    with atomic.scratch_folder(staging) as folder:
+        sources = progress(plan.frames, len(plan.frames), "reading frames")
+        frames = _store_frames(folder / "frames", sources, plan.grid, plan.name)
+        frames = frames.sort_values(_FRAME_KEY, ignore_index=True)
+        patches = plan.patches.merge(frames[[*_FRAME_KEY, "group"]], on=_FRAME_KEY, how="left")
+        patches = patches[_PATCH_COLUMNS].sort_values(_PATCH_COLUMNS, ignore_index=True)
+        content = _content_hash(plan, patches, frames)
+        target = home / content[:_HASH_CHARS]
+        if not target.exists():
+            patches.to_parquet(folder / "patches.parquet", index=False)
+            frames.to_parquet(folder / "frames.parquet", index=False)
+            info = {**_summary(plan, patches, frames), "hash": content}
+            (folder / "dataset.json").write_text(json.dumps(info, indent=2) + "\n", "utf-8")
+            atomic.publish_folder(folder, target)
+    atomic.write_text(home / "latest", target.name + "\n")
+    return DatasetVersion(target)
+
+
+def list_datasets(root: Path) -> list[DatasetVersion]:
+    """Every dataset version below `root`, by name."""
+    return [DatasetVersion(path.parent) for path in sorted(root.glob("*/*/dataset.json"))]
+
+
+def open_dataset(reference: str, root: Path) -> DatasetVersion:
+    """The dataset behind ``NAME`` (its latest version) or ``NAME@HASH`` (a prefix will do).
+
+    Raises
+    ------
+    ToktError
+        If there is none, or the prefix fits several.
+    """
+    name, _, prefix = reference.partition("@")
+    home = root / name
+    if not prefix:
+        pointer = home / "latest"
+        if not pointer.is_file():
+            known = ", ".join(sorted({path.name for path in root.glob("*/")})) or "none yet"
+            raise ToktError(f"no dataset {name!r} (there are: {known})")
+        return DatasetVersion(home / pointer.read_text("utf-8").strip())
+    found = [path.parent for path in home.glob("*/dataset.json")]
+    fitting = [path for path in found if path.name.startswith(prefix[:_HASH_CHARS])]
+    if len(fitting) != 1:
+        raise ToktError(f"{len(fitting)} versions of dataset {name!r} start with {prefix!r}")
+    return DatasetVersion(fitting[0])

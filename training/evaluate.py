@@ -1,0 +1,193 @@
+"""Score a model on a mission and its labels: patches, frames, and when it first warns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import ToktError
+from ..features.image_file import pixel_sha256
+from ..features.mission import LEFT, Mission
+from ..inference.verdict import OBSTACLE, verdict_from_mask
+from ..labels.merge import merge_annotators
+from ..labels.record import LabelRecord
+from ..labels.taxonomy import UNSURE, Taxonomy
+from ..models.bundle import Bundle
+from .dataset import CLEAR
+from .dataset import OBSTACLE as OBSTACLE_CLASS
+from .metrics import class_metrics, first_of_three, obstacle_metrics
+from .train import frame_id
+
+
+@dataclass(frozen=True)
+class Scored:
+    """What a model says of one mission, frame by frame.
+
+    Parameters
+    ----------
+    frames : list of int
+        Frame numbers in order.
+    values : array of float64, shape (n_frames, n_patches, n_outputs)
+    status : list of int
+        1 obstacle, 0 clear, by the runtime's verdict.
+    mean : list of float
+        Mean of the 0/255 mask.
+    seen_in_training : list of int
+        Frames whose very pixels the model learnt from.
+    """
+
+    frames: list[int]
+    values: NDArray[np.float64]
+    status: list[int]
+    mean: list[float]
+    seen_in_training: list[int]
+
+
+def score_mission(
+    bundle: Bundle,
+    mission: Mission,
+    progress: Callable[..., Any],
+    frames: Sequence[int] | None = None,
+) -> Scored:
+    """Run a model over the left frames of a mission, as the runtime does.
+
+    Raises
+    ------
+    ToktError
+        If a frame cannot be read.
+    """
+    numbers = list(frames) if frames is not None else mission.frames(LEFT)
+    known = set(bundle.content.trained_on.tolist())
+    values, status, mean, seen = [], [], [], []
+    for number in progress(numbers, len(numbers), "scoring"):
+        image = mission.read(number, LEFT)
+        decided = bundle.decision_values(image)
+        resized = bundle.grid.resized(*image.shape[:2])
+        mask = bundle.grid.paint(bundle.model.obstacle_patches(decided), *resized)
+        verdict = verdict_from_mask(mask, "texture")
+        values.append(decided)
+        status.append(verdict.status)
+        mean.append(float(verdict.mean or 0.0))
+        if int(frame_id(pixel_sha256(image))) in known:
+            seen.append(number)
+    return Scored(numbers, np.stack(values), status, mean, seen)
+
+
+def _frame_figures(
+    scored: Scored, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy, n_patches: int
+) -> dict[str, Any]:
+    """Statuses against what the labels say a frame holds.
+
+    An *obstacle frame* has a patch labelled as an obstacle. An *ocean frame* has every patch
+    labelled, all of them clear. A frame with neither (an `unsure` patch, or patches without a
+    label, and no sure obstacle) is not judged.
+    """
+    ocean, obstacle = [], []
+    for number in scored.frames:
+        said = [record.label for record in labels.get(number, [])]
+        sides = [label != UNSURE and taxonomy.is_obstacle(str(label)) for label in said]
+        if any(sides):
+            obstacle.append(number)
+        elif len(said) == n_patches and UNSURE not in said:
+            ocean.append(number)
+    status = dict(zip(scored.frames, scored.status, strict=True))
+    false = [number for number in ocean if status[number] == OBSTACLE]
+    return {
+        "n": len(scored.frames),
+        "ocean_frames": len(ocean),
+        "false_status": len(false),
+        "false_status_frames": false,
+        "obstacle_frames": len(obstacle),
+        "detected": sum(status[number] == OBSTACLE for number in obstacle),
+        "first_obstacle_frame": obstacle[0] if obstacle else None,
+        "first_detection": first_of_three(scored.frames, scored.status),
+        "not_judged": len(scored.frames) - len(ocean) - len(obstacle),
+    }
+
+
+def _patch_figures(
+    bundle: Bundle, scored: Scored, records: list[LabelRecord], taxonomy: Taxonomy
+) -> dict[str, Any]:
+    position = {number: index for index, number in enumerate(scored.frames)}
+    frame = np.array([position[record.frame] for record in records])
+    cell = np.array([record.row * bundle.grid.cols + record.col for record in records])
+    values = scored.values[frame, cell]
+    labels = [str(record.label) for record in records]
+    truth = np.array([taxonomy.is_obstacle(label) for label in labels])
+    predicted = bundle.model.predicted(values)
+    figures = obstacle_metrics(truth, bundle.model.obstacle_score(values))
+    binary = bundle.model.classes == (CLEAR, OBSTACLE_CLASS)
+    names = [OBSTACLE_CLASS if side else CLEAR for side in truth] if binary else labels
+    unknown = sorted(set(names) - set(bundle.model.classes))
+    order = {name: index for index, name in enumerate((*bundle.model.classes, *unknown))}
+    targets = np.array([order[name] for name in names])
+    figures.update(class_metrics(targets, predicted, tuple(order)))
+    right = np.asarray(bundle.model.obstacle, bool)[predicted] == truth
+    figures["by_label"] = {
+        label: {"n": int(mine.sum()), "right_side": float(right[mine].mean())}
+        for label in sorted(set(labels))
+        for mine in [np.array(labels) == label]
+    }
+    return figures
+
+
+def evaluate(
+    bundle: Bundle,
+    mission: Mission,
+    records: Sequence[LabelRecord],
+    taxonomy: Taxonomy,
+    progress: Callable[..., Any],
+    frames: Sequence[int] | None = None,
+) -> dict[str, Any]:
+    """Score a model on a labelled mission.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    mission : Mission
+    records : sequence of LabelRecord
+        Of this mission, in the model's grid; several annotators are merged.
+    taxonomy : Taxonomy
+        Says which labels are obstacles.
+    progress : callable
+    frames : sequence of int, optional
+        Judge these frames only.
+
+    Returns
+    -------
+    dict
+        patch (precision, recall, f1, average_precision, per_class, confusion, by_label), frames
+        (n, ocean_frames, false_status, detected, obstacle_frames, first_detection, ...),
+        unsure_ignored, seen_in_training, model.
+
+    Raises
+    ------
+    ToktError
+        If no labelled patch is left to judge.
+    """
+    scored = score_mission(bundle, mission, progress, frames)
+    wanted = set(scored.frames)
+    merged = merge_annotators(r for r in records if r.camera == LEFT and r.frame in wanted)
+    sure = [record for record in merged.records if record.label != UNSURE]
+    if not sure:
+        raise ToktError(f"no labelled patch of mission {mission.name!r} to evaluate on")
+    by_frame: dict[int, list[LabelRecord]] = {}
+    for record in merged.records:
+        by_frame.setdefault(record.frame, []).append(record)
+    return {
+        "model": {
+            "name": bundle.name,
+            "version": bundle.version,
+            "sha256": bundle.sha256,
+            "dataset_hash": bundle.content.provenance.get("dataset_hash"),
+        },
+        "mission": mission.name,
+        "patch": {"n": len(sure), **_patch_figures(bundle, scored, sure, taxonomy)},
+        "frames": _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
+        "unsure_ignored": len(merged.records) - len(sure),
+        "seen_in_training": len(scored.seen_in_training),
+    }

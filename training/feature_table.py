@@ -1,0 +1,102 @@
+"""The features of a dataset's patches, computed once for an extractor and kept."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import features as features_package
+from ..features import atomic
+from ..features.canonical import json_sha256
+from ..features.extractor import build_extractor
+from ..features.grid import Grid
+from .dataset import DatasetVersion
+
+_LIBRARIES = ("numpy", "opencv-python-headless", "scikit-image", "mahotas")
+
+
+def _source_hash() -> str:
+    """Hash of the code that computes features: a cache must not outlive it."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(features_package.__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _cache_key(dataset: DatasetVersion, spec: dict[str, Any]) -> str:
+    libraries = {name: version(name) for name in _LIBRARIES}
+    return json_sha256([dataset.hash, spec, libraries, _source_hash()])[:24]
+
+
+def _describe(
+    dataset: DatasetVersion, index: int, cells: NDArray[np.int64], spec: dict[str, Any], grid: Grid
+) -> NDArray[np.float64]:
+    return build_extractor(spec).describe(dataset.read_frame(index), grid)[cells]
+
+
+def feature_table(
+    dataset: DatasetVersion,
+    spec: dict[str, Any],
+    cache: Path,
+    progress: Callable[..., Any],
+    jobs: int = -1,
+) -> NDArray[np.float64]:
+    """Features of every patch of a dataset, in the order of ``dataset.patches``.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    spec : dict
+        The extractor's spec.
+    cache : Path
+        Folder of earlier results; the key covers dataset, spec, code and library versions.
+    progress : callable
+        ``progress(items, total, what)`` passes the items through.
+    jobs : int
+        Processes; -1 for one a core. The result does not depend on it.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (n_patches, dim), memory-mapped read-only.
+    """
+    path = cache / f"{dataset.name}-{_cache_key(dataset, spec)}.npy"
+    if not path.is_file():
+        _compute(dataset, spec, path, progress, jobs)
+    table: NDArray[np.float64] = np.load(path, mmap_mode="r", allow_pickle=False)
+    return table
+
+
+def _compute(
+    dataset: DatasetVersion,
+    spec: dict[str, Any],
+    path: Path,
+    progress: Callable[..., Any],
+    jobs: int,
+) -> None:
+    patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
+    keys = ["mission", "camera", "frame"]
+    order = {key: i for i, key in enumerate(frames[keys].itertuples(index=False, name=None))}
+    groups = patches.groupby(keys, sort=False).indices
+    cells = (patches.row * grid.cols + patches.col).to_numpy()
+    tasks = (
+        joblib.delayed(_describe)(dataset, order[key], cells[rows], spec, grid)
+        for key, rows in groups.items()
+    )
+    run = joblib.Parallel(n_jobs=jobs, return_as="generator")
+    shape = (len(patches), build_extractor(spec).dim)
+    with atomic.scratch_folder(path) as folder:
+        table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)
+        results = progress(run(tasks), len(groups), "features")
+        for rows, values in zip(groups.values(), results, strict=True):
+            table[rows] = values
+        table.flush()
+        del table
+        (folder / path.name).replace(path)

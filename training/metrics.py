@@ -1,0 +1,100 @@
+"""Figures of merit for patches and frames, from decision values and true labels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.metrics import (
+    average_precision_score,
+    confusion_matrix,
+    precision_recall_fscore_support,
+)
+
+
+def _ratio(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def obstacle_metrics(truth: NDArray[np.bool_], score: NDArray[np.float64]) -> dict[str, Any]:
+    """Precision, recall, F1 and average precision of "this patch is an obstacle".
+
+    Parameters
+    ----------
+    truth : array of bool, shape (n,)
+    score : array of float64, shape (n,)
+        Above 0 where the model says obstacle.
+
+    Returns
+    -------
+    dict
+        precision, recall, f1, average_precision (None where undefined), and the counts
+        true_positive, false_positive, false_negative, true_negative.
+    """
+    said = score > 0
+    hit, false = int((said & truth).sum()), int((said & ~truth).sum())
+    missed, quiet = int((~said & truth).sum()), int((~said & ~truth).sum())
+    denominator = 2 * hit + false + missed
+    ranked = truth.any() and np.isfinite(score).all()
+    return {
+        "precision": hit / (hit + false) if hit + false else None,
+        "recall": hit / (hit + missed) if hit + missed else None,
+        "f1": 2 * hit / denominator if hit + missed else None,
+        "average_precision": _ratio(average_precision_score(truth, score)) if ranked else None,
+        "true_positive": hit,
+        "false_positive": false,
+        "false_negative": missed,
+        "true_negative": quiet,
+    }
+
+
+def class_metrics(
+    truth: NDArray[np.int64], predicted: NDArray[np.int64], classes: tuple[str, ...]
+) -> dict[str, Any]:
+    """Per-class precision, recall and F1, macro-F1 over the classes present, and confusion.
+
+    Returns
+    -------
+    dict
+        per_class {name: {precision, recall, f1, n}}, macro_f1, and confusion {classes, counts}
+        with a row for each true class and a column for each predicted one.
+    """
+    indices = np.arange(len(classes))
+    precision, recall, f1, support = precision_recall_fscore_support(
+        truth, predicted, labels=indices, zero_division=np.nan
+    )
+    present = support > 0
+    per_class = {
+        name: {
+            "precision": _ratio(precision[i]),
+            "recall": _ratio(recall[i]),
+            "f1": _ratio(f1[i]),
+            "n": int(support[i]),
+        }
+        for i, name in enumerate(classes)
+    }
+    return {
+        "per_class": per_class,
+        "macro_f1": float(np.nan_to_num(f1[present]).mean()) if present.any() else None,
+        "confusion": {
+            "classes": list(classes),
+            "counts": confusion_matrix(truth, predicted, labels=indices).tolist(),
+        },
+    }
+
+
+def first_of_three(frames: list[int], status: list[int]) -> int | None:
+    """The first frame of three in a row with status 1 (thesis chapter 5), or None.
+
+    Parameters
+    ----------
+    frames : list of int
+        Frame numbers in the order they were seen.
+    status : list of int
+        1 obstacle, 0 clear, -1 unknown (which breaks a row).
+    """
+    for start in range(len(frames) - 2):
+        if all(value == 1 for value in status[start : start + 3]):
+            return frames[start]
+    return None

@@ -1,0 +1,203 @@
+"""Missions with their labels, and folders of ready-cut patches, as plans for a dataset."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from ..features.errors import ToktError
+from ..features.grid import DEFAULT_GRID, Grid
+from ..features.image_file import SUFFIXES
+from ..features.mission import Mission, open_mission
+from ..labels.label_csv import read_label_csv
+from ..labels.merge import merge_annotators
+from ..labels.record import HUMAN, LabelRecord
+from ..labels.taxonomy import UNSURE, Taxonomy
+from .dataset import DatasetPlan, FrameSource
+from .splits import BLOCK_FRAMES, block_of
+
+_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
+
+
+def read_labels(files: Sequence[Path], taxonomy: Taxonomy, grid: Grid) -> list[LabelRecord]:
+    """What people say in some label files, in their order; model suggestions are no labels."""
+    return [
+        record
+        for file in files
+        for record in read_label_csv(file, taxonomy, grid=grid)
+        if record.source == HUMAN and record.label is not None
+    ]
+
+
+def labels_of_mission(
+    mission: Mission, records: Iterable[LabelRecord], grid: Grid, only: bool
+) -> tuple[list[LabelRecord], str | None]:
+    """The labels that belong to a mission, and a remark where its name is not the labels'.
+
+    Parameters
+    ----------
+    mission : Mission
+    records : iterable of LabelRecord
+        Of any missions.
+    grid : Grid
+        Labels of other grids are passed over.
+    only : bool
+        Whether `mission` is the only one asked for. Then labels that name just one mission are
+        taken for it even if its folder is called otherwise, with a remark.
+
+    Raises
+    ------
+    ToktError
+        If there are no labels for it, or they speak of frames it does not have.
+    """
+    fitting = [record for record in records if record.grid == grid]
+    names = sorted({record.mission for record in fitting})
+    mine = [record for record in fitting if record.mission == mission.name]
+    remark = None
+    if not mine and only and len(names) == 1:
+        mine = fitting
+        remark = f"labels of mission {names[0]!r} are taken for the frames in {mission.path}"
+    if not mine:
+        there = ", ".join(names) or "none"
+        raise ToktError(f"no labels for mission {mission.name!r} (labels of: {there})")
+    for camera in sorted({record.camera for record in mine}):
+        frames = set(mission.frames(camera))
+        missing = sorted({r.frame for r in mine if r.camera == camera} - frames)
+        if missing:
+            raise ToktError(
+                f"mission {mission.path} has no {camera} frame {missing[0]}, which is labelled "
+                f"({len(missing)} such frames)"
+            )
+    return mine, remark
+
+
+def plan_from_missions(
+    name: str,
+    task: str,
+    missions: Sequence[Path],
+    records: Sequence[LabelRecord],
+    taxonomy: Taxonomy,
+    grid: Grid = DEFAULT_GRID,
+    frames: Sequence[int] | None = None,
+    block_frames: int = BLOCK_FRAMES,
+) -> tuple[DatasetPlan, list[str]]:
+    """Plan a dataset of labelled frames.
+
+    Parameters
+    ----------
+    name, task, taxonomy, grid
+        As in `DatasetPlan`.
+    missions : sequence of Path
+    records : sequence of LabelRecord
+        Labels of any missions and annotators; where annotators disagree a patch is `unsure`.
+    frames : sequence of int, optional
+        Take only these frame numbers.
+    block_frames : int
+        Frames a group.
+
+    Returns
+    -------
+    plan : DatasetPlan
+    remarks : list of str
+        What a person should know, such as conflicts between annotators.
+    """
+    sources: list[FrameSource] = []
+    rows: list[tuple[str, str, int, int, int, str | None]] = []
+    remarks: list[str] = []
+    seen: set[str] = set()
+    for path in missions:
+        mission = open_mission(path)
+        mine, remark = labels_of_mission(mission, records, grid, len(missions) == 1)
+        if remark:
+            remarks.append(remark)
+        merged = merge_annotators(r for r in mine if frames is None or r.frame in set(frames))
+        if merged.conflicts:
+            remarks.append(f"{len(merged.conflicts)} patches left out: annotators disagree")
+        label_name = mine[0].mission
+        if label_name in seen:
+            raise ToktError(f"two missions are named {label_name!r}")
+        seen.add(label_name)
+        keys = sorted({(r.camera, r.frame) for r in merged.records if r.label != UNSURE})
+        for camera, frame in keys:
+            group = block_of(label_name, frame, block_frames)
+            load = partial(mission.encoded, frame, camera)
+            sources.append(FrameSource(label_name, camera, frame, group, load))
+        rows += [(label_name, r.camera, r.frame, r.row, r.col, r.label) for r in merged.records]
+    table = pd.DataFrame(rows, columns=_COLUMNS)
+    sure = table[table.label != UNSURE]
+    plan = DatasetPlan(
+        name,
+        task,
+        grid,
+        taxonomy,
+        sources,
+        sure,
+        len(table) - len(sure),
+        block_frames,
+        _describe_sources(missions, records),
+    )
+    return plan, remarks
+
+
+def _describe_sources(missions: Sequence[Path], records: Sequence[LabelRecord]) -> list[str]:
+    counts = Counter(record.annotator for record in records)
+    people = ", ".join(f"{who} ({count} records)" for who, count in sorted(counts.items()))
+    return [f"mission {path.resolve().name}" for path in missions] + [f"labels by {people}"]
+
+
+def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonomy) -> DatasetPlan:
+    """Plan a dataset from a folder with one sub-folder of patch images a class.
+
+    Each image is a frame of a 1x1 grid at its own size. File names do not say which photo a
+    patch was cut from, so the dataset is marked ungrouped.
+
+    Raises
+    ------
+    ToktError
+        If the folder is missing, has no images, or a sub-folder is not a class.
+    """
+    if not folder.is_dir():
+        raise ToktError(f"folder of patches {folder} does not exist")
+    sources: list[FrameSource] = []
+    rows: list[tuple[str, str, int, int, int, str]] = []
+    mission = folder.resolve().name
+    for child in sorted(path for path in folder.iterdir() if path.is_dir()):
+        images = sorted(p for p in child.iterdir() if p.suffix.lower() in SUFFIXES)
+        if not images:
+            continue
+        taxonomy.check_label(child.name)
+        for image in images:
+            number = len(sources) + 1
+            sources.append(
+                FrameSource(
+                    mission, "left", number, f"{mission}#{number:07d}", partial(_load, image)
+                )
+            )
+            rows.append((mission, "left", number, 0, 0, child.name))
+    if not sources:
+        raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
+    table = pd.DataFrame(rows, columns=_COLUMNS)
+    sure = table[table.label != UNSURE]
+    kept = set(sure.frame)
+    return DatasetPlan(
+        name,
+        task,
+        Grid(1, 1, None),
+        taxonomy,
+        [s for s in sources if s.frame in kept],
+        sure,
+        len(table) - len(sure),
+        None,
+        [f"patches in {mission} (ungrouped)"],
+    )
+
+
+def _load(path: Path) -> tuple[bytes, str]:
+    try:
+        return path.read_bytes(), path.suffix.lower()
+    except OSError as error:
+        raise ToktError(f"{path}: {error.strerror or error}") from None

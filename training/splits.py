@@ -1,0 +1,107 @@
+"""Splits that cannot leak: whole blocks of frames are held out, with a gap on both sides.
+
+Neighbour frames of a dive are near copies, so a random split would test a model on what it
+was trained on. There is no random split here to choose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from sklearn.model_selection import StratifiedGroupKFold
+
+from ..features.errors import ToktError
+
+BLOCK_FRAMES = 20
+EMBARGO_FRAMES = 5
+FOLDS = 5
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Row indices of one fold.
+
+    Parameters
+    ----------
+    train, test : array of int
+        Rows of the table that was split; a row within the embargo of a test frame is in neither.
+    """
+
+    train: NDArray[np.int64]
+    test: NDArray[np.int64]
+
+
+def block_of(mission: str, frame: int, frames: int = BLOCK_FRAMES) -> str:
+    """The group of a frame: `frames` consecutive frame numbers of one mission, both cameras."""
+    return f"{mission}#{frame // frames:05d}"
+
+
+def blocked_folds(
+    patches: pd.DataFrame,
+    targets: NDArray[np.int64],
+    n_folds: int = FOLDS,
+    embargo_frames: int = EMBARGO_FRAMES,
+) -> list[Fold]:
+    """Split patches into folds of whole groups, each with about its share of every class.
+
+    Parameters
+    ----------
+    patches : DataFrame
+        Columns mission, frame, group.
+    targets : array of int, shape (n_patches,)
+    n_folds : int
+    embargo_frames : int
+        Training rows this many frames or fewer from a test frame of the same mission are
+        dropped.
+
+    Raises
+    ------
+    ToktError
+        If there are fewer groups than folds, or a fold's training part lacks a class.
+    """
+    groups = patches.group.to_numpy()
+    n_groups = len(np.unique(groups))
+    if n_groups < n_folds:
+        raise ToktError(
+            f"{n_groups} groups of frames are too few for {n_folds} folds; label more of the "
+            "mission or ask for fewer folds"
+        )
+    per_class = [len(np.unique(groups[targets == target])) for target in np.unique(targets)]
+    if min(per_class) < 2:
+        raise ToktError("one class is in a single group of frames only: it cannot be held out")
+    mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()
+    folds = []
+    splitter = StratifiedGroupKFold(n_folds)
+    for train, test in splitter.split(groups, targets, groups):
+        kept = train[~_near(mission, frame, train, test, embargo_frames)]
+        if len(np.unique(targets[kept])) < len(per_class):
+            raise ToktError(
+                "a fold's training part lacks a class once its neighbour frames are left out; "
+                "label more of the mission or ask for fewer folds"
+            )
+        folds.append(Fold(kept, test))
+    return folds
+
+
+def _near(
+    mission: NDArray[np.object_],
+    frame: NDArray[np.int64],
+    train: NDArray[np.int64],
+    test: NDArray[np.int64],
+    embargo_frames: int,
+) -> NDArray[np.bool_]:
+    """Which training rows lie within the embargo of a test frame."""
+    near = np.zeros(len(train), bool)
+    for name in np.unique(mission[test]):
+        tested = np.unique(frame[test][mission[test] == name])
+        candidates = frame[train]
+        after = np.searchsorted(tested, candidates).clip(0, len(tested) - 1)
+        before = (after - 1).clip(0)
+        distance = np.minimum(
+            np.abs(tested[after] - candidates), np.abs(tested[before] - candidates)
+        )
+        near |= (mission[train] == name) & (distance <= embargo_frames)
+    return near

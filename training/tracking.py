@@ -1,0 +1,195 @@
+"""Log a trained model to MLflow and register it, so that it can be traced and exported."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import mlflow
+import mlflow.sklearn
+import numpy as np
+import pandas as pd
+from mlflow.data.dataset_source_registry import resolve_dataset_source
+from mlflow.data.meta_dataset import MetaDataset
+from mlflow.models import infer_signature
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..models.registry import RECIPE_VERSION, RegisteredVersion, Registry
+from . import plots
+from .classifier import decision_values
+from .dataset import DatasetVersion
+from .train import Trained, parameters
+
+NEWEST_ALIAS = "challenger"
+_LIBRARIES = (
+    "numpy",
+    "opencv-python-headless",
+    "scikit-image",
+    "mahotas",
+    "scikit-learn",
+    "mlflow",
+)
+
+
+def code_version() -> str:
+    """The version of tokt, with the git commit where it runs from a checkout."""
+    folder = Path(__file__).parent
+    try:
+        found = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--exclude=*"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return __version__
+    return f"{__version__}+g{found.stdout.strip()}"
+
+
+def _golden_rows(dataset: DatasetVersion) -> list[int]:
+    """Two frames of the dataset: the one with most obstacle patches, and the clearest one."""
+    flags = np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
+    keys = ["mission", "camera", "frame"]
+    counts = dataset.patches.assign(obstacle=flags).groupby(keys).obstacle.agg(["sum", "size"])
+    listed = counts.loc[pd.MultiIndex.from_frame(dataset.frames[keys])].reset_index(drop=True)
+    most = int(listed["sum"].idxmax())
+    clearest = int((listed["size"] - listed["sum"]).idxmax())
+    return sorted({most, clearest})
+
+
+def _golden(trained: Trained) -> dict[str, NDArray[Any]]:
+    """Golden frames with what *scikit-learn's* pipeline says of them, not the folded weights."""
+    dataset = trained.request.dataset
+    files, values = [], []
+    for row in _golden_rows(dataset):
+        image = dataset.read_frame(row)
+        files.append(cv2.imencode(".png", image)[1].tobytes())
+        described = trained.request.extractor.describe(image, dataset.grid)
+        values.append(decision_values(trained.pipeline, described))
+    stacked = np.stack(values)
+    return {
+        "frames": np.frombuffer(b"".join(files), np.uint8),
+        "sizes": np.array([len(file) for file in files], np.int64),
+        "decision_values": stacked,
+        "obstacle": np.stack([trained.model.obstacle_patches(value) for value in stacked]),
+    }
+
+
+def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
+    request, model = trained.request, trained.model
+    dataset = request.dataset
+    pairs = zip(model.classes, model.obstacle, strict=True)
+    return {
+        "recipe_version": RECIPE_VERSION,
+        "extractor": request.extractor.spec,
+        "extractor_name": request.extractor_name,
+        "dim": request.extractor.dim,
+        "grid": dataset.grid.to_json(),
+        "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
+        "thresholds": model.thresholds.tolist(),
+        "metrics": trained.metrics,
+        "provenance": {
+            "dataset": dataset.label,
+            "dataset_hash": dataset.hash,
+            "dataset_sources": "; ".join(dataset.info["sources"]),
+            "preset": request.settings.preset,
+            "penalty": trained.penalty,
+            "code_version": code_version(),
+            "mlflow_model_id": model_id,
+            "libraries": ", ".join(f"{name} {version(name)}" for name in _LIBRARIES),
+        },
+    }
+
+
+def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
+    """The headline figures under the names a run is searched by."""
+    patch, frames = metrics["patch"], metrics["frames"]
+    figures = {
+        "cv_f1": patch["f1"],
+        "cv_precision": patch["precision"],
+        "cv_recall": patch["recall"],
+        "cv_average_precision": patch["average_precision"],
+        "cv_macro_f1": patch["macro_f1"],
+        "cv_ocean_frames": frames["ocean_frames"],
+        "cv_false_status_frames": frames["false_status"],
+    }
+    return {name: float(value) for name, value in figures.items() if value is not None}
+
+
+def _write_artifacts(folder: Path, trained: Trained, model_id: str) -> None:
+    recipe = json.dumps(_recipe(trained, model_id), indent=2, sort_keys=True)
+    (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
+    np.savez(folder / "golden.npz", allow_pickle=False, **_golden(trained))
+    np.savez(folder / "lineage.npz", allow_pickle=False, trained_on=trained.trained_on)
+    held_out = trained.request.dataset.patches.copy()
+    held_out["fold"] = trained.held_out.fold
+    held_out["obstacle_score"] = trained.model.obstacle_score(trained.held_out.values)
+    held_out.to_parquet(folder / "held_out.parquet", index=False)
+
+
+def _log_figures(trained: Trained) -> None:
+    tested = trained.held_out.fold >= 0
+    truth = np.asarray(trained.model.obstacle, bool)[trained.request.dataset.targets()[tested]]
+    score = trained.model.obstacle_score(trained.held_out.values[tested])
+    if truth.any() and not truth.all():
+        curve = plots.precision_recall({trained.request.name: (truth, score)})
+        mlflow.log_figure(curve, "plots/precision_recall.png")
+    confusion = trained.metrics["patch"]["confusion"]
+    mlflow.log_dict(confusion, "plots/confusion.json")
+    mlflow.log_figure(plots.confusion(confusion), "plots/confusion.png")
+
+
+def _lineage(dataset: DatasetVersion) -> MetaDataset:
+    with warnings.catch_warnings():
+        # mlflow registers two sources of the same name for local folders and says so each time.
+        warnings.simplefilter("ignore", UserWarning)
+        source = resolve_dataset_source(dataset.path.resolve().as_uri())
+    return MetaDataset(source, name=dataset.name, digest=dataset.hash[:32])
+
+
+def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
+    """Log a run with parameters, figures, curves, dataset and model; register the version.
+
+    The new version gets the alias ``challenger``; nothing becomes ``champion`` by itself.
+
+    Parameters
+    ----------
+    trained : Trained
+    registry : Registry
+    """
+    request = trained.request
+    features = np.zeros((1, request.extractor.dim))
+    with mlflow.start_run(experiment_id=registry.experiment_id(), run_name=request.name) as run:
+        mlflow.log_params(parameters(trained))
+        mlflow.log_metrics(_flat_metrics(trained.metrics))
+        for index, fold in enumerate(trained.metrics["folds"]):
+            for figure in ("f1", "precision", "recall", "average_precision"):
+                if fold[figure] is not None:
+                    mlflow.log_metric(f"fold_{figure}", fold[figure], step=index)
+        info = mlflow.sklearn.log_model(
+            trained.pipeline,
+            name="model",
+            signature=infer_signature(features, trained.pipeline.predict(features)),
+            pip_requirements=[f"scikit-learn=={version('scikit-learn')}"],
+            serialization_format="skops",
+        )
+        mlflow.log_input(_lineage(request.dataset), context="training", model=info)
+        _log_figures(trained)
+        with tempfile.TemporaryDirectory() as folder:
+            _write_artifacts(Path(folder), trained, info.model_id)
+            mlflow.log_artifacts(folder, "tokt")
+    tags = {"dataset": request.dataset.label, "extractor": request.extractor_name}
+    tags["preset"] = request.settings.preset
+    registered = registry.register(
+        request.name, info.model_uri, run.info.run_id, info.model_id, tags
+    )
+    return registry.set_alias(registered.label, NEWEST_ALIAS)
