@@ -32,10 +32,12 @@ from .calibration import StereoCalibration
 from .detector import DISPARITY, Detection
 from .frame_check import frame_fault
 from .sources import Frame
+from .verdict import STATUS_MEAN_THRESHOLD
 
 # Settings at half the camera's resolution, in pixels of it. Source: the mission's measurements
-# (valid matches on ocean frames 0, 23 % at frame 180); the last five were set here against the
-# control that another or an upside-down right frame must leave at most 0.3 % at frame 180.
+# (valid matches on ocean frames 0, 23 % at frame 180). Those from CONTRAST_WINDOW_PX on were set
+# here, against the control that another right frame, or the right frame upside down, must leave
+# at most 0.3 % at frame 180.
 MIN_DISPARITY_PX = 32
 N_DISPARITIES_PX = 176
 BLOCK_PX = 21
@@ -155,16 +157,21 @@ class DisparityDetector:
         return np.asarray(places, np.float32)
 
     def detect(self, frame: Frame) -> Detection:
-        """Judge one pair; unknown where either picture is missing, unfit or of another size."""
+        """Judge one pair.
+
+        A missing picture or one of another size makes it unknown. In a dark, blank or saturated
+        one, matches still prove an obstacle, while no match proves nothing: that is unknown too.
+        """
         fault = self._pair_fault(frame)
         if frame.left is None or frame.right is None or fault:
             return Detection(None, DISPARITY, fault=fault)
+        unfit = _unfit(frame.left, frame.right)
         found = self.match(frame.left, frame.right)
         if found.textured.mean() > TEXTURED_FRACTION and (
             found.valid.sum() < MATCHED_OF_TEXTURED * found.textured.sum()
         ):
             fault = "the left and right frames do not match: another moment, or something too near"
-            return Detection(None, DISPARITY, fault=fault)
+            return Detection(None, DISPARITY, fault=unfit or fault)
         mask = cv2.remap(
             found.valid.astype(np.uint8) * 255,
             self._to_left[..., 0],
@@ -173,6 +180,8 @@ class DisparityDetector:
             borderMode=cv2.BORDER_CONSTANT,
             borderValue=0,
         )
+        if unfit and cv2.mean(mask)[0] <= STATUS_MEAN_THRESHOLD:
+            return Detection(None, DISPARITY, fault=unfit)
         return Detection(np.asarray(mask, np.uint8), DISPARITY, distance_m=self._distance(found))
 
     def _pair_fault(self, frame: Frame) -> str:
@@ -186,9 +195,6 @@ class DisparityDetector:
             if (width, height) != self.calibration.frame_size:
                 expected = "x".join(map(str, self.calibration.frame_size))
                 return f"the {side} frame is {width}x{height}, the calibration is for {expected}"
-            fault = frame_fault(picture)
-            if fault:
-                return f"{side}: {fault}"
         return ""
 
     def match(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Matches:
@@ -234,6 +240,15 @@ class DisparityDetector:
             return None
         depths = self.focal_baseline_px_m / found.disparity_px[found.valid]
         return float(np.percentile(depths, NEAR_PERCENTILE))
+
+
+def _unfit(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> str:
+    """Which picture is dark, blank or saturated, or an empty string."""
+    for side, picture in (("left", left), ("right", right)):
+        fault = frame_fault(picture)
+        if fault:
+            return f"{side}: {fault}"
+    return ""
 
 
 def _even_contrast(

@@ -170,11 +170,22 @@ def evaluate(
         If no labelled patch is left to judge.
     """
     scored = score_mission(bundle, mission, progress, frames)
+    return evaluate_scored(bundle, scored, mission.name, records, taxonomy)
+
+
+def evaluate_scored(
+    bundle: Bundle,
+    scored: Scored,
+    mission: str,
+    records: Sequence[LabelRecord],
+    taxonomy: Taxonomy,
+) -> dict[str, Any]:
+    """`evaluate` for a mission that has been scored already; `mission` is its name."""
     wanted = set(scored.frames)
     merged = merge_annotators(r for r in records if r.camera == LEFT and r.frame in wanted)
     sure = [record for record in merged.records if record.label != UNSURE]
     if not sure:
-        raise ToktError(f"no labelled patch of mission {mission.name!r} to evaluate on")
+        raise ToktError(f"no labelled patch of mission {mission!r} to evaluate on")
     by_frame: dict[int, list[LabelRecord]] = {}
     for record in merged.records:
         by_frame.setdefault(record.frame, []).append(record)
@@ -185,7 +196,7 @@ def evaluate(
             "sha256": bundle.sha256,
             "dataset_hash": bundle.content.provenance.get("dataset_hash"),
         },
-        "mission": mission.name,
+        "mission": mission,
         "patch": {"n": len(sure), **_patch_figures(bundle, scored, sure, taxonomy)},
         "frames": _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
         "unsure_ignored": len(merged.records) - len(sure),

@@ -67,3 +67,61 @@ def data_uri(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def mean_by_frame(
+    frames: list[int], means: Mapping[str, list[float]], labelled: list[int], threshold: float
+) -> Figure:
+    """Mean of the 0/255 mask by frame (thesis figures 5.3 to 5.5), in the order of replay.
+
+    Parameters
+    ----------
+    frames : list of int
+        Frame numbers; a gap in the numbers breaks the lines.
+    means : mapping of name to list of float
+        One value a frame.
+    labelled : list of int
+        Labelled obstacle patches of each frame; shaded where there are any.
+    threshold : float
+        The mean above which the status is 1.
+    """
+    figure = Figure(figsize=(10.5, 3.6), layout="constrained")
+    axes = figure.subplots()
+    place = np.arange(len(frames))
+    breaks = [i for i in range(1, len(frames)) if frames[i] != frames[i - 1] + 1]
+    for name, values in means.items():
+        line = np.insert(np.asarray(values, float), breaks, np.nan)
+        axes.plot(np.insert(place.astype(float), breaks, np.nan), line, label=name, lw=1.4)
+    top = max(1.0, max(max(values) for values in means.values()))
+    axes.fill_between(
+        place,
+        0,
+        top * 1.05,
+        where=np.asarray(labelled) > 0,
+        color="0.88",
+        step="mid",
+        label="obstacle labelled",
+    )
+    for at in breaks:
+        axes.axvline(at - 0.5, color="0.5", lw=0.8, ls=":")
+    axes.axhline(threshold, color="crimson", lw=0.8, label=f"status threshold {threshold}")
+    ticks = place[:: max(1, len(frames) // 14)]
+    axes.set_xticks(ticks, [str(frames[i]) for i in ticks])
+    axes.set(xlabel="frame (dotted: a gap in the frame numbers)", ylabel="mean of the mask")
+    axes.set_yscale("symlog", linthresh=1.0)
+    axes.set_ylim(0, top * 1.05)
+    axes.legend(loc="upper left", fontsize=8)
+    return figure
+
+
+def timings(stages: Mapping[str, float], latency_ms: list[float]) -> Figure:
+    """Wall time of each stage, and how long the runtime took over each frame."""
+    figure = Figure(figsize=(10.5, 2.8), layout="constrained")
+    bars, spread = figure.subplots(1, 2)
+    names = list(stages)
+    bars.barh(names, [stages[name] for name in names], color="#3b75af")
+    bars.invert_yaxis()
+    bars.set_xlabel("seconds")
+    spread.hist(latency_ms, bins=30, color="#3b75af")
+    spread.set(xlabel="runtime: frame to verdict, ms", ylabel="frames")
+    return figure

@@ -158,18 +158,22 @@ def _train_on_two_images(request: TrainRequest, features: NDArray[np.float64]) -
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
     held_out = _test_on_all(request, features, pipeline, pixel_sha256(ocean))
     metrics = held_out_metrics(dataset, held_out, model)
+    names = (
+        _name(request.ocean_image, "a frame of the dataset"),
+        _name(request.other_image, "a rendered texture"),
+    )
     metrics["split"] = (
-        f"Trained on two images only, as the thesis: ocean = {_name(request.ocean_image) or 'a frame of the dataset'}"
-        f" and other = {_name(request.other_image) or 'a rendered texture'}; tested on every other frame "
-        "of the dataset. The folds only say how the figures vary along the mission."
+        f"Trained on two images only, as the thesis: ocean = {names[0]} and other = {names[1]}; "
+        "tested on every other frame of the dataset. The folds only say how the figures vary "
+        "along the mission."
     )
     metrics["converged"] = converged(pipeline)
     images = np.array([frame_id(pixel_sha256(image)) for image in (ocean, other)], np.uint64)
     return Trained(request, pipeline, model, penalty, held_out, metrics, np.unique(images))
 
 
-def _name(path: Path | None) -> str | None:
-    return None if path is None else path.name
+def _name(path: Path | None, default: str) -> str:
+    return default if path is None else path.name
 
 
 def _test_on_all(

@@ -63,11 +63,11 @@ def expose(
     drift = rng.uniform(0.97, 1.03)
     clouds = rng.standard_normal((9, 12)).astype(np.float32)
     uneven = 1 + 0.006 * cv2.resize(clouds, (rig.width, rig.height), interpolation=cv2.INTER_CUBIC)
-    veil = np.float32(water.veil) * (shape * uneven * np.float32(drift))[..., None]
-    open_water = (veil + np.float32(water.veil_floor)) * np.float32(eye.gain)
+    veil = np.array(water.veil, np.float32) * (shape * uneven * np.float32(drift))[..., None]
+    open_water = (veil + np.array(water.veil_floor, np.float32)) * np.float32(eye.gain)
     tower = _tower_light(water, rig, pose, view, open_water, eye.gain)
     snow = marine_snow(water, rig, pose, view, rng)
-    tint = np.float32([1.0, 0.85, 0.75]) * np.float32(eye.gain)
+    tint = np.array([1.0, 0.85, 0.75], np.float32) * np.float32(eye.gain)
     return Exposure(open_water, tower, (snow * shape)[..., None] * tint)
 
 
@@ -114,8 +114,8 @@ def _tower_light(
     path = (lamp_distance + distance).astype(np.float32)
     flat = change.reshape(-1, 3)
     behind = open_water.reshape(-1, 3)[pixels]
-    seen = np.exp(-path[:, None] * np.float32(water.attenuation)) * view.albedo[pixels]
-    seen *= np.float32(water.lamp) * lit[:, None].astype(np.float32)
+    seen = np.exp(-path[:, None] * np.array(water.attenuation, np.float32)) * view.albedo[pixels]
+    seen *= np.array(water.lamp, np.float32) * lit[:, None].astype(np.float32)
     seen -= behind * np.exp(-water.veil_growth * distance)[:, None].astype(np.float32)
     flat[pixels] = np.minimum(seen, np.float32(400.0))
     spread = (water.blur_px + water.blur_px_per_m * float(distance.min())) * rig.scale

@@ -62,7 +62,8 @@ def contrast(
     covered = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     change = grid.cells(np.abs(gray[0] - gray[1]) * covered).sum(axis=(1, 2), dtype=np.float64)
     weight = grid.cells(covered).sum(axis=(1, 2), dtype=np.float64)
-    return np.divide(change, weight, out=np.zeros_like(change), where=weight > 0)
+    share = np.divide(change, weight, out=np.zeros_like(change), where=weight > 0)
+    return np.asarray(share, np.float64)
 
 
 def patch_labels(covered: NDArray[np.float64], seen: NDArray[np.float64]) -> list[str]:

@@ -206,7 +206,7 @@ def _albedo(
         np.floor(across / texel).astype(np.int64) % size,
     ]
     rust = texels[:, 1:] * np.float32(material.rusted)
-    paint, rusty = np.float32(material.paint), np.float32(material.rust)
+    paint, rusty = np.array(material.paint, np.float32), np.array(material.rust, np.float32)
     shade = np.float32(0.35) + np.float32(1.1) * texels[:, :1]
     return np.asarray((paint + rust * (rusty - paint)) * shade, np.float32)
 
@@ -250,7 +250,7 @@ def _add_stalk(
     pixels = (row + low[1]) * camera.width + col + low[0]
     t = depth[0] + along[row, col] * (depth[1] - depth[0])
     won = t < view.depth[pixels]
-    shade = np.float32(brightness) * np.float32(GROWTH.paint)
+    shade = np.float32(brightness) * np.array(GROWTH.paint, np.float32)
     albedo = np.broadcast_to(shade, (int(won.sum()), 3))
     _paint(view, pixels[won], t[won], albedo, np.zeros((3, 1)))
 

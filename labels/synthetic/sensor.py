@@ -24,9 +24,9 @@ def develop(water: Water, exposure: Exposure, rng: np.random.Generator) -> NDArr
     noise = rng.standard_normal(light.shape, np.float32)
     noise *= np.float32(0.65)
     noise += np.float32(0.76) * shared[..., None]
-    noise = cv2.sepFilter2D(noise, -1, _KERNEL, _KERNEL)
-    variance = light * np.float32(water.shot_noise)
-    variance += np.square(np.float32(water.read_noise))
+    cv2.sepFilter2D(noise, -1, _KERNEL, _KERNEL, dst=noise)
+    variance = light * np.array(water.shot_noise, np.float32)
+    variance += np.square(np.array(water.read_noise, np.float32))
     noise *= cv2.sqrt(variance)
     noise *= np.float32(_noise_factor(light.shape[1]) / float(np.square(_KERNEL).sum()))
     light += noise

@@ -38,7 +38,7 @@ def marine_snow(water: Water, rig: Rig, pose: Pose, view: View, rng: np.random.G
     amount = water.snow_brightness * rig.scale**2 * size / depth**2
     fine = np.zeros((rig.height, rig.width), np.float32)
     coarse = np.zeros((rig.height // _COARSE + 1, rig.width // _COARSE + 1), np.float32)
-    for i in np.flatnonzero(z > _NEAR_M / 2):
+    for i in np.flatnonzero((z > _NEAR_M / 2) & ~_hidden(view, where, z)):
         length = np.hypot(*streak[i])
         if radius[i] + length / 4 > 2.5 * _COARSE:
             _splat(coarse, (where[i] - (_COARSE - 1) / 2) / _COARSE, radius[i] / _COARSE,
@@ -48,6 +48,14 @@ def marine_snow(water: Water, rig: Rig, pose: Pose, view: View, rng: np.random.G
     whole = cv2.resize(coarse, None, fx=_COARSE, fy=_COARSE, interpolation=cv2.INTER_LINEAR)
     fine += whole[: rig.height, : rig.width]
     return fine
+
+
+def _hidden(view: View, where: Float, depth: Float) -> NDArray[np.bool_]:
+    """Which particles have the tower between them and the camera."""
+    camera = view.camera
+    last = np.array([camera.width, camera.height]) - 1
+    col, row = np.rint(where.clip(0, last)).astype(np.int64).T
+    return np.asarray(view.depth[row * camera.width + col] < depth)
 
 
 def _splat(image: Image, where: Float, radius: float, streak: Float, amount: float) -> None:

@@ -17,8 +17,8 @@ from .rig import Rig
 
 Float = NDArray[np.float64]
 
-_TIME = [0.0, 0.35, 0.40, 0.45, 0.58, 0.69, 0.74, 0.79, 0.87, 1.0]
-_RANGE_M = [30.0, 15.5, 12.0, 8.4, 5.6, 2.9, 2.05, 2.7, 4.8, 9.5]
+_TIME = [0.0, 0.35, 0.40, 0.45, 0.60, 0.705, 0.75, 0.785, 0.85, 1.0]
+_RANGE_M = [30.0, 15.5, 12.0, 8.4, 5.6, 2.8, 1.92, 2.6, 4.8, 9.5]
 _HEADING_DEG = [42.0, 34.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 _HEIGHT_M = [-0.9, -0.8, -0.7, -0.6, -0.55, -0.35, -0.25, -0.2, 0.5, 1.6]
 """By fraction of the dive: distance to the mast, heading off it, height above the collar."""
@@ -50,7 +50,7 @@ def draw_story(rng: np.random.Generator, n_frames: int) -> list[Pose]:
     distance, heading, height = (
         np.interp(time, _TIME, values) for values in (_RANGE_M, _HEADING_DEG, _HEIGHT_M)
     )
-    distance = np.maximum(distance * (1 + 0.02 * _sway(rng, time)), 2.02)
+    distance = np.maximum(distance * (1 + 0.02 * _sway(rng, time)), 1.90)
     # The same sway fills more of the picture from nearby, where a pilot holds the vehicle stiller.
     looseness = np.clip(distance / 4.0, 0.35, 1.5)
     centres = np.stack(

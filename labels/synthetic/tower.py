@@ -165,8 +165,8 @@ def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Box
     for number, leg in enumerate(legs):
         following = legs[(number + 1) % len(legs)]
         for along in (0.45, 0.85):
-            ends = (one.start + along * (one.end - one.start) for one in (leg, following))
-            parts.append(Frustum(*ends, 0.018, 0.018, GREY))
+            start, end = (one.start + along * (one.end - one.start) for one in (leg, following))
+            parts.append(Frustum(start, end, 0.018, 0.018, GREY))
         axes = leg.frame()
         along = rng.uniform(0.18, 0.35)
         centre = leg.start + along * (leg.end - leg.start) + 0.09 * axes[0]

@@ -72,7 +72,7 @@ class Water:
             lamp=times(base.lamp, 0.8, 1.4),
             snow_per_frame=round(base.snow_per_frame * rng.uniform(0.6, 1.5)),
             snow_brightness=round(base.snow_brightness * rng.uniform(0.7, 1.4), 6),
-            read_noise=times(base.read_noise, 0.85, 1.15),
+            read_noise=times(base.read_noise, 0.85, 1.4),
             shot_noise=times(base.shot_noise, 0.85, 1.15),
         )
 

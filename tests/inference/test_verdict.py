@@ -55,10 +55,10 @@ def test_contours_without_area_still_have_a_centre() -> None:
 
 
 def test_status_changes_just_above_the_threshold() -> None:
-    mask = np.zeros((1, 100_000), np.uint8)
-    mask[0, :135] = 255  # mean 0.34425
+    mask = np.zeros((1, 1_000_000), np.uint8)
+    mask[0, :1352] = 255  # mean 0.34476
     assert verdict_from_mask(mask, "texture").status == 0
-    mask[0, :136] = 255  # mean 0.3468
+    mask[0, :1353] = 255  # mean 0.34502
     assert verdict_from_mask(mask, "texture").status == 1
 
 

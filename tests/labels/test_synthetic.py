@@ -105,7 +105,7 @@ def test_story_has_ocean_and_obstacles_everywhere_it_should(mission):
     assert sum(summary.patches.values()) == 100 * N_FRAMES
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("seed", [2, 4])
 def test_other_seeds_tell_the_story_too(tmp_path, seed):
     summary = simulate_mission(tmp_path / "dive", seed=seed, n_frames=N_FRAMES, width=160)
     labels = read_labels(tmp_path / "dive")
@@ -270,7 +270,7 @@ def test_a_frame_fails_and_nothing_stays(tmp_path):
 
 
 def test_scene_file_says_how_it_was_made(mission):
-    out, summary = mission
+    out, _ = mission
     scene = json.loads((out / "scene.json").read_text())
     assert (scene["format"], scene["seed"], scene["n_frames"]) == (1, 1, N_FRAMES)
     assert scene["water"] == json.loads(json.dumps(Scene.draw(1, N_FRAMES, 340).water.to_json()))
@@ -298,7 +298,7 @@ def patch_deviations(folder):
 
 EDGES = np.array([0, 0.5, 0.71, 1.0, 1.41, 2, 2.83, 4, 5.66, 8, 11.3, 16, 22.6, 32, 45, 256])
 """Half-octave bins of a patch's standard deviation in grey levels; the tails are one bin each."""
-TOLERANCE_FACTOR, TOLERANCE_SHARE = 1.25, 0.001
+TOLERANCE_FACTOR, TOLERANCE_SHARE = 1.1, 0.001
 
 
 @pytest.mark.mission
@@ -306,7 +306,7 @@ TOLERANCE_FACTOR, TOLERANCE_SHARE = 1.25, 0.001
 def test_the_real_mission_lies_in_the_range_of_the_synthetic_ones(tmp_path):
     """Per bin, the real share is between the least and the most of six seeds.
 
-    The tolerance, a factor of 1.25 and 0.1 % of the patches either way, is the sampling error of
+    The tolerance, a factor of 1.1 and 0.1 % of the patches either way, is the sampling error of
     the small bins: 0.5 % of the patches of a simulated mission of 30 frames are 15 patches.
     """
     if not REAL.is_dir():
@@ -314,7 +314,7 @@ def test_the_real_mission_lies_in_the_range_of_the_synthetic_ones(tmp_path):
     real = patch_deviations(REAL)
     shares, extremes = [], []
     for seed in range(1, 7):
-        simulate_mission(tmp_path / str(seed), seed=seed, n_frames=30, width=480)
+        simulate_mission(tmp_path / str(seed), seed=seed, n_frames=30, width=360)
         simulated = patch_deviations(tmp_path / str(seed))
         shares.append(np.histogram(simulated, EDGES)[0] / len(simulated))
         extremes.append((simulated.min(), simulated.max()))

@@ -7,7 +7,7 @@ import sys
 import typer
 
 from ..features.errors import ToktError
-from . import dataset, labels, models, train
+from . import dataset, demo, labels, models, run, simulate, train
 
 app = typer.Typer(
     name="tokt",
@@ -24,6 +24,7 @@ def _root(context: typer.Context) -> None:
         typer.echo(context.get_help())
 
 
+app.command("demo")(demo.demo)
 app.add_typer(labels.labels_app, name="labels")
 app.add_typer(dataset.dataset_app, name="dataset")
 app.command("train")(train.train)
@@ -33,6 +34,9 @@ app.command("export")(models.export)
 app.command("deploy")(models.deploy)
 app.command("rollback")(models.rollback)
 app.command("store")(models.store)
+app.command("run")(run.run)
+app.command("listen")(run.listen)
+app.command("simulate")(simulate.simulate)
 
 
 def main() -> None:

@@ -69,7 +69,8 @@ def run(
         raise ToktError("--log-values needs a log to write them to (--log FILE.jsonl)")
     chosen = None if frames is None else parse_frames(frames)
     stereo = None if calibration is None else load_calibration(calibration)
-    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo=stereo is not None)
+    pairs = stereo is not None and policy != "texture"
+    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo=pairs)
     built = build_policy(policy, _model_loader(store, bundle), stereo)
     with ExitStack() as opened:
         senders = _open_senders(udp, format_, opened)

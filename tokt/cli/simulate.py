@@ -32,6 +32,6 @@ def simulate(
     nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
     print(
         f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
-        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower ({nearest})"
+        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
     )
     print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))

@@ -1,0 +1,183 @@
+"""`tokt run` and `tokt listen` as processes of their own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tokt.models.bundle import read_bundle
+from tokt.models.store import Store
+
+TOKT = [sys.executable, "-m", "tokt"]
+
+
+def tokt(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*TOKT, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*TOKT, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_run_sends_logs_and_sums_up(
+    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
+) -> None:
+    folder = make_mission([[], [(4, 4)], [], [(2, 7)]])
+    port = receiver.getsockname()[1]
+    log = tmp_path / "log.jsonl"
+    done = tokt(
+        *("run", "--bundle", bundle_file, "--source", folder, "--frames", "1-3"),
+        *("--udp", f"127.0.0.1:{port}", "--log", log, "--json"),
+    )
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert (summary["frames"], summary["obstacle"], summary["sent"]) == (3, 1, 3)
+    assert len(done.stderr.splitlines()) == 1 and "3 frames" in done.stderr
+    statuses = [receiver.recv(4096).split(b",")[1].strip() for _ in range(3)]
+    assert statuses == [b"0", b"1", b"0"]
+    assert [(line["frame"], line["model"]) for line in lines(log)] == [
+        (1, "noise/7"),
+        (2, "noise/7"),
+        (3, "noise/7"),
+    ]
+    assert "no fallback" in lines(log)[0]["health"]
+
+
+def test_a_store_s_active_model_runs_to_two_receivers(
+    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
+) -> None:
+    Store(tmp_path / "store").deploy(read_bundle(bundle_file))
+    address = f"127.0.0.1:{receiver.getsockname()[1]}"
+    done = tokt(
+        *("run", "--store", tmp_path / "store", "--source", make_mission([[(4, 4)]])),
+        *("--udp", address, "--udp", address, "--format", "v2", "--policy", "texture"),
+    )
+    assert done.returncode == 0, done.stderr
+    both = [json.loads(receiver.recv(4096)) for _ in range(2)]
+    assert both[0] == both[1]
+    assert both[0]["model"] == "noise/7" and both[0]["health"] == "ok" and both[0]["status"] == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_cleanly(
+    make_mission: Callable[..., Path],
+    bundle_file: Path,
+    closed_port: int,
+    tmp_path: Path,
+    number: signal.Signals,
+) -> None:
+    log = tmp_path / "log.jsonl"
+    process = start(
+        *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)]] * 200)),
+        *("--udp", f"127.0.0.1:{closed_port}", "--rate", "20", "--log", log, "--json"),
+    )
+    wait_for(lambda: log.is_file() and len(log.read_bytes().splitlines()) >= 3)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    assert len(err.splitlines()) == 1
+    assert log.read_bytes().endswith(b"\n")
+    assert json.loads(out)["frames"] == len(lines(log)) < 200
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--bundle", "B", "--store", "S"], "not both"),
+        ([], "needs a model"),
+        (["--bundle", "none.tokt"], "none.tokt"),
+        (["--bundle", "B", "--policy", "disparity"], "needs a stereo calibration"),
+        (["--bundle", "B", "--policy", "magic"], "unknown policy"),
+        (["--bundle", "B", "--format", "v3"], "unknown format"),
+        (["--bundle", "B", "--udp", "here"], "not an address"),
+        (["--bundle", "B", "--rate", "0"], "rate"),
+        (["--bundle", "B", "--frames", "9-1"], "not a list of frames"),
+        (["--bundle", "B", "--log-values"], "needs a log"),
+        (["--bundle", "B", "--calibration", "none.yml"], "does not exist"),
+        (["--bundle", "B", "--source", "pymba:0"], "unknown source"),
+    ],
+)
+def test_mistakes_are_one_line(
+    make_mission: Callable[..., Path], bundle_file: Path, arguments: list[str], message: str
+) -> None:
+    given = [str(bundle_file) if word == "B" else word for word in arguments]
+    done = tokt("run", "--source", make_mission([[]]), *given)
+    assert done.returncode == 2
+    assert done.stderr.startswith("tokt: error: ") and len(done.stderr.splitlines()) == 1
+    assert message in done.stderr and done.stdout == ""
+
+
+@pytest.mark.mission
+def test_a_run_without_its_model_goes_on_with_disparity(
+    mission: Path, calibration_path: Path, tmp_path: Path, closed_port: int
+) -> None:
+    broken = tmp_path / "broken.tokt"
+    broken.write_bytes(b"PK not really")
+    log = tmp_path / "log.jsonl"
+    done = tokt(
+        *("run", "--bundle", broken, "--source", mission, "--frames", "60,180"),
+        *("--calibration", calibration_path, "--log", log, "--udp", f"127.0.0.1:{closed_port}"),
+    )
+    assert done.returncode == 0, done.stderr
+    ocean, tower = lines(log)
+    assert (ocean["status"], tower["status"]) == (0, 1)
+    assert tower["method"] == "disparity" and tower["distance_m"] == pytest.approx(2.7, abs=0.1)
+    assert tower["health"].startswith("no texture model")
+
+
+def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> None:
+    process = start("listen", "--port", closed_port, "--count", "3", "--json")
+    assert process.stderr is not None
+    assert "listening" in process.stderr.readline()
+    v1 = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in (v1, b"\x1b[2J garbage", v1):
+            sender.sendto(data, ("127.0.0.1", closed_port))
+    out, _ = process.communicate(timeout=20)
+    shown = [json.loads(line) for line in out.splitlines()]
+    assert process.returncode == 0 and len(shown) == 3
+    assert shown[0]["x"] == -120 and "not a tokt datagram" in shown[1]["error"]
+
+
+def test_listen_ends_cleanly_and_says_when_the_port_is_taken(closed_port: int) -> None:
+    process = start("listen", "--port", closed_port)
+    assert process.stderr is not None
+    process.stderr.readline()
+    second = tokt("listen", "--port", closed_port)
+    assert second.returncode == 2 and len(second.stderr.splitlines()) == 1
+    assert "cannot listen" in second.stderr
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(
+            b"status : , 0  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,0", ("127.0.0.1", closed_port)
+        )
+    assert process.stdout is not None
+    assert "v1  clear  x=0  y=0  mean=0.0" in process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and (out, err) == ("", "")

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.detector import Detection, GridDetector
+from tokt.inference.log import JsonLines
+from tokt.inference.policy import SinglePolicy
+from tokt.inference.runtime import Runtime
+from tokt.inference.sources import Frame, open_source
+from tokt.inference.udp import UdpSender, decode
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_every_frame_has_a_line_whatever_happens_to_it(
+    make_mission: Callable[..., Path], noise_scorer: Any, hand_clock: Any, tmp_path: Path
+) -> None:
+    folder = make_mission([[], [(4, 4)], [], [(1, 1)], []])
+    (folder / "Left" / "t_L_3.jpg").write_bytes(b"\xff\xd8 not much of a picture")
+
+    class Fragile(GridDetector):
+        def detect(self, frame: Frame) -> Detection:
+            hand_clock.now += 0.02
+            if frame.number == 5:
+                raise RuntimeError("out of ideas")
+            return super().detect(frame)
+
+    log = JsonLines(tmp_path / "log.jsonl")
+    source = open_source(str(folder), hand_clock)
+    summary = Runtime(source, SinglePolicy(Fragile(noise_scorer)), [], hand_clock, log).run()
+    log.close()
+    found = lines(tmp_path / "log.jsonl")
+    assert [line["status"] for line in found] == [0, 1, -1, 1, -1]
+    assert [line["seq"] for line in found] == [line["frame"] for line in found] == [1, 2, 3, 4, 5]
+    assert "truncated" in found[2]["health"] and "out of ideas" in found[4]["health"]
+    assert found[1]["model"] == "noise/1" and found[1]["method"] == "texture"
+    assert found[0]["latency_ms"] == pytest.approx(20.0)
+    assert (summary.frames, summary.obstacle, summary.clear, summary.unknown) == (5, 2, 1, 2)
+    assert summary.latency_ms_max == pytest.approx(20.0)
+
+
+def test_no_receiver_never_slows_or_stops_the_loop(
+    make_mission: Callable[..., Path], noise_scorer: Any, closed_port: int, tmp_path: Path
+) -> None:
+    folder = make_mission([[(1, 1)]] * 40)
+    senders = [UdpSender("127.0.0.1", closed_port, version) for version in (1, 2)]
+    took: list[float] = []
+    for sender in senders:
+        send = sender.send
+
+        def timed(report: Any, send: Any = send) -> None:
+            start = time.perf_counter()
+            send(report)
+            took.append(time.perf_counter() - start)
+
+        sender.send = timed  # type: ignore[method-assign]
+    log = JsonLines(tmp_path / "log.jsonl")
+    source = open_source(str(folder), SYSTEM_CLOCK)
+    policy = SinglePolicy(GridDetector(noise_scorer))
+    summary = Runtime(source, policy, senders, SYSTEM_CLOCK, log).run()
+    log.close()
+    for sender in senders:
+        sender.close()
+    assert len(lines(tmp_path / "log.jsonl")) == summary.frames == 40
+    assert summary.sent + summary.send_failures == 80
+    assert np.median(took) < 0.001
+
+
+def test_a_receiver_that_does_not_read_never_slows_the_loop(
+    noise_scorer: Any, receiver: Any, draw_frame: Callable[..., np.ndarray]
+) -> None:
+    class Same:
+        def __iter__(self) -> Any:
+            picture = draw_frame([(1, 1)])
+            return (Frame(n, 0.0, picture, None) for n in range(1, 501))
+
+        def stop(self) -> None: ...
+
+    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # a few datagrams fill it
+    sender = UdpSender(*receiver.getsockname(), 2)
+    policy = SinglePolicy(GridDetector(noise_scorer))
+    start = time.perf_counter()
+    summary = Runtime(Same(), policy, [sender], SYSTEM_CLOCK).run()
+    sender.close()
+    assert summary.frames == 500
+    assert time.perf_counter() - start < 20
+
+
+def test_datagrams_carry_what_the_log_says(
+    make_mission: Callable[..., Path], noise_scorer: Any, receiver: Any, tmp_path: Path
+) -> None:
+    folder = make_mission([[], [(4, 4), (7, 2)]])
+    sender = UdpSender(*receiver.getsockname(), 2)
+    log = JsonLines(tmp_path / "log.jsonl")
+    source = open_source(str(folder), SYSTEM_CLOCK)
+    policy = SinglePolicy(GridDetector(noise_scorer))
+    Runtime(source, policy, [sender], SYSTEM_CLOCK, log, log_values=True).run()
+    log.close()
+    sender.close()
+    for line in lines(tmp_path / "log.jsonl"):
+        assert np.array(line.pop("decision_values")).shape == (100, 1)
+        line.pop("frame")
+        assert decode(receiver.recv(65535)) == line
+
+
+def test_logged_decision_values_are_exact(
+    make_mission: Callable[..., Path], noise_scorer: Any, tmp_path: Path
+) -> None:
+    folder = make_mission([[(4, 4)]])
+    log = JsonLines(tmp_path / "log.jsonl")
+    source = open_source(str(folder), SYSTEM_CLOCK)
+    policy = SinglePolicy(GridDetector(noise_scorer))
+    Runtime(source, policy, [], SYSTEM_CLOCK, log, log_values=True).run()
+    log.close()
+    frame = next(iter(open_source(str(folder), SYSTEM_CLOCK)))
+    assert frame.left is not None
+    expected = noise_scorer.decision_values(frame.left)
+    logged = np.array(lines(tmp_path / "log.jsonl")[0]["decision_values"])
+    np.testing.assert_array_equal(logged, expected)
+
+
+def test_a_log_is_added_to_after_a_torn_line(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    path.write_bytes(b'{"seq":1}\n{"se')
+    log = JsonLines(path)
+    log.write({"seq": 1})
+    log.write({"seq": 2})
+    log.close()
+    assert path.read_bytes() == b'{"seq":1}\n{"se\n{"seq":1}\n{"seq":2}\n'
+
+
+def test_a_log_that_cannot_be_opened_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match=r"log .* cannot be written"):
+        JsonLines(tmp_path / "none" / "log.jsonl")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
+def test_a_full_disk_is_counted_and_the_loop_goes_on(
+    make_mission: Callable[..., Path], noise_scorer: Any
+) -> None:
+    log = JsonLines("/dev/full")
+    source = open_source(str(make_mission([[]] * 3)), SYSTEM_CLOCK)
+    policy = SinglePolicy(GridDetector(noise_scorer))
+    summary = Runtime(source, policy, [], SYSTEM_CLOCK, log).run()
+    log.close()
+    assert (summary.frames, summary.log_failures) == (3, 3)

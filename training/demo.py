@@ -1,0 +1,284 @@
+"""The whole chain in one run: labels, dataset, training, registry, bundle, store, runtime, UDP."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..features import atomic
+from ..features.errors import ToktError
+from ..features.grid import DEFAULT_GRID
+from ..features.mission import LEFT, Mission, format_frames, open_mission
+from ..labels.label_csv import read_label_csv
+from ..labels.record import LabelRecord
+from ..labels.store import LabelStore
+from ..labels.synthetic.mission import simulate_mission
+from ..labels.taxonomy import UNSURE, Taxonomy
+from ..models.bundle import Bundle
+from ..models.registry import Registry
+from ..models.store import Store
+from .classifier import decision_values
+from .compare import Difference, compare_f1
+from .cross_validation import Split
+from .dataset import DatasetVersion, build_dataset
+from .evaluate import Scored, evaluate_scored, score_mission
+from .mission_source import labels_of_mission, plan_from_missions
+from .presets import extractor_for, settings_named
+from .replay import Replay, replay
+from .report import write_report
+from .splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, block_of, blocked_folds
+from .tracking import log_and_register
+from .train import Trained, TrainRequest, train
+
+_MARK = "made-by-tokt-demo"
+_HELD_BACK_PARTS = 4
+_CANDIDATES = (("tower-lbp", "lbp", "best"), ("tower-haralick", "haralick", "best"))
+_BASELINES = (("thesis-lbp", "lbp", "thesis"), ("thesis-haralick", "haralick", "thesis"))
+
+Progress = Callable[..., Any]
+Say = Callable[[str], None]
+
+
+@dataclass
+class DemoRun:
+    """Everything a demo found, for its report.
+
+    Parameters
+    ----------
+    mission : Mission
+    records : list of LabelRecord
+        All labels of it.
+    rendered : bool
+        Whether the mission is a rendered one.
+    train_frames, held_frames : list of int
+        Labelled frames learnt from, and held back (with a gap between them).
+    seconds : dict
+        Wall time of each stage.
+    """
+
+    mission: Mission
+    records: list[LabelRecord]
+    taxonomy: Taxonomy
+    rendered: bool
+    train_frames: list[int]
+    held_frames: list[int]
+    dataset: DatasetVersion | None = None
+    trained: dict[str, Trained] = field(default_factory=dict)
+    bundles: dict[str, Bundle] = field(default_factory=dict)
+    scored: dict[str, Scored] = field(default_factory=dict)
+    evaluations: dict[str, dict[str, Any]] = field(default_factory=dict)
+    difference: Difference | None = None
+    champion: str = ""
+    replay: Replay | None = None
+    skew: float = float("nan")
+    disagreements: int = -1
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str, say: Say) -> Iterator[None]:
+        """Time one stage and say when it begins."""
+        say(f"-- {name}")
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start
+
+
+def _empty_folder(out: Path) -> None:
+    """Make `out` an empty folder; only a folder that an earlier demo made is emptied."""
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / _MARK).is_file())):
+        raise ToktError(f"{out} is not a folder that a demo made; choose another with --out")
+    if out.is_dir():
+        shutil.rmtree(out)
+    atomic.write_text(out / _MARK, "This folder is emptied by the next tokt demo.\n")
+
+
+def hold_back(records: list[LabelRecord], taxonomy: Taxonomy) -> tuple[list[int], list[int]]:
+    """Split the labelled left frames of a mission: blocks to learn from, blocks to replay.
+
+    About a quarter of the mission is held back, in whole blocks of consecutive frames; frames
+    within the embargo of a held-back one are in neither part.
+
+    Returns
+    -------
+    train_frames, held_frames : lists of int
+    """
+    rows = [
+        (r.mission, r.frame, block_of(r.mission, r.frame), taxonomy.is_obstacle(str(r.label)))
+        for r in records
+        if r.label != UNSURE and r.camera == LEFT
+    ]
+    table = pd.DataFrame(rows, columns=["mission", "frame", "group", "obstacle"])
+    targets = table.obstacle.to_numpy(np.int64)
+    fold = blocked_folds(table, targets, _HELD_BACK_PARTS, EMBARGO_FRAMES)[0]
+    frames = table.frame.to_numpy()
+    return sorted(set(frames[fold.train].tolist())), sorted(set(frames[fold.test].tolist()))
+
+
+def _prepare(
+    out: Path, mission: Path | None, labels: Path | None, frames: int, progress: Progress, say: Say
+) -> DemoRun:
+    start = time.perf_counter()
+    rendered = mission is None
+    if mission is None:
+        say("-- render a mission")
+        mission = out / "synthetic"
+        simulate_mission(mission, n_frames=frames, progress=progress)
+    opened, taxonomy = open_mission(mission), Taxonomy.load()
+    say("-- import labels")
+    read = read_label_csv(labels or mission / "labels.csv", taxonomy)
+    with LabelStore(out / "workspace" / "labels.db") as store:
+        store.add(read)
+        records, remark = labels_of_mission(opened, store.current(), DEFAULT_GRID, only=True)
+    if remark:
+        say(f"note: {remark}")
+    train_frames, held = hold_back(records, taxonomy)
+    run = DemoRun(opened, records, taxonomy, rendered, train_frames, held)
+    name = "render a mission, import labels" if rendered else "import labels"
+    run.seconds[name] = time.perf_counter() - start
+    return run
+
+
+def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
+    plan, _ = plan_from_missions(
+        "demo", "binary", [run.mission.path], run.records, run.taxonomy, frames=run.train_frames
+    )
+    run.dataset = build_dataset(plan, workspace / "datasets", progress)
+
+
+def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Progress) -> None:
+    if run.dataset is None:
+        raise ValueError("the dataset comes first")
+    for name, extractor, preset in (*_CANDIDATES, *_BASELINES):
+        request = TrainRequest(
+            run.dataset,
+            name,
+            extractor_for(extractor, preset),
+            extractor,
+            settings_named(preset),
+            Split(FOLDS, EMBARGO_FRAMES),
+        )
+        run.trained[name] = train(request, workspace / "cache", progress)
+        log_and_register(run.trained[name], registry)
+        run.bundles[name] = registry.bundle(name)
+
+
+def _choose(run: DemoRun, registry: Registry) -> None:
+    """Compare the candidates on cross-validated predictions only; the better one is champion."""
+    first, second = (run.trained[name] for name, _, _ in _CANDIDATES)
+    patches = first.request.dataset.patches
+    truth = np.asarray(first.model.obstacle, bool)[first.request.dataset.targets()]
+    said = [t.model.obstacle_patches(t.held_out.values) for t in (first, second)]
+    run.difference = compare_f1(truth, said[0], said[1], patches.group.to_numpy())
+    better = first if run.difference.difference >= 0 else second
+    run.champion = better.request.name
+    registry.set_alias(run.champion, "champion")
+
+
+def _check_replay(run: DemoRun) -> None:
+    """Hold the runtime's decision values against scikit-learn's, and its datagrams to its log."""
+    if run.replay is None:
+        raise ValueError("the replay comes first")
+    trained = run.trained[run.champion]
+    worst = 0.0
+    for entry in run.replay.log:
+        image = run.mission.read(entry["frame"], LEFT)
+        described = trained.request.extractor.describe(image, trained.request.dataset.grid)
+        expected = decision_values(trained.pipeline, described)
+        worst = max(worst, float(np.abs(expected - np.asarray(entry["decision_values"])).max()))
+    run.skew = worst
+    run.disagreements = run.replay.disagreements()
+
+
+def run_demo(
+    out: Path,
+    mission: Path | None,
+    labels: Path | None,
+    frames: int,
+    progress: Progress,
+    say: Say,
+) -> dict[str, Any]:
+    """Run the whole chain and write ``report.html``.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for workspace, store, log and report.
+    mission, labels : Path or None
+        A real mission with its label file, or neither for a rendered mission.
+    frames : int
+        Stereo pairs of the rendered mission.
+    progress, say : callable
+        Where progress and remarks go.
+
+    Returns
+    -------
+    dict
+        The figures of the report.
+
+    Raises
+    ------
+    ToktError
+        If the mission or its labels cannot be used.
+    """
+    if mission is not None:
+        open_mission(mission)
+    _empty_folder(out)
+    run = _prepare(out, mission, labels, frames, progress, say)
+    workspace, store = out / "workspace", Store(out / "store")
+    registry = Registry(workspace)
+    with run.stage("build the dataset", say):
+        _build(run, workspace, progress)
+    with run.stage("train and register", say):
+        _train_all(run, workspace, registry, progress)
+    with run.stage("compare, choose the champion, export, deploy", say):
+        _choose(run, registry)
+        champion = registry.bundle(f"{run.champion}@champion")
+        bundle_file = out / f"{champion.name}-{champion.version}.tokt"
+        atomic.write_bytes(bundle_file, champion.data)
+        store.deploy(champion, "tokt demo")
+    with run.stage("replay the held-back frames through the runtime", say):
+        run.replay = replay(store.path, run.mission.path, run.held_frames, out / "replay.jsonl")
+        _check_replay(run)
+    with run.stage("score all models on the held-back frames", say):
+        for name, bundle in run.bundles.items():
+            run.scored[name] = score_mission(bundle, run.mission, progress, run.held_frames)
+            run.evaluations[name] = evaluate_scored(
+                bundle, run.scored[name], run.mission.name, run.records, run.taxonomy
+            )
+    say("-- write the report")
+    write_report(out / "report.html", run, bundle_file)
+    return _result(run, bundle_file, out)
+
+
+def _result(run: DemoRun, bundle_file: Path, out: Path) -> dict[str, Any]:
+    return {
+        "report": str(out / "report.html"),
+        "bundle": str(bundle_file),
+        "mission": run.mission.name,
+        "rendered": run.rendered,
+        "split": {
+            "block_frames": BLOCK_FRAMES,
+            "embargo_frames": EMBARGO_FRAMES,
+            "train_frames": format_frames(run.train_frames),
+            "held_back_frames": format_frames(run.held_frames),
+        },
+        "champion": run.champion,
+        "comparison": None if run.difference is None else asdict(run.difference),
+        "cross_validation": {name: trained.metrics for name, trained in run.trained.items()},
+        "held_back": run.evaluations,
+        "replay": {
+            "frames": len(run.replay.log) if run.replay else 0,
+            "datagrams": len(run.replay.datagrams) if run.replay else 0,
+            "disagreements": run.disagreements,
+            "max_abs_difference_of_decision_values": run.skew,
+        },
+        "seconds": run.seconds,
+    }
