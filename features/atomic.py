@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -63,7 +65,7 @@ def publish_folder(folder: Path, target: Path) -> None:
     """Sync every file in a scratch folder, then rename it to `target`, which must not exist."""
     for path in folder.rglob("*"):
         if path.is_file():
-            with path.open("rb") as handle:
+            with path.open("r+b") as handle:  # Windows syncs no file that is open for reading
                 os.fsync(handle.fileno())
     folder.rename(target)
     fsync_folder(target.parent)
@@ -87,9 +89,25 @@ def new_folder(target: Path) -> Iterator[Path]:
         publish_folder(folder, target)
 
 
-def remove_partials(folder: Path) -> int:
-    """Delete what a killed process left half-written in `folder`; return how many were found."""
-    leftovers = list(folder.glob(f"{_PARTIAL}*")) if folder.is_dir() else []
+def _modified_s(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:  # its writer has finished meanwhile
+        return math.inf
+
+
+def remove_partials(folder: Path, older_than_s: float = 0.0) -> int:
+    """Delete what a killed process left half-written in `folder`; return how many were found.
+
+    Parameters
+    ----------
+    folder : Path
+    older_than_s : float
+        Leave what was begun less than this many seconds ago: somebody may be writing it.
+    """
+    latest = time.time() - older_than_s
+    found = list(folder.glob(f"{_PARTIAL}*")) if folder.is_dir() else []
+    leftovers = [path for path in found if _modified_s(path) <= latest]
     for path in leftovers:
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)

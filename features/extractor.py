@@ -15,7 +15,7 @@ Specs, version 1::
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import cv2
@@ -28,6 +28,7 @@ from .grid import Grid
 Spec = Mapping[str, Any]
 SPEC_VERSION = 1
 PLAIN_IMAGE = {"resize": "area", "gray": "bt601"}
+_LARGEST_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
 HARALICK_NAMES = (
     "angular_second_moment",
     "contrast",
@@ -83,9 +84,11 @@ def gray_picture(frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
         raise TypeError(f"a frame is uint8, not {frame.dtype}")
     if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] != 3):
         raise ValueError(f"a frame is (height, width) or (height, width, 3), not {frame.shape}")
+    if not frame.size:
+        raise ValueError("a frame has at least one pixel")
     height, width = grid.resized(*frame.shape[:2])
-    if min(height, width) < 1:
-        raise ValueError(f"a frame of {frame.shape} has no pixel left after the resize")
+    if not 1 <= height * width <= _LARGEST_PICTURE:
+        raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
     picture = frame
     if (height, width) != frame.shape[:2]:
         picture = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA).astype(
@@ -203,16 +206,40 @@ def _haralick_from(spec: Spec) -> Haralick:
     return Haralick(spec["ignore_zeros"])
 
 
-_BUILDERS = {
+_BUILDERS: dict[str, tuple[Callable[[Spec], Lbp | Haralick], set[str]]] = {
     "lbp": (_lbp_from, {"name", "version", "points", "radius", "border", "image"}),
     "haralick": (_haralick_from, {"name", "version", "ignore_zeros", "image"}),
 }
 
 
+def _check_head(spec: Any) -> str:
+    """The name in a spec, once that and the version are known ones."""
+    if not isinstance(spec, Mapping):
+        raise ToktError(f"an extractor's spec is an object, not {type(spec).__name__}")
+    name, version = spec.get("name"), spec.get("version")
+    if name not in (*_BUILDERS, "join"):
+        raise ToktError(f"unknown extractor {name!r} (known: {', '.join([*_BUILDERS, 'join'])})")
+    if type(version) is not int or version != SPEC_VERSION:
+        raise ToktError(f"extractor {name}: version {version!r} is not known here")
+    return str(name)
+
+
 def _check_keys(spec: Spec, keys: set[str]) -> None:
     if set(spec) != keys:
-        wrong = ", ".join(sorted(set(spec) ^ keys))
+        wrong = ", ".join(sorted(map(str, set(spec) ^ keys)))
         raise ToktError(f"extractor {spec['name']}: unknown or missing in its spec: {wrong}")
+
+
+def _plain_from(spec: Any) -> Lbp | Haralick:
+    """Build what a spec describes, unless it is a join."""
+    name = _check_head(spec)
+    if name == "join":
+        raise ToktError("extractor join: takes two or more plain extractors")
+    builder, keys = _BUILDERS[name]
+    _check_keys(spec, keys)
+    if spec["image"] != PLAIN_IMAGE:
+        raise ToktError(f"extractor {name}: image {spec['image']!r} is not known here")
+    return builder(spec)
 
 
 def build_extractor(spec: Spec) -> Lbp | Haralick | Join:
@@ -224,23 +251,13 @@ def build_extractor(spec: Spec) -> Lbp | Haralick | Join:
         If the spec names an extractor, version or option this tokt does not know. A spec is
         never read with a part of it ignored.
     """
-    name = spec.get("name")
-    if name not in (*_BUILDERS, "join"):
-        raise ToktError(f"unknown extractor {name!r} (known: {', '.join([*_BUILDERS, 'join'])})")
-    if spec.get("version") != SPEC_VERSION:
-        raise ToktError(f"extractor {name}: version {spec.get('version')!r} is not known here")
-    if name == "join":
-        _check_keys(spec, {"name", "version", "parts"})
-        parts = [build_extractor(part) for part in spec["parts"]]
-        flat = [part for part in parts if not isinstance(part, Join)]
-        if len(flat) < 2 or len(flat) != len(parts):
-            raise ToktError("extractor join: takes two or more plain extractors")
-        return Join(flat)
-    builder, keys = _BUILDERS[str(name)]
-    _check_keys(spec, keys)
-    if spec["image"] != PLAIN_IMAGE:
-        raise ToktError(f"extractor {name}: image {spec['image']!r} is not known here")
-    return builder(spec)
+    if _check_head(spec) != "join":
+        return _plain_from(spec)
+    _check_keys(spec, {"name", "version", "parts"})
+    parts = spec["parts"]
+    if not isinstance(parts, list) or len(parts) < 2:
+        raise ToktError("extractor join: takes two or more plain extractors")
+    return Join([_plain_from(part) for part in parts])
 
 
 NAMED: dict[str, Lbp | Haralick] = {

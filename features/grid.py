@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from .errors import ToktError
 
-_TEXT = re.compile(r"(\d+)x(\d+)(?:@(\d+|native))?")
+_TEXT = re.compile(r"(\d{1,9})x(\d{1,9})(?:@(\d{1,9}|native))?")
+_WIDEST = 10_000  # pixels; no camera here gives more, and a resize to more only fills memory
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Grid:
             raise ToktError(f"a grid needs at least one row and one column, not {self}")
         if self.width is not None and self.width < 3 * self.cols:
             raise ToktError(f"grid {self} has patches under 3 pixels wide")
+        if self.width is not None and self.width > _WIDEST:
+            raise ToktError(f"grid {self} is wider than {_WIDEST} pixels")
 
     @classmethod
     def parse(cls, text: str) -> Grid:
@@ -56,9 +59,20 @@ class Grid:
 
     @classmethod
     def from_json(cls, value: Any) -> Grid:
-        """Read what `to_json` wrote."""
-        width = value["width"]
-        return cls(int(value["rows"]), int(value["cols"]), None if width is None else int(width))
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ToktError
+            If it is anything else.
+        """
+        if not isinstance(value, dict) or set(value) != {"rows", "cols", "width"}:
+            raise ToktError("a grid is an object of rows, cols and width")
+        if any(
+            type(size) is not int for key, size in value.items() if (key, size) != ("width", None)
+        ):
+            raise ToktError("a grid's rows, cols and width are whole numbers")
+        return cls(**value)
 
     def to_json(self) -> dict[str, int | None]:
         """Plain JSON form."""

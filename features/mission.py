@@ -129,7 +129,7 @@ class VideoMission:
         count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if not self._capture.isOpened() or count < 1:
             raise ToktError(f"{path} is not a video that can be read")
-        self._count = count
+        self._count = self._readable = count
         self.frames_per_second = float(self._capture.get(cv2.CAP_PROP_FPS)) or None
 
     def frames(self, camera: str = LEFT) -> list[int]:
@@ -148,12 +148,15 @@ class VideoMission:
             self._capture.release()
             self._capture = cv2.VideoCapture(str(self.path))
             self._next = 1
-        while self._next < frame and self._capture.grab():
-            self._next += 1
-        good, image = self._capture.read() if self._next == frame else (False, None)
+        while self._next <= min(frame, self._readable):
+            if self._capture.grab():
+                self._next += 1
+            else:
+                # What a further grab would give has lost its number.
+                self._readable = self._next - 1
+        good, image = self._capture.retrieve() if frame <= self._readable else (False, None)
         if not good or image is None:
             raise FrameError(f"{self.path}: frame {frame} cannot be decoded")
-        self._next = frame + 1
         return np.asarray(image, np.uint8)
 
     def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:

@@ -23,6 +23,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import struct
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -150,10 +151,21 @@ class Bundle:
         return self.model.decision_values(self.extractor.describe(frame, self.grid))
 
 
-def _npz(**arrays: NDArray[Any]) -> bytes:
+def _zip(members: Mapping[str, bytes]) -> bytes:
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name, data in members.items():
+            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
     return buffer.getvalue()
+
+
+def _npz(**arrays: NDArray[Any]) -> bytes:
+    members: dict[str, bytes] = {}
+    for name, array in arrays.items():
+        npy = io.BytesIO()
+        np.lib.format.write_array(npy, array, allow_pickle=False)
+        members[f"{name}.npy"] = npy.getvalue()
+    return _zip(members)
 
 
 def _classes_json(model: LinearModel) -> list[dict[str, Any]]:
@@ -189,28 +201,36 @@ def bundle_bytes(content: BundleContent) -> bytes:
     }
     manifest["manifest_sha256"] = json_sha256(manifest)
     members["manifest.json"] = (json.dumps(manifest, indent=2, sort_keys=True) + "\n").encode()
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
-        for name in _MEMBERS:
-            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), members[name])
-    return buffer.getvalue()
+    return _zip({name: members[name] for name in _MEMBERS})
+
+
+def _unzip(data: bytes, where: str) -> dict[str, bytes]:
+    """The members of a zip, none of them compressed, encrypted, repeated or huge."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            infos = archive.infolist()
+            if any(
+                info.compress_type != zipfile.ZIP_STORED or info.flag_bits & 1 for info in infos
+            ):
+                raise ToktError(f"{where}: damaged, or not written by tokt (it is compressed)")
+            if any(info.file_size > _LARGEST_MEMBER_BYTES for info in infos):
+                raise ToktError(f"{where}: a member of the bundle is too large")
+            members = {info.filename: archive.read(info) for info in infos}
+    except (zipfile.BadZipFile, EOFError, OSError, RuntimeError, ValueError, struct.error) as error:
+        raise ToktError(f"{where}: truncated or damaged ({error})") from None
+    if len(members) != len(infos):
+        raise ToktError(f"{where}: a member is in it twice")
+    return members
 
 
 def _parse(data: bytes, where: str) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Act one: the archive as a manifest and raw members; nothing is believed yet."""
+    members = _unzip(data, where)
+    if "manifest.json" not in members:
+        raise ToktError(f"{where}: not a tokt bundle (no manifest.json in it)")
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            infos = archive.infolist()
-            if len(infos) != len(_MEMBERS) and "manifest.json" not in archive.namelist():
-                raise ToktError(f"{where}: not a tokt bundle (no manifest.json in it)")
-            if any(info.file_size > _LARGEST_MEMBER_BYTES for info in infos):
-                raise ToktError(f"{where}: a member of the bundle is too large")
-            members = {info.filename: archive.read(info) for info in infos}
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, OSError) as error:
-        raise ToktError(f"{where}: the bundle is truncated or damaged ({error})") from None
-    try:
-        manifest = json.loads(members.pop("manifest.json", b"null"))
-    except ValueError:
+        manifest = json.loads(members.pop("manifest.json"))
+    except (ValueError, RecursionError):
         raise ToktError(f"{where}: the bundle's manifest is not JSON") from None
     if not isinstance(manifest, dict):
         raise ToktError(f"{where}: not a tokt bundle (no manifest in it)")
@@ -220,7 +240,7 @@ def _parse(data: bytes, where: str) -> tuple[dict[str, Any], dict[str, bytes]]:
 def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where: str) -> None:
     """Act two, first half: the format is known, nothing is missing, added or edited."""
     version = manifest.get("format_version")
-    if not isinstance(version, int) or version < 1:
+    if type(version) is not int or version < 1:
         raise ToktError(f"{where}: the bundle has no format version")
     if version > FORMAT_VERSION:
         raise ToktError(
@@ -232,7 +252,7 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
     bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}
     try:
         sound = json_sha256(bare) == manifest["manifest_sha256"]
-    except ValueError:
+    except (ValueError, RecursionError):
         sound = False
     if not sound:
         raise ToktError(f"{where}: the bundle's manifest has been edited (its hash does not match)")
@@ -243,12 +263,15 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
             raise ToktError(f"{where}: {name} in the bundle has been edited (hash does not match)")
 
 
-def _arrays(data: bytes, wanted: dict[str, type], where: str, member: str) -> dict[str, Any]:
+def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) -> dict[str, Any]:
     """An npz member's arrays, of just the names and dtypes expected."""
+    raw = _unzip(data, f"{where}: {member}")
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        arrays = {
+            name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(npy), allow_pickle=False)
+            for name, npy in raw.items()
+        }
+    except (ValueError, TypeError, OverflowError, MemoryError, RecursionError) as error:
         raise ToktError(f"{where}: {member} cannot be read ({error})") from None
     if {name: array.dtype for name, array in arrays.items()} != {
         name: np.dtype(dtype) for name, dtype in wanted.items()
@@ -278,6 +301,21 @@ def _golden_from(data: bytes, where: str) -> Golden:
     return Golden(frames, values, obstacle)
 
 
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise TypeError(f"{value!r} is not a name")
+    return value
+
+
+def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
+    """Names and obstacle flags; a flag that is not a plain yes or no is not taken for a no."""
+    if any(
+        set(item) != {"name", "obstacle"} or type(item["obstacle"]) is not bool for item in value
+    ):
+        raise TypeError("a class is a name and an obstacle flag")
+    return tuple(_text(item["name"]) for item in value), tuple(item["obstacle"] for item in value)
+
+
 def _check_content(
     manifest: dict[str, Any], members: dict[str, bytes], where: str
 ) -> BundleContent:
@@ -285,27 +323,24 @@ def _check_content(
     kinds = {"weights": np.float64, "bias": np.float64, "thresholds": np.float64}
     arrays = _arrays(members["weights.npz"], kinds, where, "weights.npz")
     lineage = _arrays(members["lineage.npz"], {"trained_on": np.uint64}, where, "lineage.npz")
+    if lineage["trained_on"].ndim != 1:
+        raise ToktError(f"{where}: lineage.npz is not a list of frames")
+    golden = _golden_from(members["golden.npz"], where)
     try:
-        model = LinearModel(
-            arrays["weights"],
-            arrays["bias"],
-            arrays["thresholds"],
-            tuple(str(item["name"]) for item in manifest["classes"]),
-            tuple(item["obstacle"] is True for item in manifest["classes"]),
-        )
+        names, obstacle = _classes_from(manifest["classes"])
         return BundleContent(
-            name=str(manifest["name"]),
-            version=str(manifest["version"]),
+            name=_text(manifest["name"]),
+            version=_text(manifest["version"]),
             extractor_spec=dict(manifest["extractor"]),
             grid=Grid.from_json(manifest["grid"]),
-            model=model,
+            model=LinearModel(**arrays, classes=names, obstacle=obstacle),
             provenance=dict(manifest["provenance"]),
             metrics=dict(manifest["metrics"]),
-            golden=_golden_from(members["golden.npz"], where),
+            golden=golden,
             trained_on=lineage["trained_on"],
             card=members["card.md"].decode("utf-8"),
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (ToktError, TypeError, ValueError) as error:
         raise ToktError(f"{where}: the bundle's content does not fit together ({error})") from None
 
 
@@ -317,7 +352,10 @@ def _check_golden(bundle: Bundle, where: str) -> None:
         raise ToktError(f"{where}: the golden values have another shape than the model's grid")
     for index, png in enumerate(golden.frames):
         frame = decode_image(png, f"{where}: golden frame {index}")
-        values = bundle.decision_values(frame)
+        try:
+            values = bundle.decision_values(frame)
+        except (ToktError, ValueError) as error:
+            raise ToktError(f"{where}: golden frame {index} cannot be judged ({error})") from None
         difference = float(np.abs(values - golden.decision_values[index]).max())
         if not difference <= GOLDEN_TOLERANCE:
             raise ToktError(
@@ -351,8 +389,6 @@ def bundle_from_bytes(data: bytes, where: str) -> Bundle:
         extractor = build_extractor(content.extractor_spec)
     except ToktError as error:
         raise ToktError(f"{where}: {error}") from None
-    except (KeyError, TypeError) as error:
-        raise ToktError(f"{where}: the extractor spec cannot be read ({error})") from None
     if extractor.dim != content.model.dim:
         raise ToktError(
             f"{where}: the model takes {content.model.dim} features, its extractor gives "

@@ -13,6 +13,9 @@ import json
 import logging
 import os
 import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,10 +40,14 @@ from .linear import LinearModel
 # Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+# Standard output is for results, and a server that is down is said so in seconds.
+os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
 
 import mlflow
 from mlflow.entities.model_registry import ModelVersion
 from mlflow.exceptions import MlflowException
+from sqlalchemy.exc import SQLAlchemyError
 
 EXPERIMENT = "tokt"
 RECIPE_VERSION = 1
@@ -108,6 +115,15 @@ class Registry:
         mlflow.set_registry_uri(self.uri)
         self.client = mlflow.MlflowClient()
 
+    @contextmanager
+    def reported(self) -> Iterator[None]:
+        """Turn what MLflow cannot do (server down, database damaged) into a ToktError."""
+        try:
+            yield
+        except (MlflowException, SQLAlchemyError) as error:
+            reason = str(error).strip().splitlines()[0]
+            raise ToktError(f"the model registry at {self.uri}: {reason}") from error
+
     def experiment_id(self) -> str:
         """The id of the experiment that tokt's runs go to; created when missing."""
         found = self.client.get_experiment_by_name(EXPERIMENT)
@@ -136,13 +152,29 @@ class Registry:
         )
         return self._listed(version)
 
-    def versions(self) -> list[RegisteredVersion]:
-        """Every registered version, by name, newest first."""
-        found = [
-            self._listed(self.client.get_model_version(version.name, version.version))
-            for version in self.client.search_model_versions()
-        ]
+    def versions(self, name: str | None = None) -> list[RegisteredVersion]:
+        """Every registered version, or those of one model, by name, newest first.
+
+        Raises
+        ------
+        ToktError
+            If the registry cannot be read.
+        """
+        wanted = None if name is None else f"name = '{name}'"
+        with self.reported():
+            found = [
+                # The search leaves the aliases out.
+                self._listed(self.client.get_model_version(version.name, version.version))
+                for version in self._pages(wanted)
+            ]
         return sorted(found, key=lambda item: (item.name, -int(item.version)))
+
+    def _pages(self, wanted: str | None) -> Iterator[ModelVersion]:
+        token = None
+        while token != "":
+            page = self.client.search_model_versions(wanted, page_token=token)
+            yield from page
+            token = page.token or ""
 
     def find(self, reference: str) -> RegisteredVersion:
         """The version behind ``name`` (its newest), ``name@alias`` or ``name/version``.
@@ -156,7 +188,7 @@ class Registry:
         if match is None:
             raise ToktError(f"not a model: {reference!r} (write NAME, NAME@ALIAS or NAME/VERSION)")
         name, alias, number = match[1], match[2], match[3]
-        known = [item for item in self.versions() if item.name == name]
+        known = self.versions(name) if _NAME.fullmatch(name) else []
         if not known:
             names = ", ".join(sorted({item.name for item in self.versions()})) or "none yet"
             raise ToktError(f"no model {name!r} in the registry (there are: {names})")
@@ -220,7 +252,8 @@ class Registry:
         )
 
     def _linear_model(self, version: RegisteredVersion, recipe: dict[str, Any]) -> LinearModel:
-        pipeline = mlflow.sklearn.load_model(f"models:/{version.label}")
+        with self.reported(), tempfile.TemporaryDirectory() as folder:
+            pipeline = mlflow.sklearn.load_model(f"models:/{version.label}", dst_path=folder)
         svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
         dim = svc.coef_.shape[1]
         return LinearModel.fold(
@@ -236,7 +269,8 @@ class Registry:
     def _artifact(self, version: RegisteredVersion, name: str) -> bytes:
         uri = f"runs:/{version.run_id}/tokt/{name}"
         try:
-            return Path(mlflow.artifacts.download_artifacts(uri)).read_bytes()
+            with tempfile.TemporaryDirectory() as folder:
+                return Path(mlflow.artifacts.download_artifacts(uri, dst_path=folder)).read_bytes()
         except (MlflowException, OSError):
             raise ToktError(
                 f"model {version.label}: {name} is missing from its run; was it trained by tokt?"

@@ -18,7 +18,8 @@ import getpass
 import hashlib
 import json
 import os
-from dataclasses import asdict, dataclass
+import re
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ from ..features.errors import ToktError
 from .bundle import Bundle, bundle_from_bytes
 
 FORMAT_VERSION = 1
+_ABANDONED_S = 60.0  # no deployment takes that long
+_SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 @dataclass(frozen=True)
@@ -68,15 +71,25 @@ class Activation:
         return f"{self.name}/{self.version}"
 
 
+class _DamagedError(ToktError):
+    """An entry that no tokt has written like this; half of one, perhaps."""
+
+
 def _activation(text: str, where: str) -> Activation:
     try:
         value = json.loads(text)
         version = value["format_version"]
-        if isinstance(version, int) and version > FORMAT_VERSION:
+        if type(version) is int and version > FORMAT_VERSION:
             raise ToktError(f"{where} was written by a newer tokt (format {version})")
-        return Activation(**value)
-    except (ValueError, TypeError, KeyError):
-        raise ToktError(f"{where} is damaged") from None
+        entry = Activation(**value)
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise _DamagedError(f"{where} is damaged") from None
+    wrong = [
+        field for field in fields(Activation) if type(value[field.name]).__name__ != field.type
+    ]
+    if wrong or version < 1 or entry.number < 1 or not _SHA256.fullmatch(entry.sha256):
+        raise _DamagedError(f"{where} is damaged")
+    return entry
 
 
 def _account() -> str:
@@ -134,7 +147,8 @@ class Store:
             If the store is not there, holds no active model, or its bundle fails a check.
         """
         if not self.path.is_dir():
-            raise ToktError(f"store {self.path} does not exist")
+            what = "is not a folder" if self.path.exists() else "does not exist"
+            raise ToktError(f"store {self.path} {what}")
         entry = self.active_entry()
         if entry is None:
             raise ToktError(f"store {self.path} has no active model; deploy one first")
@@ -154,14 +168,14 @@ class Store:
         """Every activation, oldest first.
 
         A line that a killed process left half-written at the end is passed over; a damaged line
-        elsewhere raises ToktError.
+        elsewhere, or one of a newer tokt, raises ToktError.
         """
         entries: list[Activation] = []
-        lines = self._history_lines()
+        lines = self._history_text().splitlines()
         for number, line in enumerate(lines, 1):
             try:
                 entries.append(_activation(line, f"store {self.path}: history line {number}"))
-            except ToktError:
+            except _DamagedError:
                 if number < len(lines):
                     raise
         active = self.active_entry()
@@ -169,10 +183,13 @@ class Store:
             entries.append(active)
         return entries
 
-    def _history_lines(self) -> list[str]:
-        if not self._history_file.is_file():
-            return []
-        return self._history_file.read_text("utf-8", errors="replace").splitlines()
+    def _history_text(self) -> str:
+        try:
+            return self._history_file.read_text("utf-8", errors="replace")
+        except FileNotFoundError:
+            return ""
+        except OSError as error:
+            raise ToktError(f"store {self.path}: the history: {error.strerror or error}") from None
 
     def deploy(self, bundle: Bundle, reason: str = "") -> Activation:
         """Keep a bundle and make it the active one.
@@ -184,8 +201,10 @@ class Store:
         """
         try:
             target = self._bundle_file(bundle.sha256)
-            if not target.is_file():
+            # A file that was damaged since it was first deployed is made good.
+            if not target.is_file() or target.read_bytes() != bundle.data:
                 atomic.write_bytes(target, bundle.data)
+                atomic.fsync_folder(target.parent.parent)
             return self._activate(bundle, "deploy", reason)
         except OSError as error:
             raise ToktError(f"store {self.path}: {error.strerror or error}") from None
@@ -223,24 +242,17 @@ class Store:
             who=_account(),
             reason=" ".join(reason.split()),
         )
-        if len(self._history_lines()) != len(known) or not self._ends_with_newline():
-            self._write_history(known)
+        for folder in (self.path, *self.path.glob("versions/*")):
+            atomic.remove_partials(folder, older_than_s=_ABANDONED_S)
+        lines = "".join(json.dumps(asdict(past)) + "\n" for past in known)
+        if self._history_text() != lines:
+            atomic.write_text(self._history_file, lines)
         atomic.write_text(self._active_file, json.dumps(asdict(entry), indent=2) + "\n")
         with self._history_file.open("a", encoding="utf-8") as handle:
             handle.write(json.dumps(asdict(entry)) + "\n")
             handle.flush()
             os.fsync(handle.fileno())
         return entry
-
-    def _ends_with_newline(self) -> bool:
-        if not self._history_file.is_file():
-            return True
-        data = self._history_file.read_bytes()
-        return not data or data.endswith(b"\n")
-
-    def _write_history(self, entries: list[Activation]) -> None:
-        lines = [json.dumps(asdict(entry)) + "\n" for entry in entries]
-        atomic.write_text(self._history_file, "".join(lines))
 
     def to_json(self) -> dict[str, Any]:
         """What is active and everything that has been, for ``tokt store --json``."""

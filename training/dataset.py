@@ -42,6 +42,10 @@ CLEAR, OBSTACLE = "clear", "obstacle"
 _HASH_CHARS = 16
 _FRAME_KEY = ["mission", "camera", "frame"]
 _PATCH_COLUMNS = [*_FRAME_KEY, "row", "col", "label", "group"]
+_HASHED_FRAME_COLUMNS = [*_FRAME_KEY, "group", "digest"]
+_FRAME_COLUMNS = [*_HASHED_FRAME_COLUMNS, "file", "height", "width"]
+_HASHED_INFO = ("format_version", "task", "grid", "taxonomy", "block_frames")
+_ABANDONED_S = 24 * 3600.0
 
 
 @dataclass(frozen=True)
@@ -107,16 +111,16 @@ class DatasetVersion:
         try:
             self.info: dict[str, Any] = json.loads((path / "dataset.json").read_text("utf-8"))
             version = int(self.info["format_version"])
+            if version > FORMAT_VERSION:
+                raise ToktError(f"dataset {path} was written by a newer tokt (format {version})")
+            self.name = str(self.info["name"])
+            self.hash = str(self.info["hash"])
+            self.task = str(self.info["task"])
+            self.block_frames: int | None = self.info["block_frames"]
+            self.grid = Grid.from_json(self.info["grid"])
         except (OSError, ValueError, KeyError, TypeError):
             raise ToktError(f"dataset {path} is damaged or not a dataset") from None
-        if version > FORMAT_VERSION:
-            raise ToktError(f"dataset {path} was written by a newer tokt (format {version})")
-        self.name = str(self.info["name"])
-        self.hash = str(self.info["hash"])
-        self.task = str(self.info["task"])
-        self.block_frames: int | None = self.info["block_frames"]
-        self.grid = Grid.from_json(self.info["grid"])
-        self.taxonomy = Taxonomy.from_json(self.info["taxonomy"])
+        self.taxonomy = Taxonomy.from_json(self.info.get("taxonomy"), f"dataset {path}")
 
     @property
     def label(self) -> str:
@@ -126,18 +130,26 @@ class DatasetVersion:
     @cached_property
     def frames(self) -> pd.DataFrame:
         """One row a frame: mission, camera, frame, group, digest, file, height, width."""
-        return self._table("frames.parquet")
+        return self._table("frames.parquet", _FRAME_COLUMNS)
 
     @cached_property
     def patches(self) -> pd.DataFrame:
         """One row a labelled patch, sorted: mission, camera, frame, row, col, label, group."""
-        return self._table("patches.parquet")
+        return self._table("patches.parquet", _PATCH_COLUMNS)
 
-    def _table(self, name: str) -> pd.DataFrame:
+    def _table(self, name: str, columns: list[str]) -> pd.DataFrame:
         try:
-            return pd.read_parquet(self.path / name)
+            return pd.read_parquet(self.path / name, columns=columns)
         except (OSError, ValueError):
             raise ToktError(f"dataset {self.label}: {name} is missing or damaged") from None
+
+    def check(self) -> None:
+        """Raise ToktError unless the tables are those that the dataset's hash was taken of.
+
+        Frames are checked one by one, as `read_frame` reads them.
+        """
+        if _content_hash(self.info, self.patches, self.frames) != self.hash:
+            raise ToktError(f"dataset {self.label} has been changed on disk; build it again")
 
     def read_frame(self, index: int) -> NDArray[np.uint8]:
         """The frame in row `index` of `frames`, checked against its pixel hash.
@@ -197,16 +209,10 @@ def _check_classes(plan: DatasetPlan) -> None:
         )
 
 
-def _content_hash(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> str:
-    header = {
-        "format_version": FORMAT_VERSION,
-        "task": plan.task,
-        "grid": plan.grid.to_json(),
-        "taxonomy": plan.taxonomy.to_json(),
-        "block_frames": plan.block_frames,
-    }
+def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFrame) -> str:
+    header = {name: info[name] for name in _HASHED_INFO}
     digest = hashlib.sha256(canonical_json(header).encode())
-    for table in (patches, frames[[*_FRAME_KEY, "group", "digest"]]):
+    for table in (patches[_PATCH_COLUMNS], frames[_HASHED_FRAME_COLUMNS]):
         digest.update(table.to_csv(index=False, lineterminator="\n").encode())
     return digest.hexdigest()
 
@@ -230,8 +236,7 @@ def _store_frames(
         (folder / file).write_bytes(data)
         key = (source.mission, source.camera, source.frame)
         rows.append((*key, source.group, digest, file, *image.shape[:2]))
-    columns = [*_FRAME_KEY, "group", "digest", "file", "height", "width"]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=_FRAME_COLUMNS)
 
 
 def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> dict[str, Any]:
@@ -276,25 +281,36 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     ):
         raise ToktError(f"dataset name {plan.name!r}: use letters, digits, '-', '_' and '.'")
     _check_classes(plan)
+    atomic.remove_partials(root, _ABANDONED_S)
     home = root / plan.name
-    home.mkdir(parents=True, exist_ok=True)
-    staging = home / "building"
-    with atomic.scratch_folder(staging) as folder:
+    # Made beside the dataset's own folder, which must not appear before there is a version in it.
+    with atomic.scratch_folder(home) as folder:
         sources = progress(plan.frames, len(plan.frames), "reading frames")
         frames = _store_frames(folder / "frames", sources, plan.grid, plan.name)
         frames = frames.sort_values(_FRAME_KEY, ignore_index=True)
         patches = plan.patches.merge(frames[[*_FRAME_KEY, "group"]], on=_FRAME_KEY, how="left")
         patches = patches[_PATCH_COLUMNS].sort_values(_PATCH_COLUMNS, ignore_index=True)
-        content = _content_hash(plan, patches, frames)
+        info = _summary(plan, patches, frames)
+        content = _content_hash(info, patches, frames)
         target = home / content[:_HASH_CHARS]
         if not target.exists():
             patches.to_parquet(folder / "patches.parquet", index=False)
             frames.to_parquet(folder / "frames.parquet", index=False)
-            info = {**_summary(plan, patches, frames), "hash": content}
-            (folder / "dataset.json").write_text(json.dumps(info, indent=2) + "\n", "utf-8")
-            atomic.publish_folder(folder, target)
+            text = json.dumps({**info, "hash": content}, indent=2) + "\n"
+            (folder / "dataset.json").write_text(text, "utf-8")
+            home.mkdir(exist_ok=True)
+            _publish(folder, target)
     atomic.write_text(home / "latest", target.name + "\n")
     return DatasetVersion(target)
+
+
+def _publish(folder: Path, target: Path) -> None:
+    try:
+        atomic.publish_folder(folder, target)
+    except OSError:
+        # Another process may have built the same content meanwhile; theirs is as good.
+        if not target.is_dir():
+            raise
 
 
 def list_datasets(root: Path) -> list[DatasetVersion]:
@@ -315,8 +331,8 @@ def open_dataset(reference: str, root: Path) -> DatasetVersion:
     if not prefix:
         pointer = home / "latest"
         if not pointer.is_file():
-            known = ", ".join(sorted({path.name for path in root.glob("*/")})) or "none yet"
-            raise ToktError(f"no dataset {name!r} (there are: {known})")
+            known = ", ".join(sorted(path.parent.name for path in root.glob("*/latest")))
+            raise ToktError(f"no dataset {name!r} (there are: {known or 'none yet'})")
         return DatasetVersion(home / pointer.read_text("utf-8").strip())
     found = [path.parent for path in home.glob("*/dataset.json")]
     fitting = [path for path in found if path.name.startswith(prefix[:_HASH_CHARS])]

@@ -34,12 +34,13 @@ from .mission_source import labels_of_mission, plan_from_missions
 from .presets import extractor_for, settings_named
 from .replay import Replay, replay
 from .report import write_report
-from .splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, block_of, blocked_folds
+from .splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, block_of, every_nth_block
 from .tracking import log_and_register
 from .train import Trained, TrainRequest, train
 
 _MARK = "made-by-tokt-demo"
-_HELD_BACK_PARTS = 4
+_HOLD_BACK_EVERY = 3
+_LEAST_BLOCKS = 12
 _CANDIDATES = (("tower-lbp", "lbp", "best"), ("tower-haralick", "haralick", "best"))
 _BASELINES = (("thesis-lbp", "lbp", "thesis"), ("thesis-haralick", "haralick", "thesis"))
 
@@ -58,6 +59,8 @@ class DemoRun:
         All labels of it.
     rendered : bool
         Whether the mission is a rendered one.
+    block_frames, embargo_frames : int
+        How the mission is cut into blocks, and the gap between parts.
     train_frames, held_frames : list of int
         Labelled frames learnt from, and held back (with a gap between them).
     seconds : dict
@@ -68,6 +71,8 @@ class DemoRun:
     records: list[LabelRecord]
     taxonomy: Taxonomy
     rendered: bool
+    block_frames: int
+    embargo_frames: int
     train_frames: list[int]
     held_frames: list[int]
     dataset: DatasetVersion | None = None
@@ -100,24 +105,38 @@ def _empty_folder(out: Path) -> None:
     atomic.write_text(out / _MARK, "This folder is emptied by the next tokt demo.\n")
 
 
-def hold_back(records: list[LabelRecord], taxonomy: Taxonomy) -> tuple[list[int], list[int]]:
+def block_rule(records: list[LabelRecord]) -> tuple[int, int]:
+    """Frames a block and frames of embargo: the usual ones, or less for a short mission."""
+    labelled = len({record.frame for record in records})
+    block = min(BLOCK_FRAMES, max(2, labelled // _LEAST_BLOCKS))
+    return block, EMBARGO_FRAMES * block // BLOCK_FRAMES
+
+
+def hold_back(
+    records: list[LabelRecord], taxonomy: Taxonomy, block_frames: int, embargo_frames: int
+) -> tuple[list[int], list[int]]:
     """Split the labelled left frames of a mission: blocks to learn from, blocks to replay.
 
-    About a quarter of the mission is held back, in whole blocks of consecutive frames; frames
-    within the embargo of a held-back one are in neither part.
+    Every third block of consecutive frames is held back; frames within the embargo of a
+    held-back one are in neither part.
 
     Returns
     -------
     train_frames, held_frames : lists of int
     """
     rows = [
-        (r.mission, r.frame, block_of(r.mission, r.frame), taxonomy.is_obstacle(str(r.label)))
+        (
+            r.mission,
+            r.frame,
+            block_of(r.mission, r.frame, block_frames),
+            taxonomy.is_obstacle(str(r.label)),
+        )
         for r in records
         if r.label != UNSURE and r.camera == LEFT
     ]
     table = pd.DataFrame(rows, columns=["mission", "frame", "group", "obstacle"])
     targets = table.obstacle.to_numpy(np.int64)
-    fold = blocked_folds(table, targets, _HELD_BACK_PARTS, EMBARGO_FRAMES)[0]
+    fold = every_nth_block(table, targets, _HOLD_BACK_EVERY, embargo_frames)
     frames = table.frame.to_numpy()
     return sorted(set(frames[fold.train].tolist())), sorted(set(frames[fold.test].tolist()))
 
@@ -139,8 +158,9 @@ def _prepare(
         records, remark = labels_of_mission(opened, store.current(), DEFAULT_GRID, only=True)
     if remark:
         say(f"note: {remark}")
-    train_frames, held = hold_back(records, taxonomy)
-    run = DemoRun(opened, records, taxonomy, rendered, train_frames, held)
+    block, embargo = block_rule(records)
+    train_frames, held = hold_back(records, taxonomy, block, embargo)
+    run = DemoRun(opened, records, taxonomy, rendered, block, embargo, train_frames, held)
     name = "render a mission, import labels" if rendered else "import labels"
     run.seconds[name] = time.perf_counter() - start
     return run
@@ -148,7 +168,13 @@ def _prepare(
 
 def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
     plan, _ = plan_from_missions(
-        "demo", "binary", [run.mission.path], run.records, run.taxonomy, frames=run.train_frames
+        "demo",
+        "binary",
+        [run.mission.path],
+        run.records,
+        run.taxonomy,
+        frames=run.train_frames,
+        block_frames=run.block_frames,
     )
     run.dataset = build_dataset(plan, workspace / "datasets", progress)
 
@@ -163,7 +189,7 @@ def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Prog
             extractor_for(extractor, preset),
             extractor,
             settings_named(preset),
-            Split(FOLDS, EMBARGO_FRAMES),
+            Split(FOLDS, run.embargo_frames),
         )
         run.trained[name] = train(request, workspace / "cache", progress)
         log_and_register(run.trained[name], registry)
@@ -265,8 +291,8 @@ def _result(run: DemoRun, bundle_file: Path, out: Path) -> dict[str, Any]:
         "mission": run.mission.name,
         "rendered": run.rendered,
         "split": {
-            "block_frames": BLOCK_FRAMES,
-            "embargo_frames": EMBARGO_FRAMES,
+            "block_frames": run.block_frames,
+            "embargo_frames": run.embargo_frames,
             "train_frames": format_frames(run.train_frames),
             "held_back_frames": format_frames(run.held_frames),
         },

@@ -109,12 +109,13 @@ def plan_from_missions(
     rows: list[tuple[str, str, int, int, int, str | None]] = []
     remarks: list[str] = []
     seen: set[str] = set()
+    wanted = None if frames is None else set(frames)
     for path in missions:
         mission = open_mission(path)
         mine, remark = labels_of_mission(mission, records, grid, len(missions) == 1)
         if remark:
             remarks.append(remark)
-        merged = merge_annotators(r for r in mine if frames is None or r.frame in set(frames))
+        merged = merge_annotators(r for r in mine if wanted is None or r.frame in wanted)
         if merged.conflicts:
             remarks.append(f"{len(merged.conflicts)} patches left out: annotators disagree")
         label_name = mine[0].mission

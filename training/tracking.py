@@ -40,7 +40,9 @@ _LIBRARIES = (
 
 def code_version() -> str:
     """The version of tokt, with the git commit where it runs from a checkout."""
-    folder = Path(__file__).parent
+    folder = Path(__file__).parents[1]
+    if not (folder / ".git").exists():
+        return __version__  # git would describe whatever repository the install happens to be in
     try:
         found = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--exclude=*"],

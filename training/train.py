@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -93,8 +93,21 @@ def train(request: TrainRequest, cache: Path, progress: Callable[..., Any]) -> T
     Raises
     ------
     ToktError
-        If the dataset cannot be split as asked.
+        If the dataset cannot be split as asked, or was changed on disk.
     """
+    request.dataset.check()
+    if request.dataset.block_frames is None:
+        # A folder of patches is numbered by file name: neighbours there are no neighbours at sea.
+        request = replace(request, split=replace(request.split, embargo_frames=0))
+    if request.settings.two_images:
+        _check_two_images(request.dataset)
+    # Minutes of computing features come next: say now if they would be for nothing.
+    blocked_folds(
+        request.dataset.patches,
+        request.dataset.targets(),
+        request.split.folds,
+        request.split.embargo_frames,
+    )
     features = feature_table(request.dataset, request.extractor.spec, cache, progress)
     if request.settings.two_images:
         return _train_on_two_images(request, np.asarray(features))
@@ -141,11 +154,16 @@ def _first_clear_frame(dataset: DatasetVersion) -> int:
     raise ToktError("preset thesis needs --ocean IMAGE: no frame of the dataset is all clear")
 
 
+def _check_two_images(dataset: DatasetVersion) -> None:
+    if dataset.task != "binary":
+        raise ToktError("preset thesis tells obstacle from clear only; build a binary dataset")
+    if dataset.block_frames is None:
+        raise ToktError("preset thesis needs whole frames; this dataset is a folder of patches")
+
+
 def _train_on_two_images(request: TrainRequest, features: NDArray[np.float64]) -> Trained:
     """The thesis's training: the patches of one ocean image against those of one other image."""
     dataset, settings = request.dataset, request.settings
-    if dataset.task != "binary":
-        raise ToktError("preset thesis tells obstacle from clear only; build a binary dataset")
     index = None if request.ocean_image else _first_clear_frame(dataset)
     ocean = (
         read_image(request.ocean_image) if request.ocean_image else dataset.read_frame(index or 0)
@@ -156,7 +174,8 @@ def _train_on_two_images(request: TrainRequest, features: NDArray[np.float64]) -
     penalty = settings.penalties[0]
     pipeline = fit_classifier(np.vstack(rows), targets, penalty, settings)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
-    held_out = _test_on_all(request, features, pipeline, pixel_sha256(ocean))
+    learnt_from = [pixel_sha256(image) for image in (ocean, other)]
+    held_out = _test_on_all(request, features, pipeline, learnt_from)
     metrics = held_out_metrics(dataset, held_out, model)
     names = (
         _name(request.ocean_image, "a frame of the dataset"),
@@ -168,7 +187,7 @@ def _train_on_two_images(request: TrainRequest, features: NDArray[np.float64]) -
         "along the mission."
     )
     metrics["converged"] = converged(pipeline)
-    images = np.array([frame_id(pixel_sha256(image)) for image in (ocean, other)], np.uint64)
+    images = np.array([frame_id(digest) for digest in learnt_from], np.uint64)
     return Trained(request, pipeline, model, penalty, held_out, metrics, np.unique(images))
 
 
@@ -177,9 +196,12 @@ def _name(path: Path | None, default: str) -> str:
 
 
 def _test_on_all(
-    request: TrainRequest, features: NDArray[np.float64], pipeline: Pipeline, ocean_digest: str
+    request: TrainRequest,
+    features: NDArray[np.float64],
+    pipeline: Pipeline,
+    learnt_from: list[str],
 ) -> HeldOut:
-    """Score every patch of the dataset but those of the ocean image, if it is one of its frames."""
+    """Score every patch of the dataset but those of frames that were learnt from."""
     dataset = request.dataset
     folds = blocked_folds(dataset.patches, dataset.targets(), request.split.folds, 0)
     keys = ["mission", "camera", "frame"]
@@ -187,7 +209,7 @@ def _test_on_all(
     number = np.full(len(dataset.patches), -1)
     for index, fold in enumerate(folds):
         number[fold.test] = index
-    number[(digests == ocean_digest).to_numpy()] = -1
+    number[digests.isin(learnt_from).to_numpy()] = -1
     values = decision_values(pipeline, features)
     values[number < 0] = np.nan
     return HeldOut(values, number, tuple([request.settings.penalties[0]] * len(folds)))

@@ -21,7 +21,13 @@ from tokt.features.errors import ToktError
 from tokt.features.grid import DEFAULT_GRID
 from tokt.features.mission import open_mission
 from tokt.labels.synthetic.mission import Scene, simulate_mission
-from tokt.labels.synthetic.patch_labels import LEAST_COVERAGE, coverage
+from tokt.labels.synthetic.patch_labels import (
+    LEAST_CONTRAST,
+    LEAST_COVERAGE,
+    contrast,
+    coverage,
+    patch_labels,
+)
 from tokt.labels.synthetic.raycast import Camera, look
 from tokt.labels.synthetic.tower import WHITE, Box, Frustum, Tower
 
@@ -144,6 +150,29 @@ def test_coverage_is_the_share_of_a_patch():
     covered = coverage(mask, DEFAULT_GRID)
     assert covered[11] == pytest.approx(0.5)
     assert covered.sum() == pytest.approx(0.5)
+
+
+def test_a_faint_or_small_part_of_the_tower_is_unsure():
+    mask = np.zeros((271, 360), bool)
+    mask[:27, :108] = True
+    water = np.full((271, 360, 3), 20, np.float32)
+    lit = water.copy()
+    lit[:27, :36] += 5
+    lit[:27, 36:72] += LEAST_CONTRAST / 2
+    lit[:27, 72:108] -= 5  # darker than the water is seen just as well
+    lit[200:] += 50  # light where the tower is not says nothing
+    seen = contrast(lit, water, mask, DEFAULT_GRID)
+    assert seen[:4] == pytest.approx([5, LEAST_CONTRAST / 2, 5, 0], abs=1e-3)
+    assert not seen[3:].any()
+    covered = np.array([1, 1, LEAST_COVERAGE, LEAST_COVERAGE / 2, 0])
+    tower = "subsea_installation"
+    assert patch_labels(covered, np.array([5, LEAST_CONTRAST / 2, 5, 5, 0])) == [
+        tower,
+        "unsure",
+        tower,
+        "unsure",
+        "ocean",
+    ]
 
 
 def test_depth_of_a_cylinder_and_a_box_is_that_of_geometry():

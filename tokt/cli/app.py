@@ -9,6 +9,13 @@ import typer
 from ..features.errors import ToktError
 from . import dataset, demo, labels, models, run, simulate, train
 
+_EXTRAS = {
+    **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
+    **dict.fromkeys(("matplotlib", "jinja2"), "train"),
+    **dict.fromkeys(("fastapi", "uvicorn"), "label"),
+    "pymba": "camera",
+}
+
 app = typer.Typer(
     name="tokt",
     help="Label, train, compare and deploy small texture models that keep an ROV off obstacles.",
@@ -47,6 +54,15 @@ def main() -> None:
         _fail(str(error))
     except typer.TyperException as error:
         _fail(error.format_message())
+    except ModuleNotFoundError as error:
+        extra = _EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        _fail(f"this command needs {error.name}: install tokt[{extra}]")
+    except OSError as error:
+        if error.strerror is None:
+            raise
+        _fail(f"{error.filename}: {error.strerror}" if error.filename else error.strerror)
     except typer.Abort:
         sys.exit(130)
     else:

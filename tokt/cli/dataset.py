@@ -49,38 +49,44 @@ def build(
     frames: Annotated[
         str | None, typer.Option(help="Only these frame numbers, as 1-99,132-246.")
     ] = None,
-    grid: Annotated[str, typer.Option(help="The grid of the labels.")] = "10x10@360",
+    grid: Annotated[
+        str | None, typer.Option(help="The grid of the labels. Default: 10x10@360.")
+    ] = None,
     block: Annotated[
-        int, typer.Option(help="Frames a group; groups are never split between folds.", min=1)
-    ] = 20,
+        int | None,
+        typer.Option(
+            help="Frames a group; groups are never split between folds. Default: 20.", min=1
+        ),
+    ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Snapshot labelled patches of missions, or a folder of patches, as a dataset version."""
-    from ..features.grid import Grid
+    from ..features.grid import DEFAULT_GRID, Grid
     from ..features.mission import parse_frames
     from ..labels.taxonomy import load_taxonomy
     from ..training.dataset import build_dataset
     from ..training.mission_source import plan_from_missions, plan_from_patch_folder
+    from ..training.splits import BLOCK_FRAMES
 
     if bool(mission) == bool(patches):
         raise ToktError("give either --mission DIR or --patches DIR")
     classes = load_taxonomy(workspace, taxonomy)
     remarks: list[str] = []
     if patches:
-        if labels or frames:
+        if labels or frames or grid or block:
             raise ToktError(
-                "--patches has its labels in its folder names; --labels and --frames "
-                "go with --mission"
+                "--patches has its labels in its folder names; --labels, --frames, --grid and "
+                "--block go with --mission"
             )
         plan = plan_from_patch_folder(name, task, patches, classes)
     else:
-        cells = Grid.parse(grid)
+        cells = Grid.parse(grid) if grid else DEFAULT_GRID
         wanted = parse_frames(frames) if frames else None
         records = labels_for(labels or [], workspace, classes, cells)
         plan, remarks = plan_from_missions(
-            name, task, mission or [], records, classes, cells, wanted, block
+            name, task, mission or [], records, classes, cells, wanted, block or BLOCK_FRAMES
         )
     for remark in remarks:
         say(f"note: {remark}")
