@@ -23,7 +23,7 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(TREE)
 	MYPYPATH=$(VENV)/tree $(BIN)/mypy
-	PYTHONPATH=$(VENV)/tree $(BIN)/lint-imports
+	cd $(VENV)/tree && ../bin/lint-imports --config ../../pyproject.toml
 
 format: $(READY)
 	$(BIN)/ruff check --fix .

@@ -99,7 +99,7 @@ class LinearModel:
         excess = values - self.thresholds
         if excess.shape[1] == 1:
             return (excess[:, 0] > 0).astype(np.int64)
-        return excess.argmax(axis=1).astype(np.int64)
+        return np.asarray(excess.argmax(axis=1), np.int64)
 
     def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
         """For each row of decision values whether that patch is an obstacle."""

@@ -125,31 +125,40 @@ class Registry:
             raise ToktError(f"the model registry at {self.uri}: {reason}") from error
 
     def experiment_id(self) -> str:
-        """The id of the experiment that tokt's runs go to; created when missing."""
-        found = self.client.get_experiment_by_name(EXPERIMENT)
-        if found is not None:
-            return str(found.experiment_id)
+        """The id of the experiment that tokt's runs go to; created when missing.
+
+        Raises
+        ------
+        ToktError
+            If the registry cannot be reached or written.
+        """
         local = self.uri.startswith("sqlite:")
         location = (self.workspace / "mlartifacts").resolve().as_uri() if local else None
-        try:
-            return str(self.client.create_experiment(EXPERIMENT, artifact_location=location))
-        except MlflowException:
-            again = self.client.get_experiment_by_name(EXPERIMENT)
-            if again is None:
-                raise
-            return str(again.experiment_id)
+        with self.reported():
+            found = self.client.get_experiment_by_name(EXPERIMENT)
+            if found is not None:
+                return str(found.experiment_id)
+            try:
+                return str(self.client.create_experiment(EXPERIMENT, artifact_location=location))
+            except MlflowException:
+                # Another process may have made it meanwhile.
+                again = self.client.get_experiment_by_name(EXPERIMENT)
+                if again is None:
+                    raise
+                return str(again.experiment_id)
 
     def register(
         self, name: str, model_uri: str, run_id: str, model_id: str, tags: dict[str, str]
     ) -> RegisteredVersion:
         """Register what a run logged as a new version of `name`."""
-        try:
-            self.client.get_registered_model(name)
-        except MlflowException:
-            self.client.create_registered_model(name)
-        version = self.client.create_model_version(
-            name, source=model_uri, run_id=run_id, model_id=model_id, tags=tags
-        )
+        with self.reported():
+            try:
+                self.client.get_registered_model(name)
+            except MlflowException:
+                self.client.create_registered_model(name)
+            version = self.client.create_model_version(
+                name, source=model_uri, run_id=run_id, model_id=model_id, tags=tags
+            )
         return self._listed(version)
 
     def versions(self, name: str | None = None) -> list[RegisteredVersion]:
@@ -203,7 +212,8 @@ class Registry:
         version = self.find(reference)
         if not _NAME.fullmatch(alias) or alias == "latest" or re.fullmatch(r"v\d+", alias):
             raise ToktError(f"{alias!r} cannot be an alias")
-        self.client.set_registered_model_alias(version.name, alias, version.version)
+        with self.reported():
+            self.client.set_registered_model_alias(version.name, alias, version.version)
         return self.find(version.label)
 
     def recipe(self, version: RegisteredVersion) -> dict[str, Any]:

@@ -79,7 +79,9 @@ def choose_penalty(
 
 def _f1(targets: NDArray[np.int64], predicted: NDArray[np.int64]) -> float:
     if targets.max() <= 1:
-        return float(obstacle_metrics(targets == 1, predicted - 0.5)["f1"] or 0.0)
+        return float(
+            obstacle_metrics(targets == 1, np.asarray(predicted - 0.5, np.float64))["f1"] or 0.0
+        )
     names = tuple(str(index) for index in range(int(targets.max()) + 1))
     return float(class_metrics(targets, predicted, names)["macro_f1"] or 0.0)
 

@@ -184,9 +184,9 @@ class DatasetVersion:
         labels = self.patches.label
         if self.task == "binary":
             flags = {name: self.taxonomy.is_obstacle(name) for name in labels.unique()}
-            return labels.map(flags).to_numpy(np.int64)
+            return np.asarray(labels.map(flags), np.int64)
         order = {name: index for index, name in enumerate(self.classes())}
-        return labels.map(order).to_numpy(np.int64)
+        return np.asarray(labels.map(order), np.int64)
 
     def obstacle_flags(self) -> tuple[bool, ...]:
         """For each of `classes` whether it is an obstacle."""

@@ -65,7 +65,7 @@ def draw(judged: Judged, grid: Grid) -> NDArray[np.uint8]:
     mask = cv2.resize(
         grid.paint(judged.predicted, height, width), size, interpolation=cv2.INTER_NEAREST
     )
-    right = cv2.cvtColor((mask // 2).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    right = np.asarray(cv2.cvtColor(np.asarray(mask // 2, np.uint8), cv2.COLOR_GRAY2BGR), np.uint8)
     _draw_verdict(right, judged.verdict, width, height)
     gap = np.full((size[1], 6, 3), 255, np.uint8)
     return np.hstack([view, gap, right]).astype(np.uint8)

@@ -31,4 +31,4 @@ def rendered_other_image(seed: int = 1) -> NDArray[np.uint8]:
         )
         total += smooth * (cell / _CELL_PIXELS[0]) ** _ROUGHNESS
     stretched = (total - total.min()) / np.ptp(total)
-    return (stretched * 200 + 20).astype(np.uint8)
+    return np.asarray(stretched * 200 + 20, np.uint8)

@@ -167,10 +167,19 @@ def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
     ----------
     trained : Trained
     registry : Registry
+
+    Raises
+    ------
+    ToktError
+        If the registry cannot be reached or written.
     """
     request = trained.request
     features = np.zeros((1, request.extractor.dim))
-    with mlflow.start_run(experiment_id=registry.experiment_id(), run_name=request.name) as run:
+    experiment = registry.experiment_id()
+    with (
+        registry.reported(),
+        mlflow.start_run(experiment_id=experiment, run_name=request.name) as run,
+    ):
         mlflow.log_params(parameters(trained))
         mlflow.log_metrics(_flat_metrics(trained.metrics))
         for index, fold in enumerate(trained.metrics["folds"]):

@@ -95,25 +95,20 @@ def train(request: TrainRequest, cache: Path, progress: Callable[..., Any]) -> T
     ToktError
         If the dataset cannot be split as asked, or was changed on disk.
     """
-    request.dataset.check()
-    if request.dataset.block_frames is None:
-        # A folder of patches is numbered by file name: neighbours there are no neighbours at sea.
-        request = replace(request, split=replace(request.split, embargo_frames=0))
-    if request.settings.two_images:
-        _check_two_images(request.dataset)
+    dataset, settings = request.dataset, request.settings
+    dataset.check()
+    if settings.two_images:
+        _check_two_images(dataset)
+    if settings.two_images or dataset.block_frames is None:
+        # Nothing of the dataset is learnt from, or its frame numbers only count file names.
+        request = replace(request, split=Split(request.split.folds, embargo_frames=0))
+    split, targets = request.split, dataset.targets()
     # Minutes of computing features come next: say now if they would be for nothing.
-    blocked_folds(
-        request.dataset.patches,
-        request.dataset.targets(),
-        request.split.folds,
-        request.split.embargo_frames,
-    )
-    features = feature_table(request.dataset, request.extractor.spec, cache, progress)
-    if request.settings.two_images:
+    blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)
+    features = feature_table(dataset, request.extractor.spec, cache, progress)
+    if settings.two_images:
         return _train_on_two_images(request, np.asarray(features))
-    dataset, settings, split = request.dataset, request.settings, request.split
     held_out = cross_validate(dataset, features, settings, split, progress)
-    targets = dataset.targets()
     penalty = choose_penalty(dataset.patches, np.asarray(features), targets, settings, split)
     pipeline = fit_classifier(features, targets, penalty, settings)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
@@ -203,7 +198,8 @@ def _test_on_all(
 ) -> HeldOut:
     """Score every patch of the dataset but those of frames that were learnt from."""
     dataset = request.dataset
-    folds = blocked_folds(dataset.patches, dataset.targets(), request.split.folds, 0)
+    split = request.split
+    folds = blocked_folds(dataset.patches, dataset.targets(), split.folds, split.embargo_frames)
     keys = ["mission", "camera", "frame"]
     digests = dataset.patches[keys].merge(dataset.frames, on=keys, how="left").digest
     number = np.full(len(dataset.patches), -1)

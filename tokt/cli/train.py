@@ -55,8 +55,10 @@ def train(
     request = TrainRequest(
         data, model_name, chosen, extractor, settings, Split(folds, embargo), ocean, other
     )
+    registry = Registry(workspace)
+    registry.experiment_id()  # a registry that cannot be reached is said before the work
     trained = train_task(request, workspace / "cache", progress)
-    version = log_and_register(trained, Registry(workspace))
+    version = log_and_register(trained, registry)
     result: dict[str, Any] = {
         "model": {"name": version.name, "version": version.version, "aliases": version.aliases},
         "run_id": version.run_id,
