@@ -16,6 +16,7 @@ from .image_file import SUFFIXES, decode_image
 
 LEFT, RIGHT = "left", "right"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".m4v", ".webm"})
+_LONGEST_RANGE = 10_000_000  # frames; four days at 30 a second
 _NUMBER = re.compile(r"(\d+)$")
 
 
@@ -177,10 +178,13 @@ def parse_frames(text: str) -> list[int]:
     """
     frames: set[int] = set()
     for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", part)
+        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
         if match is None or (match[2] and int(match[2]) < int(match[1])):
             raise ToktError(f"not a list of frames: {text!r} (write for example 1-99,132-246)")
-        frames.update(range(int(match[1]), int(match[2] or match[1]) + 1))
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last - first >= _LONGEST_RANGE:
+            raise ToktError(f"frames {part.strip()}: too long a range for one mission")
+        frames.update(range(first, last + 1))
     return sorted(frames)
 
 

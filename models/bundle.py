@@ -24,6 +24,7 @@ import hashlib
 import io
 import json
 import struct
+import tokenize
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -46,6 +47,16 @@ SUFFIX = ".tokt"
 
 _MEMBERS = ("manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md")
 _LARGEST_MEMBER_BYTES = 64 * 1024 * 1024
+# What numpy raises for an array whose header is not one, besides ValueError.
+_UNREADABLE_ARRAY = (
+    ValueError,
+    TypeError,
+    SyntaxError,
+    tokenize.TokenError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+)
 _MANIFEST_KEYS = {
     "format_version",
     "name",
@@ -256,7 +267,9 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
         sound = False
     if not sound:
         raise ToktError(f"{where}: the bundle's manifest has been edited (its hash does not match)")
-    if not isinstance(manifest["members"], dict) or set(manifest["members"]) != set(members):
+    if not isinstance(manifest["members"], dict) or not (
+        set(manifest["members"]) == set(members) == set(_MEMBERS[1:])
+    ):
         raise ToktError(f"{where}: the bundle has unknown or missing members")
     for name, data in members.items():
         if hashlib.sha256(data).hexdigest() != manifest["members"][name]:
@@ -271,7 +284,7 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
             name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(npy), allow_pickle=False)
             for name, npy in raw.items()
         }
-    except (ValueError, TypeError, OverflowError, MemoryError, RecursionError) as error:
+    except _UNREADABLE_ARRAY as error:
         raise ToktError(f"{where}: {member} cannot be read ({error})") from None
     if {name: array.dtype for name, array in arrays.items()} != {
         name: np.dtype(dtype) for name, dtype in wanted.items()

@@ -40,6 +40,7 @@ FORMAT_VERSION = 1
 TASKS = ("binary", "classes")
 CLEAR, OBSTACLE = "clear", "obstacle"
 _HASH_CHARS = 16
+_VERSION_INFO = "[0-9a-f]" * _HASH_CHARS + "/dataset.json"  # never of a half-written folder
 _FRAME_KEY = ["mission", "camera", "frame"]
 _PATCH_COLUMNS = [*_FRAME_KEY, "row", "col", "label", "group"]
 _HASHED_FRAME_COLUMNS = [*_FRAME_KEY, "group", "digest"]
@@ -315,7 +316,7 @@ def _publish(folder: Path, target: Path) -> None:
 
 def list_datasets(root: Path) -> list[DatasetVersion]:
     """Every dataset version below `root`, by name."""
-    return [DatasetVersion(path.parent) for path in sorted(root.glob("*/*/dataset.json"))]
+    return [DatasetVersion(path.parent) for path in sorted(root.glob(f"*/{_VERSION_INFO}"))]
 
 
 def open_dataset(reference: str, root: Path) -> DatasetVersion:
@@ -334,7 +335,7 @@ def open_dataset(reference: str, root: Path) -> DatasetVersion:
             known = ", ".join(sorted(path.parent.name for path in root.glob("*/latest")))
             raise ToktError(f"no dataset {name!r} (there are: {known or 'none yet'})")
         return DatasetVersion(home / pointer.read_text("utf-8").strip())
-    found = [path.parent for path in home.glob("*/dataset.json")]
+    found = [path.parent for path in home.glob(_VERSION_INFO)]
     fitting = [path for path in found if path.name.startswith(prefix[:_HASH_CHARS])]
     if len(fitting) != 1:
         raise ToktError(f"{len(fitting)} versions of dataset {name!r} start with {prefix!r}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 
 from ..features.extractor import gray_picture
 from ..features.grid import Grid
-from ..inference.verdict import Verdict
+from ..inference.verdict import Verdict, verdict_from_mask
+from ..labels.record import LabelRecord
+from ..labels.taxonomy import UNSURE, Taxonomy
+from ..models.bundle import Bundle
 
 _SCALE = 2
 _LABEL_BGR = (80, 220, 80)
@@ -37,6 +41,37 @@ class Judged:
     labelled: NDArray[np.bool_]
     unsure: NDArray[np.bool_]
     verdict: Verdict
+
+
+def judge(
+    bundle: Bundle,
+    image: NDArray[np.uint8],
+    values: NDArray[np.float64],
+    records: Iterable[LabelRecord],
+    taxonomy: Taxonomy,
+) -> Judged:
+    """Put a frame's decision values beside its labels.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Whose decision values these are.
+    image : array of uint8
+    values : array of float64, shape (n_patches, n_outputs)
+    records : iterable of LabelRecord
+        Of this frame, one a patch.
+    taxonomy : Taxonomy
+    """
+    grid = bundle.grid
+    labelled, unsure = np.zeros((2, grid.n_patches), bool)
+    for record in records:
+        cell = record.row * grid.cols + record.col
+        unsure[cell] = record.label == UNSURE
+        labelled[cell] = not unsure[cell] and taxonomy.is_obstacle(str(record.label))
+    predicted = bundle.model.obstacle_patches(values)
+    mask = grid.paint(predicted, *grid.resized(*image.shape[:2]))
+    verdict = verdict_from_mask(mask, "texture")
+    return Judged(image, predicted, labelled, unsure, verdict)
 
 
 def enhanced(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:

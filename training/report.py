@@ -13,12 +13,12 @@ import numpy as np
 from .. import __version__
 from ..features import atomic
 from ..features.mission import LEFT, format_frames
-from ..inference.verdict import STATUS_MEAN_THRESHOLD, verdict_from_mask
+from ..inference.verdict import STATUS_MEAN_THRESHOLD
 from ..labels.merge import merge_annotators
 from ..labels.record import LabelRecord
 from ..labels.taxonomy import UNSURE
 from . import plots
-from .pictures import Judged, draw, jpeg_uri
+from .pictures import draw, jpeg_uri, judge
 
 if TYPE_CHECKING:
     from .demo import DemoRun
@@ -62,24 +62,17 @@ def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
 
 def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[str, Any]]:
     bundle, scored = run.bundles[run.champion], run.scored[run.champion]
-    grid = bundle.grid
     pictures = []
     for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
         image = run.mission.read(frame, LEFT)
-        predicted = bundle.model.obstacle_patches(scored.values[scored.frames.index(frame)])
-        labelled, unsure = np.zeros((2, grid.n_patches), bool)
-        for record in labels.get(frame, []):
-            cell = record.row * grid.cols + record.col
-            unsure[cell] = record.label == UNSURE
-            labelled[cell] = not unsure[cell] and run.taxonomy.is_obstacle(str(record.label))
-        mask = grid.paint(predicted, *grid.resized(*image.shape[:2]))
-        verdict = verdict_from_mask(mask, "texture")
-        view = draw(Judged(image, predicted, labelled, unsure, verdict), grid)
+        values = scored.values[scored.frames.index(frame)]
+        judged = judge(bundle, image, values, labels.get(frame, []), run.taxonomy)
+        verdict = judged.verdict
         pictures.append(
             {
                 "frame": frame,
                 "why": why,
-                "uri": jpeg_uri(view),
+                "uri": jpeg_uri(draw(judged, bundle.grid)),
                 "status": verdict.status,
                 "mean": verdict.mean,
                 "x": verdict.x,

@@ -1,0 +1,35 @@
+"""Make docs/demo.jpg from a finished rendered demo: ``python docs/make_picture.py demo-out``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tokt.features.mission import open_mission
+from tokt.labels.label_csv import read_label_csv
+from tokt.labels.taxonomy import Taxonomy
+from tokt.models.store import Store
+from tokt.training.pictures import draw, judge
+
+
+def main(out: Path) -> None:
+    """Draw the held-back frames with the most and the fewest obstacle patches, side by side."""
+    mission, taxonomy = open_mission(out / "synthetic"), Taxonomy.load()
+    records = read_label_csv(out / "synthetic" / "labels.csv", taxonomy)
+    bundle = Store(out / "store").active()
+    entries = [json.loads(line) for line in (out / "replay.jsonl").read_text().splitlines()]
+    seen = sorted((e for e in entries if e["status"] == 1), key=lambda e: e["mean"])
+    views = []
+    for entry in (seen[len(seen) // 4], seen[-len(seen) // 3]):
+        image = mission.read(entry["frame"])
+        said = [record for record in records if record.frame == entry["frame"]]
+        values = np.asarray(entry["decision_values"])
+        views.append(draw(judge(bundle, image, values, said, taxonomy), bundle.grid))
+    picture = cv2.resize(np.vstack(views), None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(Path(__file__).parent / "demo.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 82])
+
+
+main(Path(sys.argv[1]))

@@ -1,0 +1,228 @@
+"""What several packages' tests share: a small mission with true labels, and the command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+# One process for features: starting a pool takes longer than forty small frames.
+os.environ["LOKY_MAX_CPU_COUNT"] = "1"
+os.environ.pop("MLFLOW_TRACKING_URI", None)
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from tokt.features.grid import Grid
+from tokt.labels.taxonomy import Taxonomy
+from tokt.training.dataset import DatasetPlan, DatasetVersion, FrameSource, build_dataset
+
+from tokt.cli import main
+
+MISSION = Path(
+    os.environ.get(
+        "TOKT_MISSION", Path(__file__).parents[1] / ".." / "shared" / "mission" / "approach"
+    )
+)
+PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x272 frame
+TINY_FRAMES = 40
+TINY_BLOCK = 4
+LABEL_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
+
+
+@pytest.fixture(scope="session")
+def mission_dir() -> Path:
+    """The real mission's folder."""
+    if not (MISSION / "Left").is_dir():
+        pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
+    return MISSION
+
+
+def tower_cells(frame: int) -> list[tuple[int, int]]:
+    """Patches (row, col) that the tower covers in a frame of the tiny mission."""
+    if (frame // TINY_BLOCK) % 3 == 0:
+        return []
+    return [(row, frame % 8 + side) for row in range(3, 7) for side in (0, 1)]
+
+
+def draw_tiny_frame(frame: int) -> NDArray[np.uint8]:
+    """Dark noisy water, 272x360; the tower is coarse texture, and touches the row above it."""
+    rng = np.random.default_rng(frame)
+    image = rng.normal(20, 2.5, (272, 360))
+    for row, col in tower_cells(frame):
+        y, x = row * PATCH_HEIGHT, col * PATCH_WIDTH
+        coarse = rng.normal(0, 12, (9, 12)).repeat(3, 0).repeat(3, 1)
+        image[y : y + PATCH_HEIGHT, x : x + PATCH_WIDTH] += coarse
+        if row == 3:
+            image[y - 4 : y, x : x + PATCH_WIDTH] += coarse[:4]
+    return np.asarray(image.clip(0, 255), np.uint8)
+
+
+def tiny_label(frame: int, row: int, col: int) -> str:
+    """The true label of a patch: the row that the tower only touches is unsure."""
+    cells = tower_cells(frame)
+    if (row, col) in cells:
+        return "subsea_installation"
+    return "unsure" if row == 2 and (3, col) in cells else "ocean"
+
+
+def tiny_labels(name: str = "tiny") -> list[list[Any]]:
+    """All rows of the tiny mission's label file."""
+    return [
+        [name, "left", frame, row, col, tiny_label(frame, row, col)]
+        for frame in range(1, TINY_FRAMES + 1)
+        for row in range(10)
+        for col in range(10)
+    ]
+
+
+def write_labels(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
+    """A label file with these rows."""
+    with path.open("w", newline="", encoding="utf-8") as handle:
+        csv.writer(handle, lineterminator="\n").writerows([LABEL_COLUMNS, *rows])
+    return path
+
+
+@dataclass(frozen=True)
+class TinyMission:
+    """A mission of 40 left frames and its label file."""
+
+    path: Path
+    labels: Path
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> TinyMission:
+    """The tiny mission; not to be changed."""
+    folder = tmp_path_factory.mktemp("mission") / "tiny"
+    (folder / "Left").mkdir(parents=True)
+    for frame in range(1, TINY_FRAMES + 1):
+        cv2.imwrite(str(folder / "Left" / f"tiny_L_{frame}.png"), draw_tiny_frame(frame))
+    return TinyMission(folder, write_labels(folder / "labels.csv", tiny_labels()))
+
+
+@pytest.fixture
+def own_tiny(tiny: TinyMission, tmp_path: Path) -> TinyMission:
+    """A copy of the tiny mission that a test may change."""
+    shutil.copytree(tiny.path, tmp_path / "tiny")
+    return TinyMission(tmp_path / "tiny", tmp_path / "tiny" / "labels.csv")
+
+
+@dataclass(frozen=True)
+class Ran:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+def call_tokt(*arguments: object) -> Ran:
+    """Run the command line in this process."""
+    out, err, before = io.StringIO(), io.StringIO(), sys.argv
+    sys.argv = ["tokt", *map(str, arguments)]
+    try:
+        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as ended:
+            main()
+    finally:
+        sys.argv = before
+    code = ended.value.code
+    return Ran(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
+
+
+@pytest.fixture(scope="session")
+def run_tokt() -> Callable[..., Ran]:
+    """`call_tokt`."""
+    return call_tokt
+
+
+BUILD_TINY = ("--block", TINY_BLOCK)
+TRAIN_TINY = ("--folds", 3, "--embargo", 1)
+
+
+@pytest.fixture(scope="session")
+def trained(tiny: TinyMission, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace with dataset `tiny` and model `tiny-lbp/1` (preset plain); not to be changed."""
+    workspace = tmp_path_factory.mktemp("workspace") / ".tokt"
+    for command in (
+        ("dataset", "build", "tiny", "--mission", tiny.path, "--labels", tiny.labels, *BUILD_TINY),
+        ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY),
+    ):
+        ran = call_tokt(*command, "--workspace", workspace)
+        assert ran.code == 0, ran.err
+    return workspace
+
+
+@pytest.fixture
+def workspace(trained: Path, tmp_path: Path) -> Path:
+    """A copy of `trained` that a test may change. Runs' artifacts stay where they are."""
+    shutil.copytree(trained, tmp_path / ".tokt", ignore=shutil.ignore_patterns("mlartifacts"))
+    return tmp_path / ".tokt"
+
+
+@pytest.fixture(scope="session")
+def tiny_bundle(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`tiny-lbp/1` as a bundle file; not to be changed."""
+    path = tmp_path_factory.mktemp("exported") / "tiny-lbp-1.tokt"
+    ran = call_tokt("export", "tiny-lbp", "-o", path, "--workspace", trained)
+    assert ran.code == 0, ran.err
+    return path
+
+
+def quiet(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
+    """The progress of functions whose progress is not looked at."""
+    yield from items
+
+
+@pytest.fixture(scope="session")
+def no_progress() -> Callable[..., Iterator[Any]]:
+    """`quiet`."""
+    return quiet
+
+
+@pytest.fixture(scope="session")
+def tiny_truth() -> SimpleNamespace:
+    """The functions that made the tiny mission, for tests that make a variant of it."""
+    return SimpleNamespace(
+        labels=tiny_labels, write_labels=write_labels, draw=draw_tiny_frame, cells=tower_cells
+    )
+
+
+@pytest.fixture
+def fabricate(tmp_path: Path) -> Callable[..., DatasetVersion]:
+    """Build a dataset of 6x6 pixel frames of 1x1 patches from a label and a group for each."""
+
+    def build(
+        labels: list[str], groups: list[str] | None = None, frames: list[int] | None = None
+    ) -> DatasetVersion:
+        numbers = frames or list(range(len(labels)))
+        rng = np.random.default_rng(7)
+        images = rng.integers(0, 255, (len(labels), 6, 6), np.uint8)
+        sources = [
+            FrameSource(
+                "dive",
+                "left",
+                n,
+                group,
+                lambda i=image: (cv2.imencode(".png", i)[1].tobytes(), ".png"),
+            )
+            for n, group, image in zip(numbers, groups or map(str, numbers), images, strict=True)
+        ]
+        rows = [("dive", "left", n, 0, 0, label) for n, label in zip(numbers, labels, strict=True)]
+        patches = pd.DataFrame(rows, columns=LABEL_COLUMNS)
+        plan = DatasetPlan(
+            "made", "binary", Grid(1, 1, None), Taxonomy.load(), sources, patches, 0, 1, ["made"]
+        )
+        return build_dataset(plan, tmp_path / "datasets", quiet)
+
+    return build

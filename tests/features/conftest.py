@@ -1,0 +1,44 @@
+"""Pictures drawn for the tests, and where the real mission is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+MISSION = Path(
+    os.environ.get(
+        "TOKT_MISSION", Path(__file__).parents[2] / ".." / "shared" / "mission" / "approach"
+    )
+)
+
+
+@pytest.fixture(scope="session")
+def mission() -> Path:
+    """The real mission's folder."""
+    if not (MISSION / "Left").is_dir():
+        pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
+    return MISSION
+
+
+@pytest.fixture(scope="session")
+def colour() -> NDArray[np.uint8]:
+    """A 120x160 BGR picture with a ramp, a disc, dark water and noise."""
+    rng = np.random.default_rng(7)
+    ramp = np.add.outer(np.linspace(0, 90, 120), np.linspace(0, 120, 160))
+    picture = np.repeat(ramp[:, :, None], 3, axis=2) * (1.0, 0.8, 0.5)
+    picture[60:, 80:] += rng.normal(0, 25, (60, 80, 3))
+    picture[:30, :40] = 0
+    picture = np.clip(picture, 0, 255).astype(np.uint8)
+    cv2.circle(picture, (110, 40), 22, (40, 160, 230), -1)
+    return picture
+
+
+@pytest.fixture(scope="session")
+def gray(colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """`colour` in gray."""
+    return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from tokt.features import atomic
+
+SIZE = 300_000
+# Forks a child that writes without end, and kills it after the delay read from stdin.
+KILLER = f"""
+import os, signal, sys, time
+from pathlib import Path
+from tokt.features import atomic
+file, folder = Path(sys.argv[1]) / "file", Path(sys.argv[1]) / "folder"
+def write():
+    for turn in range(10**9):
+        letter = b"ab"[turn % 2 : turn % 2 + 1]
+        atomic.write_bytes(file, letter * {SIZE})
+        with atomic.new_folder(folder.with_name(f"folder-{{os.getpid()}}-{{turn}}")) as new:
+            (new / "one").write_bytes(letter * 1000)
+            (new / "two").write_bytes(letter * 1000)
+print("ready", flush=True)
+for line in sys.stdin:
+    child = os.fork()
+    if not child:
+        write()
+    time.sleep(float(line))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    print("killed", flush=True)
+"""
+
+
+@pytest.fixture
+def write_and_kill(tmp_path: Path) -> Iterator[Callable[[float], None]]:
+    command = [sys.executable, "-c", KILLER, str(tmp_path)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin and process.stdout
+        assert process.stdout.readline() == "ready\n"
+
+        def kill_after(delay_s: float) -> None:
+            assert process.stdin and process.stdout
+            process.stdin.write(f"{delay_s}\n")
+            process.stdin.flush()
+            assert process.stdout.readline() == "killed\n"
+
+        yield kill_after
+        process.stdin.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
+def test_killed_writers_leave_whole_content(
+    tmp_path: Path, write_and_kill: Callable[[float], None]
+) -> None:
+    assert signal.SIGKILL
+    delays = random.Random(1)
+    (tmp_path / "file").write_bytes(b"a" * SIZE)
+    partials = 0
+    for _ in range(60):
+        write_and_kill(delays.uniform(0.0, 0.02))
+        assert (tmp_path / "file").read_bytes() in (b"a" * SIZE, b"b" * SIZE)
+        for folder in tmp_path.glob("folder-*"):
+            content = sorted((path.name, path.read_bytes()) for path in folder.iterdir())
+            letter = content[0][1][:1]
+            assert content == [("one", letter * 1000), ("two", letter * 1000)]
+        left = list(tmp_path.glob(".partial-*"))
+        partials += len(left)
+        assert atomic.remove_partials(tmp_path) == len(left)
+        assert not list(tmp_path.glob(".partial-*"))
+    assert partials > 0, "no kill hit a write; the test proves nothing"
+    assert list(tmp_path.glob("folder-*"))
+
+
+def test_write_text_and_parents(tmp_path: Path) -> None:
+    target = tmp_path / "a" / "b" / "c.txt"
+    atomic.write_text(target, "bølge\n")
+    assert target.read_bytes() == "bølge\n".encode()
+    atomic.write_text(target, "")
+    assert target.read_bytes() == b""
+    assert [path.name for path in target.parent.iterdir()] == ["c.txt"]
+
+
+def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "folder" / "inside").mkdir(parents=True)
+    with pytest.raises(OSError):
+        atomic.write_bytes(tmp_path / "folder", b"x")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+    assert (tmp_path / "folder" / "inside").is_dir()
+
+
+def test_new_folder_appears_at_the_end(tmp_path: Path) -> None:
+    target = tmp_path / "sub" / "new"
+    with atomic.new_folder(target) as folder:
+        (folder / "deep").mkdir()
+        (folder / "deep" / "file").write_text("x")
+        assert not target.exists()
+    assert (target / "deep" / "file").read_text() == "x"
+    assert [path.name for path in target.parent.iterdir()] == ["new"]
+
+
+def test_new_folder_with_an_error_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), atomic.new_folder(tmp_path / "new") as folder:
+        (folder / "file").write_text("x")
+        raise KeyError("stop")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_new_folder_keeps_what_is_there(tmp_path: Path) -> None:
+    (tmp_path / "new").mkdir()
+    with pytest.raises(FileExistsError), atomic.new_folder(tmp_path / "new"):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+
+
+def test_remove_partials(tmp_path: Path) -> None:
+    assert atomic.remove_partials(tmp_path / "none") == 0
+    (tmp_path / ".partial-1-x").mkdir()
+    (tmp_path / ".partial-1-x" / "inside").write_text("x")
+    (tmp_path / ".partial-2-y").write_text("x")
+    (tmp_path / "kept").write_text("x")
+    assert atomic.remove_partials(tmp_path, older_than_s=60) == 0
+    assert atomic.remove_partials(tmp_path) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]

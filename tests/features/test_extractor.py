@@ -1,0 +1,324 @@
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import cv2
+import mahotas
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from skimage.feature import local_binary_pattern
+from tokt.features.canonical import canonical_json, json_sha256
+from tokt.features.errors import ToktError
+from tokt.features.extractor import (
+    NAMED,
+    Haralick,
+    Lbp,
+    build_extractor,
+    extractor_named,
+    gray_picture,
+)
+from tokt.features.grid import Grid
+
+Image = NDArray[np.uint8]
+GRID = Grid(4, 5, 110)
+LBP_NAMES = [name for name in NAMED if name.startswith("lbp")]
+
+
+def looked_at(frame: Image, grid: Grid) -> Image:
+    """The frame as the specs say: resized by area to the grid's width, then gray."""
+    height, width = frame.shape[:2]
+    small = cv2.resize(
+        frame, (grid.width, height * grid.width // width), interpolation=cv2.INTER_AREA
+    )
+    return np.asarray(small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_BGR2GRAY))
+
+
+def crops(picture: NDArray[Any], grid: Grid) -> list[NDArray[Any]]:
+    """The patches, cut out one by one."""
+    high, wide = picture.shape[0] // grid.rows, picture.shape[1] // grid.cols
+    return [
+        picture[row * high : (row + 1) * high, col * wide : (col + 1) * wide].copy()
+        for row in range(grid.rows)
+        for col in range(grid.cols)
+    ]
+
+
+def histogram(codes: NDArray[Any], points: int) -> NDArray[np.float64]:
+    return np.histogram(codes, bins=np.arange(points + 3))[0] / codes.size
+
+
+def glcm(patch: Image, step: tuple[int, int], ignore_zeros: bool) -> NDArray[np.float64]:
+    """Symmetric co-occurrence probabilities of grey levels one `step` apart, counted in a loop."""
+    counts = np.zeros((256, 256))
+    for y in range(patch.shape[0]):
+        for x in range(patch.shape[1]):
+            other = y + step[0], x + step[1]
+            if other[0] < patch.shape[0] and 0 <= other[1] < patch.shape[1]:
+                counts[patch[y, x], patch[other]] += 1
+                counts[patch[other], patch[y, x]] += 1
+    if ignore_zeros:
+        counts[0] = counts[:, 0] = 0
+    return counts / counts.sum()
+
+
+@pytest.mark.parametrize("name", LBP_NAMES)
+@pytest.mark.parametrize("kind", ["gray", "colour"])
+def test_lbp_equals_scikit_image(name: str, kind: str, gray: Image, colour: Image) -> None:
+    frame = gray if kind == "gray" else colour
+    spec = NAMED[name].spec
+    points, radius = spec["points"], spec["radius"]
+    picture = looked_at(frame, GRID)
+    if spec["border"] == "frame":
+        maps = crops(local_binary_pattern(picture, points, radius, "uniform"), GRID)
+    else:
+        maps = [
+            local_binary_pattern(patch, points, radius, "uniform") for patch in crops(picture, GRID)
+        ]
+    expected = np.array([histogram(codes, points) for codes in maps])
+    found = extractor_named(name).describe(frame, GRID)
+    assert found.dtype == np.float64
+    assert np.array_equal(found, expected)
+    assert np.allclose(found.sum(axis=1), 1, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("ignore_zeros", [False, True])
+def test_haralick_equals_mahotas(ignore_zeros: bool, gray: Image, colour: Image) -> None:
+    for frame in (gray, colour):
+        patches = crops(looked_at(frame, GRID), GRID)
+        found = Haralick(ignore_zeros).describe(frame, GRID)
+        assert found.shape == (20, 13) and found.dtype == np.float64
+        for patch, row in zip(patches, found, strict=True):
+            if ignore_zeros and not patch.any():
+                continue
+            expected = mahotas.features.haralick(patch, ignore_zeros=ignore_zeros).mean(axis=0)
+            np.testing.assert_allclose(row, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("ignore_zeros", [False, True])
+def test_haralick_by_its_definition(ignore_zeros: bool, gray: Image) -> None:
+    """Energy, contrast, homogeneity and entropy from counts made in plain loops."""
+    patch = cv2.resize(gray, (24, 18), interpolation=cv2.INTER_NEAREST)
+    grid = Grid(1, 1, None)
+    found = Haralick(ignore_zeros).describe(np.asarray(patch, np.uint8), grid)[0]
+    apart = np.subtract.outer(np.arange(256), np.arange(256)) ** 2
+    rows = []
+    for step in ((0, 1), (1, 1), (1, 0), (1, -1)):
+        p = glcm(patch, step, ignore_zeros)
+        entropy = -(p[p > 0] * np.log2(p[p > 0])).sum()
+        rows.append([(p**2).sum(), (p * apart).sum(), (p / (1 + apart)).sum(), entropy])
+    np.testing.assert_allclose(found[[0, 1, 4, 8]], np.mean(rows, axis=0), rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", [*NAMED, "haralick+lbp_24_8_frame"])
+def test_gray_as_bgr_is_the_same(name: str, gray: Image) -> None:
+    extractor = extractor_named(name)
+    three = np.repeat(gray[:, :, None], 3, axis=2)
+    found = extractor.describe(gray, GRID)
+    assert np.array_equal(found, extractor.describe(three, GRID))
+    assert found.shape == (GRID.n_patches, extractor.dim)
+    assert len(set(extractor.names)) == extractor.dim
+
+
+def test_the_frame_is_left_alone(colour: Image) -> None:
+    before = colour.copy()
+    extractor_named("haralick+lbp").describe(colour, Grid(4, 5, 160))
+    assert np.array_equal(before, colour)
+
+
+def test_views_give_what_their_copies_give(colour: Image) -> None:
+    view = colour[10:, ::-1]
+    extractor = extractor_named("haralick+lbp_10_5_frame")
+    assert np.array_equal(
+        extractor.describe(view, GRID), extractor.describe(np.ascontiguousarray(view), GRID)
+    )
+
+
+def test_native_grid_does_not_resize(gray: Image) -> None:
+    assert np.array_equal(gray_picture(gray, Grid(1, 1, None)), gray)
+    assert gray_picture(gray, Grid(10, 10, 360)).shape == (270, 360)
+
+
+def test_join_is_hstack(colour: Image) -> None:
+    joined = extractor_named("haralick+lbp_24_8_frame+lbp")
+    parts = [extractor_named(name) for name in ("haralick", "lbp_24_8_frame", "lbp")]
+    side_by_side = np.hstack([part.describe(colour, GRID) for part in parts])
+    assert np.array_equal(joined.describe(colour, GRID), side_by_side)
+    assert joined.dim == 13 + 26 + 12
+    assert joined.names == tuple(name for part in parts for name in part.names)
+
+
+@pytest.mark.parametrize("ignore_zeros", [False, True])
+@pytest.mark.parametrize("value", [0, 1, 127, 255])
+def test_even_patches_have_finite_features(ignore_zeros: bool, value: int) -> None:
+    frame = np.full((60, 80), value, np.uint8)
+    grid = Grid(3, 4, 80)
+    found = Haralick(ignore_zeros).describe(frame, grid)
+    assert np.isfinite(found).all() and (found == found[0]).all()
+    energy, contrast, correlation, entropy = found[0, [0, 1, 2, 8]]
+    assert (energy, contrast, correlation, abs(entropy)) == (1, 0, 1, 0)
+    for name in LBP_NAMES:
+        assert np.isfinite(extractor_named(name).describe(frame, grid)).all()
+
+
+def test_one_black_patch_among_others(gray: Image) -> None:
+    frame = gray.copy()
+    frame[:30, :32] = 0
+    grid = Grid(4, 5, 160)
+    found = Haralick(ignore_zeros=True).describe(frame, grid)
+    constant = Haralick(ignore_zeros=False).describe(np.zeros_like(frame), grid)
+    assert np.array_equal(found[0], constant[0])
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.int8, np.float32, bool])
+def test_wrong_dtype(dtype: type) -> None:
+    for name in ("lbp", "haralick", "lbp+haralick"):
+        with pytest.raises(TypeError):
+            extractor_named(name).describe(np.zeros((60, 80), dtype), GRID)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (60,),
+        (60, 80, 1),
+        (60, 80, 4),
+        (2, 60, 80, 3),
+        (0, 80),
+        (60, 0),
+        (0, 0, 3),
+        (1, 4000),
+        (60000, 4),
+    ],
+)
+def test_wrong_shape(shape: tuple[int, ...]) -> None:
+    for name in ("lbp", "haralick", "lbp+haralick"):
+        with pytest.raises(ValueError):
+            extractor_named(name).describe(np.zeros(shape, np.uint8), Grid(4, 5, 2000))
+
+
+def test_too_small_a_frame() -> None:
+    with pytest.raises(ToktError, match="least is 3x3"):
+        extractor_named("lbp").describe(np.zeros((8, 100), np.uint8), GRID)
+
+
+SPECS = [
+    *(extractor_named(name).spec for name in NAMED),
+    Haralick(ignore_zeros=True).spec,
+    extractor_named("haralick+lbp_24_8_frame").spec,
+]
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=json_sha256)
+def test_spec_round_trip(spec: dict[str, Any], gray: Image) -> None:
+    again = build_extractor(json.loads(json.dumps(spec)))
+    assert canonical_json(again.spec) == canonical_json(spec)
+    assert again.describe(gray, GRID).shape == (20, again.dim)
+
+
+LBP = Lbp(10, 5, "patch").spec
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        ({"name": "lpb"}, "unknown extractor 'lpb'"),
+        ({"name": None}, "unknown extractor None"),
+        ({"name": ["lbp"]}, "unknown extractor"),
+        ({"version": 2}, "version 2"),
+        ({"version": True}, "version True"),
+        ({"version": 1.0}, "version 1.0"),
+        ({"version": "1"}, "version '1'"),
+        ({"points": 10.0}, "whole numbers"),
+        ({"points": True}, "whole numbers"),
+        ({"points": 3}, "out of range"),
+        ({"points": 10**12}, "out of range"),
+        ({"radius": 0}, "out of range"),
+        ({"radius": None}, "whole numbers"),
+        ({"border": "reflect"}, "border"),
+        ({"border": {}}, "border"),
+        ({"image": {}}, "image"),
+        ({"image": None}, "image"),
+        ({"image": {"resize": "area", "gray": "bt601", "gain": 2}}, "image"),
+        ({"gamma": 2.2}, "unknown or missing in its spec: gamma"),
+    ],
+)
+def test_refused_specs(edit: dict[str, Any], words: str) -> None:
+    with pytest.raises(ToktError, match=words):
+        build_extractor({**LBP, **edit})
+
+
+@pytest.mark.parametrize("key", LBP)
+def test_a_missing_key_is_refused(key: str) -> None:
+    with pytest.raises(ToktError):
+        build_extractor({name: value for name, value in LBP.items() if name != key})
+
+
+@pytest.mark.parametrize(
+    "parts", [None, 3, "lbp", {}, LBP, [], [LBP], [LBP, 1], [LBP, None], ["lbp", "lbp"], [LBP, {}]]
+)
+def test_refused_joins(parts: Any) -> None:
+    with pytest.raises(ToktError):
+        build_extractor({"name": "join", "version": 1, "parts": parts})
+
+
+def test_a_join_of_joins_is_refused_at_any_depth() -> None:
+    spec: dict[str, Any] = {"name": "join", "version": 1, "parts": [LBP, LBP]}
+    for _ in range(5000):
+        spec = {"name": "join", "version": 1, "parts": [spec, LBP]}
+    with pytest.raises(ToktError, match="plain extractors"):
+        build_extractor(spec)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers(-3, 70) | st.floats() | st.text(max_size=4),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
+    max_leaves=6,
+)
+
+
+@st.composite
+def damaged_specs(draw: st.DrawFn) -> Any:
+    spec = copy.deepcopy(draw(st.sampled_from(SPECS)))
+    target = spec
+    if spec["name"] == "join" and draw(st.booleans()):
+        target = spec["parts"][draw(st.integers(0, 1))]
+    for _ in range(draw(st.integers(1, 2))):
+        key = draw(st.sampled_from([*target, "other"]))
+        if draw(st.booleans()):
+            target.pop(key, None)
+        else:
+            target[key] = draw(json_values | st.just([LBP, LBP]))
+        if not target:
+            break
+    return spec
+
+
+@settings(max_examples=400, deadline=None)
+@given(damaged_specs() | json_values)
+def test_a_spec_is_read_whole_or_refused(spec: Any) -> None:
+    try:
+        built = build_extractor(spec)
+    except ToktError:
+        return
+    assert canonical_json(built.spec) == canonical_json(spec)
+
+
+def test_names() -> None:
+    assert extractor_named("lbp").spec == extractor_named("lbp_10_5").spec == LBP
+    for text in ("", "lbp+", "+", "lbp_10", "lbp haralick"):
+        with pytest.raises(ToktError, match="unknown extractor"):
+            extractor_named(text)
+
+
+def test_canonical_json() -> None:
+    assert canonical_json({"b": [1, 2.5, None], "a": "ø"}) == '{"a":"\\u00f8","b":[1,2.5,null]}'
+    assert json_sha256({"a": 1, "b": 2}) == json_sha256({"b": 2, "a": 1})
+    for value in (float("nan"), float("inf")):
+        with pytest.raises(ValueError):
+            canonical_json({"a": value})

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tokt.features.errors import FrameError, ToktError
+from tokt.features.mission import format_frames, open_mission, parse_frames
+
+N_VIDEO = 14
+
+
+def _write(path: Path, value: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), np.full((12, 16), value, np.uint8))
+
+
+def _same(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> bool:
+    return bool(np.array_equal(a, b))
+
+
+def test_stereo_folder(tmp_path: Path) -> None:
+    for number in (10, 2, 1):
+        _write(tmp_path / "dive" / "Left" / f"tokt1_L_{number}.png", number)
+        _write(tmp_path / "dive" / "RIGHT" / f"tokt1_R_{number}.png", number + 100)
+    found = open_mission(tmp_path / "dive")
+    assert found.name == "dive"
+    assert found.cameras == ("left", "right")
+    assert found.frames() == found.frames("right") == [1, 2, 10]
+    assert (found.read(10) == 10).all() and (found.read(2, "right") == 102).all()
+    data, suffix = found.encoded(2)
+    assert suffix == ".png"
+    assert data == (tmp_path / "dive" / "Left" / "tokt1_L_2.png").read_bytes()
+    assert found.frames("rear") == []
+    for frame, camera in ((3, "left"), (1, "rear")):
+        with pytest.raises(FrameError, match=f"no {camera} frame {frame}"):
+            found.read(frame, camera)
+
+
+def test_flat_folder_and_what_is_passed_over(tmp_path: Path) -> None:
+    for number in (1, 2, 10):
+        _write(tmp_path / f"f{number:03}.png", number)
+    _write(tmp_path / "big.JPG.7.PNG", 7)
+    for name in (".hidden_4.png", "labels.csv", "notes 5.txt", "no_suffix_6"):
+        (tmp_path / name).write_bytes(b"nothing to look at")
+    found = open_mission(str(tmp_path))
+    assert found.cameras == ("left",)
+    assert found.frames() == [1, 2, 7, 10]
+    assert (found.read(7) == 7).all()
+
+
+def test_stereo_wins_over_images_beside_it(tmp_path: Path) -> None:
+    _write(tmp_path / "left" / "a_5.png", 5)
+    _write(tmp_path / "map_1.png", 1)
+    assert open_mission(tmp_path).frames() == [5]
+
+
+def test_unreadable_frames_are_frame_errors(tmp_path: Path) -> None:
+    for number in (1, 2, 3):
+        _write(tmp_path / f"{number}.png", number)
+    whole = (tmp_path / "2.png").read_bytes()
+    found = open_mission(tmp_path)
+    (tmp_path / "1.png").unlink()
+    (tmp_path / "2.png").write_bytes(whole[:-8])
+    for number in (1, 2):
+        with pytest.raises(FrameError):
+            found.read(number)
+    assert (found.read(3) == 3).all()
+
+
+def test_refused_folders(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match="does not exist"):
+        open_mission(tmp_path / "none")
+    with pytest.raises(ToktError, match="no frames"):
+        open_mission(tmp_path)
+    _write(tmp_path / "only right" / "Right" / "r_1.png", 1)
+    with pytest.raises(ToktError, match="no frames"):
+        open_mission(tmp_path / "only right")
+    _write(tmp_path / "unnumbered" / "cover.png", 1)
+    with pytest.raises(ToktError, match="frame number"):
+        open_mission(tmp_path / "unnumbered")
+    for name in ("a_07.png", "b_7.png"):
+        _write(tmp_path / "twice" / name, 1)
+    with pytest.raises(ToktError, match="both frame 7"):
+        open_mission(tmp_path / "twice")
+    (tmp_path / "labels.csv").write_text("mission,frame\n")
+    with pytest.raises(ToktError, match="neither"):
+        open_mission(tmp_path / "labels.csv")
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("video") / "dive 3.avi"
+    rng = np.random.default_rng(3)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    assert writer.isOpened()
+    for number in range(1, N_VIDEO + 1):
+        noise = rng.integers(0, 6, (48, 64, 3))
+        writer.write((noise + 12 * number).astype(np.uint8))
+    writer.release()
+    return path
+
+
+def test_video_frames_by_any_order(video: Path) -> None:
+    found = open_mission(video)
+    assert found.name == "dive 3" and found.cameras == ("left",)
+    assert found.frames() == list(range(1, N_VIDEO + 1))
+    assert found.frames("right") == []
+    in_order = {number: found.read(number) for number in found.frames()}
+    for number, image in in_order.items():
+        assert image.shape == (48, 64, 3) and image.dtype == np.uint8
+        assert abs(float(image.mean()) - (12 * number + 2.5)) < 3
+    order = [number for number in in_order for _ in range(3)]
+    random.Random(5).shuffle(order)
+    again = open_mission(video)
+    assert all(_same(again.read(number), in_order[number]) for number in order)
+    for number in (0, -1, N_VIDEO + 1):
+        with pytest.raises(FrameError, match=f"no left frame {number}"):
+            again.read(number)
+    with pytest.raises(FrameError):
+        again.read(1, "right")
+
+
+def test_video_frames_as_files(video: Path) -> None:
+    found = open_mission(video)
+    data, suffix = found.encoded(4)
+    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
+    assert suffix == ".png" and _same(np.asarray(decoded, np.uint8), found.read(4))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_truncated_video(video: Path, tmp_path: Path, share: float) -> None:
+    """What is left keeps its numbers; what is gone is a FrameError, however often it is asked."""
+    data = video.read_bytes()
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(data[: int(len(data) * share)])
+    whole = open_mission(video)
+    truth = {number: whole.read(number) for number in whole.frames()}
+    try:
+        found = open_mission(cut)
+    except ToktError:
+        return
+    read: dict[int, bool] = {}
+    order = [*found.frames(), *reversed(found.frames()), 2, 2, N_VIDEO, 1]
+    for number in order:
+        try:
+            image = found.read(number)
+        except FrameError:
+            good = False
+        else:
+            good = True
+            if number < max(1, int(N_VIDEO * share) - 1):
+                assert _same(image, truth[number])
+        assert read.setdefault(number, good) is good
+
+
+@pytest.mark.parametrize("content", [b"", b"RIFF", b"no video at all" * 100])
+def test_not_a_video(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "dive.mp4"
+    path.write_bytes(content)
+    with pytest.raises(ToktError, match="not a video"):
+        open_mission(path)
+
+
+@given(st.sets(st.integers(0, 400)).filter(bool))
+def test_frame_lists_round_trip(frames: set[int]) -> None:
+    text = format_frames(frames)
+    assert parse_frames(text) == sorted(frames)
+    assert text == format_frames(parse_frames(text))
+
+
+def test_frame_lists() -> None:
+    assert parse_frames("132-134, 1-3,2, 9") == [1, 2, 3, 9, 132, 133, 134]
+    assert format_frames([7, 3, 2, 1, 2]) == "1-3,7"
+    assert format_frames([]) == ""
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a", "1-", "-3", "3-1", "1,,2", "1;2", "1.5", "1-2-3", "9" * 5000, "0-99999999999"]
+)
+def test_refused_frame_lists(text: str) -> None:
+    with pytest.raises(ToktError, match=r"not a list of frames|too long"):
+        parse_frames(text)
+
+
+@pytest.mark.mission
+def test_real_mission(mission: Path) -> None:
+    found = open_mission(mission)
+    assert found.name == "approach"
+    assert found.frames("left") == found.frames("right") == list(range(1, 247))
+    assert found.read(186).shape[:2] == (1024, 1360)

@@ -1,0 +1,71 @@
+"""Small valid bundles: random textures, the real extractor, random weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.extractor import extractor_named
+from tokt.features.grid import Grid
+from tokt.models.bundle import BundleContent, Golden
+from tokt.models.linear import LinearModel
+
+TWO = (("ocean", False), ("other", True))
+
+
+def small_content(
+    seed: int = 0,
+    extractor: str = "lbp",
+    classes: tuple[tuple[str, bool], ...] = TWO,
+    name: str = "small",
+) -> BundleContent:
+    """What a bundle of a 2x3 grid on 48x32 frames holds.
+
+    The golden values come from the scaler and the classifier apart, not from the folded model.
+    """
+    rng = np.random.default_rng(seed)
+    grid, parts = Grid(2, 3, 36), extractor_named(extractor)
+    frames = [rng.integers(0, 24, (32, 48), np.uint8) for _ in range(2)]
+    frames[0][:, :16] //= 4
+    outputs = 1 if len(classes) == 2 else len(classes)
+    mean, scale = rng.normal(size=parts.dim), rng.uniform(0.2, 3, parts.dim)
+    coef, intercept = rng.normal(size=(outputs, parts.dim)), rng.normal(size=outputs)
+    features = [parts.describe(frame, grid) for frame in frames]
+    values = np.array([((x - mean) / scale) @ coef.T + intercept for x in features])
+    # Half of the patches on either side.
+    thresholds = np.median(values, axis=(0, 1)) + 1e-3
+    excess = values - thresholds
+    chosen = (excess[:, :, 0] > 0).astype(int) if outputs == 1 else excess.argmax(axis=2)
+    flags = np.array([obstacle for _, obstacle in classes])
+    return BundleContent(
+        name=name,
+        version=str(seed),
+        extractor_spec=parts.spec,
+        grid=grid,
+        model=LinearModel.fold(
+            coef,
+            intercept,
+            mean,
+            scale,
+            thresholds,
+            tuple(label for label, _ in classes),
+            tuple(obstacle for _, obstacle in classes),
+        ),
+        provenance={"mlflow_run_id": "0" * 32, "dataset": f"drawn@{seed}"},
+        metrics={"patch": {"f1": 0.5, "recall": None}},
+        golden=Golden(
+            tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames),
+            values,
+            flags[chosen],
+        ),
+        trained_on=rng.integers(0, 2**63, 9).astype(np.uint64),
+        card=f"# {name}/{seed}\n\nDrawn for a test: bølge.\n",
+    )
+
+
+@pytest.fixture(scope="session")
+def make_content() -> Callable[..., BundleContent]:
+    """`small_content`."""
+    return small_content

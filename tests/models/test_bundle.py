@@ -1,0 +1,577 @@
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import pickle
+import random
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tokt.features.canonical import canonical_json, json_sha256
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.models.bundle import (
+    Bundle,
+    BundleContent,
+    bundle_bytes,
+    bundle_from_bytes,
+    read_bundle,
+)
+
+Members = dict[str, bytes]
+SEVERAL = (("ocean", False), ("sand", True), ("tower", True))
+
+
+def unpack(data: bytes) -> Members:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def pack(members: Members, compression: int = zipfile.ZIP_STORED) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", compression) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return buffer.getvalue()
+
+
+def rehash(members: Members, edit: dict[str, Any] | None = None) -> bytes:
+    """The members as a bundle whose hashes all fit; entries of `edit` replace the manifest's."""
+    manifest = {**json.loads(members["manifest.json"]), **(edit or {})}
+    del manifest["manifest_sha256"]
+    manifest["members"] = {
+        name: hashlib.sha256(data).hexdigest()
+        for name, data in members.items()
+        if name != "manifest.json"
+    }
+    manifest["manifest_sha256"] = json_sha256(manifest)
+    return pack({**members, "manifest.json": json.dumps(manifest).encode()})
+
+
+def npz(arrays: dict[str, Any]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def arrays_of(data: bytes) -> dict[str, NDArray[Any]]:
+    with np.load(io.BytesIO(data)) as archive:
+        return dict(archive)
+
+
+def with_arrays(members: Members, member: str, **edit: Any) -> bytes:
+    """A bundle, all hashes right, with some arrays of one member replaced or (None) left out."""
+    arrays = {**arrays_of(members[member]), **edit}
+    kept = {name: array for name, array in arrays.items() if array is not None}
+    return rehash({**members, member: npz(kept)})
+
+
+def fingerprint(bundle: Bundle) -> str:
+    """Everything a model is and says, whatever the file looks like."""
+    content, frame = bundle.content, np.arange(1536, dtype=np.uint8).reshape(32, 48)
+    arrays = [
+        content.model.weights,
+        content.model.bias,
+        content.model.thresholds,
+        content.golden.decision_values,
+        content.golden.obstacle,
+        content.trained_on,
+        bundle.decision_values(frame),
+    ]
+    words = [content.name, content.version, content.extractor_spec, content.grid.to_json()]
+    more = [content.provenance, content.metrics, content.card, content.model.classes]
+    return canonical_json(
+        [[array.tolist() for array in arrays], *words, *more, content.model.obstacle]
+    )
+
+
+def read(data: bytes) -> Bundle:
+    return bundle_from_bytes(data, "file.tokt")
+
+
+def refuse(data: bytes, words: str = ".") -> str:
+    with pytest.raises(ToktError, match=words) as caught:
+        read(data)
+    message = str(caught.value)
+    assert message.startswith("file.tokt: ") and "\n" not in message
+    return message
+
+
+@pytest.fixture(scope="module")
+def content(make_content: Callable[..., BundleContent]) -> BundleContent:
+    return make_content()
+
+
+@pytest.fixture(scope="module")
+def data(content: BundleContent) -> bytes:
+    return bundle_bytes(content)
+
+
+@pytest.fixture(scope="module")
+def members(data: bytes) -> Members:
+    return unpack(data)
+
+
+@pytest.mark.parametrize("extractor", ["lbp", "haralick+lbp_24_8_frame"])
+@pytest.mark.parametrize("classes", [(("ocean", False), ("other", True)), SEVERAL])
+def test_round_trip(
+    extractor: str,
+    classes: Any,
+    make_content: Callable[..., BundleContent],
+    tmp_path: Path,
+) -> None:
+    content = make_content(3, extractor, classes)
+    (tmp_path / "a.tokt").write_bytes(bundle_bytes(content))
+    bundle = read_bundle(tmp_path / "a.tokt")
+    found = bundle.content
+    assert (bundle.name, bundle.version, bundle.label) == ("small", "3", "small/3")
+    assert bundle.grid == content.grid
+    assert found.extractor_spec == content.extractor_spec == bundle.extractor.spec
+    assert (found.provenance, found.metrics) == (content.provenance, content.metrics)
+    assert found.card == content.card
+    assert found.golden.frames == content.golden.frames
+    for name in ("weights", "bias", "thresholds"):
+        assert np.array_equal(getattr(found.model, name), getattr(content.model, name))
+    assert (found.model.classes, found.model.obstacle) == tuple(zip(*classes, strict=True))
+    assert np.array_equal(found.golden.obstacle, content.golden.obstacle)
+    assert 0 < found.golden.obstacle.sum() < found.golden.obstacle.size
+    assert sorted(found.trained_on) == sorted(content.trained_on)
+    assert bundle.sha256 == hashlib.sha256((tmp_path / "a.tokt").read_bytes()).hexdigest()
+    assert bundle_bytes(found) == bundle.data
+    for png, expected in zip(found.golden.frames, content.golden.decision_values, strict=True):
+        frame = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_ANYCOLOR)
+        values = bundle.decision_values(np.asarray(frame, np.uint8))
+        np.testing.assert_allclose(values, expected, rtol=0, atol=1e-9)
+
+
+def test_same_content_same_bytes(make_content: Callable[..., BundleContent], data: bytes) -> None:
+    again = make_content()
+    shuffled = dataclasses.replace(
+        again,
+        provenance=dict(reversed(again.provenance.items())),
+        trained_on=again.trained_on[::-1].copy(),
+    )
+    assert bundle_bytes(again) == bundle_bytes(shuffled) == data
+    assert bundle_bytes(make_content(1)) != data
+
+
+def test_layout(data: bytes) -> None:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        infos = archive.infolist()
+    names = ["manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md"]
+    assert [info.filename for info in infos] == names
+    assert {info.date_time for info in infos} == {(1980, 1, 1, 0, 0, 0)}
+    assert {info.compress_type for info in infos} == {zipfile.ZIP_STORED}
+
+
+def test_nan_in_the_metrics_is_not_written(content: BundleContent) -> None:
+    with pytest.raises(ValueError):
+        bundle_bytes(dataclasses.replace(content, metrics={"f1": float("nan")}))
+
+
+def zip_metadata(data: bytes) -> list[int]:
+    """Offsets of what is neither a member's content nor inside it."""
+    inside = bytearray(len(data))
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for info in archive.infolist():
+            start = info.header_offset + 30 + len(info.filename)
+            inside[start : start + info.file_size] = b"\x01" * info.file_size
+    return [offset for offset, byte in enumerate(inside) if not byte]
+
+
+def test_a_changed_byte_is_refused_or_changes_nothing(data: bytes) -> None:
+    truth = fingerprint(read(data))
+    chance = random.Random(4)
+    structure = zip_metadata(data)
+    flips = [(offset, 1 << bit) for offset in structure for bit in range(8)]
+    flips += [(offset, 0xFF) for offset in structure]
+    flips += [(offset, chance.randint(1, 255)) for offset in chance.sample(range(len(data)), 1200)]
+    accepted = 0
+    for offset, mask in flips:
+        edited = bytearray(data)
+        edited[offset] ^= mask
+        try:
+            bundle = read(bytes(edited))
+        except ToktError:
+            continue
+        assert offset in structure
+        assert fingerprint(bundle) == truth, offset
+        accepted += 1
+    assert accepted < len(flips) / 2
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=2, max_size=6
+    )
+)
+def test_several_changed_bytes(data: bytes, edits: list[tuple[float, int]]) -> None:
+    structure = zip_metadata(data)
+    edited = bytearray(data)
+    for where, value in edits:
+        edited[structure[int(where * len(structure))]] = value
+    try:
+        bundle = read(bytes(edited))
+    except ToktError:
+        return
+    assert fingerprint(bundle) == fingerprint(read(data))
+
+
+def test_every_prefix_is_refused(data: bytes) -> None:
+    for end in range(len(data)):
+        with pytest.raises(ToktError):
+            read(data[:end])
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.sampled_from([b"", b"PK\x03\x04", b"PK\x05\x06" + bytes(18)]), st.binary(max_size=200))
+def test_junk_is_refused(head: bytes, junk: bytes) -> None:
+    refuse(head + junk)
+
+
+def test_not_a_bundle(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match="No such file"):
+        read_bundle(tmp_path / "none.tokt")
+    with pytest.raises(ToktError):
+        read_bundle(tmp_path)
+    (tmp_path / "notes.tokt").write_text("not a zip")
+    with pytest.raises(ToktError, match=r"notes\.tokt: truncated or damaged"):
+        read_bundle(tmp_path / "notes.tokt")
+    refuse(pack({"data.txt": b"x"}), "not a tokt bundle")
+    refuse(pack(dict.fromkeys("abcde", b"x")), "not a tokt bundle")
+    refuse(pack({"manifest.json": b"[1]"}), "not a tokt bundle")
+    refuse(pack({"manifest.json": b"{"}), "not JSON")
+    refuse(pack({"manifest.json": b"\xff\xfe\xff"}), "not JSON")
+    refuse(pack({"manifest.json": b"[" * 200_000}), "not JSON")
+    refuse(pack({"manifest.json": b'{"format_version":' + b"9" * 5000 + b"}"}), "not JSON")
+    refuse(pack({"manifest.json": b"{}"}), "no format version")
+
+
+@pytest.mark.parametrize("name", ["weights.npz", "golden.npz", "lineage.npz", "card.md"])
+def test_members_added_removed_renamed_exchanged(members: Members, name: str) -> None:
+    rest = {key: value for key, value in members.items() if key != name}
+    refuse(pack(rest), "unknown or missing members")
+    refuse(pack({**rest, f"x{name}": members[name]}), "unknown or missing members")
+    refuse(pack({**members, "more": b""}), "unknown or missing members")
+    refuse(pack({**members, name: members[name] + b"\n"}), f"{name} in the bundle has been edited")
+    # The same with a manifest that names just what is there.
+    refuse(rehash(rest))
+    refuse(rehash({**rest, f"x{name}": members[name]}))
+    refuse(rehash({**members, "more": b""}))
+
+
+def test_a_member_twice(members: Members) -> None:
+    buffer = io.BytesIO(pack(members))
+    with zipfile.ZipFile(buffer, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
+        archive.writestr("card.md", members["card.md"])
+    refuse(buffer.getvalue(), "twice")
+
+
+def test_compressed(members: Members) -> None:
+    for way in (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
+        refuse(pack(members, way), "compressed")
+
+
+def test_a_bomb_is_refused_before_it_unfolds(members: Members) -> None:
+    bomb = io.BytesIO()
+    with (
+        zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("weights.npy", "w") as handle,
+    ):
+        for _ in range(70):
+            handle.write(bytes(1 << 20))
+    tracemalloc.start()
+    refuse(bomb.getvalue())
+    refuse(rehash({**members, "weights.npz": bomb.getvalue()}), r"weights\.npz")
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+
+
+def test_a_large_member_is_refused(members: Members) -> None:
+    big = pack({**members, "card.md": bytes((64 << 20) + 1)})
+    refuse(big, "too large")
+
+
+MANIFEST_EDITS: list[tuple[str, Any]] = [
+    ("name", "another"),
+    ("version", "9"),
+    ("extractor", {}),
+    ("grid", {"rows": 3, "cols": 2, "width": 36}),
+    ("classes", [{"name": "ocean", "obstacle": True}, {"name": "other", "obstacle": True}]),
+    ("provenance", {}),
+    ("metrics", {"patch": {"f1": 1.0}}),
+]
+
+
+@pytest.mark.parametrize(("key", "value"), MANIFEST_EDITS)
+def test_an_edited_manifest(members: Members, key: str, value: Any) -> None:
+    manifest = json.loads(members["manifest.json"])
+    manifest[key] = value
+    edited = pack({**members, "manifest.json": json.dumps(manifest).encode()})
+    refuse(edited, "manifest has been edited")
+
+
+def test_an_edited_member_with_its_hash_but_not_the_manifests(members: Members) -> None:
+    manifest = json.loads(members["manifest.json"])
+    card = b"# the best model there is\n"
+    manifest["members"]["card.md"] = hashlib.sha256(card).hexdigest()
+    edited = {**members, "card.md": card, "manifest.json": json.dumps(manifest).encode()}
+    refuse(pack(edited), "manifest has been edited")
+
+
+def test_hash_of_the_wrong_kind(members: Members) -> None:
+    manifest = json.loads(members["manifest.json"])
+    for wrong in (None, 1, [], "", manifest["manifest_sha256"].upper()):
+        edited = json.dumps({**manifest, "manifest_sha256": wrong}).encode()
+        refuse(pack({**members, "manifest.json": edited}), "manifest has been edited")
+    infinite = members["manifest.json"].replace(b'"f1": 0.5', b'"f1": Infinity')
+    assert infinite != members["manifest.json"]
+    refuse(pack({**members, "manifest.json": infinite}), "manifest has been edited")
+
+
+def test_manifest_entries_added_or_missing(members: Members) -> None:
+    refuse(rehash(members, {"note": "x"}), "unknown or missing entries")
+    manifest = json.loads(members["manifest.json"])
+    for key in set(manifest) - {"manifest_sha256", "members", "format_version"}:
+        less = json.dumps({name: value for name, value in manifest.items() if name != key})
+        refuse(rehash({**members, "manifest.json": less.encode()}), "unknown or missing entries")
+
+
+def test_format_versions(members: Members) -> None:
+    assert "newer than this tokt" in refuse(rehash(members, {"format_version": 2}))
+    # Whatever else a newer format changes, that is what is said.
+    assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 2}', "x": b""}))
+    for wrong in (0, -1, None, "1", 1.0, True, [1]):
+        refuse(rehash(members, {"format_version": wrong}), "no format version")
+
+
+WRONG_ENTRIES: list[tuple[str, Any]] = [
+    *[(key, None) for key, _ in MANIFEST_EDITS],
+    *[(key, 3) for key, _ in MANIFEST_EDITS],
+    *[(key, []) for key, _ in MANIFEST_EDITS],
+    *[(key, [[]]) for key, _ in MANIFEST_EDITS],
+    ("name", ""),
+    ("version", {"a": 1}),
+    ("extractor", "lbp"),
+    ("extractor", {"name": "lbp"}),
+    ("extractor", {"name": "join", "version": 1, "parts": 3}),
+    ("grid", {"rows": 2, "cols": 3}),
+    ("grid", {"rows": "2", "cols": 3, "width": 36}),
+    ("grid", {"rows": 2.0, "cols": 3, "width": 36}),
+    ("grid", {"rows": 2, "cols": 3, "width": 36, "more": 1}),
+    ("grid", {"rows": 0, "cols": 3, "width": 36}),
+    ("grid", {"rows": 3, "cols": 2, "width": 36}),
+    ("grid", {"rows": 2, "cols": 3, "width": 48}),
+    ("classes", [{"name": "ocean", "obstacle": False}]),
+    ("classes", [{"name": "ocean", "obstacle": False}, {"name": "other"}]),
+    ("classes", [{"name": "ocean", "obstacle": False}, {"name": "other", "obstacle": 1}]),
+    ("classes", [{"name": "ocean", "obstacle": False}, {"name": "other", "obstacle": "yes"}]),
+    ("classes", [{"name": "ocean", "obstacle": False}, {"name": 5, "obstacle": True}]),
+    ("classes", [{"name": "ocean", "obstacle": False}, {"name": "ocean", "obstacle": True}]),
+    ("classes", [{"name": "other", "obstacle": True}, {"name": "ocean", "obstacle": False}]),
+    ("classes", [{"name": "ocean", "obstacle": False}, {"name": "other", "obstacle": False}]),
+    ("classes", "ab"),
+    ("classes", {"ocean": False, "other": True}),
+]
+
+
+@pytest.mark.parametrize(("key", "value"), WRONG_ENTRIES, ids=lambda value: repr(value)[:40])
+def test_consistent_hashes_do_not_make_nonsense_right(
+    members: Members, key: str, value: Any
+) -> None:
+    if value == [] and key in ("provenance", "metrics"):
+        pytest.skip("an empty list is as good as an empty object")
+    refuse(rehash(members, {key: value}))
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        {"rows": 10**6, "cols": 10**6, "width": None},
+        {"rows": 10**15, "cols": 3, "width": 36},
+        {"rows": 2, "cols": 3, "width": 10**9},
+        {"rows": 2, "cols": 3, "width": 10**30},
+        {"rows": 10**400, "cols": 10**400, "width": None},
+    ],
+    ids=["squares", "rows", "width", "wider", "endless"],
+)
+def test_a_huge_grid_allocates_nothing(members: Members, grid: dict[str, Any]) -> None:
+    edited = rehash(members, {"grid": grid})
+    tracemalloc.start()
+    refuse(edited)
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()
+
+
+def test_a_moved_threshold(members: Members) -> None:
+    """Every hash is right and the decision values are the same; the verdicts are not."""
+    moved = arrays_of(members["weights.npz"])["thresholds"] + 1e3
+    edited = with_arrays(members, "weights.npz", thresholds=moved)
+    refuse(edited, "golden frame 0 gives other obstacle patches")
+
+
+def test_moved_weights(members: Members) -> None:
+    arrays = arrays_of(members["weights.npz"])
+    refuse(with_arrays(members, "weights.npz", bias=arrays["bias"] + 1e-6), "golden frame 0")
+    refuse(with_arrays(members, "weights.npz", weights=-arrays["weights"]), "golden frame 0")
+    read(with_arrays(members, "weights.npz", bias=arrays["bias"] + 1e-11))
+
+
+def test_moved_golden_values(members: Members) -> None:
+    values = arrays_of(members["golden.npz"])["decision_values"]
+    for change in (1e-6, -1e-6, np.nan, np.inf):
+        edited = values.copy()
+        edited[1, -1, 0] += change
+        message = refuse(with_arrays(members, "golden.npz", decision_values=edited))
+        assert "golden frame 1 gives decision values that differ" in message
+    flags = arrays_of(members["golden.npz"])["obstacle"]
+    flags[1, 2] = not flags[1, 2]
+    refuse(with_arrays(members, "golden.npz", obstacle=flags), "golden frame 1 gives other")
+
+
+def png(image: Any) -> bytes:
+    return bytes(cv2.imencode(".png", image)[1].tobytes())
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        b"not a picture",
+        png(np.zeros((1, 60), np.uint8)),
+        png(np.zeros((4, 60), np.uint8)),
+        png(np.zeros((100_000, 1), np.uint8)),
+        png(np.zeros((32, 48), np.uint8))[:-9],
+    ],
+    ids=["junk", "flat", "low", "thin", "cut"],
+)
+def test_golden_frames_that_cannot_be_judged(members: Members, frame: bytes) -> None:
+    golden = arrays_of(members["golden.npz"])
+    edited = with_arrays(
+        members,
+        "golden.npz",
+        frames=np.frombuffer(frame, np.uint8),
+        sizes=np.array([len(frame)]),
+        decision_values=golden["decision_values"][:1],
+        obstacle=golden["obstacle"][:1],
+    )
+    refuse(edited, "golden frame 0")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_weights_that_overflow(members: Members) -> None:
+    weights = np.full_like(arrays_of(members["weights.npz"])["weights"], 1.7e308)
+    bias = np.full(1, 1.7e308)
+    refuse(with_arrays(members, "weights.npz", weights=weights, bias=bias), "golden frame 0")
+
+
+WRONG_ARRAYS: list[tuple[str, str, Any]] = [
+    ("weights.npz", "weights", None),
+    ("weights.npz", "weights", np.ones((1, 12), np.float32)),
+    ("weights.npz", "weights", np.ones((1, 13))),
+    ("weights.npz", "weights", np.ones((2, 12))),
+    ("weights.npz", "weights", np.ones(12)),
+    ("weights.npz", "weights", np.full((1, 12), np.nan)),
+    ("weights.npz", "weights", np.array([[None] * 12])),
+    ("weights.npz", "weights", np.array([["1"] * 12])),
+    ("weights.npz", "bias", np.full(1, np.inf)),
+    ("weights.npz", "bias", np.zeros(2)),
+    ("weights.npz", "thresholds", np.full(1, np.nan)),
+    ("weights.npz", "thresholds", np.zeros((1, 1))),
+    ("weights.npz", "more", np.zeros(1)),
+    ("golden.npz", "sizes", np.zeros(0, np.int64)),
+    ("golden.npz", "sizes", np.array([1, 2])),
+    ("golden.npz", "sizes", np.array([-5, 7])),
+    ("golden.npz", "sizes", np.array([2**63 - 1, 2**63 - 1])),
+    ("golden.npz", "sizes", np.array([[1], [2]])),
+    ("golden.npz", "frames", np.zeros(0, np.uint8)),
+    ("golden.npz", "decision_values", np.zeros((2, 6))),
+    ("golden.npz", "decision_values", np.zeros((2, 7, 1))),
+    ("golden.npz", "decision_values", np.zeros((2, 6, 2))),
+    ("golden.npz", "decision_values", np.zeros((1, 6, 1))),
+    ("golden.npz", "obstacle", np.zeros((2, 6), np.uint8)),
+    ("golden.npz", "obstacle", np.zeros((2, 5), bool)),
+    ("lineage.npz", "trained_on", np.zeros(3)),
+    ("lineage.npz", "trained_on", np.zeros((3, 3), np.uint64)),
+    ("lineage.npz", "trained_on", None),
+]
+
+
+@pytest.mark.parametrize(("member", "name", "array"), WRONG_ARRAYS)
+def test_wrong_arrays(members: Members, member: str, name: str, array: Any) -> None:
+    refuse(with_arrays(members, member, **{name: array}))
+
+
+class Harm:
+    """Leaves a trace when it is unpickled."""
+
+    done = False
+
+    def __reduce__(self) -> Any:
+        return setattr, (Harm, "done", True)
+
+
+def test_pickles_are_never_loaded(members: Members) -> None:
+    arrays: dict[str, Any] = arrays_of(members["weights.npz"])
+    arrays["weights"] = np.array([[Harm()] * 12], object)
+    refuse(rehash({**members, "weights.npz": npz(arrays)}), r"weights\.npz")
+    refuse(rehash({**members, "weights.npz": pickle.dumps(Harm())}), r"weights\.npz")
+    refuse(rehash({**members, "weights.npz": pack({"weights.npy": pickle.dumps(Harm())})}))
+    assert not Harm.done
+
+
+def header(text: str) -> bytes:
+    raw = text.encode("latin1")
+    return b"\x93NUMPY\x01\x00" + len(raw).to_bytes(2, "little") + raw
+
+
+@pytest.mark.parametrize(
+    "member",
+    [
+        b"",
+        b"text",
+        header("{}"),
+        header("(" * 5000),
+        header("{'descr': '<f8', 'fortran_order': False, 'shape': (10**9,)}"),
+        header("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000000,)}"),
+        header("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999999999999,)}"),
+        header("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,)}"),
+        header("{'descr': '|O', 'fortran_order': False, 'shape': (1,)}"),
+        header("{'descr': [], 'fortran_order': False, 'shape': (1,)}"),
+        header("{'descr': 'nonsense', 'fortran_order': False, 'shape': (1,)}"),
+    ],
+    ids=range(11),
+)
+def test_wrong_npy_members(members: Members, member: bytes) -> None:
+    refuse(rehash({**members, "weights.npz": member}), r"weights\.npz")
+    for name in ("weights", "bias", "thresholds"):
+        inner = {**unpack(members["weights.npz"]), f"{name}.npy": member}
+        refuse(rehash({**members, "weights.npz": pack(inner)}), r"weights\.npz")
+
+
+def test_a_card_that_is_not_text(members: Members) -> None:
+    refuse(rehash({**members, "card.md": b"\xff\xfe"}))
+
+
+def test_the_extractor_must_fit_the_weights(
+    content: BundleContent, make_content: Callable[..., BundleContent]
+) -> None:
+    other = make_content(0, "haralick")
+    mixed = dataclasses.replace(content, extractor_spec=other.extractor_spec)
+    refuse(bundle_bytes(mixed), "takes 12 features, its extractor gives 13")
+    border = dataclasses.replace(
+        content, extractor_spec={**content.extractor_spec, "border": "frame"}
+    )
+    refuse(bundle_bytes(border), "golden frame 0 gives decision values")
+    assert content.grid == Grid(2, 3, 36)

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tokt.models.linear import LinearModel
+
+CLASSES = ("ocean", "sand", "reef", "wreck", "tower")
+
+
+def _model(obstacle: tuple[bool, ...], thresholds: Any, dim: int = 4) -> LinearModel:
+    outputs = len(thresholds)
+    return LinearModel(
+        np.ones((outputs, dim)),
+        np.zeros(outputs),
+        np.asarray(thresholds, np.float64),
+        CLASSES[: len(obstacle)],
+        obstacle,
+    )
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 60), st.floats(-8, 8))
+def test_folding_changes_nothing(seed: int, outputs: int, dim: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    mean, scale = rng.normal(0, 10**size, dim), 10 ** rng.uniform(-3, 3, dim)
+    coef, intercept = rng.normal(size=(outputs, dim)), rng.normal(size=outputs)
+    features = mean + scale * rng.normal(size=(30, dim))
+    classes = CLASSES[: 2 if outputs == 1 else outputs]
+    obstacle = (False, *[True] * (len(classes) - 1))
+    model = LinearModel.fold(coef, intercept, mean, scale, np.zeros(outputs), classes, obstacle)
+    assert model.dim == dim
+    values = model.decision_values(features)
+    # Relative to the largest term of a sum: what cancels is the data's, not the folding's.
+    terms = coef[None] * ((features - mean) / scale)[:, None]
+    sizes = np.abs(coef / scale)[None] * np.maximum(np.abs(features), np.abs(mean))[:, None]
+    largest = np.maximum(sizes.max(axis=2), np.abs(intercept))
+    assert (np.abs(values - (terms.sum(axis=2) + intercept)) <= 1e-12 * largest * dim).all()
+
+
+def test_folding_of_well_scaled_features_is_exact_to_twelve_digits() -> None:
+    rng = np.random.default_rng(0)
+    mean, scale = rng.uniform(0, 1, 25), rng.uniform(0.5, 2, 25)
+    coef, intercept = rng.normal(size=(1, 25)), np.array([50.0])
+    features = rng.uniform(0, 1, (200, 25))
+    model = LinearModel.fold(coef, intercept, mean, scale, np.zeros(1), ("a", "b"), (False, True))
+    unfolded = ((features - mean) / scale) @ coef.T + intercept
+    np.testing.assert_allclose(model.decision_values(features), unfolded, rtol=1e-12, atol=0)
+
+
+excesses = st.floats(-100, 100, allow_nan=False)
+
+
+@settings(max_examples=200)
+@given(
+    st.sampled_from([(False, True), (False, False), (True, True)]),
+    st.floats(-5, 5),
+    st.lists(excesses, min_size=1, max_size=8),
+)
+def test_two_classes(obstacle: tuple[bool, bool], threshold: float, column: list[float]) -> None:
+    model = _model(obstacle, [threshold])
+    values = np.array(column)[:, None]
+    predicted = model.predicted(values)
+    assert predicted.tolist() == [int(value > threshold) for value in column]
+    found = model.obstacle_patches(values)
+    assert found.tolist() == [obstacle[index] for index in predicted]
+    assert ((model.obstacle_score(values) > 0) == found).all()
+
+
+@settings(max_examples=300)
+@given(st.data(), st.integers(2, 5))
+def test_several_classes(data: st.DataObject, n: int) -> None:
+    obstacle = tuple(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)))
+    thresholds = data.draw(st.lists(st.floats(-5, 5), min_size=n, max_size=n))
+    rows = data.draw(st.lists(st.lists(excesses, min_size=n, max_size=n), min_size=1, max_size=6))
+    model = _model(obstacle, thresholds)
+    values = np.array(rows)
+    predicted = model.predicted(values)
+    found = model.obstacle_patches(values)
+    score = model.obstacle_score(values)
+    assert predicted.dtype == np.int64 and found.dtype == bool and score.shape == (len(rows),)
+    for row, index, flag, mark in zip(rows, predicted, found, score, strict=True):
+        excess = [value - threshold for value, threshold in zip(row, thresholds, strict=True)]
+        assert index == excess.index(max(excess))
+        assert flag == obstacle[index]
+        if mark != 0:
+            assert (mark > 0) == flag
+        else:
+            assert excess.count(max(excess)) > 1
+
+
+def test_score_by_hand() -> None:
+    model = _model((False, True, True), [0.0, 1.0, -1.0])
+    values = np.array([[0.5, 1.0, -2.0], [0.5, 3.0, 0.0], [-3.0, 0.0, -2.5]])
+    assert model.predicted(values).tolist() == [0, 1, 1]
+    assert model.obstacle_score(values).tolist() == [-0.5, 1.5, 2.0]
+    two = _model((False, True), [0.25])
+    assert two.obstacle_score(np.array([[1.0], [0.25], [0.0]])).tolist() == [0.75, 0.0, -0.25]
+    assert two.obstacle_patches(np.array([[1.0], [0.25], [0.0]])).tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_features_that_are_not_finite(bad: float) -> None:
+    model = _model((False, True), [0.0])
+    features = np.ones((5, 4))
+    model.decision_values(features)
+    features[3, 2] = bad
+    with pytest.raises(ValueError, match="not finite"):
+        model.decision_values(features)
+    zero = LinearModel(np.zeros((1, 4)), np.zeros(1), np.zeros(1), ("a", "b"), (False, True))
+    with pytest.raises(ValueError, match="not finite"), np.errstate(invalid="ignore"):
+        zero.decision_values(features)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_decision_values_that_overflow() -> None:
+    model = LinearModel(np.full((1, 2), 1e308), np.zeros(1), np.zeros(1), ("a", "b"), (False, True))
+    with pytest.raises(ValueError, match="not finite"):
+        model.decision_values(np.full((3, 2), 10.0))
+
+
+def test_another_number_of_features() -> None:
+    with pytest.raises(ValueError):
+        _model((False, True), [0.0]).decision_values(np.ones((5, 3)))
+
+
+GOOD: dict[str, Any] = {
+    "weights": np.ones((1, 3)),
+    "bias": np.zeros(1),
+    "thresholds": np.zeros(1),
+    "classes": ("ocean", "other"),
+    "obstacle": (False, True),
+}
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        {"weights": np.ones(3)},
+        {"weights": np.ones((1, 0))},
+        {"weights": np.ones((0, 3))},
+        {"weights": np.ones((2, 3))},
+        {"weights": np.ones((1, 3), np.float32)},
+        {"weights": np.full((1, 3), np.nan)},
+        {"bias": np.zeros(2)},
+        {"bias": np.zeros((1, 1))},
+        {"bias": np.full(1, np.inf)},
+        {"thresholds": np.zeros(0)},
+        {"thresholds": np.full(1, np.nan)},
+        {"thresholds": np.zeros(1, np.int64)},
+        {"classes": ("ocean",)},
+        {"classes": ("ocean", "ocean")},
+        {"classes": ("ocean", "other", "sand")},
+        {"obstacle": (True,)},
+        {"obstacle": (False, True, True)},
+        {"obstacle": (True, False)},
+    ],
+    ids=lambda edit: next(iter(edit)),
+)
+def test_refused_models(edit: dict[str, Any]) -> None:
+    LinearModel(**GOOD)
+    with pytest.raises(ValueError):
+        LinearModel(**{**GOOD, **edit})
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("sigma", [0.0, np.nan])
+def test_a_scale_of_zero_is_refused(sigma: float) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        LinearModel.fold(
+            np.ones((1, 2)),
+            np.zeros(1),
+            np.zeros(2),
+            np.array([1.0, sigma]),
+            np.zeros(1),
+            ("ocean", "other"),
+            (False, True),
+        )

@@ -1,0 +1,297 @@
+"""The registry, in a file and behind a real MLflow server, and the way to a bundle."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import mlflow
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.mission import open_mission
+from tokt.models.bundle import bundle_from_bytes, read_bundle
+from tokt.models.registry import Registry, load_model, tracking_uri
+from tokt.training.dataset import open_dataset
+from tokt.training.feature_table import feature_table
+
+
+def test_by_default_all_is_kept_in_the_workspace(trained):
+    assert tracking_uri(trained) == f"sqlite:///{trained / 'mlflow.db'}"
+    assert (trained / "mlflow.db").is_file()
+    assert list((trained / "mlartifacts").rglob("recipe.json"))
+
+
+def test_a_new_registry_is_empty_and_whole(tmp_path):
+    registry = Registry(tmp_path / "fresh" / ".tokt")
+    assert registry.versions() == []
+    with pytest.raises(ToktError, match="there are: none yet"):
+        registry.find("anything")
+
+
+def test_what_a_run_holds(trained):
+    version = Registry(trained).find("tiny-lbp")
+    client = mlflow.MlflowClient()
+    run = client.get_run(version.run_id)
+    dataset = open_dataset("tiny", trained / "datasets")
+    assert run.info.status == "FINISHED"
+    assert run.data.params["dataset_hash"] == dataset.hash
+    assert run.data.params["setting_seed"] == "42"
+    assert run.data.params["split_folds"] == "3"
+    assert float(run.data.params["penalty_chosen"]) in (0.01, 0.1, 1.0, 10.0)
+    metrics = Registry(trained).recipe(version)["metrics"]
+    assert run.data.metrics["cv_f1"] == metrics["patch"]["f1"]
+    for figure in ("f1", "precision", "recall", "average_precision"):
+        logged = client.get_metric_history(version.run_id, f"fold_{figure}")
+        by_fold = [metric.value for metric in sorted(logged, key=lambda m: m.step)]
+        assert by_fold == [fold[figure] for fold in metrics["folds"]]
+    (used,) = run.inputs.dataset_inputs
+    assert (used.dataset.name, used.dataset.digest) == ("tiny", dataset.hash[:32])
+    assert {tag.value for tag in used.tags} == {"training"}
+    files = {
+        item.path
+        for folder in ("plots", "tokt")
+        for item in client.list_artifacts(version.run_id, folder)
+    }
+    assert {"plots/precision_recall.png", "plots/confusion.png", "tokt/golden.npz"} <= files
+
+
+def test_the_logged_model_has_a_signature_and_no_pickle(trained):
+    info = mlflow.models.get_model_info("models:/tiny-lbp/1")
+    assert info.signature.inputs.inputs[0].shape == (-1, 12)
+    suffixes = {path.suffix for path in (trained / "mlartifacts").rglob("*") if path.is_file()}
+    assert ".skops" in suffixes
+    assert not suffixes & {".pkl", ".pickle", ".joblib"}
+
+
+def test_the_pipeline_and_the_bundle_agree_on_every_frame(trained, tmp_path, no_progress):
+    bundle = Registry(trained).bundle("tiny-lbp")
+    pipeline = mlflow.sklearn.load_model("models:/tiny-lbp/1")
+    dataset = open_dataset("tiny", trained / "datasets")
+    worst = 0.0
+    for index in range(len(dataset.frames)):
+        image = dataset.read_frame(index)
+        theirs = pipeline.decision_function(bundle.extractor.describe(image, bundle.grid))
+        ours = bundle.decision_values(image)
+        worst = max(worst, float(np.abs(ours[:, 0] - theirs).max()))
+    assert worst <= 1e-9
+
+
+def test_weights_are_those_of_the_features_of_the_dataset(trained, tmp_path, no_progress):
+    """`held_out.parquet` and the final fit come from one feature table, in the table's order."""
+    bundle = Registry(trained).bundle("tiny-lbp")
+    dataset = open_dataset("tiny", trained / "datasets")
+    features = feature_table(dataset, bundle.extractor.spec, tmp_path, no_progress)
+    said = bundle.model.obstacle_patches(bundle.model.decision_values(np.asarray(features)))
+    assert (said == (dataset.targets() == 1)).mean() > 0.98
+
+
+def test_exporting_twice_gives_the_same_bytes(trained, tmp_path, run_tokt, tiny_bundle):
+    ran = run_tokt("export", "tiny-lbp/1", "-o", tmp_path / "b.tokt", "--workspace", trained)
+    assert ran.code == 0
+    assert (tmp_path / "b.tokt").read_bytes() == tiny_bundle.read_bytes()
+    assert bundle_from_bytes(tiny_bundle.read_bytes(), "again").label == "tiny-lbp/1"
+
+
+def test_an_exported_bundle_says_where_it_comes_from(trained, tiny_bundle):
+    bundle = read_bundle(tiny_bundle)
+    provenance = bundle.content.provenance
+    assert provenance["dataset_hash"] == open_dataset("tiny", trained / "datasets").hash
+    assert provenance["mlflow_run_id"] == Registry(trained).find("tiny-lbp").run_id
+    assert len(bundle.content.trained_on) == 40
+    assert len(bundle.content.golden.frames) == 2
+    assert "cross-validation over whole blocks" in bundle.content.card
+
+
+def test_aliases_move(workspace, run_tokt):
+    registry = Registry(workspace)
+    assert registry.find("tiny-lbp").aliases == ("challenger",)
+    first = registry.find("tiny-lbp/1")
+    registry.register("tiny-lbp", "models:/tiny-lbp/1", first.run_id, _model_id(registry), {})
+    where = ("--workspace", workspace)
+    assert run_tokt("models", "alias", "tiny-lbp/1", "champion", *where).code == 0
+    assert registry.find("tiny-lbp@champion").version == "1"
+    assert run_tokt("models", "alias", "tiny-lbp/2", "champion", *where).code == 0
+    assert registry.find("tiny-lbp@champion").version == "2"
+    assert registry.find("tiny-lbp@challenger").version == "1"
+    assert registry.find("tiny-lbp").version == "2"  # the newest
+    listed = json.loads(run_tokt("models", "list", "--json", *where).out)["models"]
+    assert [(item["version"], item["aliases"]) for item in listed] == [
+        ("2", ["champion"]),
+        ("1", ["challenger"]),
+    ]
+
+
+def _model_id(registry: Registry) -> str:
+    return registry.client.get_model_version("tiny-lbp", "1").model_id
+
+
+@pytest.mark.parametrize(
+    ("reference", "message"),
+    [
+        ("nothing", "no model 'nothing' in the registry (there are: tiny-lbp)"),
+        ("tiny-lbp@champion", "model 'tiny-lbp' has no alias 'champion'"),
+        ("tiny-lbp/9", "model 'tiny-lbp' has no version 9"),
+        ("tiny-lbp/x", "not a model: 'tiny-lbp/x'"),
+        ("tiny-lbp@", "not a model: 'tiny-lbp@'"),
+        ("", "not a model: ''"),
+        ("a'; drop", 'no model "a\'; drop"'),
+    ],
+)
+def test_references_to_nothing(trained, reference, message):
+    with pytest.raises(ToktError) as caught:
+        Registry(trained).find(reference)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("alias", ["latest", "v3", "a b", "", "-x", "a/b"])
+def test_what_cannot_be_an_alias(trained, alias):
+    with pytest.raises(ToktError, match="cannot be an alias"):
+        Registry(trained).set_alias("tiny-lbp", alias)
+
+
+def test_a_model_that_tokt_did_not_train_is_said(workspace):
+    registry = Registry(workspace)
+    experiment = registry.experiment_id()
+    with mlflow.start_run(experiment_id=experiment) as run:
+        pass
+    registry.register("foreign", "models:/tiny-lbp/1", run.info.run_id, _model_id(registry), {})
+    with pytest.raises(ToktError, match="was it trained by tokt"):
+        registry.bundle("foreign")
+
+
+def test_a_model_whose_files_are_gone_is_said(workspace, trained, tmp_path):
+    """The runs' folder was not copied with the database."""
+    hidden = trained / "mlartifacts"
+    moved = hidden.rename(tmp_path / "mlartifacts")
+    try:
+        with pytest.raises(ToktError, match="missing from its run"):
+            Registry(workspace).bundle("tiny-lbp")
+    finally:
+        moved.rename(hidden)
+
+
+def test_a_database_that_is_none_is_said(tmp_path):
+    (tmp_path / "mlflow.db").write_bytes(b"this is no database" * 100)
+    with pytest.raises(ToktError, match="the model registry at sqlite"):
+        Registry(tmp_path).versions()
+
+
+def test_nothing_is_left_in_the_temporary_folder(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    load_model("tiny-lbp", trained)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["50% tokt", "tokt æøå #1?"])
+def test_unusual_folder_names(tmp_path, tiny, run_tokt, name):
+    where = ("--workspace", tmp_path / name / ".tokt")
+    for command in (
+        ("dataset", "build", "d", "--mission", tiny.path, "--labels", tiny.labels, "--block", 4),
+        ("train", "d", "--extractor", "lbp", "--preset", "thesis", "--folds", 3),
+        ("export", "d-lbp", "-o", tmp_path / name / "m.tokt"),
+    ):
+        ran = run_tokt(*command, *where)
+        assert ran.code == 0, ran.err
+    assert read_bundle(tmp_path / name / "m.tokt").label == "d-lbp/1"
+    assert (tmp_path / name / ".tokt" / "mlflow.db").is_file()
+
+
+def test_a_server_that_is_down_is_said_in_seconds(trained, workspace, run_tokt, monkeypatch):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{port}")
+    begun = time.monotonic()
+    ran = run_tokt("train", "tiny", "--extractor", "lbp", "--workspace", workspace)
+    assert ran.code == 2
+    assert ran.err.splitlines()[-1].startswith(
+        f"tokt: error: the model registry at http://127.0.0.1:{port}"
+    )
+    assert time.monotonic() - begun < 30
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """A real ``mlflow server`` on a loopback port of its own."""
+    folder = tmp_path_factory.mktemp("server")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
+    command += ["--port", str(port), "--workers", "1"]
+    command += ["--backend-store-uri", f"sqlite:///{folder / 'server.db'}"]
+    command += ["--artifacts-destination", str(folder / "artifacts")]
+    environment = {
+        **os.environ,
+        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
+        "MLFLOW_DISABLE_TELEMETRY": "true",
+    }
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            command,
+            env=environment,
+            cwd=folder,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+        try:
+            _wait_for(f"http://127.0.0.1:{port}/health", process, folder / "log")
+            yield f"http://127.0.0.1:{port}"
+        finally:
+            os.killpg(process.pid, signal.SIGTERM)  # it and its worker, of this session only
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait(10)
+
+
+def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        assert process.poll() is None, log.read_text()
+        try:
+            with urllib.request.urlopen(url, timeout=2) as answer:
+                if answer.status == 200:
+                    return
+        except (urllib.error.URLError, ConnectionError, TimeoutError):
+            time.sleep(0.2)
+    raise AssertionError(f"no answer: {log.read_text()}")
+
+
+@pytest.mark.slow
+def test_the_whole_way_through_a_server(server, trained, tiny, tmp_path, run_tokt, monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", server)
+    shutil.copytree(trained / "datasets", tmp_path / ".tokt" / "datasets")
+    shutil.copytree(trained / "cache", tmp_path / ".tokt" / "cache")
+    where = ("--workspace", tmp_path / ".tokt")
+    training = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", "--folds", 3)
+    ran = run_tokt(*training, "--embargo", 1, "--json", *where)
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)  # nothing but the result is on standard output
+    assert result["model"] == {"name": "tiny-lbp", "version": "1", "aliases": ["challenger"]}
+    assert not (tmp_path / ".tokt" / "mlflow.db").exists()
+    assert run_tokt("models", "alias", "tiny-lbp", "champion", *where).code == 0
+    (listed,) = json.loads(run_tokt("models", "list", "--json", *where).out)["models"]
+    assert listed["aliases"] == ["challenger", "champion"]
+    for name in ("a.tokt", "b.tokt"):
+        ran = run_tokt("export", "tiny-lbp@champion", "-o", tmp_path / name, *where)
+        assert ran.code == 0, ran.err
+    assert (tmp_path / "a.tokt").read_bytes() == (tmp_path / "b.tokt").read_bytes()
+    bundle = read_bundle(tmp_path / "a.tokt")
+    monkeypatch.delenv("MLFLOW_TRACKING_URI")
+    here = Registry(trained).bundle("tiny-lbp")
+    assert np.array_equal(bundle.model.weights, here.model.weights)
+    frame = open_mission(tiny.path).read(9)
+    assert np.array_equal(bundle.decision_values(frame), here.decision_values(frame))

@@ -1,0 +1,94 @@
+"""The plain install, without [train], judges frames with a bundle made by the full one."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+import pytest
+from tokt.features.mission import open_mission
+from tokt.labels.synthetic.mission import simulate_mission
+
+ROOT = Path(__file__).resolve().parents[1]
+TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "matplotlib", "pyarrow", "fastapi", "jinja2")
+
+
+def _run(*command: object) -> subprocess.CompletedProcess[str]:
+    # Not from the checkout: its folder `tokt` would stand before the installed package.
+    return subprocess.run(
+        [str(part) for part in command],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tempfile.gettempdir(),
+    )
+
+
+@pytest.fixture(scope="module")
+def slim_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    home = tmp_path_factory.mktemp("slim") / "venv"
+    venv.create(home, with_pip=True)
+    python = home / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    pip = (python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    wheel = home.parent / "wheel"
+    built = _run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", wheel, ROOT)
+    assert built.returncode == 0, built.stderr
+    done = _run(*pip, "-c", ROOT / "constraints.txt", next(wheel.glob("tokt-*.whl")))
+    if done.returncode != 0 and "No matching distribution" in done.stderr:
+        pytest.skip("no package index can be reached to make a fresh environment")
+    assert done.returncode == 0, done.stderr
+    return python
+
+
+@pytest.mark.slow
+def test_plain_install_runs_a_bundle(slim_python: Path, tmp_path: Path) -> None:
+    present = _run(
+        slim_python,
+        "-c",
+        "import importlib.util as u, json, sys;"
+        f"print(json.dumps([n for n in {TRAINING_TOOLS!r} if u.find_spec(n)]))",
+    )
+    assert json.loads(present.stdout) == []
+
+    mission = tmp_path / "sea"
+    simulate_mission(mission, n_frames=40, width=360)
+    full = (sys.executable, "-m", "tokt")
+    space = ("--workspace", tmp_path / "ws")
+    labels = mission / "labels.csv"
+    for command in (
+        ("dataset", "build", "d", "--mission", mission, "--labels", labels, "--block", 4, *space),
+        ("train", "d", "--extractor", "haralick", "--embargo", 1, "--name", "m", *space),
+        ("export", "m", "-o", tmp_path / "m.tokt", *space),
+    ):
+        done = _run(*full, *command)
+        assert done.returncode == 0, done.stderr
+
+    log = tmp_path / "log.jsonl"
+    done = _run(
+        slim_python, "-m", "tokt", "run", "--bundle", tmp_path / "m.tokt", "--source", mission,
+        "--log", log, "--log-values", "--format", "v2",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [line["frame"] for line in lines] == open_mission(mission).frames()
+    assert {line["status"] for line in lines} == {0, 1}
+
+    again = tmp_path / "full.jsonl"
+    done = _run(
+        *full, "run", "--bundle", tmp_path / "m.tokt", "--source", mission,
+        "--log", again, "--log-values", "--format", "v2",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    other = [json.loads(line) for line in again.read_text().splitlines()]
+    assert [line["decision_values"] for line in lines] == [
+        line["decision_values"] for line in other
+    ]
+
+    for missing in (("train", "d", "--extractor", "lbp"), ("evaluate", "m", "--mission", mission)):
+        refused = _run(slim_python, "-m", "tokt", *missing, *space)
+        assert refused.returncode == 2
+        assert refused.stderr.count("\n") == 1 and "tokt[train]" in refused.stderr, refused.stderr

@@ -1,0 +1,476 @@
+"""Dataset versions: what their hash covers, what they hold, and what they refuse."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.labels.taxonomy import Taxonomy
+from tokt.training.dataset import (
+    DatasetPlan,
+    DatasetVersion,
+    FrameSource,
+    build_dataset,
+    list_datasets,
+    open_dataset,
+)
+
+OWN_TAXONOMY = """format = 1
+[[classes]]
+name = "ocean"
+obstacle = false
+color = "#1f77b4"
+key = "o"
+[[classes]]
+name = "subsea_installation"
+obstacle = true
+color = "#d62728"
+key = "i"
+"""
+
+
+@pytest.fixture
+def build(tmp_path, run_tokt):
+    """Build a dataset and give its JSON."""
+
+    def run(*arguments, name="tiny", block=4):
+        ran = run_tokt(
+            *("dataset", "build", name, "--json", "--block", block),
+            *("--workspace", tmp_path / "ws"),
+            *arguments,
+        )
+        assert ran.code == 0, ran.err
+        return json.loads(ran.out)
+
+    return run
+
+
+def inputs(mission, labels=None):
+    return "--mission", mission.path, "--labels", labels or mission.labels
+
+
+# --- what the hash covers ----------------------------------------------------------------------
+
+
+def test_same_inputs_same_hash_in_another_process_and_workspace(tiny, trained, tmp_path):
+    command = [sys.executable, "-m", "tokt", "dataset", "build", "other-name", "--json"]
+    command += ["--block", "4", "--mission", str(tiny.path), "--labels", str(tiny.labels)]
+    ran = subprocess.run(
+        [*command, "--workspace", str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert json.loads(ran.stdout)["hash"] == open_dataset("tiny", trained / "datasets").hash
+
+
+def test_building_twice_writes_once(build, tiny, tmp_path):
+    first = build(*inputs(tiny))
+    folder = tmp_path / "ws" / "datasets" / "tiny" / first["hash"][:16]
+    stamps = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    assert build(*inputs(tiny)) == first
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == stamps
+
+
+def test_order_of_label_rows_and_folder_name_do_not_matter(
+    build, tiny, own_tiny, tiny_truth, tmp_path
+):
+    rows = tiny_truth.labels()
+    np.random.default_rng(1).shuffle(rows)
+    shuffled = tiny_truth.write_labels(tmp_path / "shuffled.csv", rows)
+    moved = own_tiny.path.rename(tmp_path / "elsewhere")
+    expected = build(*inputs(tiny))["hash"]
+    assert build("--mission", moved, "--labels", shuffled)["hash"] == expected
+
+
+def test_other_compression_of_the_same_pixels_does_not_matter(build, tiny, own_tiny):
+    for path in (own_tiny.path / "Left").iterdir():
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    assert build(*inputs(own_tiny))["hash"] == build(*inputs(tiny))["hash"]
+
+
+def change_pixel(mission, build, truth, tmp_path):
+    path = mission.path / "Left" / "tiny_L_7.png"
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image[100, 100] ^= 1
+    cv2.imwrite(str(path), image)
+    return build(*inputs(mission))
+
+
+def change_label(mission, build, truth, tmp_path):
+    rows = truth.labels()
+    rows[5][-1] = "reef"
+    return build(*inputs(mission, truth.write_labels(tmp_path / "l.csv", rows)))
+
+
+def change_flag(mission, build, truth, tmp_path):
+    packaged = Taxonomy.load().to_json()
+    flags = [c["obstacle"] for c in packaged["classes"] if c["name"] == "sand"]
+    lines = ["format = 1"]
+    for known in packaged["classes"]:
+        known["obstacle"] = (not flags[0]) if known["name"] == "sand" else known["obstacle"]
+        lines.append("[[classes]]")
+        lines += [f"{key} = {json.dumps(value)}" for key, value in known.items()]
+    file = tmp_path / "flag.toml"
+    file.write_text("\n".join(lines), "utf-8")
+    return build(*inputs(mission), "--taxonomy", file)
+
+
+def change_grid(mission, build, truth, tmp_path):
+    rows = [row for row in truth.labels() if row[3] < 9]
+    labels = truth.write_labels(tmp_path / "l.csv", rows)
+    return build(*inputs(mission, labels), "--grid", "9x10@360")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        change_pixel,
+        change_label,
+        change_flag,
+        change_grid,
+        lambda mission, build, truth, tmp_path: build(*inputs(mission), "--task", "classes"),
+        lambda mission, build, truth, tmp_path: build(*inputs(mission), block=5),
+        lambda mission, build, truth, tmp_path: build(*inputs(mission), "--frames", "1-39"),
+    ],
+    ids=["pixel", "label", "obstacle flag", "grid", "task", "block", "frames"],
+)
+def test_what_can_change_a_model_changes_the_hash(
+    change, own_tiny, build, tiny_truth, tmp_path, trained
+):
+    before = open_dataset("tiny", trained / "datasets").hash
+    assert change(own_tiny, build, tiny_truth, tmp_path)["hash"] != before
+
+
+# --- what a dataset holds ----------------------------------------------------------------------
+
+
+def test_unsure_is_counted_and_never_stored(build, tiny, tiny_truth, tmp_path):
+    info = build(*inputs(tiny))
+    rows = tiny_truth.labels()
+    unsure = sum(row[-1] == "unsure" for row in rows)
+    folder = tmp_path / "ws" / "datasets" / "tiny" / info["hash"][:16]
+    patches = pd.read_parquet(folder / "patches.parquet")
+    assert unsure > 0
+    assert info["unsure_left_out"] == unsure
+    assert len(patches) == info["patches"] == len(rows) - unsure
+    assert set(patches.label) == {"ocean", "subsea_installation"}
+
+
+def test_plain_pandas_reads_the_tables(trained):
+    (folder,) = (trained / "datasets" / "tiny").glob("*/")
+    patches = pd.read_parquet(folder / "patches.parquet")
+    frames = pd.read_parquet(folder / "frames.parquet")
+    assert list(patches) == ["mission", "camera", "frame", "row", "col", "label", "group"]
+    assert len(frames) == 40
+    assert set(frames.file) == {path.name for path in (folder / "frames").iterdir()}
+    joined = patches.merge(frames, on=["mission", "camera", "frame"], suffixes=("", "_of_frame"))
+    assert (joined.group == joined.group_of_frame).all()
+
+
+def test_stored_frames_are_the_missions_own_files(trained, tiny):
+    dataset = open_dataset("tiny", trained / "datasets")
+    original = (tiny.path / "Left" / f"tiny_L_{dataset.frames.frame[3]}.png").read_bytes()
+    assert (dataset.path / "frames" / dataset.frames.file[3]).read_bytes() == original
+
+
+def test_annotators_in_conflict_are_left_out_with_a_note(tiny, tiny_truth, tmp_path, run_tokt):
+    rows = [row for row in tiny_truth.labels() if row[2] in (8, 9)]
+    second = [[*row[:-1], "ocean"] for row in rows if row[-1] == "subsea_installation"]
+    extra = tiny_truth.write_labels(tmp_path / "second.csv", second)
+    ran = run_tokt(
+        *("dataset", "build", "two", *inputs(tiny), "--labels", extra, "--json"),
+        *("--workspace", tmp_path / "ws"),
+    )
+    info = json.loads(ran.out)
+    assert f"note: {len(second)} patches left out: annotators disagree" in ran.err
+    assert info["labels"]["subsea_installation"] == 200 - len(second)
+    assert info["unsure_left_out"] == 50 + len(second)
+
+
+def test_name_hash_prefix_and_latest(build, tiny, tmp_path):
+    old = build(*inputs(tiny))["hash"]
+    new = build(*inputs(tiny), block=5)["hash"]
+    root = tmp_path / "ws" / "datasets"
+    assert open_dataset("tiny", root).hash == new
+    assert open_dataset(f"tiny@{old[:6]}", root).hash == old
+    assert open_dataset(f"tiny@{old}", root).hash == old
+    assert {item.hash for item in list_datasets(root)} == {old, new}
+    build(*inputs(tiny))
+    assert open_dataset("tiny", root).hash == old
+    for reference in ("tiny@0000000000", "tiny@.", "nothing", "nothing@12"):
+        with pytest.raises(ToktError):
+            open_dataset(reference, root)
+
+
+def test_only_whole_versions_are_listed(build, tiny, tmp_path):
+    info = build(*inputs(tiny))
+    root = tmp_path / "ws" / "datasets"
+    whole = root / "tiny" / info["hash"][:16]
+    # What a build leaves that was killed at its last moment, here or in an older layout.
+    shutil.copytree(whole, root / ".partial-0123456789ab-tiny")
+    shutil.copytree(whole, root / "tiny" / ".partial-0123456789ab-building")
+    assert [item.path for item in list_datasets(root)] == [whole]
+    with pytest.raises(ToktError, match=r"there are: tiny\)"):
+        open_dataset("nothing", root)
+
+
+def test_building_removes_what_was_abandoned_but_not_what_is_being_written(build, tiny, tmp_path):
+    root = tmp_path / "ws" / "datasets"
+    old, young = root / ".partial-aaa-tiny", root / ".partial-bbb-tiny"
+    for folder in (old, young):
+        (folder / "frames").mkdir(parents=True)
+    long_ago = time.time() - 3 * 24 * 3600
+    os.utime(old, (long_ago, long_ago))
+    build(*inputs(tiny))
+    assert not old.exists()
+    assert young.is_dir()
+
+
+def test_a_refused_build_leaves_nothing(tiny, own_tiny, tmp_path, run_tokt):
+    (own_tiny.path / "Left" / "tiny_L_30.png").write_bytes(b"not an image")
+    ran = run_tokt("dataset", "build", "x", *inputs(own_tiny), "--workspace", tmp_path / "ws")
+    assert ran.code == 2
+    assert list((tmp_path / "ws" / "datasets").iterdir()) == []
+
+
+# --- what is found out when it was changed on disk ---------------------------------------------
+
+
+@pytest.fixture
+def stored(workspace) -> Path:
+    """The folder of a dataset that a test may damage, in a workspace without feature cache."""
+    shutil.rmtree(workspace / "cache")
+    return open_dataset("tiny", workspace / "datasets").path
+
+
+def train_on(stored, run_tokt):
+    workspace = stored.parents[2]
+    return run_tokt("train", "tiny", "--extractor", "lbp", "--workspace", workspace)
+
+
+def test_a_changed_frame_is_detected_at_training(stored, run_tokt):
+    path = sorted((stored / "frames").iterdir())[5]
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image[0, 0] ^= 1
+    path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+    ran = train_on(stored, run_tokt)
+    assert ran.code == 2
+    assert "has changed" in ran.err
+
+
+def test_a_changed_label_is_detected_at_training(stored, run_tokt):
+    patches = pd.read_parquet(stored / "patches.parquet")
+    patches.loc[0, "label"] = "subsea_installation"
+    patches.to_parquet(stored / "patches.parquet", index=False)
+    ran = train_on(stored, run_tokt)
+    assert ran.code == 2
+    assert "changed on disk" in ran.err
+
+
+@pytest.mark.parametrize("name", ["dataset.json", "patches.parquet", "frames.parquet"])
+@pytest.mark.parametrize("how", ["truncated", "gone"])
+def test_a_damaged_file_is_one_clear_line(stored, name, how, run_tokt):
+    path = stored / name
+    data = path.read_bytes()
+    path.unlink()
+    if how == "truncated":
+        path.write_bytes(data[: len(data) // 2])
+    ran = train_on(stored, run_tokt)
+    assert ran.code == 2
+    assert "damaged" in ran.err
+
+
+@pytest.mark.parametrize("key", ["name", "hash", "grid", "taxonomy", "block_frames"])
+def test_an_entry_missing_in_dataset_json_is_one_clear_line(stored, key):
+    info = json.loads((stored / "dataset.json").read_text("utf-8"))
+    del info[key]
+    (stored / "dataset.json").write_text(json.dumps(info), "utf-8")
+    with pytest.raises(ToktError):
+        DatasetVersion(stored)
+
+
+# --- yesterday's and tomorrow's format ---------------------------------------------------------
+
+
+@pytest.fixture
+def format_1(tmp_path) -> Path:
+    """A dataset folder as format 1 has it, written without any code of tokt."""
+    root = tmp_path / "datasets"
+    folder = root / "old" / "placeholder"
+    (folder / "frames").mkdir(parents=True)
+    rows, frames = [], []
+    for number in (1, 2):
+        pixels = np.full((6, 6), 40 * number, np.uint8)
+        digest = hashlib.sha256(b"(6, 6)" + pixels.tobytes()).hexdigest()
+        cv2.imwrite(str(folder / "frames" / f"{digest}.png"), pixels)
+        group = f"dive#{number:05d}"
+        frames.append(["dive", "left", number, group, digest, f"{digest}.png", 6, 6])
+        rows.append(["dive", "left", number, 0, 0, ["ocean", "reef"][number - 1], group])
+    patch_columns = ["mission", "camera", "frame", "row", "col", "label", "group"]
+    frame_columns = ["mission", "camera", "frame", "group", "digest", "file", "height", "width"]
+    patch_table = pd.DataFrame(rows, columns=patch_columns)
+    frame_table = pd.DataFrame(frames, columns=frame_columns)
+    patch_table.to_parquet(folder / "patches.parquet", index=False)
+    frame_table.to_parquet(folder / "frames.parquet", index=False)
+    classes = [
+        {"name": name, "obstacle": obstacle, "color": "#000000", "key": name[0], "description": ""}
+        for name, obstacle in (("ocean", False), ("reef", True))
+    ]
+    header = {
+        "format_version": 1,
+        "task": "binary",
+        "grid": {"rows": 1, "cols": 1, "width": None},
+        "taxonomy": {"format": 1, "classes": classes},
+        "block_frames": 1,
+    }
+    text = json.dumps(header, sort_keys=True, separators=(",", ":"))
+    text += patch_table.to_csv(index=False, lineterminator="\n")
+    text += frame_table[frame_columns[:5]].to_csv(index=False, lineterminator="\n")
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    info = {
+        **header,
+        "name": "old",
+        "patches": 2,
+        "frames": 2,
+        "groups": 2,
+        "labels": {"ocean": 1, "reef": 1},
+        "unsure_left_out": 0,
+        "sources": ["by hand"],
+        "hash": digest,
+    }
+    (folder / "dataset.json").write_text(json.dumps(info), "utf-8")
+    folder.rename(folder.parent / digest[:16])
+    (root / "old" / "latest").write_text(digest[:16] + "\n", "utf-8")
+    return root
+
+
+def test_a_format_1_dataset_opens(format_1):
+    dataset = open_dataset("old", format_1)
+    dataset.check()
+    assert dataset.targets().tolist() == [0, 1]
+    assert dataset.classes() == ("clear", "obstacle")
+    assert (dataset.read_frame(1) == 80).all()
+    assert dataset.grid == Grid(1, 1, None)
+
+
+def test_a_newer_format_is_refused(format_1):
+    path = open_dataset("old", format_1).path / "dataset.json"
+    path.write_text(path.read_text("utf-8").replace('"format_version": 1', '"format_version": 2'))
+    with pytest.raises(ToktError, match="newer tokt"):
+        open_dataset("old", format_1)
+
+
+# --- folders of patches ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def patch_folder(tmp_path) -> Path:
+    folder = tmp_path / "cut"
+    rng = np.random.default_rng(3)
+    for label, spread in (("ocean", 2), ("reef", 14), ("unsure", 5)):
+        (folder / label).mkdir(parents=True)
+        for number in range(30):
+            coarse = rng.normal(60, spread, (9, 12)).repeat(3, 0).repeat(3, 1)
+            patch = rng.normal(coarse, 2).clip(0, 255).astype(np.uint8)
+            cv2.imwrite(str(folder / label / f"{number}.png"), patch)
+    return folder
+
+
+def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(patch_folder, tmp_path, run_tokt):
+    where = ("--workspace", tmp_path / "ws")
+    built = run_tokt("dataset", "build", "cut", "--patches", patch_folder, *where)
+    assert built.code == 0, built.err
+    assert "UNGROUPED" in built.out
+    info = json.loads(run_tokt("dataset", "show", "cut", "--json", *where).out)
+    assert info["block_frames"] is None
+    assert (info["patches"], info["unsure_left_out"]) == (60, 30)
+    # With the default embargo: file numbers are no frame numbers, so it must not bite.
+    ran = run_tokt("train", "cut", "--extractor", "lbp", "--json", *where)
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)
+    assert result["cv"]["split"].startswith("UNGROUPED")
+    assert result["cv"]["patches_tested"] == 60
+    assert result["cv"]["patch"]["f1"] > 0.9
+    assert "UNGROUPED" in run_tokt("models", "show", "cut-lbp", *where).out
+
+
+def test_a_folder_that_is_no_class_is_refused(patch_folder, tmp_path, run_tokt):
+    (patch_folder / "reef").rename(patch_folder / "coral")
+    ran = run_tokt("dataset", "build", "cut", "--patches", patch_folder, "--workspace", tmp_path)
+    assert ran.code == 2
+    assert "unknown class 'coral'" in ran.err
+
+
+# --- size --------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progress):
+    frames, cells = 100, 1000
+    rng = np.random.default_rng(0)
+    blank = [
+        cv2.imencode(".png", np.full((75, 120), n, np.uint8))[1].tobytes() for n in range(frames)
+    ]
+    sources = [
+        FrameSource("dive", "left", n, f"dive#{n // 20}", lambda n=n: (blank[n], ".png"))
+        for n in range(frames)
+    ]
+    index = np.arange(frames * cells)
+    patches = pd.DataFrame(
+        {
+            "mission": "dive",
+            "camera": "left",
+            "frame": index // cells,
+            "row": index % cells // 40,
+            "col": index % 40,
+            "label": np.where(rng.random(len(index)) < 0.1, "reef", "ocean"),
+        }
+    )
+    plan = DatasetPlan(
+        "large", "binary", Grid(25, 40, 120), Taxonomy.load(), sources, patches, 0, 20, ["made"]
+    )
+    begun = time.perf_counter()
+    built = build_dataset(plan, tmp_path, no_progress)
+    opened = open_dataset("large", tmp_path)
+    opened.check()
+    assert opened.hash == built.hash
+    assert len(opened.targets()) == 100_000
+    assert time.perf_counter() - begun < 10  # about 1 s on one core
+
+
+def test_one_mission_cannot_be_given_twice(tiny, tmp_path, run_tokt):
+    ran = run_tokt(
+        *("dataset", "build", "x", *inputs(tiny), "--mission", tiny.path),
+        *("--workspace", tmp_path),
+    )
+    assert ran.code == 2
+    assert "two missions are named 'tiny'" in ran.err
+
+
+def test_own_taxonomy_file(build, tiny, tmp_path):
+    (tmp_path / "two.toml").write_text(OWN_TAXONOMY, "utf-8")
+    info = build(*inputs(tiny), "--taxonomy", tmp_path / "two.toml", "--task", "classes")
+    assert [known["name"] for known in info["taxonomy"]["classes"]] == [
+        "ocean",
+        "subsea_installation",
+    ]
+
+
+def test_truth_helpers_agree_with_what_is_built(trained, tiny_truth: SimpleNamespace):
+    """The tiny mission's labels are true by construction; nothing on the way changes them."""
+    dataset = open_dataset("tiny", trained / "datasets")
+    obstacle = dataset.patches[dataset.targets() == 1]
+    found = set(zip(obstacle.frame, obstacle.row, obstacle.col, strict=True))
+    assert found == {(n, *cell) for n in range(1, 41) for cell in tiny_truth.cells(n)}

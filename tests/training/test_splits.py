@@ -1,0 +1,153 @@
+"""No split may leak: whole groups, a gap on both sides, every row tested once."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.training import splits
+from tokt.training.splits import Fold, block_of, blocked_folds, every_nth_block
+
+
+@st.composite
+def layouts(draw):
+    """Labelled patches of one or two missions, in blocks, with gaps between the frames."""
+    block = draw(st.integers(1, 6))
+    rows = []
+    for mission in ("a", "b")[: draw(st.integers(1, 2))]:
+        for frame in sorted(draw(st.sets(st.integers(0, 120), min_size=4, max_size=40))):
+            target = draw(st.integers(0, 2))
+            for row in range(draw(st.integers(1, 3))):
+                other = draw(st.booleans())
+                rows.append((mission, frame, row, block_of(mission, frame, block), target, other))
+    table = pd.DataFrame(rows, columns=["mission", "frame", "row", "group", "target", "other"])
+    present = np.unique(table.target)
+    targets = np.searchsorted(present, table.target).astype(np.int64)
+    return table, targets
+
+
+def distance_to_test(table: pd.DataFrame, fold: Fold) -> int:
+    """The least number of frames between a training and a test row of the same mission."""
+    train, test = table.iloc[fold.train], table.iloc[fold.test]
+    pairs = train.merge(test, on="mission", suffixes=("", "_test"))
+    return int((pairs.frame - pairs.frame_test).abs().min()) if len(pairs) else 10**9
+
+
+@settings(max_examples=80, deadline=None)
+@given(layout=layouts(), n_folds=st.integers(2, 5), embargo=st.integers(0, 8))
+def test_no_layout_leaks(layout, n_folds, embargo):
+    table, targets = layout
+    try:
+        folds = blocked_folds(table, targets, n_folds, embargo)
+    except ToktError:
+        event("refused")  # what cannot be split honestly is refused, never split otherwise
+        return
+    event("split")
+    assert len(folds) == n_folds
+    tested = np.concatenate([fold.test for fold in folds])
+    assert sorted(tested) == list(range(len(table)))
+    group = table.group.to_numpy()
+    for fold in folds:
+        assert len(fold.test)
+        assert not set(group[fold.train]) & set(group[fold.test])
+        assert distance_to_test(table, fold) > embargo
+        assert set(targets[fold.train]) == set(targets)
+
+
+def regular(frames: int, block: int, period: int = 2) -> tuple[pd.DataFrame, np.ndarray]:
+    frame = np.arange(frames)
+    groups = [block_of("m", n, block) for n in frame]
+    table = pd.DataFrame({"mission": "m", "frame": frame, "group": groups})
+    return table, (frame // block % period == 0).astype(np.int64)
+
+
+def test_a_usual_layout_is_split_and_loses_only_neighbours():
+    table, targets = regular(200, 10)
+    folds = blocked_folds(table, targets, 5, 5)
+    assert all(len(fold.test) == 40 for fold in folds)
+    # Each held-out block of 10 costs at most 5 frames on each side.
+    assert all(len(fold.train) >= 200 - 40 - 4 * 10 for fold in folds)
+
+
+def test_without_embargo_nothing_is_dropped():
+    table, targets = regular(200, 10)
+    assert all(len(f.train) + len(f.test) == 200 for f in blocked_folds(table, targets, 5, 0))
+
+
+def test_both_cameras_of_a_frame_are_in_one_group():
+    table, targets = regular(80, 8)
+    both = pd.concat([table, table], ignore_index=True)
+    for fold in blocked_folds(both, np.tile(targets, 2), 4, 0):
+        assert not set(both.frame[fold.train]) & set(both.frame[fold.test])
+
+
+def test_the_split_is_the_same_each_time():
+    table, targets = regular(120, 6)
+    for one, two in zip(blocked_folds(table, targets), blocked_folds(table, targets), strict=True):
+        assert np.array_equal(one.train, two.train)
+        assert np.array_equal(one.test, two.test)
+
+
+def test_there_is_no_random_split_to_choose():
+    """No seed, no shuffle, and patches that do not say their group cannot be split at all."""
+    assert set(inspect.signature(blocked_folds).parameters) == {
+        "patches",
+        "targets",
+        "n_folds",
+        "embargo_frames",
+    }
+    for name, function in inspect.getmembers(splits, inspect.isfunction):
+        if function.__module__ == splits.__name__:
+            assert not {"seed", "random_state", "shuffle"} & set(
+                inspect.signature(function).parameters
+            ), name
+    table, targets = regular(100, 10)
+    with pytest.raises(AttributeError):
+        blocked_folds(table.drop(columns="group"), targets)
+
+
+@pytest.mark.parametrize(
+    ("frames", "block", "period", "n_folds", "message"),
+    [
+        (40, 10, 2, 5, "4 groups of frames are too few for 5 folds"),
+        (100, 20, 5, 5, "single group"),
+        (20, 4, 2, 5, "neighbour frames"),
+    ],
+)
+def test_too_little_to_split_is_said(frames, block, period, n_folds, message):
+    table, targets = regular(frames, block, period)
+    with pytest.raises(ToktError, match=message):
+        blocked_folds(table, targets, n_folds, 5)
+
+
+def test_fewer_patches_of_each_class_than_folds():
+    table = pd.DataFrame({"mission": "m", "frame": range(0, 60, 10), "group": list("abcdef")})
+    with pytest.raises(ToktError, match="no class has as many patches"):
+        blocked_folds(table, np.array([0, 0, 0, 1, 1, 1]), 5, 0)
+
+
+def test_a_row_a_group_is_quick():
+    """A folder of 100,000 patches: each is a group of its own."""
+    n = 100_000
+    table = pd.DataFrame({"mission": "m", "frame": np.arange(n), "group": np.arange(n).astype(str)})
+    folds = blocked_folds(table, (np.arange(n) % 4 == 0).astype(np.int64), 5, 0)
+    assert sorted(np.concatenate([fold.test for fold in folds])) == list(range(n))
+
+
+@settings(max_examples=60, deadline=None)
+@given(layout=layouts(), n=st.integers(2, 4), embargo=st.integers(0, 8))
+def test_holding_back_every_nth_block_does_not_leak(layout, n, embargo):
+    table, targets = layout
+    try:
+        fold = every_nth_block(table, targets, n, embargo)
+    except ToktError:
+        return
+    group = table.group.to_numpy()
+    assert not set(group[fold.train]) & set(group[fold.test])
+    assert distance_to_test(table, fold) > embargo
+    assert set(targets[fold.train]) == set(targets[fold.test]) == set(targets)
