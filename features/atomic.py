@@ -11,6 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+ABANDONED_S = 24 * 3600.0
+"""A partial file or folder that old has no writer any more."""
+
 _PARTIAL = ".partial-"
 
 

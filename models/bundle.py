@@ -47,6 +47,7 @@ SUFFIX = ".tokt"
 
 _MEMBERS = ("manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md")
 _LARGEST_MEMBER_BYTES = 64 * 1024 * 1024
+_LARGEST_FILE_BYTES = len(_MEMBERS) * _LARGEST_MEMBER_BYTES
 # What numpy raises for an array whose header is not one, besides ValueError.
 _UNREADABLE_ARRAY = (
     ValueError,
@@ -320,6 +321,12 @@ def _text(value: Any) -> str:
     return value
 
 
+def _object(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise TypeError(f"{value!r} is not an object")
+    return value
+
+
 def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     """Names and obstacle flags; a flag that is not a plain yes or no is not taken for a no."""
     if any(
@@ -344,11 +351,11 @@ def _check_content(
         return BundleContent(
             name=_text(manifest["name"]),
             version=_text(manifest["version"]),
-            extractor_spec=dict(manifest["extractor"]),
+            extractor_spec=_object(manifest["extractor"]),
             grid=Grid.from_json(manifest["grid"]),
             model=LinearModel(**arrays, classes=names, obstacle=obstacle),
-            provenance=dict(manifest["provenance"]),
-            metrics=dict(manifest["metrics"]),
+            provenance=_object(manifest["provenance"]),
+            metrics=_object(manifest["metrics"]),
             golden=golden,
             trained_on=lineage["trained_on"],
             card=members["card.md"].decode("utf-8"),
@@ -421,6 +428,8 @@ def read_bundle(path: Path | str) -> Bundle:
         If it is not there or fails any check.
     """
     try:
+        if Path(path).stat().st_size > _LARGEST_FILE_BYTES:
+            raise ToktError(f"bundle {path}: far too large for a bundle")
         data = Path(path).read_bytes()
     except OSError as error:
         raise ToktError(f"bundle {path}: {error.strerror or error}") from None

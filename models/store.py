@@ -29,7 +29,6 @@ from ..features.errors import ToktError
 from .bundle import Bundle, bundle_from_bytes
 
 FORMAT_VERSION = 1
-_ABANDONED_S = 60.0  # no deployment takes that long
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -243,7 +242,7 @@ class Store:
             reason=" ".join(reason.split()),
         )
         for folder in (self.path, *self.path.glob("versions/*")):
-            atomic.remove_partials(folder, older_than_s=_ABANDONED_S)
+            atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
         lines = "".join(json.dumps(asdict(past)) + "\n" for past in known)
         if self._history_text() != lines:
             atomic.write_text(self._history_file, lines)

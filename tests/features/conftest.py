@@ -33,9 +33,9 @@ def colour() -> NDArray[np.uint8]:
     picture = np.repeat(ramp[:, :, None], 3, axis=2) * (1.0, 0.8, 0.5)
     picture[60:, 80:] += rng.normal(0, 25, (60, 80, 3))
     picture[:30, :40] = 0
-    picture = np.clip(picture, 0, 255).astype(np.uint8)
-    cv2.circle(picture, (110, 40), 22, (40, 160, 230), -1)
-    return picture
+    drawn = np.clip(picture, 0, 255).astype(np.uint8)
+    cv2.circle(drawn, (110, 40), 22, (40, 160, 230), -1)
+    return drawn
 
 
 @pytest.fixture(scope="session")

@@ -66,7 +66,8 @@ def test_prefixes_are_refused(picture: tuple[bytes, Image]) -> None:
     ends = {*range(40), *range(0, len(data), max(1, len(data) // 250))}
     ends |= set(range(len(data) - 40, len(data)))
     for end in sorted(ends):
-        with pytest.raises(FrameError):
+        # Seen by tokt itself; what a decoder makes of it depends on its version.
+        with pytest.raises(FrameError, match="truncated" if end >= 8 else "cut"):
             decode_image(data[:end], "cut")
 
 
@@ -87,14 +88,16 @@ def test_prefixes_of_other_formats_are_refused(colour: Image, suffix: str) -> No
             decode_image(data[:end], "cut")
 
 
-def test_thumbnail_is_not_the_end(colour: Image) -> None:
-    whole = encode(colour, ".jpg")
-    thumbnail = encode(cv2.resize(colour, (32, 24)), ".jpg")
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "png"])
+def test_thumbnail_is_not_the_end(colour: Image, way: str) -> None:
+    whole = encode(colour, *WAYS[way])
+    thumbnail = encode(colour[::5, ::5].copy(), ".jpg")
     data = with_thumbnail(whole, thumbnail)
     assert np.array_equal(decode_image(data, "a"), decode_image(whole, "b"))
     end_of_thumbnail = data.index(b"\xff\xd9") + 2
     assert end_of_thumbnail < len(data) - len(whole) + 10
-    for end in (*range(end_of_thumbnail - 3, end_of_thumbnail + 12), len(data) - 1):
+    ends = [*range(end_of_thumbnail - 3, end_of_thumbnail + 12), len(data) - 1]
+    for end in ends + list(range(end_of_thumbnail, len(data), len(whole) // 50)):
         with pytest.raises(FrameError, match="truncated"):
             decode_image(data[:end], "cut")
 

@@ -159,6 +159,34 @@ def test_truncated_video(video: Path, tmp_path: Path, share: float) -> None:
         assert read.setdefault(number, good) is good
 
 
+@pytest.mark.parametrize("damage", [b"\x00", b"\xff\xd8"])
+def test_a_damaged_frame_does_not_move_the_numbers(
+    video: Path, tmp_path: Path, damage: bytes
+) -> None:
+    data = bytearray(video.read_bytes())
+    position = data.index(b"movi")
+    for _ in range(6):
+        position = data.index(b"00dc", position + 4)
+    size = int.from_bytes(data[position + 4 : position + 8], "little")
+    data[position + 8 : position + 8 + size] = (damage * size)[:size]
+    broken = tmp_path / "broken.avi"
+    broken.write_bytes(data)
+    whole = open_mission(video)
+    truth = {number: whole.read(number) for number in whole.frames()}
+    unreadable = set()
+    in_order, mixed = list(truth), [8, 6, 6, 7, 5, 6, 14, 7, 6, 8, 1]
+    for order in (in_order, mixed, in_order[::-1]):
+        found = open_mission(broken)
+        for number in order:
+            try:
+                image = found.read(number)
+            except FrameError:
+                unreadable.add(number)
+            else:
+                assert number == 6 or _same(image, truth[number]), number
+    assert all(number >= 6 for number in unreadable)
+
+
 @pytest.mark.parametrize("content", [b"", b"RIFF", b"no video at all" * 100])
 def test_not_a_video(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "dive.mp4"

@@ -1,0 +1,93 @@
+"""A bundle of format 1 as the first tokt wrote it, laid out by hand; it must load for ever.
+
+Nothing here may be changed together with models/bundle.py: it stands for files on ships.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from skimage.feature import local_binary_pattern
+from tokt.models.bundle import bundle_from_bytes
+
+MANIFEST = """
+{
+  "classes": [{"name": "ocean", "obstacle": false}, {"name": "other", "obstacle": true}],
+  "extractor": {
+    "border": "patch", "image": {"gray": "bt601", "resize": "area"},
+    "name": "lbp", "points": 8, "radius": 1, "version": 1
+  },
+  "format_version": 1,
+  "grid": {"cols": 2, "rows": 1, "width": 24},
+  "metrics": {"patch": {"f1": 0.75}},
+  "name": "old",
+  "provenance": {"dataset": "drawn@0123456789ab", "mlflow_run_id": "f00d"},
+  "version": "1"
+}
+"""
+WEIGHTS = [[-3.0, 2.0, 0.5, 1.0, -1.0, 4.0, 0.25, -2.0, 1.5, -0.5]]
+
+
+def _npz(**arrays: Any) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _frame() -> Any:
+    y, x = np.mgrid[0:14, 0:24]
+    return ((x * x + 3 * y * x + 7 * y) % 97).astype(np.uint8)
+
+
+def _values() -> Any:
+    rows = []
+    for patch in (_frame()[:, :12], _frame()[:, 12:]):
+        codes = local_binary_pattern(patch, 8, 1, method="uniform")
+        rows.append([np.count_nonzero(codes == code) / codes.size for code in range(10)])
+    return np.array(rows) @ np.array(WEIGHTS).T + 0.125
+
+
+@pytest.mark.parametrize("stamp", [(1980, 1, 1, 0, 0, 0), (2016, 4, 20, 12, 30, 0)])
+def test_format_1_loads(stamp: tuple[int, int, int, int, int, int]) -> None:
+    values = _values()
+    threshold = float(values.mean())
+    png = cv2.imencode(".png", _frame())[1].tobytes()
+    members = {
+        "weights.npz": _npz(
+            weights=np.array(WEIGHTS), bias=np.array([0.125]), thresholds=np.array([threshold])
+        ),
+        "golden.npz": _npz(
+            frames=np.frombuffer(png, np.uint8),
+            sizes=np.array([len(png)], np.int64),
+            decision_values=values[None],
+            obstacle=(values[:, 0] > threshold)[None],
+        ),
+        "lineage.npz": _npz(trained_on=np.array([1, 2**64 - 1], np.uint64)),
+        "card.md": b"# old/1\n",
+    }
+    manifest = json.loads(MANIFEST)
+    manifest["members"] = {name: hashlib.sha256(data).hexdigest() for name, data in members.items()}
+    bare = json.dumps(manifest, sort_keys=True, separators=(",", ":"))
+    manifest["manifest_sha256"] = hashlib.sha256(bare.encode()).hexdigest()
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name, data in {"manifest.json": json.dumps(manifest).encode(), **members}.items():
+            archive.writestr(zipfile.ZipInfo(name, stamp), data)
+
+    bundle = bundle_from_bytes(buffer.getvalue(), "old.tokt")
+
+    assert bundle.label == "old/1"
+    assert bundle.sha256 == hashlib.sha256(buffer.getvalue()).hexdigest()
+    assert bundle.model.classes == ("ocean", "other")
+    assert bundle.model.obstacle == (False, True)
+    assert bundle.content.provenance["dataset"] == "drawn@0123456789ab"
+    assert bundle.content.trained_on.tolist() == [1, 2**64 - 1]
+    np.testing.assert_allclose(bundle.decision_values(_frame()), values, rtol=0, atol=1e-12)
+    assert bundle.model.obstacle_patches(values).sum() == 1
