@@ -63,13 +63,28 @@ def check_model_name(name: str) -> None:
 def tracking_uri(workspace: Path) -> str:
     """Where runs and models are kept: ``MLFLOW_TRACKING_URI``, or the workspace's own file."""
     given = os.environ.get("MLFLOW_TRACKING_URI")
-    return given or f"sqlite:///{(workspace / 'mlflow.db').resolve()}"
+    file = (workspace / "mlflow.db").resolve()
+    if not given and "?" in str(file):
+        raise ToktError(f"workspace {workspace}: MLflow cannot keep its file in a path with '?'")
+    return given or f"sqlite:///{file}"
+
+
+def _use(uri: str) -> None:
+    """Make `uri` MLflow's own, for its functions that have no client to be called on."""
+    given = os.environ.get("MLFLOW_TRACKING_URI")
+    mlflow.set_tracking_uri(uri)
+    mlflow.set_registry_uri(uri)
+    if given is None:
+        # MLflow says it in the environment too, where another workspace's registry in this
+        # process would take it for what the user asked for.
+        os.environ.pop("MLFLOW_TRACKING_URI", None)
 
 
 def _create_database(path: Path) -> None:
     """Make MLflow's tables under a temporary name, so that a kill leaves no half-made file."""
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
+    atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         fresh = folder / path.name
         store = SqlAlchemyStore(f"sqlite:///{fresh}", (folder / "unused").as_uri())
@@ -111,9 +126,9 @@ class Registry:
         local = workspace / "mlflow.db"
         if self.uri == f"sqlite:///{local.resolve()}" and not local.exists():
             _create_database(local.resolve())
-        mlflow.set_tracking_uri(self.uri)
-        mlflow.set_registry_uri(self.uri)
-        self.client = mlflow.MlflowClient()
+        _use(self.uri)
+        with self.reported():
+            self.client = mlflow.MlflowClient(self.uri, self.uri)
 
     @contextmanager
     def reported(self) -> Iterator[None]:

@@ -46,7 +46,6 @@ _PATCH_COLUMNS = [*_FRAME_KEY, "row", "col", "label", "group"]
 _HASHED_FRAME_COLUMNS = [*_FRAME_KEY, "group", "digest"]
 _FRAME_COLUMNS = [*_HASHED_FRAME_COLUMNS, "file", "height", "width"]
 _HASHED_INFO = ("format_version", "task", "grid", "taxonomy", "block_frames")
-_ABANDONED_S = 24 * 3600.0
 
 
 @dataclass(frozen=True)
@@ -203,6 +202,11 @@ def _check_classes(plan: DatasetPlan) -> None:
     if plan.task == "classes" and len(labels) < 2:
         raise ToktError(f"dataset {plan.name} has one class only ({labels[0]})")
     sides = {plan.taxonomy.is_obstacle(label) for label in labels}
+    if sides == {False} and plan.task == "classes":
+        raise ToktError(
+            f"dataset {plan.name}: none of its classes ({', '.join(labels)}) is an obstacle; a "
+            "model of it could never warn"
+        )
     if plan.task == "binary" and len(sides) < 2:
         side = OBSTACLE if sides.pop() else CLEAR
         raise ToktError(
@@ -282,7 +286,7 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     ):
         raise ToktError(f"dataset name {plan.name!r}: use letters, digits, '-', '_' and '.'")
     _check_classes(plan)
-    atomic.remove_partials(root, _ABANDONED_S)
+    atomic.remove_partials(root, atomic.ABANDONED_S)
     home = root / plan.name
     # Made beside the dataset's own folder, which must not appear before there is a version in it.
     with atomic.scratch_folder(home) as folder:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ class Scored:
     ----------
     frames : list of int
         Frame numbers in order.
+    places : list of int
+        The place of each frame in the mission: 0 for its first one.
     values : array of float64, shape (n_frames, n_patches, n_outputs)
     status : list of int
         1 obstacle, 0 clear, by the runtime's verdict.
@@ -41,6 +44,7 @@ class Scored:
     """
 
     frames: list[int]
+    places: list[int]
     values: NDArray[np.float64]
     status: list[int]
     mean: list[float]
@@ -74,7 +78,23 @@ def score_mission(
         mean.append(float(verdict.mean or 0.0))
         if int(frame_id(pixel_sha256(image))) in known:
             seen.append(number)
-    return Scored(numbers, np.stack(values), status, mean, seen)
+    order = {number: place for place, number in enumerate(mission.frames(LEFT))}
+    places = [order[number] for number in numbers]
+    return Scored(numbers, places, np.stack(values), status, mean, seen)
+
+
+def _first_detection(scored: Scored) -> int | None:
+    """The first of three frames with status 1 that follow each other in the mission.
+
+    Where only a part of the mission was judged, frames on both sides of a gap do not count as
+    following each other.
+    """
+    starts = [i for i, gap in enumerate(np.diff(scored.places, prepend=-2)) if gap != 1]
+    for start, end in pairwise([*starts, len(scored.places)]):
+        found = first_of_three(scored.frames[start:end], scored.status[start:end])
+        if found is not None:
+            return found
+    return None
 
 
 def _frame_figures(
@@ -104,7 +124,7 @@ def _frame_figures(
         "obstacle_frames": len(obstacle),
         "detected": sum(status[number] == OBSTACLE for number in obstacle),
         "first_obstacle_frame": obstacle[0] if obstacle else None,
-        "first_detection": first_of_three(scored.frames, scored.status),
+        "first_detection": _first_detection(scored),
         "not_judged": len(scored.frames) - len(ocean) - len(obstacle),
     }
 

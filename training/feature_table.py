@@ -92,6 +92,7 @@ def _compute(
     )
     run = joblib.Parallel(n_jobs=jobs, return_as="generator")
     shape = (len(patches), build_extractor(spec).dim)
+    atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)
         results = progress(run(tasks), len(groups), "features")

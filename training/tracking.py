@@ -193,7 +193,7 @@ def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
             pip_requirements=[f"scikit-learn=={version('scikit-learn')}"],
             serialization_format="skops",
         )
-        mlflow.log_input(_lineage(request.dataset), context="training", model=info)
+        mlflow.log_input(_lineage(request.dataset), context="training")
         _log_figures(trained)
         with tempfile.TemporaryDirectory() as folder:
             _write_artifacts(Path(folder), trained, info.model_id)

@@ -150,7 +150,6 @@ def test_choice_and_weights_of_a_fold_do_not_see_its_test_part(blocks, monkeypat
         return cross_validate(blocks, features, PLAIN, split, lambda items, *_: items)
 
     clean = run(truth)
-    assert len(set(clean.penalties)) > 1 or clean.penalties[0] in PLAIN.penalties
     for number, fold in enumerate(folds):
         poisoned = truth.copy()
         poisoned[fold.test] = 1 - poisoned[fold.test]

@@ -1,0 +1,420 @@
+"""A user's mistake is one line on stderr and exit code 2; nothing is written, nothing changes."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tokt.features.canonical import json_sha256
+from tokt.models.bundle import read_bundle
+from tokt.models.store import Store
+
+
+@dataclass(frozen=True)
+class World:
+    """What a case can spoil: a workspace, a mission, a label file, a bundle, a store."""
+
+    folder: Path
+    rows: list[list[Any]]
+    write_labels: Callable[..., Path]
+
+    @property
+    def mission(self) -> Path:
+        return self.folder / "tiny"
+
+    @property
+    def labels(self) -> Path:
+        return self.folder / "tiny" / "labels.csv"
+
+    @property
+    def bundle(self) -> Path:
+        return self.folder / "m.tokt"
+
+    @property
+    def store(self) -> Path:
+        return self.folder / "store"
+
+
+@pytest.fixture
+def world(workspace, own_tiny, tiny_bundle, tiny_truth, tmp_path) -> World:
+    shutil.copy(tiny_bundle, tmp_path / "m.tokt")
+    return World(tmp_path, tiny_truth.labels(), tiny_truth.write_labels)
+
+
+def listing(folder: Path) -> dict[str, tuple[int, int]]:
+    """Every file with its size and time; SQLite's own side files come and go."""
+    return {
+        str(path.relative_to(folder)): (path.stat().st_size, path.stat().st_mtime_ns)
+        for path in folder.rglob("*")
+        if path.is_file() and not path.name.endswith(("-wal", "-shm", "-journal"))
+    }
+
+
+BUILD = ("dataset", "build", "new", "--mission", "tiny", "--labels", "tiny/labels.csv")
+TRAIN = ("train", "tiny", "--extractor", "lbp")
+EVALUATE = ("evaluate", "m.tokt", "--mission", "tiny", "--labels", "tiny/labels.csv")
+
+# --- ways to spoil something -------------------------------------------------------------------
+
+
+def nothing(world: World) -> None:
+    pass
+
+
+def empty_mission(world: World) -> None:
+    shutil.rmtree(world.mission / "Left")
+
+
+def frame_bytes(change: Callable[[bytes], bytes]) -> Callable[[World], None]:
+    def spoil(world: World) -> None:
+        path = world.mission / "Left" / "tiny_L_20.png"
+        path.write_bytes(change(path.read_bytes()))
+
+    return spoil
+
+
+def frame_gone(world: World) -> None:
+    (world.mission / "Left" / "tiny_L_20.png").unlink()
+
+
+def label_text(old: str, new: str) -> Callable[[World], None]:
+    def spoil(world: World) -> None:
+        text = world.labels.read_text("utf-8")
+        assert old in text
+        world.labels.write_text(text.replace(old, new, 1), "utf-8")
+
+    return spoil
+
+
+def only_rows(keep: Callable[[list[Any]], bool]) -> Callable[[World], None]:
+    def spoil(world: World) -> None:
+        world.write_labels(world.labels, [row for row in world.rows if keep(row)])
+
+    return spoil
+
+
+def bundle_bytes(change: Callable[[bytes], bytes]) -> Callable[[World], None]:
+    def spoil(world: World) -> None:
+        world.bundle.write_bytes(change(world.bundle.read_bytes()))
+
+    return spoil
+
+
+def rewritten(change: Callable[[dict[str, bytes]], None]) -> Callable[[World], None]:
+    """The bundle with other members; their hashes are made to fit where `change` says so."""
+
+    def spoil(world: World) -> None:
+        with zipfile.ZipFile(world.bundle) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        change(members)
+        with zipfile.ZipFile(world.bundle, "w") as archive:
+            for name, data in members.items():
+                archive.writestr(name, data)
+
+    return spoil
+
+
+def edit_card(members: dict[str, bytes]) -> None:
+    members["card.md"] += b"better than it is\n"
+
+
+def newer_format(members: dict[str, bytes]) -> None:
+    manifest = json.loads(members["manifest.json"])
+    members["manifest.json"] = json.dumps({**manifest, "format_version": 99}).encode()
+
+
+def golden_mismatch(members: dict[str, bytes]) -> None:
+    """Weights changed by somebody who knows how to make every hash fit."""
+    with np.load(io.BytesIO(members["weights.npz"])) as file:
+        arrays = {name: file[name] for name in file.files}
+    arrays["bias"] = arrays["bias"] + 1e-6
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    members["weights.npz"] = buffer.getvalue()
+    manifest = json.loads(members["manifest.json"])
+    del manifest["manifest_sha256"]
+    manifest["members"]["weights.npz"] = hashlib.sha256(buffer.getvalue()).hexdigest()
+    manifest["manifest_sha256"] = json_sha256(manifest)
+    members["manifest.json"] = json.dumps(manifest).encode()
+
+
+def store_without_model(world: World) -> None:
+    world.store.mkdir()
+
+
+def store_with_one(world: World) -> None:
+    Store(world.store).deploy(read_bundle(world.bundle))
+
+
+def store_is_a_file(world: World) -> None:
+    world.store.write_text("not a folder")
+
+
+def workspace_is_a_file(world: World) -> None:
+    shutil.rmtree(world.folder / ".tokt")
+    (world.folder / ".tokt").write_text("not a folder")
+
+
+def label_store_empty(world: World) -> None:
+    assert not (world.folder / ".tokt" / "labels.db").exists()
+
+
+# --- the table: what is spoilt, the command, what the line must say ----------------------------
+
+CASES = {
+    # missions
+    "mission missing": (
+        nothing,
+        ("dataset", "build", "x", "--mission", "nowhere", *BUILD[5:]),
+        r"mission nowhere does not exist",
+    ),
+    "mission empty": (empty_mission, BUILD, r"mission tiny has no frames"),
+    "mission is a text file": (
+        nothing,
+        ("dataset", "build", "x", "--mission", "tiny/labels.csv", "--labels", "tiny/labels.csv"),
+        r"neither a folder of frames nor a video",
+    ),
+    "evaluate on a missing mission": (
+        nothing,
+        (*EVALUATE[:3], "nowhere", *EVALUATE[4:]),
+        r"mission nowhere does not exist",
+    ),
+    "frame not an image": (frame_bytes(lambda d: b"no image"), BUILD, r"left frame 20: not an im"),
+    "frame truncated": (frame_bytes(lambda d: d[:-20]), BUILD, r"left frame 20.*truncated"),
+    "frame empty": (frame_bytes(lambda d: b""), BUILD, r"left frame 20: the file is empty"),
+    "frame gone": (frame_gone, BUILD, r"no left frame 20, which is labelled"),
+    "evaluate truncated frame": (frame_bytes(lambda d: d[:-20]), EVALUATE, r"L_20.png.*truncated"),
+    # label files
+    "labels missing": (lambda w: w.labels.unlink(), BUILD, r"labels.csv does not exist"),
+    "labels: unknown class": (
+        label_text("left,1,0,3,ocean", "left,1,0,3,wreck"),
+        BUILD,
+        r"labels.csv line 5: unknown class 'wreck'",
+    ),
+    "labels: outside the grid": (
+        label_text("left,1,0,3,ocean", "left,1,0,10,ocean"),
+        BUILD,
+        r"line 5: row 0 col 10 is outside the grid 10x10@360",
+    ),
+    "labels: twice": (
+        label_text("left,1,0,3,ocean", "left,1,0,2,ocean"),
+        BUILD,
+        r"line 5: .* is labelled on line 4 already",
+    ),
+    "labels: wrong columns": (
+        label_text("mission,camera,frame", "dive,camera,frame"),
+        BUILD,
+        r"line 1: no column mission",
+    ),
+    "labels: fields missing": (label_text("left,1,0,3,ocean", "left,1,0"), BUILD, r"line 5: 4 f"),
+    "labels: no number": (label_text("left,1,0,3", "left,one,0,3"), BUILD, r"line 5: frame 'one'"),
+    "labels: of another mission": (
+        nothing,
+        (*BUILD, "--mission", "tiny/Left"),
+        r"no labels for mission 'Left'",
+    ),
+    "labels: none in a label store": (label_store_empty, BUILD[:5], r"labels.db"),
+    "frames that have no label": (nothing, (*BUILD, "--frames", "90-99"), r"no labelled patch"),
+    "frames that are none": (nothing, (*BUILD, "--frames", "9-1"), r"not a list of frames"),
+    "grid that is none": (nothing, (*BUILD, "--grid", "ten"), r"not a grid: 'ten'"),
+    "labels outside that grid": (nothing, (*BUILD, "--grid", "5x5"), r"line 7: .* outside the g"),
+    "patch size": (nothing, (*BUILD, "--grid", "10x400"), r"under 3 pixels"),
+    # datasets
+    "one class only": (
+        only_rows(lambda row: row[-1] == "ocean"),
+        BUILD,
+        r"one class only: every patch is clear",
+    ),
+    "only unsure": (only_rows(lambda row: row[-1] == "unsure"), BUILD, r"no labelled patch"),
+    "unknown task": (nothing, (*BUILD, "--task", "seven"), r"task is one of binary, classes"),
+    "dataset name": (nothing, ("dataset", "build", "a/b", *BUILD[3:]), r"use letters"),
+    "neither mission nor patches": (nothing, BUILD[:3], r"give either --mission DIR or --patches"),
+    "patches with labels": (
+        nothing,
+        ("dataset", "build", "x", "--patches", "tiny", "--labels", "tiny/labels.csv"),
+        r"--patches has its labels in its folder names",
+    ),
+    "patches missing": (
+        nothing,
+        ("dataset", "build", "x", "--patches", "none"),
+        r"folder of patches none does not exist",
+    ),
+    "dataset unknown": (nothing, ("dataset", "show", "x"), r"no dataset 'x' \(there are: tiny\)"),
+    "dataset hash unknown": (nothing, ("dataset", "show", "tiny@00ff"), r"0 versions of dataset"),
+    # training
+    "train on nothing": (nothing, ("train", "x", "--extractor", "lbp"), r"no dataset 'x'"),
+    "fewer groups than folds": (nothing, (*TRAIN, "--folds", 12), r"11 groups.*too few for 12"),
+    "embargo over everything": (nothing, (*TRAIN, "--embargo", 50), r"neighbour frames"),
+    "unknown extractor": (nothing, (*TRAIN[:3], "sift"), r"unknown extractor 'sift'"),
+    "unknown preset": (nothing, (*TRAIN, "--preset", "good"), r"unknown preset 'good'"),
+    "no extractor": (nothing, TRAIN[:2], r"--extractor"),
+    "model name": (nothing, (*TRAIN, "--name", "a/b"), r"model name 'a/b'"),
+    "thesis images without thesis": (nothing, (*TRAIN, "--ocean", "x.png"), r"--preset thesis"),
+    "thesis image missing": (
+        nothing,
+        (*TRAIN, "--preset", "thesis", "--ocean", "x.png", "--folds", 3),
+        r"x.png: No such file",
+    ),
+    "folds no number": (nothing, (*TRAIN, "--folds", "many"), r"--folds"),
+    # models
+    "model unknown": (nothing, ("models", "show", "x"), r"no model 'x' .* \(there are: tiny-lbp"),
+    "alias unknown": (nothing, ("export", "tiny-lbp@best", "-o", "x.tokt"), r"no alias 'best'"),
+    "version unknown": (nothing, ("deploy", "tiny-lbp/7", "store"), r"has no version 7"),
+    "alias of nothing": (nothing, ("models", "alias", "x", "champion"), r"no model 'x'"),
+    "alias not allowed": (nothing, ("models", "alias", "tiny-lbp", "v2"), r"cannot be an alias"),
+    "export name": (nothing, ("export", "tiny-lbp", "-o", "x.zip"), r"ends in .tokt"),
+    "export into a file": (
+        nothing,
+        ("export", "m.tokt", "-o", "m.tokt/x.tokt"),
+        r"Not a dir|exist",
+    ),
+    "export over a folder": (
+        lambda w: (w.folder / "d.tokt").mkdir(),
+        ("export", "m.tokt", "-o", "d.tokt"),
+        r"Is a directory",
+    ),
+    # bundles: the same refusals wherever one is read
+    **{
+        f"bundle {name}: {command[0]} {command[1] if command[0] == 'models' else ''}": (
+            spoil,
+            command,
+            message,
+        )
+        for name, spoil, message in (
+            ("missing", lambda w: w.bundle.unlink(), r"bundle m.tokt: No such file"),
+            ("empty", bundle_bytes(lambda data: b""), r"truncated|not a tokt bundle"),
+            (
+                "truncated",
+                bundle_bytes(lambda data: data[:9999]),
+                r"truncated|not a tokt bundle",
+            ),
+            ("edited", rewritten(edit_card), r"card.md in the bundle has been edited"),
+            ("newer", rewritten(newer_format), r"format 99 is newer than this tokt reads"),
+            ("golden", rewritten(golden_mismatch), r"golden frame 0 gives decision values"),
+        )
+        for command in (EVALUATE, ("deploy", "m.tokt", "store"), ("models", "show", "m.tokt"))
+    },
+    # stores
+    "store missing": (nothing, ("store", "store"), r"store store does not exist"),
+    "rollback without a store": (nothing, ("rollback", "store"), r"no earlier model"),
+    "rollback without a model": (store_without_model, ("rollback", "store"), r"no earlier model"),
+    "rollback without an earlier one": (store_with_one, ("rollback", "store"), r"no earlier"),
+    "deploy into a file": (
+        store_is_a_file,
+        ("deploy", "m.tokt", "store"),
+        r"Not a directory|exist",
+    ),
+    # elsewhere
+    "workspace is a file": (workspace_is_a_file, BUILD, r"Not a directory|File exists"),
+    "workspace is a file: train": (workspace_is_a_file, TRAIN, r"no dataset|Not a directory"),
+    "taxonomy missing": (nothing, (*BUILD, "--taxonomy", "x.toml"), r"taxonomy x.toml: No such"),
+    "unknown option": (nothing, (*BUILD, "--colour", "red"), r"No such option.*--colour"),
+    "unknown command": (nothing, ("sail",), r"No such command 'sail'"),
+    "argument missing": (nothing, ("export",), r"Missing"),
+    "evaluate without labels": (label_store_empty, EVALUATE[:4], r"labels.db"),
+    "evaluate other frames": (nothing, (*EVALUATE, "--frames", "900"), r"no left frame 900"),
+}
+
+# Lines that may stand before the error: progress of work that had begun.
+PROGRESS = re.compile(r"(reading frames|scoring|features|cross-validation): \d+/\d+")
+
+
+def check(code: int, out: str, err: str, message: str) -> None:
+    lines = err.splitlines()
+    assert code == 2, err
+    assert out == ""
+    assert lines[-1].startswith("tokt: error: "), err
+    assert re.search(message, lines[-1]), lines[-1]
+    assert all(PROGRESS.fullmatch(line) for line in lines[:-1]), err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_line_exit_2_and_nothing_written(case, world, run_tokt, monkeypatch):
+    spoil, command, message = CASES[case]
+    spoil(world)
+    monkeypatch.chdir(world.folder)
+    before = listing(world.folder)
+    ran = run_tokt(*command)
+    check(ran.code, ran.out, ran.err, message)
+    after = listing(world.folder)
+    before.pop(".tokt/mlflow.db", None), after.pop(".tokt/mlflow.db", None)
+    assert after == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "case", ["unknown option", "labels: unknown class", "bundle golden: deploy ", "store missing"]
+)
+def test_the_same_through_a_real_process(case, world):
+    spoil, command, message = CASES[case]
+    spoil(world)
+    before = listing(world.folder)
+    ran = subprocess.run(
+        [sys.executable, "-m", "tokt", *map(str, command)],
+        cwd=world.folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    check(ran.returncode, ran.stdout, ran.stderr, message)
+    assert listing(world.folder) == before
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_may_not_be_written(world, run_tokt, monkeypatch):
+    monkeypatch.chdir(world.folder)
+    locked = world.folder / "locked"
+    locked.mkdir(mode=0o500)
+    for command in (("export", "m.tokt", "-o", "locked/x.tokt"), ("deploy", "m.tokt", "locked/s")):
+        ran = run_tokt(*command)
+        check(ran.code, ran.out, ran.err, r"Permission denied")
+    assert list(locked.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "command"),
+    [
+        ("mlflow", ("models", "list")),
+        ("mlflow", ("deploy", "tiny-lbp", "store")),
+        ("pandas", ("dataset", "list")),
+        ("sklearn", TRAIN),
+    ],
+)
+def test_a_missing_extra_is_named(module, command, world):
+    """On the ship's PC, with the slim install, a training command says what to install."""
+    program = f"import sys; sys.modules[{module!r}] = None; from tokt.cli import main; main()"
+    ran = subprocess.run(
+        [sys.executable, "-c", program, *map(str, command)],
+        cwd=world.folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    check(ran.returncode, ran.stdout, ran.stderr, r"needs .*: install tokt\[train\]")
+
+
+def test_a_file_is_deployed_without_any_extra(world):
+    """The way aboard: bundle file and store need neither MLflow nor pandas nor scikit-learn."""
+    blocked = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib")
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({blocked!r}));"
+        "from tokt.cli import main; main()"
+    )
+    command = [sys.executable, "-c", program, "deploy", "m.tokt", "store", "--json"]
+    ran = subprocess.run(command, cwd=world.folder, capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 0, ran.stderr
+    assert json.loads(ran.stdout)["name"] == "tiny-lbp"

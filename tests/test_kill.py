@@ -1,0 +1,248 @@
+"""SIGKILL at any moment of a command: what was there still loads, and the command can be repeated.
+
+A host process imports everything once and forks a child for each command, so that the kills fall
+into the work and not into a second of imports.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from tokt.features.grid import Grid
+from tokt.labels.label_csv import read_label_csv
+from tokt.labels.store import LabelStore
+from tokt.labels.taxonomy import Taxonomy
+from tokt.models.bundle import read_bundle
+from tokt.models.registry import Registry
+from tokt.models.store import Store
+from tokt.training.dataset import list_datasets, open_dataset
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
+]
+TRIALS = 6
+
+HOST = """
+import json, os, sys
+import mlflow.sklearn, pyarrow.parquet, matplotlib.figure
+import tokt.training.evaluate, tokt.training.mission_source, tokt.training.tracking
+from tokt.cli import main
+print("ready", flush=True)
+for line in sys.stdin:
+    child = os.fork()
+    if not child:
+        log = os.open(os.environ["LOG"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(log, 1), os.dup2(log, 2)
+        sys.argv = ["tokt", *json.loads(line)]
+        try:
+            main()
+        except SystemExit as ended:
+            sys.stdout.flush()
+            os._exit(ended.code or 0)
+        finally:
+            os._exit(99)
+    print(child, flush=True)
+    sys.stdin.readline()  # until then the child's id stays its own, even if it has ended
+    print(os.waitpid(child, 0)[1], flush=True)
+"""
+
+
+class Host:
+    """Runs commands in forked children, and kills them where asked."""
+
+    def __init__(self, process: subprocess.Popen[str], log: Path) -> None:
+        self._process = process
+        self.log = log
+
+    def run(
+        self,
+        *command: object,
+        kill_after_s: float | None = None,
+        begun: Callable[[], bool] = lambda: True,
+    ) -> int:
+        """Exit code, or minus the signal that ended it: so long after `begun` became true."""
+        assert self._process.stdin and self._process.stdout
+        print(json.dumps([str(part) for part in command]), file=self._process.stdin, flush=True)
+        child = int(self._process.stdout.readline())
+        if kill_after_s is not None:
+            give_up = time.monotonic() + 20
+            while not begun() and time.monotonic() < give_up:
+                time.sleep(0.0002)
+            time.sleep(kill_after_s)
+            os.kill(child, signal.SIGKILL)
+        print("reap", file=self._process.stdin, flush=True)
+        return os.waitstatus_to_exitcode(int(self._process.stdout.readline()))
+
+
+@pytest.fixture(scope="module")
+def host(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+    log = tmp_path_factory.mktemp("host") / "log"
+    environment = {**os.environ, "LOG": str(log)}
+    with subprocess.Popen(
+        [sys.executable, "-c", HOST],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout and process.stdin
+        assert process.stdout.readline() == "ready\n"
+        yield Host(process, log)
+        process.stdin.close()
+
+
+def kill_often(host: Host, command: tuple[object, ...], sound: Callable[[], None]) -> int:
+    """Run once whole for its duration, then kill it at seeded moments; how many kills hit."""
+    begun = time.monotonic()
+    assert host.run(*command) == 0, host.log.read_text()
+    duration = time.monotonic() - begun
+    rng, hits = random.Random(1), 0
+    for trial in range(TRIALS):
+        moment = duration * (trial + rng.random()) / TRIALS
+        hits += host.run(*command, kill_after_s=moment) == -signal.SIGKILL
+        sound()
+    assert host.run(*command) == 0, host.log.read_text()
+    sound()
+    return hits
+
+
+@pytest.fixture
+def registry_sound(workspace: Path, tiny_bundle: Path) -> Callable[[], None]:
+    """Everything listed exports, and version 1 to the very bytes of before."""
+    original = tiny_bundle.read_bytes()
+
+    def check() -> None:
+        registry = Registry(workspace)
+        for version in registry.versions():
+            assert registry.bundle(version.label).label == version.label
+        assert registry.bundle("tiny-lbp/1").data == original
+
+    return check
+
+
+def test_dataset_build(host, workspace, tiny, own_tiny):
+    root = workspace / "datasets"
+    before = open_dataset("tiny", root).hash
+    seen = set()
+
+    def sound() -> None:
+        for dataset in list_datasets(root):
+            dataset.check()
+            for index in range(len(dataset.frames)):
+                dataset.read_frame(index)
+            seen.add(dataset.label)
+        open_dataset("tiny", root).check()
+        assert open_dataset(f"tiny@{before}", root).hash == before
+
+    hits = 0
+    # Another block size each time: otherwise the content is there and little is written.
+    for block in (3, 5):
+        command = ("dataset", "build", "tiny", "--mission", tiny.path, "--labels", tiny.labels)
+        named = (*command, "--block", block, "--workspace", workspace)
+        begun = time.monotonic()
+        assert host.run(*named[:2], f"timing{block}", *named[3:]) == 0, host.log.read_text()
+        duration = time.monotonic() - begun
+        rng = random.Random(block)
+        for trial in range(TRIALS // 2):
+            moment = duration * (trial + rng.random()) / (TRIALS // 2)
+            hits += host.run(*named, kill_after_s=moment) == -signal.SIGKILL
+            sound()
+        assert host.run(*named) == 0, host.log.read_text()
+        sound()
+    assert hits >= 2
+    assert len(seen) == 5  # tiny with three block sizes, and the two for timing
+
+
+def test_train(host, workspace, registry_sound):
+    def sound() -> None:
+        registry_sound()
+        shutil.rmtree(workspace / "cache")  # so that kills fall into the features too
+
+    shutil.rmtree(workspace / "cache")
+    command = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", "--folds", 3)
+    whole = (*command, "--embargo", 1, "--workspace", workspace)
+    assert kill_often(host, whole, sound) >= 3
+    assert len(Registry(workspace).versions()) >= 3
+
+
+def test_first_use_of_a_registry(host, tmp_path):
+    rng = random.Random(4)
+    for trial in range(TRIALS // 2):
+        workspace = tmp_path / str(trial)
+        host.run("models", "list", "--workspace", workspace, kill_after_s=rng.uniform(0, 1.2))
+        assert Registry(workspace).versions() == []
+        assert host.run("models", "list", "--workspace", workspace) == 0, host.log.read_text()
+
+
+def test_alias(host, workspace, registry_sound):
+    command = ("models", "alias", "tiny-lbp/1", "champion", "--workspace", workspace)
+
+    def sound() -> None:
+        assert Registry(workspace).find("tiny-lbp@champion").version == "1"
+
+    kill_often(host, command, sound)
+    registry_sound()
+
+
+def test_export(host, workspace, tiny_bundle, tmp_path):
+    target = tmp_path / "out" / "m.tokt"
+
+    def sound() -> None:
+        assert target.read_bytes() == tiny_bundle.read_bytes()
+
+    command = ("export", "tiny-lbp", "-o", target, "--workspace", workspace)
+    assert kill_often(host, command, sound) >= 2
+
+
+def test_export_while_the_file_is_written(host, workspace, tmp_path):
+    rng = random.Random(2)
+    for trial in range(TRIALS):
+        target = tmp_path / str(trial) / "m.tokt"
+        target.parent.mkdir()
+        command = ("export", "tiny-lbp", "-o", target, "--workspace", workspace)
+        moment = rng.uniform(0, 0.004)
+        host.run(*command, kill_after_s=moment, begun=lambda: any(target.parent.iterdir()))  # noqa: B023
+        assert not target.exists() or read_bundle(target).label == "tiny-lbp/1"
+    assert host.run(*command) == 0
+    assert read_bundle(target).label == "tiny-lbp/1"
+
+
+def test_deploy(host, tiny_bundle, tmp_path):
+    place = tmp_path / "store"
+    command = ("deploy", tiny_bundle, place, "--reason", "kill test")
+
+    def sound() -> None:
+        store = Store(place)
+        assert store.active().label == "tiny-lbp/1"
+        numbers = [entry.number for entry in store.history()]
+        assert numbers == list(range(1, len(numbers) + 1))
+
+    kill_often(host, command, sound)
+
+
+def test_labels_import(host, workspace, tiny):
+    expected = len(read_label_csv(tiny.labels, Taxonomy.load()))
+    begun = time.monotonic()
+    command = ("labels", "import", tiny.labels, "--workspace", workspace)
+    rng = random.Random(3)
+    for trial in range(TRIALS):
+        host.run(*command, "--annotator", f"p{trial}", kill_after_s=rng.uniform(0, 0.3))
+        if (workspace / "labels.db").exists():
+            with LabelStore(workspace / "labels.db", create=False) as store:
+                counts = [len(store.current(annotator=who)) for who in store.annotators()]
+            assert set(counts) <= {expected}  # all of a file, or nothing
+    assert host.run(*command) == 0
+    with LabelStore(workspace / "labels.db", create=False) as store:
+        assert len(store.current(annotator="labels", grid=Grid())) == expected
+    assert time.monotonic() - begun < 60

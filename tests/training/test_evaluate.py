@@ -1,0 +1,177 @@
+"""`tokt evaluate`: its figures against a count by hand, for binary and several-class models."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.mission import open_mission
+from tokt.models.bundle import read_bundle
+
+SEVERAL = """format = 1
+[[classes]]
+name = "ocean"
+obstacle = false
+color = "#1f77b4"
+key = "o"
+[[classes]]
+name = "subsea_installation"
+obstacle = true
+color = "#d62728"
+key = "i"
+[[classes]]
+name = "kelp"
+obstacle = true
+color = "#2ca02c"
+key = "k"
+description = "brown algae"
+"""
+
+
+@pytest.fixture
+def evaluate(run_tokt, tiny, tmp_path):
+    def run(model, *more, mission=None, labels=None):
+        ran = run_tokt(
+            *("evaluate", model, "--mission", mission or tiny.path, "--json"),
+            *("--labels", labels or tiny.labels, *more),
+        )
+        assert ran.code == 0, ran.err
+        return json.loads(ran.out), ran.err
+
+    return run
+
+
+def test_counts_are_those_of_a_count_by_hand(evaluate, tiny_bundle, tiny, tiny_truth):
+    bundle, mission = read_bundle(tiny_bundle), open_mission(tiny.path)
+    counts = dict.fromkeys(("hit", "false", "missed", "quiet"), 0)
+    alarms = []
+    for frame in range(1, 41):
+        values = bundle.decision_values(mission.read(frame)).reshape(10, 10)
+        if (values > 0).any():
+            alarms.append(frame)
+        for row in range(10):
+            for col in range(10):
+                true = (row, col) in tiny_truth.cells(frame)
+                if not true and row == 2 and (3, col) in tiny_truth.cells(frame):
+                    continue  # unsure
+                said = values[row, col] > 0
+                key = ("hit" if true else "false") if said else ("missed" if true else "quiet")
+                counts[key] += 1
+    result, _ = evaluate(tiny_bundle)
+    patch, frames = result["patch"], result["frames"]
+    assert counts == {
+        "hit": patch["true_positive"],
+        "false": patch["false_positive"],
+        "missed": patch["false_negative"],
+        "quiet": patch["true_negative"],
+    }
+    assert np.isclose(patch["precision"], counts["hit"] / (counts["hit"] + counts["false"]))
+    assert np.isclose(patch["recall"], counts["hit"] / (counts["hit"] + counts["missed"]))
+    tower = [frame for frame in range(1, 41) if tiny_truth.cells(frame)]
+    ocean = [frame for frame in range(1, 41) if not tiny_truth.cells(frame)]
+    assert frames["n"] == 40
+    assert frames["obstacle_frames"] == len(tower)
+    assert frames["ocean_frames"] == len(ocean)
+    assert frames["detected"] == len(set(tower) & set(alarms))
+    assert frames["false_status_frames"] == sorted(set(ocean) & set(alarms))
+    assert frames["false_status"] == len(frames["false_status_frames"])
+    assert frames["first_detection"] == next(
+        n for n in range(1, 39) if {n, n + 1, n + 2} <= set(alarms)
+    )
+    assert result["unsure_ignored"] == 2 * len(tower)
+
+
+def test_keys_that_scripts_use(evaluate, tiny_bundle):
+    result, _ = evaluate(tiny_bundle)
+    assert {"patch", "frames", "unsure_ignored", "model"} <= set(result)
+    assert {"precision", "recall", "f1", "average_precision", "per_class"} <= set(result["patch"])
+    assert {
+        *("n", "ocean_frames", "false_status", "detected", "obstacle_frames", "first_detection")
+    } <= set(result["frames"])
+    assert set(result["patch"]["per_class"]) == {"clear", "obstacle"}
+
+
+def test_registered_model_and_exported_bundle_agree_exactly(evaluate, trained, tiny_bundle):
+    from_registry, _ = evaluate("tiny-lbp@challenger", "--workspace", trained)
+    from_file, _ = evaluate(tiny_bundle)
+    assert from_registry == from_file
+
+
+def test_frames_learnt_from_are_warned_of(
+    evaluate, tiny_bundle, own_tiny, tiny, run_tokt, tiny_truth, tmp_path
+):
+    result, err = evaluate(tiny_bundle, "--frames", "1-8")
+    assert result["seen_in_training"] == 8
+    assert "WARNING: the model learnt from 8 of these frames" in err
+    for number in range(1, 41):
+        noisy = tiny_truth.draw(number) + np.uint8(1)
+        cv2.imwrite(str(own_tiny.path / "Left" / f"tiny_L_{number}.png"), noisy)
+    result, err = evaluate(tiny_bundle, mission=own_tiny.path)
+    assert result["seen_in_training"] == 0
+    assert "WARNING" not in err
+
+
+def test_partly_labelled_and_unsure_frames_are_not_judged(
+    evaluate, tiny_bundle, tiny_truth, tmp_path
+):
+    rows = [row for row in tiny_truth.labels() if row[2] in (1, 2, 3)]  # ocean frames
+    rows.pop()  # frame 3 lacks a patch
+    rows[150][-1] = "unsure"  # of frame 2
+    labels = tiny_truth.write_labels(tmp_path / "l.csv", rows)
+    result, _ = evaluate(tiny_bundle, labels=labels)
+    assert result["frames"]["ocean_frames"] == 1
+    assert result["frames"]["not_judged"] == 39
+    assert result["patch"]["n"] == 298
+    assert result["patch"]["recall"] is None
+    assert result["patch"]["average_precision"] is None
+
+
+def test_several_classes_with_an_own_one_end_to_end(
+    evaluate, own_tiny, tiny_truth, tmp_path, run_tokt
+):
+    """A class from a taxonomy file goes through dataset, training, bundle and predictions."""
+    where = ("--workspace", tmp_path / ".tokt")
+    (tmp_path / ".tokt").mkdir()
+    (tmp_path / ".tokt" / "taxonomy.toml").write_text(SEVERAL, "utf-8")
+    rows = tiny_truth.labels()
+    for number in range(1, 41):
+        frame = tiny_truth.draw(number)
+        if number % 2:  # kelp: bright stripes in the lowest row of patches
+            frame[243:270:2, :108] = 120
+            for row in rows:
+                if row[2] == number and row[3] == 9 and row[4] < 3:
+                    row[-1] = "kelp"
+        cv2.imwrite(str(own_tiny.path / "Left" / f"tiny_L_{number}.png"), frame)
+    labels = tiny_truth.write_labels(own_tiny.labels, rows)
+    build = ("dataset", "build", "s", "--mission", own_tiny.path, "--labels", labels)
+    train = ("train", "s", "--name", "several", "--extractor", "haralick", "--preset", "plain")
+    for command in (
+        (*build, "--task", "classes", "--block", 4),
+        (*train, "--folds", 2, "--embargo", 1),
+        ("export", "several", "-o", tmp_path / "several.tokt"),
+    ):
+        ran = run_tokt(*command, *where)
+        assert ran.code == 0, ran.err
+    bundle = read_bundle(tmp_path / "several.tokt")
+    assert bundle.model.classes == ("ocean", "subsea_installation", "kelp")
+    assert bundle.model.obstacle == (False, True, True)
+    values = bundle.decision_values(open_mission(own_tiny.path).read(1))
+    assert (bundle.model.predicted(values)[90:93] == 2).all()
+    assert bundle.model.obstacle_patches(values)[90:93].all()
+    result, _ = evaluate(tmp_path / "several.tokt", *where, mission=own_tiny.path, labels=labels)
+    assert set(result["patch"]["per_class"]) == {"ocean", "subsea_installation", "kelp"}
+    assert result["patch"]["per_class"]["kelp"]["n"] == 60
+    assert result["patch"]["per_class"]["kelp"]["f1"] > 0.95
+    assert result["patch"]["by_label"]["kelp"]["right_side"] > 0.95
+    assert result["frames"]["obstacle_frames"] > 25
+    shutil.rmtree(tmp_path / ".tokt")
+    # With the packaged taxonomy the bundle works, but these labels do not.
+    ran = run_tokt(
+        *("evaluate", tmp_path / "several.tokt", "--mission", own_tiny.path),
+        *("--labels", labels, *where),
+    )
+    assert ran.code == 2
+    assert "unknown class 'kelp'" in ran.err

@@ -1,0 +1,76 @@
+"""The presets on the real mission: what they reach, and that `thesis` is the thesis's method."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from tokt.features.mission import open_mission
+from tokt.models.registry import Registry
+from tokt.training.metrics import first_of_three
+
+pytestmark = [pytest.mark.mission, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def workspace(mission_dir, run_tokt, tmp_path_factory) -> Path:
+    """A workspace with the mission's dataset."""
+    folder = tmp_path_factory.mktemp("real") / ".tokt"
+    ran = run_tokt(
+        *("dataset", "build", "approach", "--mission", mission_dir),
+        *("--labels", mission_dir / "labels.csv", "--workspace", folder),
+    )
+    assert ran.code == 0, ran.err
+    return folder
+
+
+@pytest.fixture
+def train(workspace, run_tokt):
+    def run(*arguments):
+        ran = run_tokt("train", "approach", "--json", "--workspace", workspace, *arguments)
+        assert ran.code == 0, ran.err
+        return json.loads(ran.out)
+
+    return run
+
+
+@pytest.mark.parametrize(("extractor", "least"), [("lbp", 0.85), ("haralick", 0.88)])
+def test_best_reaches_in_blocked_cross_validation(train, workspace, extractor, least):
+    result = train("--extractor", extractor)
+    cv = result["cv"]
+    assert cv["patch"]["f1"] >= least  # measured: 0.903 and 0.926
+    assert cv["converged"]
+    assert cv["frames"]["ocean_frames"] == 99
+    assert cv["patches_tested"] == 20841
+    # Exporting checks that the folded weights agree with scikit-learn's to 1e-9 on real frames.
+    assert Registry(workspace).bundle(f"approach-{extractor}").content.metrics == cv
+
+
+@pytest.mark.parametrize(
+    ("extractor", "column"), [("lbp_10_5", "lbp10"), ("haralick", "har")], ids=["lbp", "haralick"]
+)
+def test_preset_thesis_follows_the_thesiss_curve(train, workspace, mission_dir, extractor, column):
+    """The curve comes from a film still that is not here, so shapes are compared, not values."""
+    ocean = mission_dir.parent / "ocean_tokt1_R_1037.jpg"
+    curves = mission_dir.parent / "thesis_port_curves.csv"
+    if not ocean.is_file() or not curves.is_file():
+        pytest.skip(f"{ocean.name} or {curves.name} is not beside the real mission")
+    arguments = ("--extractor", extractor, "--preset", "thesis", "--name", f"thesis-{column}")
+    train(*arguments, "--ocean", ocean)
+    bundle = Registry(workspace).bundle(f"thesis-{column}")
+    mission = open_mission(mission_dir)
+    frames = mission.frames()
+    counts = np.array(
+        [
+            bundle.model.obstacle_patches(bundle.decision_values(mission.read(frame))).sum()
+            for frame in frames
+        ]
+    )
+    theirs = pd.read_csv(curves, index_col="# frame")[column]
+    status = (counts > 0).astype(int).tolist()
+    assert np.corrcoef(counts, theirs[frames])[0, 1] > 0.95
+    assert sum(status[:130]) == 0
+    assert 145 <= (first_of_three(frames, status) or 0) <= 170
