@@ -26,8 +26,7 @@ def main(out: Path) -> None:
     for entry in (seen[len(seen) // 4], seen[-len(seen) // 3]):
         image = mission.read(entry["frame"])
         said = [record for record in records if record.frame == entry["frame"]]
-        values = np.asarray(entry["decision_values"])
-        views.append(draw(judge(bundle, image, values, said, taxonomy), bundle.grid))
+        views.append(draw(judge(bundle, image, said, taxonomy), bundle.grid))
     picture = cv2.resize(np.vstack(views), None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(Path(__file__).parent / "demo.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 82])
 

@@ -31,12 +31,16 @@ def build_policy(
     Raises
     ------
     ToktError
-        If the policy is not known, or lacks its model or its calibration.
+        If the policy is not known, lacks its model or its calibration, or has no use for one.
     """
     if name not in POLICIES:
         raise ToktError(f"unknown policy {name!r} (choose from {', '.join(POLICIES)})")
+    if load_model is not None and name == "disparity":
+        raise ToktError("policy disparity uses no model: leave out --store/--bundle")
     if calibration is None and name in ("disparity", "either"):
         raise ToktError(f"policy {name} needs a stereo calibration (--calibration FILE.yml)")
+    if calibration is not None and name == "texture":
+        raise ToktError("policy texture uses no calibration: leave out --calibration")
     if load_model is None and name != "disparity":
         raise ToktError(f"policy {name} needs a model (--store STORE or --bundle FILE)")
     model, fault = _load(load_model, may_fail=name == "fallback" and calibration is not None)

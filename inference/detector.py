@@ -14,6 +14,14 @@ from .sources import Frame
 
 TEXTURE, DISPARITY = "texture", "disparity"
 
+# What a frame may differ from those a model learnt from. Set here: LBP radii and windows are in
+# pixels of the resized frame, and what is in it changes with the field of view and with how
+# much detail the camera gave.
+ASPECT_TOLERANCE = 0.02
+"""Relative difference of width over height: one row more or less is a crop, more another camera."""
+LEAST_WIDTH_RATIO, LARGEST_WIDTH_RATIO = 0.75, 1.33
+"""Width over the training frames' width: a sensor's binning or a half-size stream is outside."""
+
 
 @dataclass(frozen=True)
 class Detection:
@@ -32,6 +40,10 @@ class Detection:
     decision_values : array of float64, shape (n_patches, n_outputs), or None
     fault : str
         Why the frame could not be judged; empty when it was.
+    against_clear : bool
+        Whether the fault is itself a sign that something may be there, such as two views that do
+        not fit together, and not merely the lack of a picture or of a detector. No other
+        detector's *clear* stands against it.
     """
 
     mask: NDArray[np.uint8] | None
@@ -40,6 +52,7 @@ class Detection:
     distance_m: float | None = None
     decision_values: NDArray[np.float64] | None = None
     fault: str = ""
+    against_clear: bool = False
 
 
 class Detector(Protocol):
@@ -72,6 +85,10 @@ class PatchScorer(Protocol):
         """The grid of patches."""
 
     @property
+    def frame_sizes(self) -> tuple[tuple[int, int], ...]:
+        """Height and width in pixels of frames like those it learnt from."""
+
+    @property
     def model(self) -> PatchJudge:
         """Decides what a decision value means."""
 
@@ -95,9 +112,12 @@ class GridDetector:
     def detect(self, frame: Frame) -> Detection:
         """Judge the left picture."""
         label = self.scorer.label
-        fault = frame.left_fault if frame.left is None else frame_fault(frame.left)
+        if frame.left is None:
+            fault = frame.left_fault or "there is no left frame"
+        else:
+            fault = frame_fault(frame.left) or self._size_fault(*frame.left.shape[:2])
         if frame.left is None or fault:
-            return Detection(None, TEXTURE, label, fault=fault or "there is no left frame")
+            return Detection(None, TEXTURE, label, fault=fault)
         values = self.scorer.decision_values(frame.left)
         if not np.isfinite(values).all():
             fault = "the model gave a decision value that is not finite"
@@ -106,3 +126,21 @@ class GridDetector:
         grid = self.scorer.grid
         mask = grid.paint(obstacle, *grid.resized(*frame.left.shape[:2]))
         return Detection(mask, TEXTURE, label, decision_values=values)
+
+    def _size_fault(self, height: int, width: int) -> str:
+        """Why a frame is unlike all that the model learnt from, or an empty string."""
+        learnt = self.scorer.frame_sizes
+        if any(self._alike(height, width, *size) for size in learnt):
+            return ""
+        sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
+        return f"frames are {width}x{height}, the model learnt from {sizes}"
+
+    def _alike(self, height: int, width: int, learnt_height: int, learnt_width: int) -> bool:
+        aspect_ratio = (width * learnt_height) / (height * learnt_width)
+        # Below the grid's width detail is made up; unless the model learnt from such frames.
+        least_width = min(self.scorer.grid.width or 0, learnt_width)
+        return (
+            abs(aspect_ratio - 1) <= ASPECT_TOLERANCE
+            and LEAST_WIDTH_RATIO <= width / learnt_width <= LARGEST_WIDTH_RATIO
+            and width >= least_width
+        )

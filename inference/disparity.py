@@ -159,8 +159,8 @@ class DisparityDetector:
     def detect(self, frame: Frame) -> Detection:
         """Judge one pair.
 
-        A missing picture or one of another size makes it unknown. In a dark, blank or saturated
-        one, matches still prove an obstacle, while no match proves nothing: that is unknown too.
+        A missing picture or one of another size makes it unknown. In a dark, blank, saturated or
+        damaged one, matches still prove an obstacle, while no match proves nothing: unknown too.
         """
         fault = self._pair_fault(frame)
         if frame.left is None or frame.right is None or fault:
@@ -171,7 +171,8 @@ class DisparityDetector:
             found.valid.sum() < MATCHED_OF_TEXTURED * found.textured.sum()
         ):
             fault = "the left and right frames do not match: another moment, or something too near"
-            return Detection(None, DISPARITY, fault=unfit or fault)
+            # An unfit picture explains it; two good ones that do not match are a sign of danger.
+            return Detection(None, DISPARITY, fault=unfit or fault, against_clear=not unfit)
         mask = cv2.remap(
             found.valid.astype(np.uint8) * 255,
             self._to_left[..., 0],
@@ -243,7 +244,7 @@ class DisparityDetector:
 
 
 def _unfit(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> str:
-    """Which picture is dark, blank or saturated, or an empty string."""
+    """Which picture `frame_fault` finds fault with and why, or an empty string."""
     for side, picture in (("left", left), ("right", right)):
         fault = frame_fault(picture)
         if fault:

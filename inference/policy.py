@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .detector import Detection, Detector
+from .detector import Detection, Detector, GridDetector, PatchScorer
 from .sources import Frame
-from .verdict import HEALTHY, Verdict, unknown_verdict, verdict_from_mask
+from .verdict import CLEAR, HEALTHY, Verdict, unknown_verdict, verdict_from_mask
 
 POLICIES = ("texture", "disparity", "either", "fallback")
 
@@ -82,6 +82,25 @@ class SinglePolicy:
         return _judgement(detection, _health(self.note, detection.fault))
 
 
+def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
+    """Judge one picture in memory exactly as policy ``texture`` judges a source's frame.
+
+    Parameters
+    ----------
+    scorer : PatchScorer
+        Such as a bundle.
+    image : array of uint8, shape (height, width) or (height, width, 3)
+        As the camera gave it, not resized.
+
+    Returns
+    -------
+    Judgement
+        Unknown, with the reason in its health, where the picture cannot be judged or the scorer
+        fails; never raises for either.
+    """
+    return SinglePolicy(GridDetector(scorer)).judge(Frame(0, 0.0, image, None))
+
+
 class FallbackPolicy:
     """Texture where it can judge, otherwise disparity.
 
@@ -107,7 +126,9 @@ class EitherPolicy:
     """Both detectors: an obstacle where either sees one.
 
     The masks of those that judged are joined, and the verdict is that of the joined mask: its
-    mean is at least that of each, so it is an obstacle whenever one of them is.
+    mean is at least that of each, so it is an obstacle whenever one of them is. Where one could
+    not judge, the other's answer stands, and health says so; but a clear one is unknown when the
+    first's reason is itself a sign of danger (`Detection.against_clear`).
 
     Parameters
     ----------
@@ -124,7 +145,11 @@ class EitherPolicy:
         first, second = guarded(self.texture, frame), guarded(self.disparity, frame)
         health = _health(_unable(first), _unable(second))
         if first.mask is None or second.mask is None:
-            return _judgement(second if first.mask is None else first, health)
+            judgement = _judgement(second if first.mask is None else first, health)
+            warned = first.against_clear or second.against_clear
+            if warned and judgement.verdict.status == CLEAR:
+                return replace(judgement, verdict=unknown_verdict(health))
+            return judgement
         joined = replace(
             first,
             mask=np.asarray(cv2.bitwise_or(first.mask, second.mask), np.uint8),

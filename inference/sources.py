@@ -62,7 +62,8 @@ class MissionSource:
     mission : Mission
     clock : Clock
     frames : sequence of int, optional
-        Which frames to deliver; all of the left camera's by default.
+        Which frames to deliver; by default every number that one of the cameras has, so that a
+        frame missing on the left is one that cannot be judged, and not one that never was.
     rate : float, optional
         Frames per second. A frame is due at a fixed time after the first, so a late one delays
         none after it; without a rate each frame comes as soon as it is asked for.
@@ -72,7 +73,7 @@ class MissionSource:
     Raises
     ------
     ToktError
-        If the rate is not positive, or no chosen frame is in the mission.
+        If the rate is not positive, or a chosen frame is not in the mission.
     """
 
     def __init__(
@@ -124,17 +125,17 @@ class MissionSource:
 
 
 def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
-    """The frames to deliver: those asked for that the mission has."""
-    present = mission.frames(LEFT)
+    """The frames to deliver: those asked for, all of which the mission must have."""
+    present = {number for camera in mission.cameras for number in mission.frames(camera)}
     if frames is None:
-        return present
-    chosen = sorted(set(present) & set(frames))
-    if not chosen:
+        return sorted(present)
+    missing = set(frames) - present
+    if missing:
         raise ToktError(
             f"mission {mission.name} has frames {format_frames(present)}, "
-            f"none of {format_frames(frames)}"
+            f"not {format_frames(missing)}"
         )
-    return chosen
+    return sorted(set(frames))
 
 
 def open_source(

@@ -10,6 +10,7 @@ import json
 import math
 import re
 import socket
+import sys
 from typing import Any, Protocol
 
 from ..features.errors import ToktError
@@ -56,7 +57,8 @@ def decode(data: bytes) -> dict[str, Any]:
     Returns
     -------
     dict
-        For v1 ``{"v": 1, "status", "x", "y", "mean"}``; for v2 its JSON object.
+        For v1 ``{"v": 1, "status", "x", "y", "mean"}``; for v2 exactly the fields of
+        `Report.fields`, whatever else its JSON object holds. Every number is finite.
 
     Raises
     ------
@@ -74,17 +76,16 @@ def decode(data: bytes) -> dict[str, Any]:
         value = json.loads(data.decode("utf-8"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError):
         raise ToktError("not a tokt datagram: neither v1 nor JSON") from None
-    _check_v2(value)
-    return dict(value)
+    return _contract_fields(value)
 
 
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is not JSON")
 
 
-def _check_v2(value: Any) -> None:
-    """Hold a JSON value against the contract of v2."""
-    if not isinstance(value, dict) or value.get("v") != V2:
+def _contract_fields(value: Any) -> dict[str, Any]:
+    """Hold a JSON value against the contract of v2; only what the contract names is passed on."""
+    if not isinstance(value, dict) or type(value.get("v")) is not int or value["v"] != V2:
         raise ToktError("not a tokt datagram: JSON, but not version 2")
     whole, number, text = (int,), (int, float), (str,)
     contract: dict[str, tuple[tuple[type, ...], bool]] = {
@@ -107,6 +108,7 @@ def _check_v2(value: Any) -> None:
             raise ToktError(f"not a tokt datagram: v2 with a wrong or missing {name!r}")
     if value["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
         raise ToktError(f"not a tokt datagram: status {value['status']}")
+    return {name: value[name] for name in ("v", *contract)}
 
 
 def _fits(field: Any, types: tuple[type, ...], optional: bool) -> bool:
@@ -116,7 +118,10 @@ def _fits(field: Any, types: tuple[type, ...], optional: bool) -> bool:
         return False
     if isinstance(field, list):
         return len(field) == 4 and all(_fits(part, (int,), False) for part in field)
-    return not isinstance(field, float) or math.isfinite(field)
+    if isinstance(field, int | float):
+        # Neither NaN, nor infinite (1e999 is, to a JSON parser), nor whole but beyond any float.
+        return abs(field) <= sys.float_info.max
+    return True
 
 
 def parse_address(text: str) -> tuple[str, int]:

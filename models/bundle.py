@@ -44,6 +44,7 @@ from .linear import LinearModel
 FORMAT_VERSION = 1
 GOLDEN_TOLERANCE = 1e-9
 SUFFIX = ".tokt"
+_PNG_START = b"\x89PNG\r\n\x1a\n"
 
 _MEMBERS = ("manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md")
 _LARGEST_MEMBER_BYTES = 64 * 1024 * 1024
@@ -158,6 +159,22 @@ class Bundle:
         """The linear model."""
         return self.content.model
 
+    @property
+    def frame_sizes(self) -> tuple[tuple[int, int], ...]:
+        """Height and width in pixels of the golden frames, which the model learnt beside."""
+        return tuple(dict.fromkeys(_png_size(png) for png in self.content.golden.frames))
+
+    @property
+    def deployment_fault(self) -> str:
+        """Why this model cannot guard a vehicle, or an empty string."""
+        if self.grid.width is None:
+            return "it was trained on ready-cut patches, not on frames"
+        if not any(self.model.obstacle):
+            return "none of its classes is an obstacle: it could never warn"
+        if all(self.model.obstacle):
+            return "each of its classes is an obstacle: it would always warn"
+        return ""
+
     def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Decision values of a frame's patches, shape (n_patches, n_outputs)."""
         return self.model.decision_values(self.extractor.describe(frame, self.grid))
@@ -180,6 +197,26 @@ def _npz(**arrays: NDArray[Any]) -> bytes:
     return _zip(members)
 
 
+def _png_size(png: bytes) -> tuple[int, int]:
+    """Height and width from a PNG's header (PNG specification, section 11.2.2)."""
+    return int.from_bytes(png[20:24], "big"), int.from_bytes(png[16:20], "big")
+
+
+def golden_bytes(golden: Golden) -> bytes:
+    """The ``golden.npz`` member."""
+    return _npz(
+        frames=np.frombuffer(b"".join(golden.frames), np.uint8),
+        sizes=np.array([len(frame) for frame in golden.frames], np.int64),
+        decision_values=golden.decision_values,
+        obstacle=golden.obstacle,
+    )
+
+
+def lineage_bytes(trained_on: NDArray[np.uint64]) -> bytes:
+    """The ``lineage.npz`` member."""
+    return _npz(trained_on=np.sort(trained_on))
+
+
 def _classes_json(model: LinearModel) -> list[dict[str, Any]]:
     pairs = zip(model.classes, model.obstacle, strict=True)
     return [{"name": name, "obstacle": obstacle} for name, obstacle in pairs]
@@ -187,17 +224,11 @@ def _classes_json(model: LinearModel) -> list[dict[str, Any]]:
 
 def bundle_bytes(content: BundleContent) -> bytes:
     """The bundle file of a model; the same content gives the same bytes."""
-    model, golden = content.model, content.golden
-    sizes = np.array([len(frame) for frame in golden.frames], np.int64)
+    model = content.model
     members = {
         "weights.npz": _npz(weights=model.weights, bias=model.bias, thresholds=model.thresholds),
-        "golden.npz": _npz(
-            frames=np.frombuffer(b"".join(golden.frames), np.uint8),
-            sizes=sizes,
-            decision_values=golden.decision_values,
-            obstacle=golden.obstacle,
-        ),
-        "lineage.npz": _npz(trained_on=np.sort(content.trained_on)),
+        "golden.npz": golden_bytes(content.golden),
+        "lineage.npz": lineage_bytes(content.trained_on),
         "card.md": content.card.encode("utf-8"),
     }
     manifest: dict[str, Any] = {
@@ -294,7 +325,16 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
     return arrays
 
 
-def _golden_from(data: bytes, where: str) -> Golden:
+def lineage_from_bytes(data: bytes, where: str) -> NDArray[np.uint64]:
+    """Read a ``lineage.npz`` member. Raises ToktError if it is none."""
+    trained_on = _arrays(data, {"trained_on": np.uint64}, where, "lineage.npz")["trained_on"]
+    if trained_on.ndim != 1:
+        raise ToktError(f"{where}: lineage.npz is not a list of frames")
+    return np.asarray(trained_on)
+
+
+def golden_from_bytes(data: bytes, where: str) -> Golden:
+    """Read a ``golden.npz`` member. Raises ToktError if it is none."""
     wanted = {
         "frames": np.uint8,
         "sizes": np.int64,
@@ -312,6 +352,8 @@ def _golden_from(data: bytes, where: str) -> Golden:
     ends = np.cumsum(sizes)
     raw = arrays["frames"].tobytes()
     frames = tuple(raw[end - size : end] for size, end in zip(sizes, ends, strict=True))
+    if not all(frame.startswith(_PNG_START) for frame in frames):
+        raise ToktError(f"{where}: the bundle's golden frames are not PNG files")
     return Golden(frames, values, obstacle)
 
 
@@ -342,10 +384,8 @@ def _check_content(
     """Act two, second half: every value has the shape and the bounds it must have."""
     kinds = {"weights": np.float64, "bias": np.float64, "thresholds": np.float64}
     arrays = _arrays(members["weights.npz"], kinds, where, "weights.npz")
-    lineage = _arrays(members["lineage.npz"], {"trained_on": np.uint64}, where, "lineage.npz")
-    if lineage["trained_on"].ndim != 1:
-        raise ToktError(f"{where}: lineage.npz is not a list of frames")
-    golden = _golden_from(members["golden.npz"], where)
+    trained_on = lineage_from_bytes(members["lineage.npz"], where)
+    golden = golden_from_bytes(members["golden.npz"], where)
     try:
         names, obstacle = _classes_from(manifest["classes"])
         return BundleContent(
@@ -357,7 +397,7 @@ def _check_content(
             provenance=_object(manifest["provenance"]),
             metrics=_object(manifest["metrics"]),
             golden=golden,
-            trained_on=lineage["trained_on"],
+            trained_on=trained_on,
             card=members["card.md"].decode("utf-8"),
         )
     except (ToktError, TypeError, ValueError) as error:
@@ -376,11 +416,14 @@ def _check_golden(bundle: Bundle, where: str) -> None:
             values = bundle.decision_values(frame)
         except (ToktError, ValueError) as error:
             raise ToktError(f"{where}: golden frame {index} cannot be judged ({error})") from None
-        difference = float(np.abs(values - golden.decision_values[index]).max())
-        if not difference <= GOLDEN_TOLERANCE:
+        expected = golden.decision_values[index]
+        difference = float(np.abs(values - expected).max())
+        # Unscaled features give decision values in the thousands, whose last bits are worth more.
+        tolerance = GOLDEN_TOLERANCE * max(1.0, float(np.abs(values).max()))
+        if not difference <= tolerance:
             raise ToktError(
                 f"{where}: golden frame {index} gives decision values that differ by "
-                f"{difference:.3g} from the training machine's (at most {GOLDEN_TOLERANCE:g}); "
+                f"{difference:.3g} from the training machine's (at most {tolerance:g}); "
                 "the model would not judge here as it was trained to"
             )
         if (bundle.model.obstacle_patches(values) != golden.obstacle[index]).any():

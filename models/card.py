@@ -10,6 +10,12 @@ def _figure(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.3f}"
 
 
+def _text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "; ".join(f"{name} {part}" for name, part in sorted(value.items()))
+    return str(value)
+
+
 def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     """Markdown that follows from the recipe alone, so that it is the same at each export.
 
@@ -40,7 +46,7 @@ def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, A
         ),
     ]
     table = "\n".join(f"| {name} | {value} |" for name, value in rows)
-    origin = "\n".join(f"- {key}: {value}" for key, value in sorted(provenance.items()))
+    origin = "\n".join(f"- {key}: {_text(value)}" for key, value in sorted(provenance.items()))
     return f"""# {label}
 
 Tells patches of a frame apart: {classes}.

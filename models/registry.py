@@ -8,7 +8,6 @@ and ``lineage.npz``. A version is registered after everything else is there.
 
 from __future__ import annotations
 
-import io
 import json
 import logging
 import os
@@ -26,16 +25,15 @@ from ..features import atomic
 from ..features.errors import ToktError
 from ..features.grid import Grid
 from .bundle import (
-    SUFFIX,
     Bundle,
     BundleContent,
-    Golden,
     bundle_bytes,
     bundle_from_bytes,
-    read_bundle,
+    golden_from_bytes,
+    lineage_from_bytes,
 )
 from .card import model_card
-from .linear import LinearModel
+from .pipeline import linear_model_from
 
 # Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
@@ -60,13 +58,17 @@ def check_model_name(name: str) -> None:
         raise ToktError(f"model name {name!r}: use letters, digits, '-', '_' and '.'")
 
 
+def local_uri(workspace: Path) -> str:
+    """The workspace's own file as a tracking URI."""
+    file = (workspace / "mlflow.db").resolve()
+    if "?" in str(file):
+        raise ToktError(f"workspace {workspace}: MLflow cannot keep its file in a path with '?'")
+    return f"sqlite:///{file}"
+
+
 def tracking_uri(workspace: Path) -> str:
     """Where runs and models are kept: ``MLFLOW_TRACKING_URI``, or the workspace's own file."""
-    given = os.environ.get("MLFLOW_TRACKING_URI")
-    file = (workspace / "mlflow.db").resolve()
-    if not given and "?" in str(file):
-        raise ToktError(f"workspace {workspace}: MLflow cannot keep its file in a path with '?'")
-    return given or f"sqlite:///{file}"
+    return os.environ.get("MLFLOW_TRACKING_URI") or local_uri(workspace)
 
 
 def _use(uri: str) -> None:
@@ -74,10 +76,12 @@ def _use(uri: str) -> None:
     given = os.environ.get("MLFLOW_TRACKING_URI")
     mlflow.set_tracking_uri(uri)
     mlflow.set_registry_uri(uri)
+    # MLflow says it in the environment too, where another workspace's registry in this process
+    # would take it for what the user asked for.
     if given is None:
-        # MLflow says it in the environment too, where another workspace's registry in this
-        # process would take it for what the user asked for.
         os.environ.pop("MLFLOW_TRACKING_URI", None)
+    else:
+        os.environ["MLFLOW_TRACKING_URI"] = given
 
 
 def _create_database(path: Path) -> None:
@@ -116,16 +120,27 @@ class Registry:
     ----------
     workspace : Path
         Holds ``mlflow.db`` and ``mlartifacts/`` unless ``MLFLOW_TRACKING_URI`` names a server.
+    create : bool
+        Whether to make ``mlflow.db`` where there is none; reading never does.
+    own : bool
+        Use the workspace's own file whatever the environment says.
+
+    Raises
+    ------
+    ToktError
+        If there is no registry and none is to be made, or it cannot be reached.
     """
 
-    def __init__(self, workspace: Path) -> None:
+    def __init__(self, workspace: Path, *, create: bool = False, own: bool = False) -> None:
         logging.getLogger("mlflow").setLevel(logging.WARNING)
         logging.getLogger("alembic").setLevel(logging.WARNING)
         self.workspace = workspace
-        self.uri = tracking_uri(workspace)
-        local = workspace / "mlflow.db"
-        if self.uri == f"sqlite:///{local.resolve()}" and not local.exists():
-            _create_database(local.resolve())
+        local = (workspace / "mlflow.db").resolve()
+        self.uri = local_uri(workspace) if own else tracking_uri(workspace)
+        if self.uri == f"sqlite:///{local}" and not local.exists():
+            if not create:
+                raise ToktError(f"no model has been trained in workspace {workspace} yet")
+            _create_database(local)
         _use(self.uri)
         with self.reported():
             self.client = mlflow.MlflowClient(self.uri, self.uri)
@@ -252,16 +267,15 @@ class Registry:
         return bundle_from_bytes(bundle_bytes(content), f"model {version.label}")
 
     def _content(self, version: RegisteredVersion, recipe: dict[str, Any]) -> BundleContent:
-        model = self._linear_model(version, recipe)
-        with np.load(io.BytesIO(self._artifact(version, "golden.npz")), allow_pickle=False) as file:
-            ends = np.cumsum(file["sizes"])
-            raw = file["frames"].tobytes()
-            pairs = zip(file["sizes"], ends, strict=True)
-            frames = tuple(raw[end - size : end] for size, end in pairs)
-            golden = Golden(frames, file["decision_values"], file["obstacle"])
-        lineage = self._artifact(version, "lineage.npz")
-        with np.load(io.BytesIO(lineage), allow_pickle=False) as file:
-            trained_on = file["trained_on"]
+        where = f"model {version.label}"
+        with self.reported(), tempfile.TemporaryDirectory() as folder:
+            pipeline = mlflow.sklearn.load_model(f"models:/{version.label}", dst_path=folder)
+        model = linear_model_from(
+            pipeline,
+            np.array(recipe["thresholds"], np.float64),
+            tuple(item["name"] for item in recipe["classes"]),
+            tuple(item["obstacle"] for item in recipe["classes"]),
+        )
         provenance = {**recipe["provenance"], "mlflow_run_id": version.run_id}
         return BundleContent(
             name=version.name,
@@ -271,24 +285,9 @@ class Registry:
             model=model,
             provenance=provenance,
             metrics=recipe["metrics"],
-            golden=golden,
-            trained_on=trained_on,
+            golden=golden_from_bytes(self._artifact(version, "golden.npz"), where),
+            trained_on=lineage_from_bytes(self._artifact(version, "lineage.npz"), where),
             card=model_card(version.label, recipe, provenance),
-        )
-
-    def _linear_model(self, version: RegisteredVersion, recipe: dict[str, Any]) -> LinearModel:
-        with self.reported(), tempfile.TemporaryDirectory() as folder:
-            pipeline = mlflow.sklearn.load_model(f"models:/{version.label}", dst_path=folder)
-        svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
-        dim = svc.coef_.shape[1]
-        return LinearModel.fold(
-            svc.coef_,
-            svc.intercept_,
-            np.zeros(dim) if scaler is None else scaler.mean_,
-            np.ones(dim) if scaler is None else scaler.scale_,
-            np.array(recipe["thresholds"], np.float64),
-            tuple(item["name"] for item in recipe["classes"]),
-            tuple(item["obstacle"] for item in recipe["classes"]),
         )
 
     def _artifact(self, version: RegisteredVersion, name: str) -> bytes:
@@ -310,16 +309,3 @@ class Registry:
             run_id=version.run_id or "",
             tags={str(key): str(value) for key, value in (version.tags or {}).items()},
         )
-
-
-def load_model(reference: str, workspace: Path) -> Bundle:
-    """The bundle behind a ``.tokt`` file, ``name``, ``name@alias`` or ``name/version``.
-
-    Raises
-    ------
-    ToktError
-        If there is none, or it fails a check.
-    """
-    if reference.endswith(SUFFIX):
-        return read_bundle(reference)
-    return Registry(workspace).bundle(reference)

@@ -6,10 +6,16 @@
       versions/SHA256/bundle.tokt   every bundle ever deployed, never changed
       active                        JSON, replaced atomically: the newest history entry
       history.jsonl                 one line an activation, oldest first
+      lock                          empty; the system locks it for the process that writes
 
 ``active`` is the truth. A line is added to the history after ``active`` has been replaced; if
 the process dies in between, the next reader finds the entry in ``active`` and the next writer
 adds the line. So whatever instant a command is interrupted at, the store loads.
+
+A file that is damaged (by a disk, by an editor) is never taken at its word: what it said is
+not guessed, and rolling back is refused. A deployment names a model itself, so it keeps the
+damaged file beside the new one, as ``active.damaged-TIME`` or ``history.damaged-TIME.jsonl``,
+and goes on with the lines that can be read.
 """
 
 from __future__ import annotations
@@ -19,6 +25,11 @@ import hashlib
 import json
 import os
 import re
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,7 +39,16 @@ from ..features import atomic
 from ..features.errors import ToktError
 from .bundle import Bundle, bundle_from_bytes
 
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
 FORMAT_VERSION = 1
+LOCK_WAIT_S = 10.0
+"""How long a command waits for another one that is writing; that one takes about a second."""
+
+_LOCK_POLL_S = 0.02
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -74,7 +94,8 @@ class _DamagedError(ToktError):
     """An entry that no tokt has written like this; half of one, perhaps."""
 
 
-def _activation(text: str, where: str) -> Activation:
+def _activation(text: bytes, where: str) -> Activation:
+    damaged = f"{where} is damaged (the next deployment sets it aside)"
     try:
         value = json.loads(text)
         version = value["format_version"]
@@ -82,13 +103,91 @@ def _activation(text: str, where: str) -> Activation:
             raise ToktError(f"{where} was written by a newer tokt (format {version})")
         entry = Activation(**value)
     except (ValueError, TypeError, KeyError, RecursionError):
-        raise _DamagedError(f"{where} is damaged") from None
+        raise _DamagedError(damaged) from None
     wrong = [
         field for field in fields(Activation) if type(value[field.name]).__name__ != field.type
     ]
     if wrong or version < 1 or entry.number < 1 or not _SHA256.fullmatch(entry.sha256):
-        raise _DamagedError(f"{where} is damaged")
+        raise _DamagedError(damaged)
     return entry
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """What the pointer and the history say, and what is wrong with them.
+
+    `last_number` is the highest one that may have been given, by a damaged line as well.
+    """
+
+    active: Activation | None
+    pointer_damage: str
+    entries: list[Activation]
+    history_damage: list[str]
+    last_number: int
+
+    @property
+    def damage(self) -> list[str]:
+        """One line for each thing that cannot be read."""
+        return [*filter(None, [self.pointer_damage]), *self.history_damage]
+
+
+def _earlier(entries: list[Activation]) -> Activation | None:
+    """What was active before the newest deployment not yet undone, as far as that is known."""
+    undo: list[Activation] = []
+    number = 0
+    for entry in entries:
+        if entry.number != number + 1:
+            undo = []  # what was active in between is not known
+        number = entry.number
+        if entry.action == "rollback":
+            undo = undo[:-1] or [entry]
+        elif not undo or undo[-1].sha256 != entry.sha256:
+            undo.append(entry)
+    return undo[-2] if len(undo) > 1 else None
+
+
+def _take(handle: int) -> None:
+    """Lock an open file; the system gives it back when this process ends, however it ends.
+
+    Raises
+    ------
+    BlockingIOError or, on Windows, PermissionError
+        If another process has it.
+    """
+    if sys.platform == "win32":
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+    else:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _give_back(handle: int) -> None:
+    if sys.platform == "win32":
+        msvcrt.locking(handle, msvcrt.LK_UNLCK, 1)
+    else:
+        fcntl.flock(handle, fcntl.LOCK_UN)
+
+
+@contextmanager
+def _locked(file: Path) -> Iterator[None]:
+    """Hold the lock on `file`, made where it is missing; ToktError if another process keeps it."""
+    deadline = time.monotonic() + LOCK_WAIT_S
+    with file.open("ab") as opened:
+        handle = opened.fileno()
+        while True:
+            try:
+                _take(handle)
+                break
+            except (BlockingIOError, PermissionError):
+                if time.monotonic() > deadline:
+                    raise ToktError(
+                        f"store {file.parent}: another tokt has been writing to it for "
+                        f"{LOCK_WAIT_S:g} s; nothing was changed, try again"
+                    ) from None
+            time.sleep(_LOCK_POLL_S)
+        try:
+            yield
+        finally:
+            _give_back(handle)
 
 
 def _account() -> str:
@@ -130,10 +229,10 @@ class Store:
             If the pointer is damaged.
         """
         try:
-            text = self._active_file.read_text("utf-8")
+            text = self._active_file.read_bytes()
         except FileNotFoundError:
             return None
-        except (OSError, UnicodeDecodeError) as error:
+        except OSError as error:
             raise ToktError(f"store {self.path}: the active pointer: {error}") from None
         return _activation(text, f"store {self.path}: the active pointer")
 
@@ -143,15 +242,28 @@ class Store:
         Raises
         ------
         ToktError
-            If the store is not there, holds no active model, or its bundle fails a check.
+            If the store is not there, holds no active model, or its bundle fails a check or
+            cannot judge frames.
         """
-        if not self.path.is_dir():
-            what = "is not a folder" if self.path.exists() else "does not exist"
-            raise ToktError(f"store {self.path} {what}")
+        self._check_folder()
         entry = self.active_entry()
         if entry is None:
             raise ToktError(f"store {self.path} has no active model; deploy one first")
-        return self._load(entry.sha256)
+        bundle = self._load(entry.sha256)
+        self._check_fit(bundle)
+        return bundle
+
+    def _check_folder(self) -> None:
+        if not self.path.is_dir():
+            what = "is not a folder" if self.path.exists() else "does not exist"
+            raise ToktError(f"store {self.path} {what}")
+
+    def _check_fit(self, bundle: Bundle) -> None:
+        if bundle.deployment_fault:
+            raise ToktError(
+                f"store {self.path}: model {bundle.label} cannot guard a vehicle: "
+                f"{bundle.deployment_fault}"
+            )
 
     def _load(self, sha256: str) -> Bundle:
         path = self._bundle_file(sha256)
@@ -167,46 +279,95 @@ class Store:
         """Every activation, oldest first.
 
         A line that a killed process left half-written at the end is passed over; a damaged line
-        elsewhere, or one of a newer tokt, raises ToktError.
+        elsewhere, a damaged pointer, or anything of a newer tokt, raises ToktError.
         """
+        reading = self._read()
+        if reading.damage:
+            raise ToktError(reading.damage[0])
+        return reading.entries
+
+    def _read(self) -> _Reading:
+        """Both files, with whatever is damaged in them; ToktError if a newer tokt wrote them."""
+        lines = self._history_bytes().splitlines()
         entries: list[Activation] = []
-        lines = self._history_text().splitlines()
+        damage: dict[int, str] = {}
         for number, line in enumerate(lines, 1):
             try:
                 entries.append(_activation(line, f"store {self.path}: history line {number}"))
-            except _DamagedError:
-                if number < len(lines):
-                    raise
-        active = self.active_entry()
-        if active is not None and (not entries or entries[-1].number < active.number):
-            entries.append(active)
-        return entries
-
-    def _history_text(self) -> str:
+            except _DamagedError as error:
+                damage[number] = str(error)
+        active, pointer_damage = None, ""
         try:
-            return self._history_file.read_text("utf-8", errors="replace")
+            active = self.active_entry()
+        except _DamagedError as error:
+            pointer_damage = str(error)
+        if active is not None:
+            # Half a line of a killed process: the pointer, written before it, has its entry.
+            damage.pop(len(lines), None)
+            if not entries or entries[-1].number < active.number:
+                entries.append(active)
+        last_number = max([entry.number for entry in entries] + list(damage), default=0)
+        return _Reading(active, pointer_damage, entries, list(damage.values()), last_number)
+
+    def _history_bytes(self) -> bytes:
+        try:
+            return self._history_file.read_bytes()
         except FileNotFoundError:
-            return ""
+            return b""
         except OSError as error:
             raise ToktError(f"store {self.path}: the history: {error.strerror or error}") from None
 
-    def deploy(self, bundle: Bundle, reason: str = "") -> Activation:
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Be the one process that writes; what the system refuses becomes a ToktError."""
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            with _locked(self.path / "lock"):
+                yield
+        except OSError as error:
+            raise ToktError(f"store {self.path}: {error.strerror or error}") from None
+
+    def deploy(
+        self, bundle: Bundle, reason: str = "", notice: Callable[[str], None] = warnings.warn
+    ) -> Activation:
         """Keep a bundle and make it the active one.
+
+        Parameters
+        ----------
+        bundle : Bundle
+        reason : str
+            Kept in the history.
+        notice : callable
+            Given one line for each damaged file that was set aside.
 
         Raises
         ------
         ToktError
-            If the store's folder cannot be written.
+            If the bundle cannot judge frames, the store's folder cannot be written, a newer tokt
+            has written to it, or another process keeps writing to it.
         """
-        try:
+        self._check_fit(bundle)
+        with self._alone():
+            reading = self._read()
             target = self._bundle_file(bundle.sha256)
             # A file that was damaged since it was first deployed is made good.
             if not target.is_file() or target.read_bytes() != bundle.data:
                 atomic.write_bytes(target, bundle.data)
                 atomic.fsync_folder(target.parent.parent)
-            return self._activate(bundle, "deploy", reason)
-        except OSError as error:
-            raise ToktError(f"store {self.path}: {error.strerror or error}") from None
+            self._set_aside(reading, notice)
+            return self._activate(bundle, "deploy", reason, reading)
+
+    def _set_aside(self, reading: _Reading, notice: Callable[[str], None]) -> None:
+        now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
+        names = {
+            self._active_file: f"active.damaged-{now}" if reading.pointer_damage else "",
+            self._history_file: f"history.damaged-{now}.jsonl" if reading.history_damage else "",
+        }
+        for file, name in names.items():
+            if name:
+                # A copy: until its successor is there, the damaged file goes on being refused.
+                atomic.write_bytes(self.path / name, file.read_bytes())
+                notice(f"store {self.path}: {file.name} was damaged; it is kept as {name}")
 
     def rollback(self, reason: str = "") -> Activation:
         """Go back to the model that was active before the newest deployment not yet undone.
@@ -214,25 +375,28 @@ class Store:
         Raises
         ------
         ToktError
-            If there is no earlier one, or it no longer passes its checks.
+            If the store is not there or damaged, there is no earlier model, or it no longer
+            passes its checks.
         """
-        undo: list[Activation] = []
-        for entry in self.history():
-            if entry.action == "rollback":
-                undo = undo[:-1]
-            elif not undo or undo[-1].sha256 != entry.sha256:
-                undo.append(entry)
-        if len(undo) < 2:
-            raise ToktError(f"store {self.path} has no earlier model to go back to")
-        try:
-            return self._activate(self._load(undo[-2].sha256), "rollback", reason)
-        except OSError as error:
-            raise ToktError(f"store {self.path}: {error.strerror or error}") from None
+        self._check_folder()
+        self._earlier_entry(self._read())  # refused without a trace, not even a lock file
+        with self._alone():
+            reading = self._read()
+            bundle = self._load(self._earlier_entry(reading).sha256)
+            self._check_fit(bundle)
+            return self._activate(bundle, "rollback", reason, reading)
 
-    def _activate(self, bundle: Bundle, action: str, reason: str) -> Activation:
-        known = self.history()
+    def _earlier_entry(self, reading: _Reading) -> Activation:
+        if reading.damage:
+            raise ToktError(reading.damage[0])
+        earlier = _earlier(reading.entries)
+        if earlier is None:
+            raise ToktError(f"store {self.path} has no earlier model to go back to")
+        return earlier
+
+    def _activate(self, bundle: Bundle, action: str, reason: str, reading: _Reading) -> Activation:
         entry = Activation(
-            number=known[-1].number + 1 if known else 1,
+            number=reading.last_number + 1,
             action=action,
             sha256=bundle.sha256,
             name=bundle.name,
@@ -243,20 +407,40 @@ class Store:
         )
         for folder in (self.path, *self.path.glob("versions/*")):
             atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
-        lines = "".join(json.dumps(asdict(past)) + "\n" for past in known)
-        if self._history_text() != lines:
+        lines = "".join(json.dumps(asdict(past)) + "\n" for past in reading.entries)
+        if self._history_bytes() != lines.encode():
             atomic.write_text(self._history_file, lines)
         atomic.write_text(self._active_file, json.dumps(asdict(entry), indent=2) + "\n")
-        with self._history_file.open("a", encoding="utf-8") as handle:
-            handle.write(json.dumps(asdict(entry)) + "\n")
+        with self._history_file.open("ab") as handle:
+            handle.write(json.dumps(asdict(entry)).encode() + b"\n")
             handle.flush()
             os.fsync(handle.fileno())
         return entry
 
     def to_json(self) -> dict[str, Any]:
-        """What is active and everything that has been, for ``tokt store --json``."""
-        active = self.active_entry()
+        """What is active, where it comes from and all that has been, for ``tokt store --json``.
+
+        What cannot be read is left out, with a line in ``warnings``.
+
+        Raises
+        ------
+        ToktError
+            If the store is not there or a newer tokt has written to it.
+        """
+        self._check_folder()
+        reading = self._read()
+        found = reading.damage
+        provenance: dict[str, Any] | None = None
+        if reading.active is not None:
+            try:
+                bundle = self._load(reading.active.sha256)
+                provenance = dict(bundle.content.provenance)
+                self._check_fit(bundle)
+            except ToktError as error:
+                found.append(f"the active model cannot be used: {error}")
         return {
-            "active": None if active is None else asdict(active),
-            "history": [asdict(entry) for entry in self.history()],
+            "active": None if reading.active is None else asdict(reading.active),
+            "provenance": provenance,
+            "history": [asdict(entry) for entry in reading.entries],
+            "warnings": found,
         }

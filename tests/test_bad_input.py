@@ -309,7 +309,7 @@ CASES = {
     },
     # stores
     "store missing": (nothing, ("store", "store"), r"store store does not exist"),
-    "rollback without a store": (nothing, ("rollback", "store"), r"no earlier model"),
+    "rollback without a store": (nothing, ("rollback", "store"), r"store store does not exist"),
     "rollback without a model": (store_without_model, ("rollback", "store"), r"no earlier model"),
     "rollback without an earlier one": (store_with_one, ("rollback", "store"), r"no earlier"),
     "deploy into a file": (

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tokt.labels.synthetic.mission import simulate_mission
 
 ROOT = Path(__file__).resolve().parents[1]
 MISSION = Path(os.environ.get("TOKT_MISSION", ROOT.parent / "shared" / "mission" / "approach"))
@@ -59,6 +60,29 @@ def test_demo_empties_only_its_own_folder(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.startswith("tokt: error: ") and done.stderr.count("\n") == 1
     assert precious.read_text() == "keep me"
+
+
+def _refused(*arguments: object) -> str:
+    command = [sys.executable, "-m", "tokt", "demo", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("tokt: error: ") and done.stderr.count("\n") == 1
+    return done.stderr
+
+
+def test_an_earlier_demo_survives_a_wrong_command(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    mission = out / "synthetic"
+    simulate_mission(mission, n_frames=40, width=160)
+    (out / "made-by-tokt-demo").write_text("")
+    (out / "report.html").write_text("earlier")
+    labels = mission / "labels.csv"
+    assert "lies in" in _refused("--mission", mission, "--labels", labels, "--out", out)
+    elsewhere = tmp_path / "sea"
+    mission.rename(elsewhere)
+    given = ("--mission", elsewhere, "--out", out)
+    assert "does not exist" in _refused(*given, "--labels", tmp_path / "none.csv")
+    assert (out / "report.html").read_text() == "earlier"
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
 from ..models.linear import LinearModel
+from ..models.pipeline import linear_model_from
 from .presets import TrainingSettings
 
 
@@ -60,15 +61,5 @@ def linear_model(
     pipeline: Pipeline, classes: tuple[str, ...], obstacle: tuple[bool, ...]
 ) -> LinearModel:
     """The same model with the scaler folded in and thresholds of 0."""
-    svc = pipeline.named_steps["svc"]
-    scaler = pipeline.named_steps.get("scaler")
-    dim = svc.coef_.shape[1]
-    return LinearModel.fold(
-        svc.coef_,
-        svc.intercept_,
-        np.zeros(dim) if scaler is None else scaler.mean_,
-        np.ones(dim) if scaler is None else scaler.scale_,
-        np.zeros(len(svc.coef_)),
-        classes,
-        obstacle,
-    )
+    outputs = len(pipeline.named_steps["svc"].coef_)
+    return linear_model_from(pipeline, np.zeros(outputs), classes, obstacle)

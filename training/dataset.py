@@ -28,6 +28,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..features import atomic
 from ..features.canonical import canonical_json
@@ -160,14 +162,7 @@ class DatasetVersion:
             If the stored frame is not the one the dataset was built from.
         """
         row = self.frames.iloc[index]
-        path = self.path / "frames" / row.file
-        try:
-            image = decode_image(path.read_bytes(), str(path))
-        except OSError as error:
-            raise ToktError(f"dataset {self.label}: {path.name}: {error.strerror}") from None
-        if pixel_sha256(image) != row.digest:
-            raise ToktError(f"dataset {self.label}: frame {row.mission}/{row.frame} has changed")
-        return image
+        return read_stored_frame(self.path / "frames" / row.file, row.digest)
 
     def classes(self) -> tuple[str, ...]:
         """What a model of this dataset tells apart, in the model's order."""
@@ -193,6 +188,35 @@ class DatasetVersion:
         if self.task == "binary":
             return False, True
         return tuple(self.taxonomy.is_obstacle(name) for name in self.classes())
+
+
+def read_stored_frame(path: Path, digest: str) -> NDArray[np.uint8]:
+    """A dataset's frame file, checked against its pixel hash.
+
+    Raises
+    ------
+    ToktError
+        If it is missing, or not the frame the dataset was built from.
+    """
+    try:
+        image = decode_image(path.read_bytes(), str(path))
+    except OSError as error:
+        raise ToktError(f"dataset frame {path}: {error.strerror}") from None
+    if pixel_sha256(image) != digest:
+        raise ToktError(f"dataset frame {path} has changed since the dataset was built")
+    return image
+
+
+def _join_copies(frames: pd.DataFrame) -> pd.DataFrame:
+    """Give groups that share a picture one name: copies must not stand on both sides of a split."""
+    group, names = pd.factorize(frames.group, sort=True)
+    digest, pictures = pd.factorize(frames.digest)
+    size = len(names) + len(pictures)
+    edges = (np.ones(len(frames)), (group, len(names) + digest))
+    graph = coo_array(edges, shape=(size, size))
+    _, component = connected_components(graph, directed=False)
+    first = pd.Series(names).groupby(component[: len(names)]).transform("min")
+    return frames.assign(group=first.to_numpy()[group])
 
 
 def _check_classes(plan: DatasetPlan) -> None:
@@ -256,6 +280,7 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
         "frames": len(frames),
         "groups": int(patches.group.nunique()),
         "labels": {str(k): int(v) for k, v in sorted(patches.label.value_counts().items())},
+        "frames_that_are_copies": int(frames.digest.duplicated().sum()),
         "unsure_left_out": plan.unsure,
         "sources": plan.sources,
     }
@@ -292,7 +317,7 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     with atomic.scratch_folder(home) as folder:
         sources = progress(plan.frames, len(plan.frames), "reading frames")
         frames = _store_frames(folder / "frames", sources, plan.grid, plan.name)
-        frames = frames.sort_values(_FRAME_KEY, ignore_index=True)
+        frames = _join_copies(frames.sort_values(_FRAME_KEY, ignore_index=True))
         patches = plan.patches.merge(frames[[*_FRAME_KEY, "group"]], on=_FRAME_KEY, how="left")
         patches = patches[_PATCH_COLUMNS].sort_values(_PATCH_COLUMNS, ignore_index=True)
         info = _summary(plan, patches, frames)

@@ -87,6 +87,11 @@ class DemoRun:
     disagreements: int = -1
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def unknown(self) -> int:
+        """Replayed frames that the runtime could not judge."""
+        return sum(entry["status"] == -1 for entry in self.replay.log) if self.replay else 0
+
     @contextmanager
     def stage(self, name: str, say: Say) -> Iterator[None]:
         """Time one stage and say when it begins."""
@@ -96,10 +101,13 @@ class DemoRun:
         self.seconds[name] = time.perf_counter() - start
 
 
-def _empty_folder(out: Path) -> None:
+def _empty_folder(out: Path, *kept: Path | None) -> None:
     """Make `out` an empty folder; only a folder that an earlier demo made is emptied."""
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / _MARK).is_file())):
         raise ToktError(f"{out} is not a folder that a demo made; choose another with --out")
+    for path in kept:
+        if path is not None and path.resolve().is_relative_to(out.resolve()):
+            raise ToktError(f"{path} lies in {out}, which the demo empties; choose another --out")
     if out.is_dir():
         shutil.rmtree(out)
     atomic.write_text(out / _MARK, "This folder is emptied by the next tokt demo.\n")
@@ -141,6 +149,14 @@ def hold_back(
     return sorted(set(frames[fold.train].tolist())), sorted(set(frames[fold.test].tolist()))
 
 
+def _check_given(mission: Path, labels: Path) -> None:
+    """Find what is wrong with a user's mission or labels before anything is deleted."""
+    opened, taxonomy = open_mission(mission), Taxonomy.load()
+    read = read_label_csv(labels, taxonomy)
+    records, _ = labels_of_mission(opened, read, DEFAULT_GRID, only=True)
+    hold_back(records, taxonomy, *block_rule(records))
+
+
 def _prepare(
     out: Path, mission: Path | None, labels: Path | None, frames: int, progress: Progress, say: Say
 ) -> DemoRun:
@@ -175,6 +191,7 @@ def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
         run.taxonomy,
         frames=run.train_frames,
         block_frames=run.block_frames,
+        labels_are_for_it=True,
     )
     run.dataset = build_dataset(plan, workspace / "datasets", progress)
 
@@ -215,6 +232,8 @@ def _check_replay(run: DemoRun) -> None:
     trained = run.trained[run.champion]
     worst = 0.0
     for entry in run.replay.log:
+        if entry["decision_values"] is None:
+            continue
         image = run.mission.read(entry["frame"], LEFT)
         described = trained.request.extractor.describe(image, trained.request.dataset.grid)
         expected = decision_values(trained.pipeline, described)
@@ -254,12 +273,12 @@ def run_demo(
     ToktError
         If the mission or its labels cannot be used.
     """
-    if mission is not None:
-        open_mission(mission)
-    _empty_folder(out)
+    if mission is not None and labels is not None:
+        _check_given(mission, labels)
+    _empty_folder(out, mission, labels)
     run = _prepare(out, mission, labels, frames, progress, say)
     workspace, store = out / "workspace", Store(out / "store")
-    registry = Registry(workspace)
+    registry = Registry(workspace, create=True, own=True)
     with run.stage("build the dataset", say):
         _build(run, workspace, progress)
     with run.stage("train and register", say):
@@ -303,6 +322,7 @@ def _result(run: DemoRun, bundle_file: Path, out: Path) -> dict[str, Any]:
         "replay": {
             "frames": len(run.replay.log) if run.replay else 0,
             "datagrams": len(run.replay.datagrams) if run.replay else 0,
+            "unknown": run.unknown,
             "disagreements": run.disagreements,
             "max_abs_difference_of_decision_values": run.skew,
         },

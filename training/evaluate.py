@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..features.errors import ToktError
 from ..features.image_file import pixel_sha256
 from ..features.mission import LEFT, Mission
-from ..inference.verdict import OBSTACLE, verdict_from_mask
+from ..inference.policy import judge_image
+from ..inference.verdict import OBSTACLE, UNKNOWN
 from ..labels.merge import merge_annotators
 from ..labels.record import LabelRecord
 from ..labels.taxonomy import UNSURE, Taxonomy
@@ -36,9 +37,9 @@ class Scored:
         The place of each frame in the mission: 0 for its first one.
     values : array of float64, shape (n_frames, n_patches, n_outputs)
     status : list of int
-        1 obstacle, 0 clear, by the runtime's verdict.
+        1 obstacle, 0 clear, -1 unknown: the runtime's own verdict.
     mean : list of float
-        Mean of the 0/255 mask.
+        Mean of the 0/255 mask; NaN where the verdict is unknown.
     seen_in_training : list of int
         Frames whose very pixels the model learnt from.
     """
@@ -69,13 +70,11 @@ def score_mission(
     values, status, mean, seen = [], [], [], []
     for number in progress(numbers, len(numbers), "scoring"):
         image = mission.read(number, LEFT)
-        decided = bundle.decision_values(image)
-        resized = bundle.grid.resized(*image.shape[:2])
-        mask = bundle.grid.paint(bundle.model.obstacle_patches(decided), *resized)
-        verdict = verdict_from_mask(mask, "texture")
-        values.append(decided)
-        status.append(verdict.status)
-        mean.append(float(verdict.mean or 0.0))
+        judgement = judge_image(bundle, image)
+        decided = judgement.decision_values
+        values.append(bundle.decision_values(image) if decided is None else decided)
+        status.append(judgement.verdict.status)
+        mean.append(np.nan if judgement.verdict.mean is None else judgement.verdict.mean)
         if int(frame_id(pixel_sha256(image))) in known:
             seen.append(number)
     order = {number: place for place, number in enumerate(mission.frames(LEFT))}
@@ -125,6 +124,7 @@ def _frame_figures(
         "detected": sum(status[number] == OBSTACLE for number in obstacle),
         "first_obstacle_frame": obstacle[0] if obstacle else None,
         "first_detection": _first_detection(scored),
+        "unknown": scored.status.count(UNKNOWN),
         "not_judged": len(scored.frames) - len(ocean) - len(obstacle),
     }
 
@@ -182,7 +182,8 @@ def evaluate(
     dict
         patch (precision, recall, f1, average_precision, per_class, confusion, by_label), frames
         (n, ocean_frames, false_status, detected, obstacle_frames, first_detection, ...),
-        unsure_ignored, seen_in_training, model.
+        unsure_ignored, seen_in_training (frames whose very pixels were learnt from),
+        mission_in_training, model.
 
     Raises
     ------
@@ -191,6 +192,15 @@ def evaluate(
     """
     scored = score_mission(bundle, mission, progress, frames)
     return evaluate_scored(bundle, scored, mission.name, records, taxonomy)
+
+
+def mission_in_training(bundle: Bundle, records: Sequence[LabelRecord]) -> bool:
+    """Whether the model learnt from frames of the very missions it is scored on.
+
+    Blocks held back from a dive flatter a model even where no frame was seen twice.
+    """
+    learnt = bundle.content.provenance.get("trained_frames", {})
+    return isinstance(learnt, dict) and any(record.mission in learnt for record in records)
 
 
 def evaluate_scored(
@@ -221,4 +231,5 @@ def evaluate_scored(
         "frames": _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
         "unsure_ignored": len(merged.records) - len(sure),
         "seen_in_training": len(scored.seen_in_training),
+        "mission_in_training": mission_in_training(bundle, records),
     }

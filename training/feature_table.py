@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from .. import features as features_package
 from ..features import atomic
 from ..features.canonical import json_sha256
+from ..features.errors import ToktError
 from ..features.extractor import build_extractor
 from ..features.grid import Grid
-from .dataset import DatasetVersion
+from .dataset import DatasetVersion, read_stored_frame
 
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-image", "mahotas")
 
@@ -36,9 +37,21 @@ def _cache_key(dataset: DatasetVersion, spec: dict[str, Any]) -> str:
 
 
 def _describe(
-    dataset: DatasetVersion, index: int, cells: NDArray[np.int64], spec: dict[str, Any], grid: Grid
+    path: Path, digest: str, cells: NDArray[np.int64], spec: dict[str, Any], grid: Grid
 ) -> NDArray[np.float64]:
-    return build_extractor(spec).describe(dataset.read_frame(index), grid)[cells]
+    return build_extractor(spec).describe(read_stored_frame(path, digest), grid)[cells]
+
+
+def _cached(path: Path, shape: tuple[int, int]) -> NDArray[np.float64] | None:
+    """An earlier result, if it is there and whole."""
+    check = path.with_suffix(".sha256")
+    try:
+        table: NDArray[np.float64] = np.load(path, mmap_mode="r", allow_pickle=False)
+        if check.read_text("ascii") != hashlib.sha256(table.data).hexdigest():
+            return None
+    except (OSError, ValueError, EOFError):
+        return None
+    return table if table.shape == shape and table.dtype == np.float64 else None
 
 
 def feature_table(
@@ -68,9 +81,13 @@ def feature_table(
         float64, shape (n_patches, dim), memory-mapped read-only.
     """
     path = cache / f"{dataset.name}-{_cache_key(dataset, spec)}.npy"
-    if not path.is_file():
-        _compute(dataset, spec, path, progress, jobs)
-    table: NDArray[np.float64] = np.load(path, mmap_mode="r", allow_pickle=False)
+    shape = (len(dataset.patches), build_extractor(spec).dim)
+    table = _cached(path, shape)
+    if table is None:
+        _compute(dataset, spec, path, shape, progress, jobs)
+        table = _cached(path, shape)
+    if table is None:
+        raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
     return table
 
 
@@ -78,20 +95,26 @@ def _compute(
     dataset: DatasetVersion,
     spec: dict[str, Any],
     path: Path,
+    shape: tuple[int, int],
     progress: Callable[..., Any],
     jobs: int,
 ) -> None:
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     keys = ["mission", "camera", "frame"]
-    order = {key: i for i, key in enumerate(frames[keys].itertuples(index=False, name=None))}
+    stored = {
+        key: (dataset.path / "frames" / file, digest)
+        for *key_parts, file, digest in frames[[*keys, "file", "digest"]].itertuples(
+            index=False, name=None
+        )
+        for key in [tuple(key_parts)]
+    }
     groups = patches.groupby(keys, sort=False).indices
     cells = (patches.row * grid.cols + patches.col).to_numpy()
     tasks = (
-        joblib.delayed(_describe)(dataset, order[key], cells[rows], spec, grid)
+        joblib.delayed(_describe)(*stored[key], cells[rows], spec, grid)
         for key, rows in groups.items()
     )
     run = joblib.Parallel(n_jobs=jobs, return_as="generator")
-    shape = (len(patches), build_extractor(spec).dim)
     atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)
@@ -99,5 +122,7 @@ def _compute(
         for rows, values in zip(groups.values(), results, strict=True):
             table[rows] = values
         table.flush()
+        digest = hashlib.sha256(table.data).hexdigest()
         del table
+        atomic.write_text(path.with_suffix(".sha256"), digest)
         (folder / path.name).replace(path)

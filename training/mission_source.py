@@ -46,8 +46,9 @@ def labels_of_mission(
     grid : Grid
         Labels of other grids are passed over.
     only : bool
-        Whether `mission` is the only one asked for. Then labels that name just one mission are
-        taken for it even if its folder is called otherwise, with a remark.
+        Whether the labels were given for this one mission. Then labels that name just one
+        mission are taken for it even if its folder is called otherwise, with a remark. Never
+        so for labels from a store, which may be of another dive.
 
     Raises
     ------
@@ -84,6 +85,7 @@ def plan_from_missions(
     grid: Grid = DEFAULT_GRID,
     frames: Sequence[int] | None = None,
     block_frames: int = BLOCK_FRAMES,
+    labels_are_for_it: bool = False,
 ) -> tuple[DatasetPlan, list[str]]:
     """Plan a dataset of labelled frames.
 
@@ -98,6 +100,8 @@ def plan_from_missions(
         Take only these frame numbers.
     block_frames : int
         Frames a group.
+    labels_are_for_it : bool
+        With one mission: whether `records` were given for it, as `labels_of_mission` says.
 
     Returns
     -------
@@ -110,9 +114,10 @@ def plan_from_missions(
     remarks: list[str] = []
     seen: set[str] = set()
     wanted = None if frames is None else set(frames)
+    only = labels_are_for_it and len(missions) == 1
     for path in missions:
         mission = open_mission(path)
-        mine, remark = labels_of_mission(mission, records, grid, len(missions) == 1)
+        mine, remark = labels_of_mission(mission, records, grid, only)
         if remark:
             remarks.append(remark)
         merged = merge_annotators(r for r in mine if wanted is None or r.frame in wanted)

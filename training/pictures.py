@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..features.extractor import gray_picture
 from ..features.grid import Grid
-from ..inference.verdict import Verdict, verdict_from_mask
+from ..inference.policy import judge_image
+from ..inference.verdict import Verdict
 from ..labels.record import LabelRecord
 from ..labels.taxonomy import UNSURE, Taxonomy
 from ..models.bundle import Bundle
@@ -46,18 +47,15 @@ class Judged:
 def judge(
     bundle: Bundle,
     image: NDArray[np.uint8],
-    values: NDArray[np.float64],
     records: Iterable[LabelRecord],
     taxonomy: Taxonomy,
 ) -> Judged:
-    """Put a frame's decision values beside its labels.
+    """Put what the runtime says of a frame beside its labels.
 
     Parameters
     ----------
     bundle : Bundle
-        Whose decision values these are.
     image : array of uint8
-    values : array of float64, shape (n_patches, n_outputs)
     records : iterable of LabelRecord
         Of this frame, one a patch.
     taxonomy : Taxonomy
@@ -68,10 +66,11 @@ def judge(
         cell = record.row * grid.cols + record.col
         unsure[cell] = record.label == UNSURE
         labelled[cell] = not unsure[cell] and taxonomy.is_obstacle(str(record.label))
-    predicted = bundle.model.obstacle_patches(values)
-    mask = grid.paint(predicted, *grid.resized(*image.shape[:2]))
-    verdict = verdict_from_mask(mask, "texture")
-    return Judged(image, predicted, labelled, unsure, verdict)
+    judgement = judge_image(bundle, image)
+    predicted = np.zeros(grid.n_patches, bool)
+    if judgement.decision_values is not None:
+        predicted = bundle.model.obstacle_patches(judgement.decision_values)
+    return Judged(image, predicted, labelled, unsure, judgement.verdict)
 
 
 def enhanced(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:

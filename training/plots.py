@@ -92,7 +92,7 @@ def mean_by_frame(
     for name, values in means.items():
         line = np.insert(np.asarray(values, float), breaks, np.nan)
         axes.plot(np.insert(place.astype(float), breaks, np.nan), line, label=name, lw=1.4)
-    top = max(1.0, max(max(values) for values in means.values()))
+    top = max(1.0, *(float(np.nanmax([0.0, *values])) for values in means.values()))
     axes.fill_between(
         place,
         0,

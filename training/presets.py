@@ -44,7 +44,11 @@ PRESETS = {
     ),
 }
 
-# Chosen on the real mission by blocked cross-validation among joins of LBP and Haralick.
+CHOSEN_ON = (
+    "The preset's features were chosen among joins of LBP and Haralick by blocked cross-validation "
+    "on the sea-trial mission: figures on that mission are somewhat too good for it, and only "
+    "another dive is a test."
+)
 _BEST = {
     "lbp": "lbp_24_8+lbp_24_8_frame",
     "haralick": "haralick+lbp_10_5_frame+lbp_24_8_frame",

@@ -13,7 +13,7 @@ import numpy as np
 from .. import __version__
 from ..features import atomic
 from ..features.mission import LEFT, format_frames
-from ..inference.verdict import STATUS_MEAN_THRESHOLD
+from ..inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD
 from ..labels.merge import merge_annotators
 from ..labels.record import LabelRecord
 from ..labels.taxonomy import UNSURE
@@ -48,12 +48,11 @@ def _obstacle_counts(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list
 def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
     """Frames worth a look: false alarms and misses of the champion, then an even sample."""
     scored = run.scored[run.champion]
-    false = [f for f, s, c in zip(scored.frames, scored.status, counts, strict=True) if s and not c]
-    missed = [
-        f for f, s, c in zip(scored.frames, scored.status, counts, strict=True) if c and not s
-    ]
+    judged = list(zip(scored.frames, scored.status, counts, strict=True))
+    false = [frame for frame, status, labelled in judged if status == OBSTACLE and not labelled]
+    missed = [frame for frame, status, labelled in judged if status != OBSTACLE and labelled]
     chosen = [(frame, "status 1 without a labelled obstacle") for frame in false[:2]]
-    chosen += [(frame, "status 0 although an obstacle is labelled") for frame in missed[:2]]
+    chosen += [(frame, "an obstacle is labelled, but no status 1") for frame in missed[:2]]
     rest = [frame for frame in scored.frames if frame not in {frame for frame, _ in chosen}]
     places = np.linspace(0, len(rest) - 1, max(0, _PICTURES - len(chosen))).round().astype(int)
     chosen += [(rest[place], "evenly sampled") for place in dict.fromkeys(places.tolist())]
@@ -61,12 +60,11 @@ def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
 
 
 def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[str, Any]]:
-    bundle, scored = run.bundles[run.champion], run.scored[run.champion]
+    bundle = run.bundles[run.champion]
     pictures = []
     for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
         image = run.mission.read(frame, LEFT)
-        values = scored.values[scored.frames.index(frame)]
-        judged = judge(bundle, image, values, labels.get(frame, []), run.taxonomy)
+        judged = judge(bundle, image, labels.get(frame, []), run.taxonomy)
         verdict = judged.verdict
         pictures.append(
             {

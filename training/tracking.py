@@ -18,9 +18,10 @@ import pandas as pd
 from mlflow.data.dataset_source_registry import resolve_dataset_source
 from mlflow.data.meta_dataset import MetaDataset
 from mlflow.models import infer_signature
-from numpy.typing import NDArray
 
 from .. import __version__
+from ..features.mission import format_frames
+from ..models.bundle import Golden, golden_bytes, lineage_bytes
 from ..models.registry import RECIPE_VERSION, RegisteredVersion, Registry
 from . import plots
 from .classifier import decision_values
@@ -68,7 +69,7 @@ def _golden_rows(dataset: DatasetVersion) -> list[int]:
     return sorted({most, clearest})
 
 
-def _golden(trained: Trained) -> dict[str, NDArray[Any]]:
+def _golden(trained: Trained) -> Golden:
     """Golden frames with what *scikit-learn's* pipeline says of them, not the folded weights."""
     dataset = trained.request.dataset
     files, values = [], []
@@ -77,13 +78,17 @@ def _golden(trained: Trained) -> dict[str, NDArray[Any]]:
         files.append(cv2.imencode(".png", image)[1].tobytes())
         described = trained.request.extractor.describe(image, dataset.grid)
         values.append(decision_values(trained.pipeline, described))
-    stacked = np.stack(values)
-    return {
-        "frames": np.frombuffer(b"".join(files), np.uint8),
-        "sizes": np.array([len(file) for file in files], np.int64),
-        "decision_values": stacked,
-        "obstacle": np.stack([trained.model.obstacle_patches(value) for value in stacked]),
-    }
+    obstacle = np.stack([trained.model.obstacle_patches(value) for value in values])
+    return Golden(tuple(files), np.stack(values), obstacle)
+
+
+def _trained_frames(trained: Trained) -> dict[str, str]:
+    """The frame numbers learnt from, by mission; empty where it was not the dataset's."""
+    dataset = trained.request.dataset
+    if trained.request.settings.two_images or dataset.block_frames is None:
+        return {}
+    frames = dataset.frames.groupby("mission").frame
+    return {str(name): format_frames(numbers.tolist()) for name, numbers in frames}
 
 
 def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
@@ -103,6 +108,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
             "dataset": dataset.label,
             "dataset_hash": dataset.hash,
             "dataset_sources": "; ".join(dataset.info["sources"]),
+            "trained_frames": _trained_frames(trained),
             "preset": request.settings.preset,
             "penalty": trained.penalty,
             "code_version": code_version(),
@@ -130,8 +136,8 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
 def _write_artifacts(folder: Path, trained: Trained, model_id: str) -> None:
     recipe = json.dumps(_recipe(trained, model_id), indent=2, sort_keys=True)
     (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
-    np.savez(folder / "golden.npz", allow_pickle=False, **_golden(trained))
-    np.savez(folder / "lineage.npz", allow_pickle=False, trained_on=trained.trained_on)
+    (folder / "golden.npz").write_bytes(golden_bytes(_golden(trained)))
+    (folder / "lineage.npz").write_bytes(lineage_bytes(trained.trained_on))
     held_out = trained.request.dataset.patches.copy()
     held_out["fold"] = trained.held_out.fold
     held_out["obstacle_score"] = trained.model.obstacle_score(trained.held_out.values)

@@ -19,9 +19,15 @@ from .classifier import converged, decision_values, fit_classifier, linear_model
 from .cross_validation import HeldOut, Split, choose_penalty, cross_validate, held_out_metrics
 from .dataset import DatasetVersion
 from .feature_table import feature_table
-from .presets import TrainingSettings
+from .presets import CHOSEN_ON, TrainingSettings
 from .splits import blocked_folds
 from .thesis_images import rendered_other_image
+
+_LEAST_BLOCK_FRAMES = 5
+_WEAK = (
+    f"WEAK SPLIT: blocks of fewer than {_LEAST_BLOCK_FRAMES} frames leave near copies on both "
+    "sides and the figures may be too good. "
+)
 
 
 @dataclass(frozen=True)
@@ -127,13 +133,15 @@ def _split_in_words(request: TrainRequest) -> str:
             "which patches come from one photo, so near copies may stand on both sides and the "
             "figures may be too good."
         )
+    weak = request.dataset.block_frames < _LEAST_BLOCK_FRAMES
     return (
-        f"{split.folds}-fold cross-validation over whole blocks of frames "
+        f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
         f"({request.dataset.block_frames} frames a block); training frames within "
         f"{split.embargo_frames} frames of a test frame left out; C chosen inside each "
         f"training part by {max(2, split.folds - 1)}-fold blocked cross-validation among "
         f"{', '.join(f'{value:g}' for value in request.settings.penalties)}. "
-        "Decision threshold 0, not tuned. `unsure` patches neither trained nor scored on."
+        "Decision threshold 0, not tuned. Patches marked unsure neither trained nor scored on."
+        f"{' ' + CHOSEN_ON if request.settings.preset == 'best' else ''}"
     )
 
 

@@ -43,9 +43,14 @@ def calibration_path(mission: Path) -> Path:
 
 
 def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
-    """A 360x271 gray frame: two even halves, and noise on the given (row, col) patches."""
+    """A 360x271 gray frame: two striped halves, and noise on the given (row, col) patches.
+
+    No patch is of one grey level, which no camera gives either. The stripes are whole JPEG blocks,
+    so that they survive compression as they are.
+    """
     frame = np.full((271, 360), 30, np.uint8)
     frame[:, 180:] = 45
+    frame[np.arange(271) // 8 % 3 == 0] += 4
     rng = np.random.default_rng(seed)
     for row, col in patches:
         y, x = row * PATCH_HEIGHT, col * PATCH_WIDTH
@@ -81,6 +86,7 @@ class NoiseScorer:
 
     label: str = "noise/1"
     grid: Grid = Grid()  # noqa: RUF009 - frozen
+    frame_sizes: tuple[tuple[int, int], ...] = ((271, 360),)
 
     @property
     def model(self) -> NoiseScorer:

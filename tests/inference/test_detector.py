@@ -4,9 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
-from tokt.features.image_file import read_image
+from tokt.features.image_file import decode_image, read_image
 from tokt.inference.detector import GridDetector
 from tokt.inference.frame_check import frame_fault
 from tokt.inference.sources import Frame
@@ -49,9 +50,40 @@ def test_values_that_are_not_finite_are_unknown(
     assert found.mask is None and "not finite" in found.fault
 
 
-def noisy(mean: float, sigma: float) -> np.ndarray:
+@pytest.mark.parametrize(
+    ("width", "height", "fit"),
+    [
+        (1360, 1024, True),
+        (1360, 1030, True),
+        (1360, 980, False),  # another aspect ratio
+        (1024, 771, True),
+        (1000, 753, False),  # under 0.75 of the training frames' width
+        (1800, 1355, True),
+        (1820, 1370, False),  # over 1.33 of it
+        (64, 48, False),
+    ],
+)
+def test_frames_unlike_the_training_frames_are_unknown(
+    noise_scorer: Any, width: int, height: int, fit: bool
+) -> None:
+    noise_scorer.frame_sizes = ((480, 640), (1024, 1360))
+    found = GridDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 9, height, width), None))
+    assert (found.mask is not None) == fit
+    fault = f"frames are {width}x{height}, the model learnt from 640x480 or 1360x1024"
+    assert found.fault == ("" if fit else fault)
+
+
+def test_frames_narrower_than_the_grid_are_unknown_unless_learnt_from(noise_scorer: Any) -> None:
+    frame = Frame(1, 0.0, noisy(60, 9, 240, 320), None)
+    noise_scorer.frame_sizes = ((300, 400),)
+    assert "320x240" in GridDetector(noise_scorer).detect(frame).fault
+    noise_scorer.frame_sizes = ((240, 320),)
+    assert GridDetector(noise_scorer).detect(frame).fault == ""
+
+
+def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.ndarray:
     rng = np.random.default_rng(1)
-    return (mean + sigma * rng.standard_normal((200, 300))).clip(0, 255).astype(np.uint8)
+    return (mean + sigma * rng.standard_normal((height, width))).clip(0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -66,6 +98,7 @@ def noisy(mean: float, sigma: float) -> np.ndarray:
         ),
         (np.zeros((200, 300), np.uint16), "8-bit"),
         (np.zeros((0, 300), np.uint8), "8-bit"),
+        (np.zeros((200, 300, 4), np.uint8), "8-bit"),
     ],
 )
 def test_frames_that_cannot_be_judged(picture: np.ndarray, word: str) -> None:
@@ -74,6 +107,53 @@ def test_frames_that_cannot_be_judged(picture: np.ndarray, word: str) -> None:
 
 def test_a_dim_frame_can_be_judged() -> None:
     assert frame_fault(noisy(12, 3)) == ""
+
+
+def with_blank_patches(count: int, grey: int) -> np.ndarray:
+    """A frame of 10x10 patches of 30x20 pixels, some of one grey level."""
+    frame = noisy(60, 9)
+    for column in range(count):
+        frame[180:, 30 * column : 30 * (column + 1)] = grey
+    return frame
+
+
+@pytest.mark.parametrize("grey", [0, 60, 128, 249])
+def test_blank_patches_are_damage(grey: int) -> None:
+    assert frame_fault(with_blank_patches(2, grey)) == ""
+    fault = "3 of 100 patches are blank: the picture is damaged or covered"
+    assert frame_fault(with_blank_patches(3, grey)) == fault
+
+
+@pytest.mark.parametrize("grey", [250, 255])
+def test_a_close_bright_object_is_no_damage(grey: int) -> None:
+    assert frame_fault(with_blank_patches(10, grey)) == ""
+
+
+def test_ready_cut_patches_are_too_small_to_look_for_blanks_in() -> None:
+    frame = noisy(60, 9, 27, 36)
+    frame[:9] = 60
+    assert frame_fault(frame) == ""
+
+
+@pytest.mark.mission
+@pytest.mark.parametrize("part", [0.2, 0.5, 0.9])
+def test_a_jpeg_that_lost_its_tail_but_has_an_end_marker_is_refused(
+    mission: Path, part: float
+) -> None:
+    data = (mission / "Left" / "tokt1_L_180.jpg").read_bytes()
+    frame = decode_image(data[: int(part * len(data))] + b"\xff\xd9", "cut.jpg")
+    assert "the picture is damaged" in frame_fault(frame)
+
+
+@pytest.mark.mission
+@pytest.mark.parametrize("suffix", [".bmp", ".ppm", ".tiff"])
+def test_a_picture_with_zeroed_data_is_refused(mission: Path, suffix: str) -> None:
+    frame = read_image(mission / "Left" / "tokt1_L_180.jpg")
+    plain = [cv2.IMWRITE_TIFF_COMPRESSION, 1] if suffix == ".tiff" else []
+    data = bytearray(cv2.imencode(suffix, frame, plain)[1].tobytes())
+    half = len(data) // 2
+    data[half : half + len(data) // 4] = bytes(len(data) // 4)
+    assert "the picture is damaged" in frame_fault(decode_image(bytes(data), f"cut{suffix}"))
 
 
 @pytest.mark.mission

@@ -94,7 +94,23 @@ def test_an_even_sea_is_clear(plain: DisparityDetector) -> None:
 def test_texture_that_matches_nowhere_is_unknown_not_clear(plain: DisparityDetector) -> None:
     left, right = pair(700)
     found = plain.detect(Frame(1, 0.0, left, np.ascontiguousarray(right[::-1])))
-    assert found.mask is None and "do not match" in found.fault
+    assert found.mask is None and "do not match" in found.fault and found.against_clear
+
+
+def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: DisparityDetector) -> None:
+    left, right = pair(700, y=100)
+    rng = np.random.default_rng(5)
+    for view in (left, right):
+        view += rng.integers(0, 2, view.shape, np.uint8)
+    whole = plain.detect(Frame(1, 0.0, left, right))
+    left[700:] = 128
+    found = plain.detect(Frame(1, 0.0, left, right))
+    assert whole.mask is not None and found.mask is not None and found.mask.any()
+    left[:700], right[:700] = sea()[:700], sea()[:700]
+    left[:700] += rng.integers(0, 2, (700, WIDTH), np.uint8)
+    found = plain.detect(Frame(1, 0.0, left, right))
+    assert found.mask is None and "left: " in found.fault and "damaged" in found.fault
+    assert not found.against_clear
 
 
 def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
@@ -109,7 +125,7 @@ def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
     }
     for word, frame in cases.items():
         found = plain.detect(frame)
-        assert found.mask is None and word in found.fault
+        assert found.mask is None and word in found.fault and not found.against_clear
 
 
 def test_a_calibration_that_turns_the_view_away_is_refused() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,8 @@ import pytest
 from tokt.features.errors import ToktError
 from tokt.inference.assemble import build_policy
 from tokt.inference.calibration import StereoCalibration
-from tokt.inference.detector import Detection
-from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy
+from tokt.inference.detector import Detection, GridDetector
+from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
 from tokt.inference.sources import Frame
 
 FRAME = Frame(1, 0.0, None, None, "no picture", "no picture")
@@ -47,6 +48,16 @@ class Says:
         return Detection(self.answer, self.method, model, distance_m)
 
 
+class Warns(Says):
+    """A detector that cannot judge for a reason that is itself a sign of danger."""
+
+    def __init__(self) -> None:
+        super().__init__("disparity", "the frames do not match")
+
+    def detect(self, frame: Frame) -> Detection:
+        return Detection(None, self.method, fault=self.answer, against_clear=True)
+
+
 ANSWERS = {
     "obstacle": mask(3, 4, 5),
     "clear": mask(),
@@ -72,6 +83,31 @@ def test_unknown_never_becomes_clear(texture: str, disparity: str) -> None:
 
     alone = SinglePolicy(first).judge(FRAME).verdict
     assert alone.status == STATUS[texture]
+
+
+@pytest.mark.parametrize(("texture", "status"), [("clear", -1), ("obstacle", 1), ("unknown", -1)])
+def test_either_is_not_clear_against_a_sign_of_danger(texture: str, status: int) -> None:
+    verdict = EitherPolicy(Says("texture", ANSWERS[texture]), Warns()).judge(FRAME).verdict
+    assert verdict.status == status
+    assert "disparity: the frames do not match" in verdict.health
+
+
+def test_fallback_asks_disparity_only_where_texture_cannot_judge() -> None:
+    assert FallbackPolicy(Says("texture", mask()), Warns()).judge(FRAME).verdict.status == 0
+    assert FallbackPolicy(Says("texture", "dark"), Warns()).judge(FRAME).verdict.status == -1
+
+
+def test_a_picture_in_memory_is_judged_like_a_frame(
+    noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
+) -> None:
+    image = draw_frame([(2, 3)])
+    judged = judge_image(noise_scorer, image)
+    expected = SinglePolicy(GridDetector(noise_scorer)).judge(Frame(9, 8.0, image, None))
+    assert judged.verdict == expected.verdict and judged.verdict.status == 1
+    np.testing.assert_array_equal(judged.decision_values, noise_scorer.decision_values(image))
+    assert judge_image(noise_scorer, np.zeros_like(image)).verdict.status == -1
+    noise_scorer.decision_values = None
+    assert "TypeError" in judge_image(noise_scorer, image).verdict.health
 
 
 def test_what_a_detector_raises_is_told_in_one_line() -> None:
@@ -113,10 +149,19 @@ def test_fallback_goes_on_without_a_model_and_says_so() -> None:
     assert health.startswith("no texture model: bundle x.tokt: a hash does not match; ")
 
 
-@pytest.mark.parametrize("name", ["texture", "either", "disparity"])
-def test_other_policies_stop_without_their_model(name: str) -> None:
+@pytest.mark.parametrize(("name", "calibration"), [("texture", None), ("either", CALIBRATION)])
+def test_other_policies_stop_without_their_model(
+    name: str, calibration: StereoCalibration | None
+) -> None:
     with pytest.raises(ToktError, match="a hash does not match"):
-        build_policy(name, broken_model, CALIBRATION)
+        build_policy(name, broken_model, calibration)
+
+
+def test_what_a_policy_has_no_use_for_is_refused(noise_scorer: Any) -> None:
+    with pytest.raises(ToktError, match="disparity uses no model"):
+        build_policy("disparity", broken_model, CALIBRATION)
+    with pytest.raises(ToktError, match="texture uses no calibration"):
+        build_policy("texture", lambda: noise_scorer, CALIBRATION)
 
 
 def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
@@ -129,13 +174,13 @@ def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
 @pytest.mark.parametrize("name", ["disparity", "either"])
 def test_disparity_needs_a_calibration(name: str, noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="needs a stereo calibration"):
-        build_policy(name, lambda: noise_scorer, None)
+        build_policy(name, None if name == "disparity" else lambda: noise_scorer, None)
 
 
 @pytest.mark.parametrize("name", ["texture", "either", "fallback"])
 def test_texture_needs_a_model(name: str) -> None:
     with pytest.raises(ToktError, match="needs a model"):
-        build_policy(name, None, CALIBRATION)
+        build_policy(name, None, None if name == "texture" else CALIBRATION)
 
 
 def test_the_names_are_fixed(noise_scorer: Any) -> None:

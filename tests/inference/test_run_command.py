@@ -112,7 +112,10 @@ def test_ctrl_c_ends_cleanly(
         (["--bundle", "B", "--store", "S"], "not both"),
         ([], "needs a model"),
         (["--bundle", "none.tokt"], "none.tokt"),
-        (["--bundle", "B", "--policy", "disparity"], "needs a stereo calibration"),
+        (["--policy", "disparity"], "needs a stereo calibration"),
+        (["--bundle", "B", "--policy", "disparity"], "leave out --store/--bundle"),
+        (["--store", "none", "--policy", "disparity"], "leave out --store/--bundle"),
+        (["--bundle", "B", "--frames", "1-3"], "has frames 1, not 2-3"),
         (["--bundle", "B", "--policy", "magic"], "unknown policy"),
         (["--bundle", "B", "--format", "v3"], "unknown format"),
         (["--bundle", "B", "--udp", "here"], "not an address"),
@@ -163,6 +166,22 @@ def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> No
     shown = [json.loads(line) for line in out.splitlines()]
     assert process.returncode == 0 and len(shown) == 3
     assert shown[0]["x"] == -120 and "not a tokt datagram" in shown[1]["error"]
+
+
+def test_listen_ends_quietly_when_its_reader_does(
+    closed_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)  # as a user's shell has it
+    process = start("listen", "--port", closed_port)
+    assert process.stderr is not None and process.stdout is not None
+    process.stderr.readline()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(b"one", ("127.0.0.1", closed_port))
+        assert "not a tokt datagram" in process.stdout.readline()
+        process.stdout.close()
+        sender.sendto(b"two", ("127.0.0.1", closed_port))
+    assert process.wait(timeout=20) == 0
+    assert process.stderr.read() == ""
 
 
 def test_listen_ends_cleanly_and_says_when_the_port_is_taken(closed_port: int) -> None:

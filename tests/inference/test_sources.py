@@ -78,9 +78,21 @@ def test_frames_are_chosen_and_named_when_absent(
     make_mission: Callable[..., Path], hand_clock: Any
 ) -> None:
     folder = str(make_mission([[]] * 4))
-    assert [frame.number for frame in open_source(folder, hand_clock, [2, 4, 9])] == [2, 4]
-    with pytest.raises(ToktError, match="has frames 1-4, none of 7-8"):
-        open_source(folder, hand_clock, [7, 8])
+    assert [frame.number for frame in open_source(folder, hand_clock, [4, 2])] == [2, 4]
+    with pytest.raises(ToktError, match="has frames 1-4, not 7-8"):
+        open_source(folder, hand_clock, [2, 7, 8])
+
+
+@pytest.mark.parametrize("stereo", [True, False])
+def test_a_frame_that_only_the_right_camera_has_is_one_without_a_picture(
+    make_mission: Callable[..., Path], hand_clock: Any, stereo: bool
+) -> None:
+    folder = make_mission([[]] * 4)
+    (folder / "Left" / "t_L_2.jpg").unlink()
+    frames = list(open_source(str(folder), hand_clock, stereo=stereo))
+    assert [frame.number for frame in frames] == [1, 2, 3, 4]
+    assert frames[1].left is None and "no left frame 2" in frames[1].left_fault
+    assert [f.number for f in open_source(str(folder), hand_clock, [2], stereo=stereo)] == [2]
 
 
 @pytest.mark.parametrize("text", ["pymba:0", "no/such/place"])

@@ -121,19 +121,64 @@ def test_v2_round_trip_never_holds_what_json_cannot(
     assert fields["health"] == verdict.health[:300]
 
 
+json_values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.integers(0, 10**400)
+    | any_float
+    | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner),
+    max_leaves=5,
+)
+good = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
+
+
+def with_changes(changes: dict[str, Any], overflows: str) -> bytes:
+    """A v2 datagram with fields exchanged and added; some JSON for a number beyond all floats."""
+    text = json.dumps({**good, **changes})
+    return text.replace("Infinity", overflows).encode("utf-8", "surrogatepass")
+
+
+@settings(deadline=None)
+@given(
+    st.binary(max_size=200)
+    | st.builds(
+        with_changes,
+        st.dictionaries(st.sampled_from(sorted(good)) | st.text(max_size=5), json_values),
+        st.sampled_from(["1e999", "Infinity", "NaN"]),
+    )
+)
+def test_any_bytes_are_the_contract_s_finite_fields_or_refused(data: bytes) -> None:
+    try:
+        fields = decode(data)
+    except ToktError:
+        return
+    assert list(fields) == (list(good) if fields["v"] == 2 else ["v", "status", "x", "y", "mean"])
+    for value in [*fields.values(), *(fields.get("box") or [])]:
+        assert not isinstance(value, int | float) or math.isfinite(value)
+    json.dumps(fields, allow_nan=False)
+
+
+@pytest.mark.parametrize("extra", [b"1e999", b"-1e999", b"[[1e999]]", b'{"a": 1e999}'])
+def test_what_the_contract_does_not_name_is_left_out(extra: bytes) -> None:
+    data = json.dumps(good).encode()[:-1] + b', "speed": ' + extra + b"}"
+    assert decode(data) == good
+
+
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
 def test_garbage_is_refused_in_one_way(data: bytes) -> None:
     with pytest.raises(ToktError):
         decode(data)
 
 
-good = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
-
-
 @pytest.mark.parametrize(
     "change",
     [
         {"v": 3},
+        {"v": 2.0},
+        {"t": 10**400},
+        {"box": [1, 2, 3, 10**400]},
         {"status": 2},
         {"status": True},
         {"status": None},

@@ -56,6 +56,9 @@ def test_import_stats_export(folder: Path) -> None:
     assert stats["annotators"][0]["counts"] == {"ocean": 6, "reef": 4}
     _good(folder, "export", "out.csv")
     assert (folder / "out.csv").read_text() == BOB
+    said = json.loads(_good(folder, "export", "again.csv", "--json"))
+    assert (said["file"], said["labels"]) == ("again.csv", 10)
+    assert (folder / "again.csv").read_text() == BOB
 
 
 def test_annotators_are_kept_apart(folder: Path) -> None:

@@ -479,7 +479,7 @@ def test_golden_frames_that_cannot_be_judged(members: Members, frame: bytes) -> 
         decision_values=golden["decision_values"][:1],
         obstacle=golden["obstacle"][:1],
     )
-    refuse(edited, "golden frame 0")
+    refuse(edited, "golden frame")
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -596,3 +596,37 @@ def test_a_film_is_not_read_into_memory(tmp_path: Path) -> None:
         handle.truncate(1 << 40)
     with pytest.raises(ToktError, match="too large"):
         read_bundle(film)
+
+
+@pytest.mark.parametrize(
+    ("classes", "fault"),
+    [
+        ((("ocean", False), ("other", True)), ""),
+        ((("ocean", False), ("water", False)), "could never warn"),
+        ((("reef", True), ("sand", True)), "would always warn"),
+    ],
+)
+def test_a_model_that_cannot_guard_says_so(make_content, classes, fault) -> None:
+    bundle = bundle_from_bytes(bundle_bytes(make_content(classes=classes)), "x")
+    assert fault in bundle.deployment_fault and bool(fault) == bool(bundle.deployment_fault)
+    assert bundle.frame_sizes == ((32, 48),)
+
+
+def test_large_decision_values_are_held_to_their_own_scale(make_content) -> None:
+    """Unscaled features give values in the thousands: 1e-9 of those, and no more."""
+    content = make_content()
+    scaled = dataclasses.replace(
+        content.model,
+        weights=content.model.weights * 1e4,
+        bias=content.model.bias * 1e4,
+        thresholds=content.model.thresholds * 1e4,
+    )
+    values = content.golden.decision_values * 1e4
+    for error, good in ((1e-6, True), (1e-3, False)):
+        golden = dataclasses.replace(content.golden, decision_values=values + error)
+        data = bundle_bytes(dataclasses.replace(content, model=scaled, golden=golden))
+        if good:
+            bundle_from_bytes(data, "x")
+        else:
+            with pytest.raises(ToktError, match="training machine"):
+                bundle_from_bytes(data, "x")

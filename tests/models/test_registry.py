@@ -20,7 +20,8 @@ import pytest
 from tokt.features.errors import ToktError
 from tokt.features.mission import open_mission
 from tokt.models.bundle import bundle_from_bytes, read_bundle
-from tokt.models.registry import Registry, load_model, tracking_uri
+from tokt.models.load import load_model
+from tokt.models.registry import Registry, tracking_uri
 from tokt.training.dataset import open_dataset
 from tokt.training.feature_table import feature_table
 
@@ -32,7 +33,7 @@ def test_by_default_all_is_kept_in_the_workspace(trained):
 
 
 def test_a_new_registry_is_empty_and_whole(tmp_path):
-    registry = Registry(tmp_path / "fresh" / ".tokt")
+    registry = Registry(tmp_path / "fresh" / ".tokt", create=True)
     assert registry.versions() == []
     with pytest.raises(ToktError, match="there are: none yet"):
         registry.find("anything")
@@ -212,10 +213,25 @@ def test_a_folder_name_that_mlflow_cannot_use_is_said(tmp_path, run_tokt):
     assert "cannot keep its file in a path with '?'" in ran.err
 
 
+def test_reading_makes_no_registry(tmp_path):
+    with pytest.raises(ToktError, match="no model has been trained"):
+        Registry(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_its_own_registry_whatever_the_environment_says(tmp_path, monkeypatch):
+    elsewhere = f"sqlite:///{tmp_path / 'elsewhere.db'}"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", elsewhere)
+    own = Registry(tmp_path / "demo", create=True, own=True)
+    assert own.versions() == [] and own.uri == f"sqlite:///{tmp_path / 'demo' / 'mlflow.db'}"
+    assert os.environ["MLFLOW_TRACKING_URI"] == elsewhere
+    assert not (tmp_path / "elsewhere.db").exists()
+
+
 def test_workspaces_in_one_process_keep_apart(trained, tmp_path):
     """MLflow keeps the last tracking URI in the environment; the next one must not get it."""
     assert [item.label for item in Registry(trained).versions()] == ["tiny-lbp/1"]
-    assert Registry(tmp_path).versions() == []
+    assert Registry(tmp_path, create=True).versions() == []
     assert "MLFLOW_TRACKING_URI" not in os.environ
 
 

@@ -7,13 +7,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from tokt.features.errors import ToktError
-from tokt.models.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
+from tokt.features.extractor import build_extractor
+from tokt.features.grid import Grid
+from tokt.models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.store import Store
 
 
@@ -126,9 +131,16 @@ def test_no_earlier_model(store: Store, bundles: dict[str, Bundle], steps: str) 
 def test_no_store_and_an_empty_one(store: Store) -> None:
     with pytest.raises(ToktError, match="does not exist"):
         store.active()
-    assert store.to_json() == {"active": None, "history": []}
+    for action in (store.to_json, store.rollback):
+        with pytest.raises(ToktError, match=r"store .*store does not exist"):
+            action()
     assert not store.path.exists()
     store.path.mkdir(parents=True)
+    nothing = {"active": None, "provenance": None, "history": [], "warnings": []}
+    assert store.to_json() == nothing
+    with pytest.raises(ToktError, match="no earlier model"):
+        store.rollback()
+    assert not list(store.path.iterdir())
     with pytest.raises(ToktError, match="no active model"):
         store.active()
     with pytest.raises(ToktError, match="no earlier model"):
@@ -208,11 +220,40 @@ def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]
         store.deploy(bundles[name])
     file = store.path / "history.jsonl"
     lines = file.read_text().splitlines()
-    file.write_text("\n".join([lines[0][:-9], lines[1]]) + "\n")
-    for action in (store.history, store.rollback, lambda: store.deploy(bundles["c"])):
+    damaged = "\n".join([lines[0][:-9], lines[1]]) + "\n"
+    file.write_text(damaged)
+    for action in (store.history, store.rollback):
         with pytest.raises(ToktError, match="history line 1 is damaged"):
             action()
     assert store.active().name == "b"
+    found = store.to_json()
+    assert [entry["name"] for entry in found["history"]] == ["b"]
+    assert found["active"]["name"] == "b" and found["provenance"]["dataset"] == "drawn@2"
+    assert len(found["warnings"]) == 1 and "history line 1 is damaged" in found["warnings"][0]
+    assert file.read_text() == damaged
+
+    notices: list[str] = []
+    assert store.deploy(bundles["c"], notice=notices.append).number == 3
+    (kept,) = store.path.glob("*damaged*")
+    assert kept.name.startswith("history.damaged-2") and kept.suffix == ".jsonl"
+    assert kept.read_text() == damaged
+    assert len(notices) == 1 and kept.name in notices[0]
+    assert story(store) == ["deploy b", "deploy c"] and store.to_json()["warnings"] == []
+    assert store.rollback().name == "b"
+
+
+def test_no_rollback_across_a_lost_line(store: Store, bundles: dict[str, Bundle]) -> None:
+    for name in "abc":
+        store.deploy(bundles[name])
+    file = store.path / "history.jsonl"
+    lines = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(lines[0] + lines[1].replace(b'"b"', b'"\xff"') + lines[2])
+    with pytest.warns(UserWarning, match="was damaged"):
+        store.deploy(bundles["a"])
+    assert [entry.number for entry in store.history()] == [1, 3, 4]
+    assert store.rollback().name == "c"
+    with pytest.raises(ToktError, match="no earlier model"):  # it was b, not a
+        store.rollback()
 
 
 def test_history_lost(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -263,10 +304,45 @@ ACTIVE = {
 def test_damaged_pointer(store: Store, bundles: dict[str, Bundle], text: str) -> None:
     store.path.mkdir(parents=True)
     (store.path / "active").write_text(text)
-    for action in (store.active, store.history, store.rollback, lambda: store.deploy(bundles["a"])):
+    for action in (store.active, store.history, store.rollback):
         with pytest.raises(ToktError, match="the active pointer is damaged"):
             action()
     assert (store.path / "active").read_text() == text
+    assert "active pointer is damaged" in store.to_json()["warnings"][0]
+    notices: list[str] = []
+    store.deploy(bundles["a"], notice=notices.append)
+    (kept,) = store.path.glob("active.damaged-*")
+    assert kept.read_text() == text and kept.name in notices[0]
+    assert story(store) == ["deploy a"]
+    check_consistent(store)
+
+
+def test_a_damaged_pointer_costs_no_history(store: Store, bundles: dict[str, Bundle]) -> None:
+    for name in "ab":
+        store.deploy(bundles[name])
+    (store.path / "active").write_bytes(b"\xff\x00")
+    found = store.to_json()
+    assert found["active"] is None and found["provenance"] is None
+    assert [entry["name"] for entry in found["history"]] == ["a", "b"]
+    with pytest.warns(UserWarning, match="active was damaged"):
+        store.deploy(bundles["c"])
+    assert story(store) == ["deploy a", "deploy b", "deploy c"]
+    check_consistent(store)
+    assert store.rollback().name == "b"
+
+
+def test_pointer_and_last_line_damaged(store: Store, bundles: dict[str, Bundle]) -> None:
+    for name in "ab":
+        store.deploy(bundles[name])
+    for file in ("active", "history.jsonl"):
+        whole = (store.path / file).read_bytes()
+        (store.path / file).write_bytes(whole[:-40])
+    with pytest.warns(UserWarning, match="was damaged"):
+        entry = store.deploy(bundles["c"])
+    assert entry.number == 3 and story(store) == ["deploy a", "deploy c"]
+    assert len(list(store.path.glob("*.damaged-*"))) == 2
+    with pytest.raises(ToktError, match="no earlier model"):
+        store.rollback()
 
 
 def test_pointer_that_is_not_text_or_not_a_file(store: Store) -> None:
@@ -298,6 +374,12 @@ def test_newer_format(store: Store, bundles: dict[str, Bundle]) -> None:
         with pytest.raises(ToktError, match="newer tokt"):
             action()
     assert (store.path / "history.jsonl").read_text() == history + newer + "\n"
+    (store.path / "active").write_text("{")
+    with pytest.raises(ToktError, match="newer tokt"):
+        store.deploy(bundles["b"])
+    assert (store.path / "active").read_text() == "{"
+    assert not list(store.path.glob("*.damaged-*"))
+    assert not bundle_file(store, bundles["b"]).exists()
 
 
 YESTERDAY_ACTIVE = """{
@@ -353,6 +435,118 @@ def test_leftovers_go_with_the_next_activation(store: Store, bundles: dict[str, 
         [".partial-0-x"],
         [".partial-0-x"],
     ]
+
+
+def fit_for_patches(make_content: Callable[..., BundleContent]) -> Bundle:
+    """A sound bundle that judges ready-cut patches: its golden frames are single patches."""
+    content = make_content(7)
+    grid = Grid(1, 1, None)
+    frames = [np.full((27, 36), 7, np.uint8), np.arange(27 * 36, dtype=np.uint8).reshape(27, 36)]
+    extractor = build_extractor(content.extractor_spec)
+    values = np.array([content.model.decision_values(extractor.describe(x, grid)) for x in frames])
+    golden = Golden(
+        tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames),
+        values,
+        np.array([content.model.obstacle_patches(value) for value in values]),
+    )
+    data = bundle_bytes(replace(content, grid=grid, golden=golden))
+    return bundle_from_bytes(data, "patches")
+
+
+def test_a_model_of_patches_is_not_deployed(
+    store: Store, bundles: dict[str, Bundle], make_content: Callable[..., BundleContent]
+) -> None:
+    patches = fit_for_patches(make_content)
+    with pytest.raises(ToktError, match="ready-cut patches"):
+        store.deploy(patches)
+    assert not store.path.exists()
+
+    # One that an older tokt has deployed.
+    store.deploy(bundles["a"])
+    file = bundle_file(store, patches)
+    file.parent.mkdir()
+    file.write_bytes(patches.data)
+    text = (store.path / "active").read_text().replace(bundles["a"].sha256, patches.sha256)
+    (store.path / "active").write_text(text)
+    with pytest.raises(ToktError, match="ready-cut patches"):
+        store.active()
+    assert "ready-cut patches" in store.to_json()["warnings"][0]
+
+
+def test_a_broken_active_bundle_is_shown_with_a_warning(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    store.deploy(bundles["a"])
+    assert store.to_json()["provenance"] == bundles["a"].content.provenance
+    bundle_file(store, bundles["a"]).write_bytes(bundles["a"].data[:-1])
+    found = store.to_json()
+    assert found["active"]["name"] == "a" and found["provenance"] is None
+    assert len(found["warnings"]) == 1 and "not the one that was deployed" in found["warnings"][0]
+
+
+DEPLOYER = """
+import sys
+from tokt.models.bundle import read_bundle
+from tokt.models.store import Store
+bundle = read_bundle(sys.argv[2])
+print("ready", flush=True)
+sys.stdin.readline()
+for turn in range(20):
+    Store(sys.argv[1]).deploy(bundle, f"{bundle.name}{turn}")
+"""
+
+
+def test_two_processes_deploy_at_once(
+    store: Store, bundles: dict[str, Bundle], tmp_path: Path
+) -> None:
+    processes = []
+    for name in "ab":
+        (tmp_path / f"{name}.tokt").write_bytes(bundles[name].data)
+        command = [sys.executable, "-c", DEPLOYER, str(store.path), str(tmp_path / f"{name}.tokt")]
+        processes.append(
+            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        )
+    for process in processes:
+        assert process.stdout and process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    for process in processes:
+        process.communicate(timeout=60)
+        assert process.returncode == 0
+    lines = [json.loads(line) for line in (store.path / "history.jsonl").read_text().splitlines()]
+    assert [line["number"] for line in lines] == list(range(1, 41))
+    assert {line["reason"] for line in lines} == {
+        f"{name}{turn}" for name in "ab" for turn in range(20)
+    }
+    check_consistent(store)
+
+
+def test_a_store_that_another_process_keeps(
+    store: Store, bundles: dict[str, Bundle], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in "ab":
+        store.deploy(bundles[name])
+    monkeypatch.setattr("tokt.models.store.LOCK_WAIT_S", 0.1)
+    holder = (
+        "import sys; from pathlib import Path; from tokt.models import store\n"
+        "with store._locked(Path(sys.argv[1])):\n"
+        "    print('held', flush=True); sys.stdin.readline()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", holder, str(store.path / "lock")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout and process.stdout.readline() == "held\n"
+        for action in (store.rollback, lambda: store.deploy(bundles["c"])):
+            with pytest.raises(ToktError, match="another tokt has been writing"):
+                action()
+        assert store.active().name == "b" and story(store) == ["deploy a", "deploy b"]
+        process.kill()
+    assert store.rollback().name == "a"
 
 
 # Forks a child that deploys and rolls back without end; kills it after the delay from stdin.

@@ -18,6 +18,7 @@ import pandas as pd
 import pytest
 from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
+from tokt.labels import taxonomy as taxonomy_module
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.dataset import (
     DatasetPlan,
@@ -27,6 +28,7 @@ from tokt.training.dataset import (
     list_datasets,
     open_dataset,
 )
+from tokt.training.splits import blocked_folds
 
 OWN_TAXONOMY = """format = 1
 [[classes]]
@@ -474,3 +476,51 @@ def test_truth_helpers_agree_with_what_is_built(trained, tiny_truth: SimpleNames
     obstacle = dataset.patches[dataset.targets() == 1]
     found = set(zip(obstacle.frame, obstacle.row, obstacle.col, strict=True))
     assert found == {(n, *cell) for n in range(1, 41) for cell in tiny_truth.cells(n)}
+
+
+def test_copies_of_a_frame_stay_on_one_side(own_tiny, tmp_path, run_tokt):
+    """A renamed copy of a dive would otherwise put each test frame into the training part."""
+    twin = tmp_path / "twin"
+    shutil.copytree(own_tiny.path, twin)
+    rows = own_tiny.labels.read_text().splitlines()
+    name = own_tiny.path.name
+    both = rows + [row.replace(f"{name},", "twin,", 1) for row in rows[1:]]
+    labels = tmp_path / "both.csv"
+    labels.write_text("\n".join(both) + "\n")
+    ran = run_tokt(
+        *("dataset", "build", "both", "--mission", own_tiny.path, "--mission", twin),
+        *("--labels", labels, "--block", 4, "--workspace", tmp_path / "ws", "--json"),
+    )
+    assert ran.code == 0, ran.err
+    assert "40 frames are copies" in ran.err
+    dataset = open_dataset("both", tmp_path / "ws" / "datasets")
+    assert dataset.patches.groupby(["frame"]).group.nunique().max() == 1
+    digests = dataset.patches.merge(dataset.frames, on=["mission", "camera", "frame"]).digest
+    for fold in blocked_folds(dataset.patches, dataset.targets(), 4, 1):
+        assert not set(digests.iloc[fold.train]) & set(digests.iloc[fold.test])
+
+
+def test_labels_in_the_store_are_never_taken_for_another_dive(own_tiny, tmp_path, run_tokt):
+    space = ("--workspace", tmp_path / "ws")
+    assert run_tokt("labels", "import", own_tiny.labels, *space).code == 0
+    other = tmp_path / "other-dive"
+    shutil.copytree(own_tiny.path, other)
+    ran = run_tokt("dataset", "build", "d", "--mission", other, *space)
+    assert ran.code == 2 and "no labels for mission 'other-dive'" in ran.err
+    ran = run_tokt("dataset", "build", "d", "--mission", other, "--labels", own_tiny.labels, *space)
+    assert ran.code == 0 and "are taken for the frames in" in ran.err
+
+
+def test_a_dataset_whose_classes_are_all_clear_is_refused(own_tiny, tmp_path, run_tokt):
+    rows = own_tiny.labels.read_text().replace("subsea_installation", "sand").splitlines()
+    taxonomy = tmp_path / "t.toml"
+    text = Path(taxonomy_module.__file__).with_name("taxonomy.toml").read_text("utf-8")
+    before, after = text.split('name = "sand"')
+    taxonomy.write_text(before + 'name = "sand"' + after.replace("true", "false", 1), "utf-8")
+    labels = tmp_path / "l.csv"
+    labels.write_text("\n".join(rows) + "\n")
+    ran = run_tokt(
+        *("dataset", "build", "d", "--mission", own_tiny.path, "--labels", labels),
+        *("--task", "classes", "--taxonomy", taxonomy, "--workspace", tmp_path / "ws"),
+    )
+    assert ran.code == 2 and "could never warn" in ran.err

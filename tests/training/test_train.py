@@ -13,6 +13,7 @@ from sklearn.metrics import average_precision_score, precision_recall_fscore_sup
 from sklearn.model_selection import StratifiedKFold
 from sklearn.svm import LinearSVC
 from tokt.features.errors import ToktError
+from tokt.features.extractor import extractor_named
 from tokt.models.registry import Registry
 from tokt.training import cross_validation
 from tokt.training.classifier import fit_classifier, linear_model
@@ -346,3 +347,16 @@ def test_early_refusal_comes_before_the_features(request_for, tmp_path, no_progr
     with pytest.raises(ToktError, match="too few for 30 folds"):
         train(request, tmp_path / "cache", no_progress)
     assert not (tmp_path / "cache").exists()
+
+
+def test_a_damaged_feature_cache_is_computed_anew(trained, tmp_path, no_progress):
+    dataset = open_dataset("tiny", trained / "datasets")
+    spec = extractor_named("lbp").spec
+    first = np.array(feature_table(dataset, spec, tmp_path, no_progress, jobs=1))
+    (file,) = tmp_path.glob("*.npy")
+    whole = file.read_bytes()
+    flipped = whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:]
+    for damaged in (whole[: len(whole) // 2], flipped, b""):
+        file.write_bytes(damaged)
+        assert (feature_table(dataset, spec, tmp_path, no_progress, jobs=1) == first).all()
+        assert file.read_bytes() == whole

@@ -23,12 +23,12 @@ def labels_for(
     labels: list[Path], workspace: Path, taxonomy: Taxonomy, grid: Grid
 ) -> list[LabelRecord]:
     """The records of the label files given, or else all of the workspace's label store."""
-    from ..labels.store import LabelStore
+    from ..labels.store import FILE_NAME, LabelStore
     from ..training.mission_source import read_labels
 
     if labels:
         return read_labels(labels, taxonomy, grid)
-    with LabelStore(workspace / "labels.db", create=False) as store:
+    with LabelStore(workspace / FILE_NAME, create=False) as store:
         return store.current(grid=grid)
 
 
@@ -86,11 +86,24 @@ def build(
         wanted = parse_frames(frames) if frames else None
         records = labels_for(labels or [], workspace, classes, cells)
         plan, remarks = plan_from_missions(
-            name, task, mission or [], records, classes, cells, wanted, block or BLOCK_FRAMES
+            name,
+            task,
+            mission or [],
+            records,
+            classes,
+            cells,
+            wanted,
+            block or BLOCK_FRAMES,
+            labels_are_for_it=bool(labels),
         )
     for remark in remarks:
         say(f"note: {remark}")
     dataset = build_dataset(plan, workspace / "datasets", progress)
+    if dataset.info["frames_that_are_copies"]:
+        say(
+            f"note: {dataset.info['frames_that_are_copies']} frames are copies of others; blocks "
+            "that share a picture stay on one side of every split"
+        )
     _show(dataset.label, dataset.info, json)
 
 

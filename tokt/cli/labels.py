@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..features.errors import ToktError
+from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
 from .output import print_json, progress, say
 
 if TYPE_CHECKING:
@@ -26,13 +27,6 @@ labels_app = typer.Typer(
 )
 
 LabelFile = Annotated[Path, typer.Argument(metavar="FILE", help="Label file (.csv).")]
-Workspace = Annotated[Path, typer.Option(metavar="DIR", help="Folder where tokt keeps its state.")]
-TaxonomyFile = Annotated[
-    Path | None,
-    typer.Option("--taxonomy", metavar="FILE", help="Classes; default: the workspace's, or five."),
-]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-DEFAULT_WORKSPACE = Path(".tokt")
 _LONG = 100_000  # labels whose import takes more than a second
 
 
@@ -46,9 +40,9 @@ def import_labels(
     grid: Annotated[
         str, typer.Option(metavar="ROWSxCOLS@WIDTH", help="Grid the rows and columns count in.")
     ] = "10x10@360",
-    taxonomy: TaxonomyFile = None,
-    workspace: Workspace = DEFAULT_WORKSPACE,
-    json: Json = False,
+    taxonomy: TaxonomyOption = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
 ) -> None:
     """Add a label file to the workspace: all of it, or nothing when a line is wrong."""
     from ..features.grid import Grid
@@ -93,7 +87,8 @@ def export_labels(
     full: Annotated[
         bool, typer.Option("--full", help="Add annotator, time, grid, source, model_version.")
     ] = False,
-    workspace: Workspace = DEFAULT_WORKSPACE,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
 ) -> None:
     """Write the labels in force to a file, sorted by patch."""
     from ..labels.label_csv import write_label_csv
@@ -107,11 +102,14 @@ def export_labels(
                 f" and annotators {_names(store.annotators())}"
             )
     count = write_label_csv(file, records, full=full)
+    if json:
+        print_json({"file": str(file), "store": str(store.path), "labels": count})
+        return
     say(f"{file}: {count} labels")
 
 
 @labels_app.command("stats")
-def show_stats(workspace: Workspace = DEFAULT_WORKSPACE, json: Json = False) -> None:
+def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False) -> None:
     """Count frames, patches and classes by mission and annotator."""
     from ..labels.taxonomy import UNSURE, load_taxonomy
 
@@ -137,9 +135,9 @@ def show_stats(workspace: Workspace = DEFAULT_WORKSPACE, json: Json = False) -> 
 def show_agreement(
     a: Annotated[str, typer.Argument(metavar="A", help="Label file, or annotator in the store.")],
     b: Annotated[str, typer.Argument(metavar="B", help="The one to hold against A.")],
-    taxonomy: TaxonomyFile = None,
-    workspace: Workspace = DEFAULT_WORKSPACE,
-    json: Json = False,
+    taxonomy: TaxonomyOption = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
 ) -> None:
     """Compare two annotators: Cohen's kappa, agreement by class, confusion."""
     from ..labels.agreement import agreement

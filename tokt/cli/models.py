@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ..features.errors import ToktError
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import print_json
+from .output import print_json, say
 
 models_app = typer.Typer(help="Registered model versions.", no_args_is_help=False)
 
@@ -45,7 +45,7 @@ def show(
     json: JsonOption = False,
 ) -> None:
     """Show a model's card: what it is, what was measured, where it comes from."""
-    from ..models.registry import load_model
+    from ..models.load import load_model
 
     bundle = load_model(model, workspace)
     content = bundle.content
@@ -73,11 +73,15 @@ def alias(
     model: Annotated[str, typer.Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
     alias: Annotated[str, typer.Argument(help="For example champion.")],
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
 ) -> None:
     """Point an alias at a version."""
     from ..models.registry import Registry
 
     version = Registry(workspace).set_alias(model, alias)
+    if json:
+        print_json(asdict(version))
+        return
     print(f"{version.label} is now {version.name}@{alias}")
 
 
@@ -90,7 +94,7 @@ def export(
     """Write a model version as a bundle, the one file that is shipped."""
     from ..features.atomic import write_bytes
     from ..models.bundle import SUFFIX
-    from ..models.registry import load_model
+    from ..models.load import load_model
 
     if output.suffix != SUFFIX:
         raise ToktError(f"a bundle's name ends in {SUFFIX}, unlike {output}")
@@ -113,16 +117,10 @@ def deploy(
     json: JsonOption = False,
 ) -> None:
     """Check a model and make it the active one of a store."""
-    from ..models.bundle import SUFFIX, read_bundle
+    from ..models.load import load_model
     from ..models.store import Store
 
-    if model.endswith(SUFFIX):
-        bundle = read_bundle(model)
-    else:
-        from ..models.registry import load_model
-
-        bundle = load_model(model, workspace)
-    entry = Store(store).deploy(bundle, reason)
+    entry = Store(store).deploy(load_model(model, workspace), reason, notice=say)
     _print_activation(store, asdict(entry), json)
 
 
@@ -135,23 +133,43 @@ def rollback(store: StoreArgument, reason: ReasonOption = "", json: JsonOption =
 
 
 def store(store: StoreArgument, json: JsonOption = False) -> None:
-    """Show what is active in a store, and what has been."""
+    """Show what is active in a store, where it comes from, and what has been active."""
     from ..models.store import Store
 
-    if not store.is_dir():
-        raise ToktError(f"store {store} does not exist")
     value = Store(store).to_json()
     if json:
         print_json(value)
         return
-    active = value["active"]
-    print(f"active: {active['name']}/{active['version']}" if active else "active: none")
+    for warning in value["warnings"]:
+        say(f"WARNING: {warning}")
+    if value["active"] is None:
+        print("active: not known" if value["warnings"] else "active: none")
+    else:
+        _print_active(value["active"], value["provenance"])
     for entry in value["history"]:
         print(
             f"  {entry['number']}  {entry['time']}  {entry['action']:8}  "
             f"{entry['name']}/{entry['version']}  {entry['sha256'][:12]}  by {entry['who']}"
             f"{'  ' + entry['reason'] if entry['reason'] else ''}"
         )
+
+
+_ORIGIN = {
+    "dataset": "dataset",
+    "dataset_hash": "dataset hash",
+    "dataset_sources": "missions and labels",
+    "mlflow_run_id": "MLflow run",
+    "code_version": "code version",
+}
+
+
+def _print_active(active: dict[str, Any], provenance: dict[str, Any] | None) -> None:
+    print(f"active: {active['name']}/{active['version']}")
+    if provenance is None:
+        return
+    for key, what in _ORIGIN.items():
+        text = str(provenance.get(key, "not recorded in the bundle"))
+        print(f"  {what}: {' '.join(text.split())}")
 
 
 def _print_activation(store: Path, entry: dict[str, object], json: bool) -> None:

@@ -8,10 +8,16 @@ from typing import Annotated
 import typer
 
 WorkspaceOption = Annotated[
-    Path, typer.Option("--workspace", help="Folder that holds tokt's state.", show_default=True)
+    Path,
+    typer.Option(
+        "--workspace", metavar="DIR", help="Folder that holds tokt's state.", show_default=True
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 TaxonomyOption = Annotated[
-    Path | None, typer.Option("--taxonomy", help="Taxonomy file; default: the workspace's or ours.")
+    Path | None,
+    typer.Option(
+        "--taxonomy", metavar="FILE", help="Taxonomy file; default: the workspace's or ours."
+    ),
 ]
 DEFAULT_WORKSPACE = Path(".tokt")

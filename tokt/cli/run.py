@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -69,8 +71,7 @@ def run(
         raise ToktError("--log-values needs a log to write them to (--log FILE.jsonl)")
     chosen = None if frames is None else parse_frames(frames)
     stereo = None if calibration is None else load_calibration(calibration)
-    pairs = stereo is not None and policy != "texture"
-    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo=pairs)
+    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo=stereo is not None)
     built = build_policy(policy, _model_loader(store, bundle), stereo)
     with ExitStack() as opened:
         senders = _open_senders(udp, format_, opened)
@@ -145,7 +146,13 @@ def listen(
     with stop_on_signal(lambda: interrupted.append(True)):
         for sender, data in datagrams(host, port, stopped, ready):
             received += 1
-            print(_datagram_line(sender, data, as_json), flush=True)
+            try:
+                print(_datagram_line(sender, data, as_json), flush=True)
+            except BrokenPipeError:
+                # Who read has gone (| head -1). What Python still flushes at its end has to go
+                # somewhere, or it complains.
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                return
 
 
 def _datagram_line(sender: str, data: bytes, as_json: bool) -> str:

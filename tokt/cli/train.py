@@ -24,7 +24,7 @@ def train(
     ] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=2)] = 5,
     embargo: Annotated[
-        int, typer.Option(help="Frames left out of training on each side of a test frame.", min=0)
+        int, typer.Option(help="Frames left out of training on each side of a test frame.", min=1)
     ] = 5,
     ocean: Annotated[
         Path | None, typer.Option(help="Ocean image of preset thesis; default: a clear frame.")
@@ -55,7 +55,7 @@ def train(
     request = TrainRequest(
         data, model_name, chosen, extractor, settings, Split(folds, embargo), ocean, other
     )
-    registry = Registry(workspace)
+    registry = Registry(workspace, create=True)
     registry.experiment_id()  # a registry that cannot be reached is said before the work
     trained = train_task(request, workspace / "cache", progress)
     version = log_and_register(trained, registry)
@@ -111,7 +111,7 @@ def evaluate(
     """Score a model on a labelled mission: patches, frame statuses, first detection."""
     from ..features.mission import open_mission, parse_frames
     from ..labels.taxonomy import load_taxonomy
-    from ..models.registry import load_model
+    from ..models.load import load_model
     from ..training.evaluate import evaluate as evaluate_task
     from ..training.mission_source import labels_of_mission
 
@@ -120,7 +120,7 @@ def evaluate(
     wanted = parse_frames(frames) if frames else None
     bundle = load_model(model, workspace)
     records = labels_for(labels or [], workspace, classes, bundle.grid)
-    mine, remark = labels_of_mission(opened, records, bundle.grid, only=True)
+    mine, remark = labels_of_mission(opened, records, bundle.grid, only=bool(labels))
     if remark:
         say(f"note: {remark}")
     result = evaluate_task(bundle, opened, mine, classes, progress, wanted)
@@ -128,6 +128,11 @@ def evaluate(
         say(
             f"WARNING: the model learnt from {result['seen_in_training']} of these frames: "
             "these are training figures, not a test"
+        )
+    elif result["mission_in_training"]:
+        say(
+            "note: the model learnt from other frames of this mission; another dive can go much "
+            "worse than these figures"
         )
     if json:
         print_json(result)

@@ -1,0 +1,22 @@
+"""A model by whatever name a command is given; a bundle file needs no registry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .bundle import SUFFIX, Bundle, read_bundle
+
+
+def load_model(reference: str, workspace: Path) -> Bundle:
+    """The bundle behind a ``.tokt`` file, ``name``, ``name@alias`` or ``name/version``.
+
+    Raises
+    ------
+    ToktError
+        If there is none, or it fails a check.
+    """
+    if reference.endswith(SUFFIX):
+        return read_bundle(reference)
+    from .registry import Registry
+
+    return Registry(workspace).bundle(reference)

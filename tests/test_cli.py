@@ -1,0 +1,128 @@
+"""The command line as a whole: its version, and what it can do and say aboard without MLflow."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tokt.models.bundle import read_bundle
+from tokt.models.store import Store
+
+import tokt
+
+TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib", "pyarrow")
+
+
+def tokt_aboard(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command line where no training tool can be imported."""
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({TRAINING_TOOLS!r}));"
+        "from tokt.cli import main; main()"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_version(run_tokt: Callable[..., Any]) -> None:
+    ran = run_tokt("--version")
+    assert (ran.code, ran.out, ran.err) == (0, f"tokt {tokt.__version__}\n", "")
+
+
+def test_a_bundle_file_is_shown_without_mlflow(tiny_bundle: Path, tmp_path: Path) -> None:
+    card = tokt_aboard(tmp_path, "models", "show", tiny_bundle)
+    assert (card.returncode, card.stderr) == (0, "")
+    assert card.stdout == read_bundle(tiny_bundle).content.card
+    named = tokt_aboard(tmp_path, "models", "show", "tiny-lbp")
+    assert named.returncode == 2 and "tokt[train]" in named.stderr
+
+
+def test_the_store_says_where_its_model_comes_from(tiny_bundle: Path, tmp_path: Path) -> None:
+    bundle = read_bundle(tiny_bundle)
+    Store(tmp_path / "store").deploy(bundle, "sea trial")
+    provenance = bundle.content.provenance
+    ran = tokt_aboard(tmp_path, "store", "store")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    lines = ran.stdout.splitlines()
+    assert lines[0] == "active: tiny-lbp/1"
+    assert f"  dataset: {provenance['dataset']}" in lines
+    assert f"  dataset hash: {provenance['dataset_hash']}" in lines
+    assert f"  missions and labels: {provenance['dataset_sources']}" in lines
+    assert f"  MLflow run: {provenance['mlflow_run_id']}" in lines
+    assert f"  code version: {provenance['code_version']}" in lines
+    assert "mission tiny; labels by labels (" in ran.stdout
+    assert lines[-1].endswith("sea trial")
+    found = json.loads(tokt_aboard(tmp_path, "store", "store", "--json").stdout)
+    assert found["provenance"] == provenance and found["warnings"] == []
+
+
+@pytest.mark.parametrize("damaged", ["bundle", "active", "history.jsonl"])
+def test_a_damaged_store_shows_what_is_left(
+    damaged: str, tiny_bundle: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    store = Store(tmp_path / "store")
+    for _ in range(2):
+        entry = store.deploy(read_bundle(tiny_bundle))
+    file = store.path / damaged
+    if damaged == "bundle":
+        file = store.path / "versions" / entry.sha256 / "bundle.tokt"
+    file.write_bytes(b"?" + file.read_bytes()[1:])
+    ran = run_tokt("store", store.path)
+    assert ran.code == 0
+    assert ran.err.startswith("WARNING: ") and ran.err.count("\n") == 1
+    shown = [line.split()[0] for line in ran.out.splitlines() if "  deploy  " in line]
+    assert shown == (["2"] if damaged == "history.jsonl" else ["1", "2"])
+    first = ran.out.splitlines()[0]
+    assert first == f"active: {'not known' if damaged == 'active' else 'tiny-lbp/1'}"
+    found = json.loads(run_tokt("store", store.path, "--json").out)
+    assert len(found["warnings"]) == 1
+
+    mended = run_tokt("deploy", tiny_bundle, store.path, "--json")
+    assert mended.code == 0 and json.loads(mended.out)["number"] == 3
+    assert ("was damaged; it is kept as" in mended.err) == (damaged != "bundle")
+    again = run_tokt("store", store.path)
+    assert (again.code, again.err) == (0, "")
+
+
+@pytest.mark.parametrize("command", ["store", "rollback"])
+def test_a_store_that_is_not_there(
+    command: str, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    ran = run_tokt(command, tmp_path / "none")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == f"tokt: error: store {tmp_path / 'none'} does not exist\n"
+    assert not (tmp_path / "none").exists()
+
+
+def test_alias_as_json(workspace: Path, run_tokt: Callable[..., Any]) -> None:
+    ran = run_tokt("models", "alias", "tiny-lbp", "champion", "--workspace", workspace, "--json")
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert (found["name"], found["version"]) == ("tiny-lbp", "1")
+    assert "champion" in found["aliases"]
+
+
+@pytest.mark.parametrize(
+    "command", ["labels import x.csv", "labels stats", "dataset list", "models list", "store x"]
+)
+def test_commands_share_their_options(command: str, run_tokt: Callable[..., Any]) -> None:
+    helped = run_tokt(*command.split(), "--help").out
+    options = {
+        name: " ".join(re.findall(rf"{name}\b.*?(?=\n +-|\Z)", helped, re.S)[:1]).split()
+        for name in ("--workspace", "--json")
+        if name in helped
+    }
+    assert " ".join(options["--json"]) == "--json Print one JSON object."
+    if "--workspace" in options:
+        expected = "--workspace DIR Folder that holds tokt's state. [default: .tokt]"
+        assert " ".join(options["--workspace"]) == expected
