@@ -16,7 +16,7 @@ demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
 
 test: $(READY)
-	$(BIN)/python -m pytest -q -n 2
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal
 
 check: $(READY)
 	$(BIN)/ruff check .

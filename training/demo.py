@@ -158,14 +158,20 @@ def _check_given(mission: Path, labels: Path) -> None:
 
 
 def _prepare(
-    out: Path, mission: Path | None, labels: Path | None, frames: int, progress: Progress, say: Say
+    out: Path,
+    mission: Path | None,
+    labels: Path | None,
+    frames: int,
+    width: int,
+    progress: Progress,
+    say: Say,
 ) -> DemoRun:
     start = time.perf_counter()
     rendered = mission is None
     if mission is None:
         say("-- render a mission")
         mission = out / "synthetic"
-        simulate_mission(mission, n_frames=frames, progress=progress)
+        simulate_mission(mission, n_frames=frames, width=width, progress=progress)
     opened, taxonomy = open_mission(mission), Taxonomy.load()
     say("-- import labels")
     read = read_label_csv(labels or mission / "labels.csv", taxonomy)
@@ -247,6 +253,7 @@ def run_demo(
     mission: Path | None,
     labels: Path | None,
     frames: int,
+    width: int,
     progress: Progress,
     say: Say,
 ) -> dict[str, Any]:
@@ -258,8 +265,8 @@ def run_demo(
         Folder for workspace, store, log and report.
     mission, labels : Path or None
         A real mission with its label file, or neither for a rendered mission.
-    frames : int
-        Stereo pairs of the rendered mission.
+    frames, width : int
+        Stereo pairs of the rendered mission, and their width in pixels.
     progress, say : callable
         Where progress and remarks go.
 
@@ -276,7 +283,7 @@ def run_demo(
     if mission is not None and labels is not None:
         _check_given(mission, labels)
     _empty_folder(out, mission, labels)
-    run = _prepare(out, mission, labels, frames, progress, say)
+    run = _prepare(out, mission, labels, frames, width, progress, say)
     workspace, store = out / "workspace", Store(out / "store")
     registry = Registry(workspace, create=True, own=True)
     with run.stage("build the dataset", say):

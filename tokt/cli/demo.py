@@ -23,6 +23,9 @@ def demo(
     frames: Annotated[
         int, typer.Option(help="Stereo pairs of the rendered mission.", min=60)
     ] = 120,
+    width: Annotated[
+        int, typer.Option(help="Width in pixels of the rendered frames.", min=360, max=1360)
+    ] = 1360,
     json: JsonOption = False,
 ) -> None:
     """Label file, dataset, training, registry, bundle, store, runtime, UDP: one run of it all."""
@@ -30,7 +33,7 @@ def demo(
 
     if (mission is None) != (labels is None):
         raise ToktError("--mission and --labels go together")
-    result = run_demo(out, mission, labels, frames, progress, say)
+    result = run_demo(out, mission, labels, frames, width, progress, say)
     if json:
         print_json(result)
         return
