@@ -35,10 +35,11 @@ def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, A
         for item in recipe["classes"]
     )
     rows = [
-        ("patch F1", _figure(patch["f1"])),
+        ("obstacle patches: F1", _figure(patch["f1"])),
         ("precision", _figure(patch["precision"])),
         ("recall", _figure(patch["recall"])),
         ("average precision", _figure(patch["average_precision"])),
+        ("macro-F1 over the classes", _figure(patch["macro_f1"])),
         ("F1 of the folds", ", ".join(_figure(fold["f1"]) for fold in metrics["folds"])),
         (
             "open-ocean frames with a false status",

@@ -24,7 +24,8 @@ def obstacle_metrics(truth: NDArray[np.bool_], score: NDArray[np.float64]) -> di
     ----------
     truth : array of bool, shape (n,)
     score : array of float64, shape (n,)
-        Above 0 where the model says obstacle.
+        Above 0 where the model says obstacle; infinite from a model whose classes are all
+        obstacles, or all clear: of such a model these figures say nothing, and are None.
 
     Returns
     -------
@@ -36,12 +37,13 @@ def obstacle_metrics(truth: NDArray[np.bool_], score: NDArray[np.float64]) -> di
     hit, false = int((said & truth).sum()), int((said & ~truth).sum())
     missed, quiet = int((~said & truth).sum()), int((~said & ~truth).sum())
     denominator = 2 * hit + false + missed
-    ranked = truth.any() and np.isfinite(score).all()
+    two_sided = bool(np.isfinite(score).all())
+    some = two_sided and bool(truth.any())
     return {
-        "precision": hit / (hit + false) if hit + false else None,
-        "recall": hit / (hit + missed) if hit + missed else None,
-        "f1": 2 * hit / denominator if hit + missed else None,
-        "average_precision": _ratio(average_precision_score(truth, score)) if ranked else None,
+        "precision": hit / (hit + false) if two_sided and hit + false else None,
+        "recall": hit / (hit + missed) if some else None,
+        "f1": 2 * hit / denominator if some else None,
+        "average_precision": _ratio(average_precision_score(truth, score)) if some else None,
         "true_positive": hit,
         "false_positive": false,
         "false_negative": missed,

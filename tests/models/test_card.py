@@ -15,7 +15,13 @@ RECIPE: dict[str, Any] = {
     ],
     "metrics": {
         "split": "five folds by blocks of 20 frames",
-        "patch": {"f1": 0.87654, "precision": 1.0, "recall": 0.5, "average_precision": None},
+        "patch": {
+            "f1": 0.87654,
+            "precision": 1.0,
+            "recall": 0.5,
+            "average_precision": None,
+            "macro_f1": 0.75,
+        },
         "folds": [{"f1": 0.25}, {"f1": None}],
         "frames": {"false_status": 3, "ocean_frames": 99},
     },
@@ -27,7 +33,8 @@ def test_card_states_what_was_measured() -> None:
     assert card.startswith("# tower/3\n")
     assert "ocean (clear), tower (obstacle)" in card
     for line in (
-        "| patch F1 | 0.877 |",
+        "| obstacle patches: F1 | 0.877 |",
+        "| macro-F1 over the classes | 0.750 |",
         "| precision | 1.000 |",
         "| average precision | undefined |",
         "| F1 of the folds | 0.250, undefined |",

@@ -360,3 +360,11 @@ def test_a_damaged_feature_cache_is_computed_anew(trained, tmp_path, no_progress
         file.write_bytes(damaged)
         assert (feature_table(dataset, spec, tmp_path, no_progress, jobs=1) == first).all()
         assert file.read_bytes() == whole
+
+
+def test_a_model_with_obstacles_only_has_no_obstacle_figures():
+    """Everything is an obstacle and called one: an F1 of 1 would say nothing."""
+    truth = np.ones(5, bool)
+    figures = obstacle_metrics(truth, np.full(5, np.inf))
+    assert {figures[name] for name in ("f1", "precision", "recall", "average_precision")} == {None}
+    assert obstacle_metrics(truth, np.array([1.0, 1, 1, -1, 1]))["recall"] == 0.8

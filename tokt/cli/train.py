@@ -79,14 +79,29 @@ def _print_training(label: str, metrics: dict[str, Any]) -> None:
     patch, frames = metrics["patch"], metrics["frames"]
     print(f"{label} (alias challenger)")
     print(f"  {metrics['split']}")
-    print(
-        f"  patch F1 {figure(patch['f1'])}, precision {figure(patch['precision'])}, "
-        f"recall {figure(patch['recall'])}, AP {figure(patch['average_precision'])}"
-    )
-    print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
-    print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
+    _print_patches(patch)
+    if patch["f1"] is not None:
+        print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
+        print(
+            f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames"
+        )
     if not metrics["converged"]:
         print("  the solver stopped at its iteration limit (unscaled features)")
+
+
+def _print_patches(patch: dict[str, Any]) -> None:
+    """Obstacle figures where they mean something, and those by class for several classes."""
+    if patch["f1"] is not None:
+        print(
+            f"  obstacle patches: F1 {figure(patch['f1'])}, precision "
+            f"{figure(patch['precision'])}, recall {figure(patch['recall'])}, "
+            f"AP {figure(patch['average_precision'])}"
+        )
+    if patch["f1"] is None or len(patch["per_class"]) > 2:
+        by_class = ", ".join(
+            f"{name} {figure(row['f1'])}" for name, row in patch["per_class"].items()
+        )
+        print(f"  classes: macro-F1 {figure(patch['macro_f1'])} ({by_class})")
 
 
 def figure(value: float | None) -> str:
@@ -146,10 +161,7 @@ def _print_evaluation(label: str, result: dict[str, Any]) -> None:
         f"{label} on {result['mission']}: {patch['n']} patches, "
         f"{result['unsure_ignored']} unsure ones ignored"
     )
-    print(
-        f"  patch F1 {figure(patch['f1'])}, precision {figure(patch['precision'])}, "
-        f"recall {figure(patch['recall'])}, AP {figure(patch['average_precision'])}"
-    )
+    _print_patches(patch)
     print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
     print(f"  first of three frames in a row with status 1: {frames['first_detection']}")
