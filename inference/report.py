@@ -37,7 +37,7 @@ class Report:
     verdict: Verdict
 
     def fields(self) -> dict[str, Any]:
-        """The fields of UDP v2 (DESIGN.md); a number that is not finite becomes None."""
+        """The fields of UDP v2 (docs/udp.md); a number that is not finite becomes None."""
         verdict = self.verdict
         return {
             "v": V2,

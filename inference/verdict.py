@@ -1,7 +1,7 @@
 """From a mask to a verdict: is there an obstacle, where, and which way to steer.
 
 The centre, the box, the mean value and the status follow L. S. Brusletto (NTNU 2016), with the
-corrections that DESIGN.md lists: Ypos comes from the centre's y, the box is the union of the
+corrections: Ypos comes from the centre's y, the box is the union of the
 contours' boxes, and contours of zero area have no weight instead of dividing by zero.
 
 ::

@@ -23,7 +23,7 @@ def a_verdict(status: int = 1, x: int = -120, y: int = -35, mean: float = 12.345
 
 
 def parse_v1_by_the_design(datagram: bytes) -> tuple[int, int, int, float]:
-    """Written from DESIGN.md's description alone: eight comma-separated ASCII fields."""
+    """Written from the format's description alone: eight comma-separated ASCII fields."""
     fields = datagram.decode("ascii").split(",")
     assert len(fields) == 8
     assert [field.strip() for field in fields[0::2]] == [
