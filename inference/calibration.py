@@ -48,11 +48,6 @@ class StereoCalibration:
     T_mm: NDArray[np.float64]
     frame_size: tuple[int, int]
 
-    @property
-    def baseline_mm(self) -> float:
-        """Distance between the cameras in millimetres."""
-        return float(np.linalg.norm(self.T_mm))
-
 
 def load_calibration(path: Path | str) -> StereoCalibration:
     """Read and check a calibration file.

@@ -20,7 +20,6 @@ FILE_NAME = "taxonomy.toml"
 UNSURE = "unsure"
 """A person looked at the patch and could not decide: never trained or scored on, never a class."""
 UNSURE_KEY = "u"
-UNSURE_COLOR = "#999999"
 
 _NAME = re.compile(r"[^\W\d_][\w-]*")
 _COLOR = re.compile(r"#[0-9a-fA-F]{6}")

@@ -25,8 +25,6 @@ import hashlib
 import json
 import os
 import re
-import sys
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -37,18 +35,13 @@ from typing import Any
 
 from ..features import atomic
 from ..features.errors import ToktError
+from ..features.file_lock import locked
 from .bundle import Bundle, bundle_from_bytes
-
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
 
 FORMAT_VERSION = 1
 LOCK_WAIT_S = 10.0
 """How long a command waits for another one that is writing; that one takes about a second."""
 
-_LOCK_POLL_S = 0.02
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -144,50 +137,6 @@ def _earlier(entries: list[Activation]) -> Activation | None:
         elif not undo or undo[-1].sha256 != entry.sha256:
             undo.append(entry)
     return undo[-2] if len(undo) > 1 else None
-
-
-def _take(handle: int) -> None:
-    """Lock an open file; the system gives it back when this process ends, however it ends.
-
-    Raises
-    ------
-    BlockingIOError or, on Windows, PermissionError
-        If another process has it.
-    """
-    if sys.platform == "win32":
-        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-    else:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _give_back(handle: int) -> None:
-    if sys.platform == "win32":
-        msvcrt.locking(handle, msvcrt.LK_UNLCK, 1)
-    else:
-        fcntl.flock(handle, fcntl.LOCK_UN)
-
-
-@contextmanager
-def _locked(file: Path) -> Iterator[None]:
-    """Hold the lock on `file`, made where it is missing; ToktError if another process keeps it."""
-    deadline = time.monotonic() + LOCK_WAIT_S
-    with file.open("ab") as opened:
-        handle = opened.fileno()
-        while True:
-            try:
-                _take(handle)
-                break
-            except (BlockingIOError, PermissionError):
-                if time.monotonic() > deadline:
-                    raise ToktError(
-                        f"store {file.parent}: another tokt has been writing to it for "
-                        f"{LOCK_WAIT_S:g} s; nothing was changed, try again"
-                    ) from None
-            time.sleep(_LOCK_POLL_S)
-        try:
-            yield
-        finally:
-            _give_back(handle)
 
 
 def _account() -> str:
@@ -322,7 +271,7 @@ class Store:
         """Be the one process that writes; what the system refuses becomes a ToktError."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            with _locked(self.path / "lock"):
+            with locked(self.path / "lock", LOCK_WAIT_S):
                 yield
         except OSError as error:
             raise ToktError(f"store {self.path}: {error.strerror or error}") from None

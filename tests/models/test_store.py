@@ -530,8 +530,8 @@ def test_a_store_that_another_process_keeps(
         store.deploy(bundles[name])
     monkeypatch.setattr("tokt.models.store.LOCK_WAIT_S", 0.1)
     holder = (
-        "import sys; from pathlib import Path; from tokt.models import store\n"
-        "with store._locked(Path(sys.argv[1])):\n"
+        "import sys; from pathlib import Path; from tokt.features.file_lock import locked\n"
+        "with locked(Path(sys.argv[1]), 1):\n"
         "    print('held', flush=True); sys.stdin.readline()\n"
     )
     with subprocess.Popen(
