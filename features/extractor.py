@@ -18,12 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ToktError
 from .grid import Grid
+from .kernels import KERNELS
 
 Spec = Mapping[str, Any]
 SPEC_VERSION = 1
@@ -61,11 +61,28 @@ class Extractor(Protocol):
     def dim(self) -> int:
         """Number of features of one patch."""
 
-    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
-        """Features of every patch: float64, shape (grid.n_patches, dim), row by row."""
+    def describe(
+        self,
+        frame: NDArray[np.uint8],
+        grid: Grid,
+        gray: NDArray[np.uint8] | None = None,
+        threads: int = 1,
+    ) -> NDArray[np.float64]:
+        """Features of every patch: float64, shape (grid.n_patches, dim), row by row.
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
+            As the camera gave it, gray or BGR, any size.
+        grid : Grid
+        gray : array of uint8, shape (height, width), optional
+            ``gray_picture(frame, grid)``, where the caller has it already.
+        threads : int
+            How many threads share the rows of patches; the result does not depend on it.
+        """
 
 
-def gray_picture(frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
+def gray_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.uint8]:
     """The frame as the plain extractors see it: resized to the grid's width, then gray.
 
     Parameters
@@ -74,6 +91,8 @@ def gray_picture(frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
         As the camera gave it, gray or BGR, any size.
     grid : Grid
         Says the width.
+    threads : int
+        How many threads share the work.
 
     Raises
     ------
@@ -89,14 +108,7 @@ def gray_picture(frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
     height, width = grid.resized(*frame.shape[:2])
     if not 1 <= height * width <= _LARGEST_PICTURE:
         raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
-    picture = frame
-    if (height, width) != frame.shape[:2]:
-        picture = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA).astype(
-            np.uint8, copy=False
-        )
-    if picture.ndim == 3:
-        picture = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
-    return picture
+    return KERNELS.resized_gray(frame, height, width, threads)
 
 
 class Lbp:
@@ -123,15 +135,16 @@ class Lbp:
             "image": dict(PLAIN_IMAGE),
         }
 
-    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+    def describe(
+        self,
+        frame: NDArray[np.uint8],
+        grid: Grid,
+        gray: NDArray[np.uint8] | None = None,
+        threads: int = 1,
+    ) -> NDArray[np.float64]:
         """Fraction of a patch's pixels with each pattern; rows sum to 1."""
-        return self.describe_picture(gray_picture(frame, grid), grid)
-
-    def describe_picture(self, gray: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
-        """`describe` for a frame that is resized and gray already."""
-        from . import reference
-
-        counts = reference.lbp_counts(gray, grid, self.points, self.radius, self.border)
+        gray = gray_picture(frame, grid, threads) if gray is None else gray
+        counts = KERNELS.lbp_counts(gray, grid, self.points, self.radius, self.border, threads)
         patch_height, patch_width = grid.patch_size(*gray.shape)
         return counts / float(patch_height * patch_width)
 
@@ -154,15 +167,16 @@ class Haralick:
             "image": dict(PLAIN_IMAGE),
         }
 
-    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+    def describe(
+        self,
+        frame: NDArray[np.uint8],
+        grid: Grid,
+        gray: NDArray[np.uint8] | None = None,
+        threads: int = 1,
+    ) -> NDArray[np.float64]:
         """The 13 features of each patch's grey-level co-occurrence matrices (GLCM)."""
-        return self.describe_picture(gray_picture(frame, grid), grid)
-
-    def describe_picture(self, gray: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
-        """`describe` for a frame that is resized and gray already."""
-        from . import reference
-
-        return reference.haralick_features(gray, grid, self.ignore_zeros)
+        gray = gray_picture(frame, grid, threads) if gray is None else gray
+        return KERNELS.haralick_features(gray, grid, self.ignore_zeros, threads)
 
 
 class Join:
@@ -183,10 +197,16 @@ class Join:
         parts = [part.spec for part in self.parts]
         return {"name": "join", "version": SPEC_VERSION, "parts": parts}
 
-    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
-        """The parts' features, in order."""
-        gray = gray_picture(frame, grid)
-        return np.hstack([part.describe_picture(gray, grid) for part in self.parts])
+    def describe(
+        self,
+        frame: NDArray[np.uint8],
+        grid: Grid,
+        gray: NDArray[np.uint8] | None = None,
+        threads: int = 1,
+    ) -> NDArray[np.float64]:
+        """The parts' features, in order, from one gray picture."""
+        gray = gray_picture(frame, grid, threads) if gray is None else gray
+        return np.hstack([part.describe(frame, grid, gray, threads) for part in self.parts])
 
 
 def _lbp_from(spec: Spec) -> Lbp:

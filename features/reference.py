@@ -1,7 +1,7 @@
-"""The texture features as scikit-image and mahotas compute them.
+"""The texture features as scikit-image, mahotas and OpenCV compute them.
 
-These are the definition that faster kernels are held against. Until such kernels exist they
-are also what runs.
+These are the definition that the fast kernels are held against; ``TOKT_KERNELS=library`` runs
+them. They know no threads: `threads` is taken so that all kernels are called alike.
 """
 
 from __future__ import annotations
@@ -11,11 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
+from .area import opencv_gray
 from .grid import Grid
 
 
 def lbp_counts(
-    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str
+    gray: NDArray[np.uint8],
+    grid: Grid,
+    points: int,
+    radius: float,
+    border: str,
+    threads: int = 1,
 ) -> NDArray[np.int64]:
     """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
@@ -54,7 +60,7 @@ def lbp_counts(
 
 
 def haralick_features(
-    gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool
+    gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
 ) -> NDArray[np.float64]:
     """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
 
@@ -66,7 +72,8 @@ def haralick_features(
         The patches.
     ignore_zeros : bool
         Leave grey level 0 out of the co-occurrence counts, as the thesis does. A patch with no
-        pair left (all zero) has no such features; it gets those of a constant patch.
+        pair left in one of the directions has no such features; it gets those with the zeros
+        counted (an all-zero patch: those of a constant patch).
 
     Returns
     -------
@@ -90,3 +97,27 @@ def _haralick(patch: NDArray[np.uint8], ignore_zeros: bool) -> NDArray[np.float6
         directions = mahotas.features.haralick(patch)
     mean: NDArray[np.float64] = directions.mean(axis=0)
     return mean
+
+
+def resized_gray(
+    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+) -> NDArray[np.uint8]:
+    """A frame resized by area, then gray, each step rounded to whole grey levels.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (rows, columns) or (rows, columns, 3)
+        Gray or BGR.
+    height, width : int
+        Of the picture, in pixels.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, shape (height, width); the frame itself when it is gray and of that size.
+
+    References
+    ----------
+    OpenCV ``resize`` with ``INTER_AREA``; ITU-R BT.601.
+    """
+    return opencv_gray(frame, height, width)

@@ -18,21 +18,26 @@ from ..features.canonical import json_sha256
 from ..features.errors import ToktError
 from ..features.extractor import build_extractor
 from ..features.grid import Grid
+from ..features.kernels import KERNELS, LIBRARY
 from .dataset import DatasetVersion, read_stored_frame
 
-_LIBRARIES = ("numpy", "opencv-python-headless", "scikit-image", "mahotas")
+_LIBRARIES = ("numpy", "opencv-python-headless")
+_REFERENCES = ("scikit-image", "mahotas")
+_CODE = {".py", ".so", ".pyd"}
 
 
 def _source_hash() -> str:
-    """Hash of the code that computes features: a cache must not outlive it."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(features_package.__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
+    """Hash of the code that computes features, compiled or not: a cache must not outlive it."""
+    digest = hashlib.sha256(KERNELS.name.encode("ascii"))
+    for path in sorted(Path(features_package.__file__).parent.iterdir()):
+        if path.suffix in _CODE:
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
 def _cache_key(dataset: DatasetVersion, spec: dict[str, Any]) -> str:
-    libraries = {name: version(name) for name in _LIBRARIES}
+    computing = _LIBRARIES + (_REFERENCES if KERNELS.name == LIBRARY else ())
+    libraries = {name: version(name) for name in computing}
     return json_sha256([dataset.hash, spec, libraries, _source_hash()])[:24]
 
 

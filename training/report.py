@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import __version__
 from ..features import atomic
+from ..features.kernels import KERNELS
 from ..features.mission import LEFT, format_frames
 from ..inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD
 from ..labels.merge import merge_annotators
@@ -149,6 +150,7 @@ def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
         latency_median_ms=None if latency is None else float(np.median(latency)),
         latency_p95_ms=None if latency is None else float(np.percentile(latency, 95)),
         datagrams=[d.decode("ascii") for d in (run.replay.datagrams if run.replay else [])][-3:],
+        kernels=KERNELS.name,
         machine=f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         version=__version__,
     )

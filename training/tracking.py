@@ -20,6 +20,7 @@ from mlflow.data.meta_dataset import MetaDataset
 from mlflow.models import infer_signature
 
 from .. import __version__
+from ..features.kernels import KERNELS
 from ..features.mission import format_frames
 from ..models.bundle import Golden, golden_bytes, lineage_bytes
 from ..models.registry import RECIPE_VERSION, RegisteredVersion, Registry
@@ -29,14 +30,7 @@ from .dataset import DatasetVersion
 from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
-_LIBRARIES = (
-    "numpy",
-    "opencv-python-headless",
-    "scikit-image",
-    "mahotas",
-    "scikit-learn",
-    "mlflow",
-)
+_LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
 
 
 def code_version() -> str:
@@ -114,6 +108,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
             "code_version": code_version(),
             "mlflow_model_id": model_id,
             "libraries": ", ".join(f"{name} {version(name)}" for name in _LIBRARIES),
+            "kernels": KERNELS.name,
         },
     }
 

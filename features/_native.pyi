@@ -1,0 +1,73 @@
+"""Types of the compiled extension (features/native/kernels.pyx)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+INSTRUCTIONS: tuple[str, ...]
+
+def use_instructions(name: str) -> None: ...
+
+class LbpTables:
+    def __init__(
+        self,
+        reach: int,
+        first: NDArray[np.int32],
+        point: NDArray[np.int32],
+        row_floor: NDArray[np.int32],
+        row_fraction: NDArray[np.float64],
+        column_floor: NDArray[np.int32],
+        column_fraction: NDArray[np.float64],
+    ) -> None: ...
+    def scratch_size(self, patch_height: int, patch_width: int) -> int: ...
+    def count_rows(
+        self,
+        gray: NDArray[np.uint8],
+        cols: int,
+        patch_height: int,
+        patch_width: int,
+        across_patches: bool,
+        first: int,
+        last: int,
+        scratch: NDArray[np.float64],
+        counts: NDArray[np.int64],
+    ) -> None: ...
+
+class GlcmScratch:
+    def __init__(
+        self,
+        counts: NDArray[np.uint32],
+        cells: NDArray[np.uint16],
+        sums: NDArray[np.int64],
+        keys: NDArray[np.uint16],
+    ) -> None: ...
+    @staticmethod
+    def sums_size() -> int: ...
+    def describe_rows(
+        self,
+        gray: NDArray[np.uint8],
+        cols: int,
+        patch_height: int,
+        patch_width: int,
+        ignore_zeros: bool,
+        first: int,
+        last: int,
+        log2_of: NDArray[np.float64],
+        inverse_difference: NDArray[np.float64],
+        features: NDArray[np.float64],
+    ) -> None: ...
+
+class AreaTables:
+    def __init__(
+        self, first: NDArray[np.int32], source: NDArray[np.int32], weight: NDArray[np.float32]
+    ) -> None: ...
+
+def area_scratch_size(frame: NDArray[np.uint8], width: int) -> int: ...
+def area_gray(
+    frame: NDArray[np.uint8],
+    rows: AreaTables,
+    columns: AreaTables,
+    first: int,
+    last: int,
+    scratch: NDArray[np.float32],
+    out: NDArray[np.uint8],
+) -> None: ...

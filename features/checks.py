@@ -1,0 +1,72 @@
+"""What the kernels take: arrays and options they can work on, or a clear error."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_POINTS = 64  # a pattern is one machine word
+LARGEST_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
+
+
+def _check_array(array: Any, threads: int) -> None:
+    if not isinstance(array, np.ndarray):
+        raise TypeError(f"an array of uint8 is needed, not {type(array).__name__}")
+    if array.dtype != np.uint8:
+        raise TypeError(f"grey levels are uint8, not {array.dtype}")
+    if type(threads) is not int or threads < 1:
+        raise ValueError(f"threads is a whole number from 1, not {threads!r}")
+
+
+def check_gray(gray: Any, threads: int = 1) -> NDArray[np.uint8]:
+    """A gray picture in C order, copied only if it is not in C order yet.
+
+    Raises
+    ------
+    TypeError
+        If it is not an array of uint8.
+    ValueError
+        If it does not have two dimensions, or `threads` is not a number of threads.
+    """
+    _check_array(gray, threads)
+    if gray.ndim != 2:
+        raise ValueError(f"a gray picture is (height, width), not {gray.shape}")
+    return np.ascontiguousarray(gray)
+
+
+def check_frame(frame: Any, threads: int = 1) -> NDArray[np.uint8]:
+    """A gray or BGR frame in C order, copied only if it is not in C order yet.
+
+    Raises
+    ------
+    TypeError
+        If it is not an array of uint8.
+    ValueError
+        If it has another shape or no pixel, or `threads` is not a number of threads.
+    """
+    _check_array(frame, threads)
+    if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] != 3):
+        raise ValueError(f"a frame is (height, width) or (height, width, 3), not {frame.shape}")
+    if not frame.size:
+        raise ValueError("a frame has at least one pixel")
+    return np.ascontiguousarray(frame)
+
+
+def check_lbp(points: int, radius: float, border: str) -> None:
+    """Whether LBP options are ones the kernels know.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If not.
+    """
+    if type(points) is not int or not isinstance(radius, int | float):
+        raise TypeError(f"points and radius are numbers, not {points!r} and {radius!r}")
+    if not 1 <= points <= MOST_POINTS:
+        raise ValueError(f"{points} points: 1 to {MOST_POINTS} are possible")
+    if not 0 < radius <= LARGEST_RADIUS:
+        raise ValueError(f"radius {radius} px: more than 0 and at most {LARGEST_RADIUS:g}")
+    if border not in ("patch", "frame"):
+        raise ValueError(f"border is 'patch' or 'frame', not {border!r}")

@@ -1,0 +1,209 @@
+"""The kernels as a compiled extension: checked arrays, tables, scratch memory and threads.
+
+The arithmetic is in ``features/native``. Tables that depend only on sizes are made once and kept;
+scratch memory belongs to a thread and is used again for every frame, because a large block that
+is freed and asked for again costs more in page faults than the counting itself.
+"""
+
+from __future__ import annotations
+
+import platform
+import threading
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+from .area import opencv_gray
+from .checks import check_frame, check_gray, check_lbp
+from .grid import Grid
+from .lbp_points import LbpPoints, lbp_points
+from .threads import over_rows
+
+_LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
+_INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
+# OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
+_OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
+
+
+class _Scratch(threading.local):
+    """Memory of one thread for intermediate results."""
+
+    def __init__(self) -> None:
+        self.arrays: dict[tuple[str, type], NDArray[Any]] = {}
+        self.glcm: tuple[int, Any] = (0, None)
+
+    def array(self, use: str, size: int, dtype: type) -> NDArray[Any]:
+        """An array of at least that size, its content left from the last use."""
+        kept = self.arrays.get((use, dtype))
+        if kept is None or kept.size < size:
+            kept = self.arrays[use, dtype] = np.zeros(size, dtype)
+        return kept
+
+    def glcm_scratch(self, patch_width: int) -> Any:
+        """Counters for patches up to that width; every count is zero between calls."""
+        width, scratch = self.glcm
+        if scratch is None or width < patch_width:
+            scratch = _native.GlcmScratch(
+                np.zeros((4, 256 * 256), np.uint32),
+                np.zeros((4, 256 * 256), np.uint16),
+                np.zeros(_native.GlcmScratch.sums_size(), np.int64),
+                np.zeros(4 * patch_width, np.uint16),
+            )
+            self.glcm = patch_width, scratch
+        return scratch
+
+
+_scratch = _Scratch()
+
+
+@lru_cache(maxsize=16)
+def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
+    made: LbpPoints = lbp_points(points, radius, height, width)
+    return _native.LbpTables(
+        made.reach,
+        made.first,
+        made.point,
+        made.row_floor,
+        made.row_fraction,
+        made.column_floor,
+        made.column_fraction,
+    )
+
+
+def lbp_counts(
+    gray: NDArray[np.uint8],
+    grid: Grid,
+    points: int,
+    radius: float,
+    border: str,
+    threads: int = 1,
+) -> NDArray[np.int64]:
+    """Histograms of uniform rotation-invariant local binary patterns, one a patch.
+
+    Takes and gives what `tokt.features.reference.lbp_counts` does, to the last integer.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
+    """
+    gray = check_gray(gray, threads)
+    check_lbp(points, radius, border)
+    patch_height, patch_width = grid.patch_size(*gray.shape)
+    view = gray.shape if border == "frame" else (patch_height, patch_width)
+    tables = _lbp_tables(points, radius, *view)
+    size = tables.scratch_size(patch_height, patch_width)
+    counts = np.zeros((grid.n_patches, points + 2), np.int64)
+
+    def work(first: int, last: int) -> None:
+        scratch = _scratch.array("lbp", size, np.float64)
+        whole = border == "frame"
+        tables.count_rows(
+            gray, grid.cols, patch_height, patch_width, whole, first, last, scratch, counts
+        )
+
+    over_rows(work, grid.rows, threads)
+    return counts
+
+
+@lru_cache(maxsize=4)
+def _log2_table(size: int) -> NDArray[np.float64]:
+    table = np.zeros(size)
+    table[1:] = np.log2(np.arange(1, size))
+    return table
+
+
+def haralick_features(
+    gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
+) -> NDArray[np.float64]:
+    """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
+
+    Takes and gives what `tokt.features.reference.haralick_features` does, up to rounding.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8.
+    """
+    gray = check_gray(gray, threads)
+    patch_height, patch_width = grid.patch_size(*gray.shape)
+    log2_of = _log2_table(min(2 * patch_height * patch_width + 1, _LOG2_TABLE))
+    features = np.empty((grid.n_patches, 13))
+
+    def work(first: int, last: int) -> None:
+        scratch = _scratch.glcm_scratch(patch_width)
+        scratch.describe_rows(
+            gray,
+            grid.cols,
+            patch_height,
+            patch_width,
+            ignore_zeros,
+            first,
+            last,
+            log2_of,
+            _INVERSE_DIFFERENCE,
+            features,
+        )
+
+    over_rows(work, grid.rows, threads)
+    return features
+
+
+@lru_cache(maxsize=16)
+def _area_tables(source: int, target: int) -> Any:
+    """Which of `source` pixels make up each of `target`, and with what weight.
+
+    Rounded as OpenCV rounds: positions in double precision, weights in single, and a share under
+    a thousandth of a pixel is left out.
+    """
+    scale = 1.0 / (target / source)
+    first, sources, weights = [0], [], []
+    for index in range(target):
+        start, end = index * scale, index * scale + scale
+        whole = min(scale, source - start)
+        last = min(int(np.floor(end)), source - 1)
+        begin = min(int(np.ceil(start)), last)
+        before = [(begin - start) / whole] if begin - start > 1e-3 else []
+        after = [min(end - last, 1.0, whole) / whole] if end - last > 1e-3 else []
+        sources.append(begin - len(before))
+        weights += before + [1.0 / whole] * (last - begin) + after
+        first.append(len(weights))
+    return _native.AreaTables(
+        np.array(first, np.int32), np.array(sources, np.int32), np.array(weights, np.float32)
+    )
+
+
+def _is_own_area(shape: tuple[int, ...], height: int, width: int) -> bool:
+    """Whether this is a reduction by area that OpenCV has no shorter way for."""
+    down = shape[0] / height, shape[1] / width
+    return _OWN_RESIZE and min(down) >= 1 and not all(scale.is_integer() for scale in down)
+
+
+def resized_gray(
+    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+) -> NDArray[np.uint8]:
+    """A frame resized by area, then gray, in one pass over it.
+
+    Takes and gives what `tokt.features.reference.resized_gray` does, to the last bit.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
+    """
+    frame = check_frame(frame, threads)
+    if not _is_own_area(frame.shape, height, width):
+        return opencv_gray(frame, height, width)
+    rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
+    deep = frame.reshape(*frame.shape[:2], -1)
+    picture = np.empty((height, width), np.uint8)
+
+    def work(first: int, last: int) -> None:
+        scratch = _scratch.array("area", _native.area_scratch_size(deep, width), np.float32)
+        _native.area_gray(deep, rows, columns, first, last, scratch, picture)
+
+    over_rows(work, height, threads)
+    return picture

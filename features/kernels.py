@@ -1,0 +1,136 @@
+"""Which kernels compute the texture features: compiled, numpy, or the reference libraries.
+
+All three give the same: identical LBP counts, Haralick features equal to rounding. The choice is
+made once, when this module is imported: the compiled extension if it was built, otherwise numpy;
+the environment variable ``TOKT_KERNELS`` (``compiled``, ``numpy`` or ``library``) forces one.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ToktError
+from .grid import Grid
+
+VARIABLE = "TOKT_KERNELS"
+COMPILED, NUMPY, LIBRARY = "compiled", "numpy", "library"
+NAMES = (COMPILED, NUMPY, LIBRARY)
+
+
+class LbpCounts(Protocol):
+    """Histograms of uniform rotation-invariant local binary patterns, one a patch."""
+
+    def __call__(
+        self,
+        gray: NDArray[np.uint8],
+        grid: Grid,
+        points: int,
+        radius: float,
+        border: str,
+        threads: int = 1,
+    ) -> NDArray[np.int64]:
+        """Counts, int64, shape (n_patches, points + 2)."""
+
+
+class HaralickFeatures(Protocol):
+    """Haralick's first 13 features, mean over 4 directions, one row a patch."""
+
+    def __call__(
+        self, gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
+    ) -> NDArray[np.float64]:
+        """Features, float64, shape (n_patches, 13)."""
+
+
+class ResizedGray(Protocol):
+    """Area resize and BGR to gray (ITU-R BT.601), the pixels that OpenCV gives."""
+
+    def __call__(
+        self, frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+    ) -> NDArray[np.uint8]:
+        """Gray picture, uint8, shape (height, width)."""
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """One implementation of everything that is computed from pixels.
+
+    Parameters
+    ----------
+    name : {"compiled", "numpy", "library"}
+    why : str
+        Why it was chosen, for people.
+    lbp_counts : LbpCounts
+    haralick_features : HaralickFeatures
+    resized_gray : ResizedGray
+    """
+
+    name: str
+    why: str
+    lbp_counts: LbpCounts
+    haralick_features: HaralickFeatures
+    resized_gray: ResizedGray
+
+
+def _module(name: str) -> ModuleType:
+    # Only the one asked for: the reference needs scikit-image and mahotas.
+    if name == COMPILED:
+        from . import compiled_kernels
+
+        return compiled_kernels
+    if name == NUMPY:
+        from . import numpy_kernels
+
+        return numpy_kernels
+    from . import reference
+
+    return reference
+
+
+def load_kernels(name: str, why: str = "asked for") -> Kernels:
+    """The kernels of that name.
+
+    Raises
+    ------
+    ToktError
+        If the name is not known.
+    ImportError
+        If this machine does not have them.
+    """
+    if name not in NAMES:
+        raise ToktError(f"{VARIABLE}={name}: unknown kernels (choose from {', '.join(NAMES)})")
+    module = _module(name)
+    return Kernels(name, why, module.lbp_counts, module.haralick_features, module.resized_gray)
+
+
+def choose_kernels(wanted: str) -> Kernels:
+    """The kernels that `VARIABLE` asks for, or the fastest this machine has.
+
+    Parameters
+    ----------
+    wanted : str
+        The variable's value; empty for the fastest.
+
+    Raises
+    ------
+    ToktError
+        If the ones asked for are not known or not there.
+    """
+    if wanted:
+        try:
+            return load_kernels(wanted, f"{VARIABLE}={wanted}")
+        except ImportError as error:
+            raise ToktError(f"{VARIABLE}={wanted}: not on this machine ({error})") from None
+    try:
+        return load_kernels(COMPILED, "the fastest there are")
+    except ImportError as error:
+        return load_kernels(NUMPY, f"the compiled ones are not on this machine ({error})")
+
+
+KERNELS = choose_kernels(os.environ.get(VARIABLE, ""))
+"""What the extractors of this process use."""

@@ -1,0 +1,66 @@
+"""Where local binary patterns (LBP) are sampled, rounded as scikit-image rounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_DECIMALS = 5
+
+
+@dataclass(frozen=True)
+class LbpPoints:
+    """P sampling points on a circle of R pixels, over a view of some height and width.
+
+    A point's position is split into a whole pixel and a fraction. The fraction is taken of the
+    absolute position, as scikit-image does: its last bits depend on the row and the column.
+
+    Parameters
+    ----------
+    reach : int
+        Whole pixels that a point reads beyond the centre, at most.
+    first : array of int32, shape (n_columns + 1,)
+        Where the points of each distinct column offset begin in `point`.
+    point : array of int32, shape (P,)
+        Places on the circle, grouped by column offset.
+    row_floor : array of int32, shape (P,)
+        By place on the circle: the upper of the two rows a point lies between, from the centre's.
+    row_fraction : array of float64, shape (P, height)
+        By place on the circle and the centre's row: how far the point lies below that row, px.
+    column_floor : array of int32, shape (n_columns,)
+    column_fraction : array of float64, shape (n_columns, width)
+    """
+
+    reach: int
+    first: NDArray[np.int32]
+    point: NDArray[np.int32]
+    row_floor: NDArray[np.int32]
+    row_fraction: NDArray[np.float64]
+    column_floor: NDArray[np.int32]
+    column_fraction: NDArray[np.float64]
+
+
+def _fractions(offsets: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    positions = np.arange(size, dtype=np.float64) + offsets[:, None]
+    return np.ascontiguousarray(positions - np.floor(positions))
+
+
+def lbp_points(points: int, radius: float, height: int, width: int) -> LbpPoints:
+    """The sampling points of (P, R) over a view of `height` x `width` pixels."""
+    angles = 2 * np.pi * np.arange(points, dtype=np.float64) / points
+    rows = np.round(-radius * np.sin(angles), _DECIMALS)
+    columns, column_of = np.unique(
+        np.round(radius * np.cos(angles), _DECIMALS), return_inverse=True
+    )
+    members = np.bincount(column_of, minlength=len(columns))
+    return LbpPoints(
+        reach=int(np.ceil(radius)) + 1,
+        first=np.concatenate([[0], np.cumsum(members)]).astype(np.int32),
+        point=np.argsort(column_of, kind="stable").astype(np.int32),
+        row_floor=np.floor(rows).astype(np.int32),
+        row_fraction=_fractions(rows, height),
+        column_floor=np.floor(columns).astype(np.int32),
+        column_fraction=_fractions(columns, width),
+    )

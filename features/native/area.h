@@ -1,0 +1,172 @@
+/* Area resize of a BGR or gray frame, and its gray picture, in one pass over the frame.
+ *
+ * The pixels are those of OpenCV's `resize(..., INTER_AREA)` followed by `cvtColor(...,
+ * COLOR_BGR2GRAY)`: each step rounded to whole grey levels. OpenCV sums along the row first, in
+ * single precision; here whole rows are added first, which a processor does many pixels at a
+ * time. The two orders differ by rounding alone (each by less than 1e-4 grey levels), so only a
+ * value that lies within AREA_NEAR_TIE of the middle between two grey levels can come out
+ * differently: those few are summed again in OpenCV's order. */
+#ifndef TOKT_AREA_H
+#define TOKT_AREA_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "instructions.h"
+
+#define AREA_NEAR_TIE 5e-4f
+
+enum {
+    AREA_LANES = 4, /* values a pixel of a row that was summed along: B, G, R and one unused */
+    AREA_CHUNK = 64 /* values that are looked through together for near ties */
+};
+
+/* Which input rows (or columns) make one output row: those from `source`, one for each weight. */
+typedef struct {
+    const int32_t *first;  /* [outputs + 1]: where an output's weights begin */
+    const int32_t *source; /* [outputs]: its first input */
+    const float *weight;   /* [all weights] */
+} AreaTable;
+
+typedef struct {
+    const uint8_t *pixels;
+    ptrdiff_t stride; /* bytes from row to row */
+    int width, channels;
+} AreaFrame;
+
+/* Floats that a row of a picture needs as scratch; the frame's row is read one value beyond. */
+static size_t area_scratch(const AreaFrame *frame, int width) {
+    return (size_t)frame->width * frame->channels + AREA_LANES + 2 * AREA_LANES * (size_t)width;
+}
+
+/* Add `count` (1 to 4) weighted rows of n pixels to `sums`, or begin with them. */
+TOKT_BODY void area_add(const uint8_t *in, ptrdiff_t stride, const float *weight, int count,
+                        int begin, int n, float *TOKT_RESTRICT sums) {
+    const uint8_t *TOKT_RESTRICT a = in, *TOKT_RESTRICT b = in + stride;
+    const uint8_t *TOKT_RESTRICT c = b + stride, *TOKT_RESTRICT d = c + stride;
+    float u = weight[0];
+    if (count == 4) {
+        float v = weight[1], w = weight[2], z = weight[3];
+        if (begin)
+            for (int x = 0; x < n; x++)
+                sums[x] = u * (float)a[x] + v * (float)b[x] + w * (float)c[x] + z * (float)d[x];
+        else
+            for (int x = 0; x < n; x++)
+                sums[x] += u * (float)a[x] + v * (float)b[x] + w * (float)c[x] + z * (float)d[x];
+    } else if (begin) {
+        for (int x = 0; x < n; x++) sums[x] = u * (float)a[x];
+    } else {
+        for (int x = 0; x < n; x++) sums[x] += u * (float)a[x];
+    }
+}
+
+/* Add up the frame's rows that make row y of the picture. */
+TOKT_BODY void area_add_rows(const AreaFrame *frame, const AreaTable *rows, int y, float *sums) {
+    const uint8_t *in = frame->pixels + rows->source[y] * frame->stride;
+    int first = rows->first[y], count = rows->first[y + 1] - first;
+    for (int done = 0, step; done < count; done += step) {
+        step = count - done >= 4 ? 4 : 1;
+        area_add(in + done * frame->stride, frame->stride, rows->weight + first + done, step,
+                 done == 0, frame->width * frame->channels, sums);
+    }
+}
+
+/* Add up the columns of `sums` that make each pixel of the picture's row. */
+TOKT_BODY void area_add_columns(const AreaTable *columns, int channels, int width, const float *sums,
+                                float *TOKT_RESTRICT out) {
+    for (int x = 0; x < width; x++) {
+        const float *in = sums + (ptrdiff_t)columns->source[x] * channels;
+        const float *weight = columns->weight + columns->first[x];
+        int count = columns->first[x + 1] - columns->first[x];
+        if (channels == 1) {
+            float sum = 0;
+            for (int i = 0; i < count; i++) sum += weight[i] * in[i];
+            out[x] = sum;
+            continue;
+        }
+#if defined(__GNUC__)
+        typedef float pixel __attribute__((vector_size(16), aligned(4), may_alias));
+        pixel sum = {0};
+        for (int i = 0; i < count; i++) sum += weight[i] * *(const pixel *)(in + 3 * i);
+        *(pixel *)(out + AREA_LANES * x) = sum;
+#else
+        float *sum = out + AREA_LANES * x;
+        for (int lane = 0; lane < AREA_LANES; lane++) sum[lane] = 0;
+        for (int i = 0; i < count; i++)
+            for (int lane = 0; lane < AREA_LANES; lane++) sum[lane] += weight[i] * in[3 * i + lane];
+#endif
+    }
+}
+
+/* One value as OpenCV sums it, rounded. */
+static int area_exact(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
+                      int y, int x, int channel) {
+    const uint8_t *in = frame->pixels + rows->source[y] * frame->stride +
+                        (ptrdiff_t)columns->source[x] * frame->channels + channel;
+    const float *across = columns->weight + columns->first[x];
+    int count = columns->first[x + 1] - columns->first[x];
+    float sum = 0;
+    for (int row = rows->first[y]; row < rows->first[y + 1]; row++, in += frame->stride) {
+        float along = 0;
+        for (int i = 0; i < count; i++) along += (float)in[i * frame->channels] * across[i];
+        sum += rows->weight[row] * along;
+    }
+    return (int)lrintf(sum);
+}
+
+/* Sums as whole grey levels; returns how many lie too near the middle of two to tell. */
+TOKT_BODY int area_round(const float *TOKT_RESTRICT sums, int n, int32_t *TOKT_RESTRICT levels) {
+    int near = 0;
+    for (int i = 0; i < n; i++) {
+        int32_t level = (int32_t)(sums[i] + 0.5f);
+        near += fabsf(sums[i] - (float)level) > 0.5f - AREA_NEAR_TIE;
+        levels[i] = level;
+    }
+    return near;
+}
+
+/* Decide the values first..last that `area_round` could not. */
+static void area_settle(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
+                        int y, int first, int last, const float *sums, int32_t *levels) {
+    int lanes = frame->channels == 1 ? 1 : AREA_LANES;
+    for (int i = first; i < last; i++)
+        if (fabsf(sums[i] - (float)levels[i]) > 0.5f - AREA_NEAR_TIE && i % lanes < frame->channels)
+            levels[i] = area_exact(frame, rows, columns, y, i / lanes, i % lanes);
+}
+
+/* Rows first..last of the gray picture. */
+TOKT_BODY void area_gray_rows_body(const AreaFrame *frame, const AreaTable *rows,
+                                   const AreaTable *columns, int first, int last, int width,
+                                   float *scratch, uint8_t *out) {
+    int lanes = frame->channels == 1 ? 1 : AREA_LANES;
+    float *sums = scratch, *along = sums + (size_t)frame->width * frame->channels + AREA_LANES;
+    int32_t *levels = (int32_t *)(along + (size_t)AREA_LANES * width);
+    for (int y = first; y < last; y++) {
+        uint8_t *TOKT_RESTRICT gray = out + (ptrdiff_t)y * width;
+        area_add_rows(frame, rows, y, sums);
+        area_add_columns(columns, frame->channels, width, sums, along);
+        for (int i = 0; i < lanes * width; i += AREA_CHUNK) {
+            int n = lanes * width - i < AREA_CHUNK ? lanes * width - i : AREA_CHUNK;
+            if (area_round(along + i, n, levels + i))
+                area_settle(frame, rows, columns, y, i, i + n, along, levels);
+        }
+        if (lanes == 1) {
+            for (int x = 0; x < width; x++) gray[x] = (uint8_t)levels[x];
+            continue;
+        }
+        /* ITU-R BT.601 in OpenCV's fixed point. */
+        for (int x = 0; x < width; x++) {
+            const int32_t *pixel = levels + AREA_LANES * x;
+            gray[x] = (uint8_t)((pixel[0] * 3735 + pixel[1] * 19235 + pixel[2] * 9798 + (1 << 14)) >> 15);
+        }
+    }
+}
+
+TOKT_VARIANTS(area_gray_rows,
+              (const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns, int first,
+               int last, int width, float *scratch, uint8_t *out),
+              (frame, rows, columns, first, last, width, scratch, out))
+
+#endif

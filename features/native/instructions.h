@@ -1,0 +1,62 @@
+/* One source, several instruction sets: the best the processor has is picked when a kernel runs.
+ *
+ * A build for the ship's PC must start on any x86-64 and still use what a newer one offers, so
+ * nothing is compiled for the machine that builds. A kernel is written once as an inline body;
+ * TOKT_VARIANTS makes one function of it for each level and one that calls the right one. No
+ * variant may fuse a multiplication with an addition (the build passes -ffp-contract=off): the
+ * results are the same bits on each of them. */
+#ifndef TOKT_INSTRUCTIONS_H
+#define TOKT_INSTRUCTIONS_H
+
+#if defined(__GNUC__)
+#define TOKT_RESTRICT __restrict__
+#define TOKT_BODY static inline __attribute__((always_inline))
+#elif defined(_MSC_VER)
+#define TOKT_RESTRICT __restrict
+#define TOKT_BODY static __forceinline
+#else
+#define TOKT_RESTRICT
+#define TOKT_BODY static inline
+#endif
+
+enum { PLAIN = 0, AVX2 = 1, AVX512 = 2 };
+
+#if defined(__GNUC__) && defined(__x86_64__)
+
+static int instructions_best(void) {
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq"))
+        return AVX512;
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") ? AVX2 : PLAIN;
+}
+
+static int instructions_used = PLAIN;
+
+#define TOKT_AVX2 __attribute__((target("avx2,popcnt")))
+#define TOKT_AVX512 \
+    __attribute__((target("avx2,popcnt,avx512f,avx512vl,avx512bw,avx512dq,prefer-vector-width=512")))
+
+#define TOKT_VARIANTS(name, declaration, arguments)                                          \
+    static void name##_plain declaration { name##_body arguments; }                          \
+    TOKT_AVX2 static void name##_avx2 declaration { name##_body arguments; }                 \
+    TOKT_AVX512 static void name##_avx512 declaration { name##_body arguments; }             \
+    static void name declaration {                                                           \
+        if (instructions_used == AVX512)                                                     \
+            name##_avx512 arguments;                                                         \
+        else if (instructions_used == AVX2)                                                  \
+            name##_avx2 arguments;                                                           \
+        else                                                                                 \
+            name##_plain arguments;                                                          \
+    }
+
+#else
+
+static int instructions_best(void) { return PLAIN; }
+static int instructions_used = PLAIN;
+#define TOKT_VARIANTS(name, declaration, arguments) \
+    static void name declaration { name##_body arguments; }
+
+#endif
+
+#endif

@@ -1,0 +1,341 @@
+"""The kernels in numpy alone, for machines without a compiler.
+
+The same arithmetic as in ``features/native``, a whole row of patches at a time: identical LBP
+counts, Haralick features equal to rounding.
+"""
+
+from __future__ import annotations
+
+import threading
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .area import opencv_gray
+from .checks import check_frame, check_gray, check_lbp
+from .grid import Grid
+from .lbp_points import lbp_points
+from .threads import over_rows
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+_DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))
+_GREYS = 256
+_CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cache
+
+
+def lbp_counts(
+    gray: NDArray[np.uint8],
+    grid: Grid,
+    points: int,
+    radius: float,
+    border: str,
+    threads: int = 1,
+) -> Counts:
+    """Histograms of uniform rotation-invariant local binary patterns, one a patch.
+
+    Takes and gives what `tokt.features.reference.lbp_counts` does, to the last integer.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
+    """
+    gray = check_gray(gray, threads)
+    check_lbp(points, radius, border)
+    if border == "frame":
+        codes = _kept.sampler(points, radius, len(gray), 1, gray.shape[1]).codes(gray[:, None, :])
+        return _histograms(grid.cells(codes[:, 0]).reshape(grid.n_patches, -1), points + 2)
+    patches = grid.cells(gray)
+    counts = np.empty((grid.n_patches, points + 2), np.int64)
+    at_once = max(1, _CACHED_VALUES // patches[0].size)
+
+    def work(first: int, last: int) -> None:
+        end = last * grid.cols
+        for begin in range(first * grid.cols, end, at_once):
+            some = patches[begin : min(begin + at_once, end)].swapaxes(0, 1)
+            codes = _kept.sampler(points, radius, *some.shape).codes(some).swapaxes(0, 1)
+            flat = codes.reshape(len(codes), -1)
+            counts[begin : begin + len(codes)] = _histograms(flat, points + 2)
+
+    over_rows(work, grid.rows, threads)
+    return counts
+
+
+def _histograms(codes: NDArray[np.uint8], bins: int) -> Counts:
+    """One histogram a row of codes."""
+    flat = codes + (bins * np.arange(len(codes)))[:, None]
+    return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
+
+
+def _runs(weights: Floats) -> list[tuple[int, int, float]]:
+    """Where equal weights follow each other: first, last + 1 and the weight.
+
+    A position's fraction changes in its last bits where the position passes a power of two, so
+    there are few runs, and a weight goes with a whole block of pixels.
+    """
+    ends = np.flatnonzero(np.append(weights[1:] != weights[:-1], True)) + 1
+    starts = np.concatenate([[0], ends[:-1]])
+    return list(zip(starts.tolist(), ends.tolist(), weights[starts].tolist(), strict=True))
+
+
+class _Sampler:
+    """Local binary patterns of n views of one size, each with zeros around it.
+
+    The views' rows lie side by side, so that a row's weight goes with many pixels. Its arrays
+    are used again for the next views.
+
+    Parameters
+    ----------
+    points, radius : int, float
+        P sampling points on a circle of R pixels.
+    height, n, width : int
+    """
+
+    def __init__(self, points: int, radius: float, height: int, n: int, width: int) -> None:
+        self.points = lbp_points(points, radius, height, width)
+        self.right = np.tile(self.points.column_fraction, (1, n))
+        self.runs = [_runs(fraction) for fraction in self.points.row_fraction]
+        reach = self.points.reach
+        self.padded = np.zeros((height, n, width + 2 * reach), np.uint8)
+        self.inside = self.padded[:, :, reach : reach + width]
+        self.near, self.far = np.empty((2, height, n, width))
+        self.centre, self.across, self.value, self.part = np.empty((4, height, n * width))
+        self.is_set = np.empty((points, height, n * width), bool)
+
+    def codes(self, views: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Each pixel's pattern, a uniform one by its number of ones, any other P + 1.
+
+        Takes and returns uint8, shape (height, n, width).
+        """
+        self.inside[:] = views
+        self.centre[:] = views.reshape(self.centre.shape)
+        points, is_set = self.points, self.is_set
+        for offset in range(len(points.column_floor)):
+            self._interpolate(offset)
+            for point in points.point[points.first[offset] : points.first[offset + 1]].tolist():
+                self._compare(point)
+        ones = is_set[0].view(np.uint8).copy()
+        changes = np.zeros_like(ones)
+        for before, now in pairwise(is_set):
+            ones += now.view(np.uint8)
+            changes += (before ^ now).view(np.uint8)
+        ones[changes > 2] = len(points.point) + 1
+        return np.asarray(ones.reshape(views.shape))
+
+    def _interpolate(self, offset: int) -> None:
+        """Set `across`: every row interpolated at one column offset."""
+        begin = self.points.reach + int(self.points.column_floor[offset])
+        width = self.near.shape[2]
+        self.near[:] = self.padded[:, :, begin : begin + width]
+        self.far[:] = self.padded[:, :, begin + 1 : begin + 1 + width]
+        right = self.right[offset]
+        np.multiply(self.near.reshape(self.across.shape), 1 - right, out=self.across)
+        np.multiply(self.far.reshape(self.across.shape), right, out=self.part)
+        np.add(self.across, self.part, out=self.across)
+
+    def _compare(self, point: int) -> None:
+        """Set `is_set` where one sampling point's value is not below the centre."""
+        floor = int(self.points.row_floor[point])
+        above = [(first, last, 1 - below) for first, last, below in self.runs[point]]
+        self._weigh(floor, above, self.value)
+        self._weigh(floor + 1, self.runs[point], self.part)
+        np.add(self.value, self.part, out=self.value)
+        np.greater_equal(self.value, self.centre, out=self.is_set[point])
+
+    def _weigh(self, down: int, runs: list[tuple[int, int, float]], out: Floats) -> None:
+        """Write the rows of `across` that lie `down` rows lower times their weight, else zero."""
+        height = len(out)
+        first, last = min(max(0, -down), height), max(min(height, height - down), 0)
+        out[:first] = 0
+        out[last:] = 0
+        for begin, end, weight in runs:
+            begin, end = max(begin, first), min(end, last)
+            if begin < end:
+                np.multiply(self.across[begin + down : end + down], weight, out=out[begin:end])
+
+
+class _Kept(threading.local):
+    """One thread's arrays: asked for anew with every frame they would cost page faults."""
+
+    def __init__(self) -> None:
+        self.sampler = lru_cache(maxsize=4)(_Sampler)
+
+
+_kept = _Kept()
+
+
+def haralick_features(
+    gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
+) -> Floats:
+    """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
+
+    Takes and gives what `tokt.features.reference.haralick_features` does, up to rounding.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8.
+    """
+    gray = check_gray(gray, threads)
+    patches = grid.cells(gray).reshape(grid.rows, grid.cols, *grid.patch_size(*gray.shape))
+    features = np.empty((grid.rows, grid.cols, 13))
+
+    def work(first: int, last: int) -> None:
+        for row in range(first, last):
+            features[row] = _describe(patches[row], ignore_zeros)
+
+    over_rows(work, grid.rows, threads)
+    return features.reshape(-1, 13)
+
+
+def _describe(patches: NDArray[np.uint8], ignore_zeros: bool) -> Floats:
+    """Features of n patches, shape (n, 13), from one list of the cells of all their matrices."""
+    keys = _pair_keys(patches)
+    if ignore_zeros:
+        keys = _without_zeros(keys, 4 * len(patches))
+    keys.sort()
+    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+    cells, counts = keys[starts].astype(np.int64), np.diff(starts, append=len(keys))
+    brightest = patches.max(axis=(1, 2)).astype(np.int64).repeat(4)
+    matrices = _Matrices(cells, counts, 4 * len(patches))
+    return np.asarray(matrices.features(brightest).reshape(len(patches), 4, 13).mean(axis=1))
+
+
+def _pair_keys(patches: NDArray[np.uint8]) -> NDArray[np.integer]:
+    """Each pair of neighbours as matrix number * 65536 + darker level * 256 + brighter level."""
+    height, width = patches.shape[1:]
+    parts = []
+    for direction, (down, right) in enumerate(_DIRECTIONS):
+        first = patches[:, : height - down, max(0, -right) : width - max(0, right)]
+        second = patches[:, down:, max(0, right) : width - max(0, -right)]
+        pairs = np.minimum(first, second).astype(_key_type(len(patches))) << 8
+        pairs |= np.maximum(first, second)
+        matrix = np.arange(direction, 4 * len(patches), 4, dtype=pairs.dtype)
+        pairs |= matrix[:, None, None] << 16
+        parts.append(pairs.ravel())
+    return np.concatenate(parts)
+
+
+def _key_type(n_patches: int) -> type:
+    return np.int32 if n_patches < 1 << 13 else np.int64  # narrow keys are sorted faster
+
+
+def _without_zeros(keys: NDArray[np.integer], n_matrices: int) -> NDArray[np.integer]:
+    """Leave out pairs with grey level 0, except in patches where a direction has no other."""
+    kept = keys & 0xFFFF >= _GREYS
+    pairs_left = np.bincount(keys[kept] >> 16, minlength=n_matrices).reshape(-1, 4)
+    whole = (pairs_left == 0).any(axis=1).repeat(4)
+    return np.asarray(keys[kept | whole[keys >> 16]])
+
+
+def _surprise(n: Counts, total: Counts) -> Floats:
+    """``n * log2(total / n)`` without loss where n is nearly the total."""
+    part = n / total
+    most = 2 * n > total
+    surprise = -np.log2(part)
+    surprise[most] = -np.log1p((n[most] - total[most]) / total[most]) / np.log(2)
+    return np.asarray(n * surprise)
+
+
+class _Matrices:
+    """Symmetric co-occurrence matrices as one list of their cells that are not zero.
+
+    Parameters
+    ----------
+    cells : array of int64
+        matrix number * 65536 + darker level * 256 + brighter level, sorted.
+    counts : array of int64
+        Pairs of neighbours in each of them.
+    n : int
+        Number of matrices.
+    """
+
+    def __init__(self, cells: Counts, counts: Counts, n: int) -> None:
+        self.n = n
+        self.matrix = cells >> 16
+        self.darker, self.brighter = cells >> 8 & 255, cells & 255
+        self.pairs = counts
+        self.total = 2 * self._sum(self.matrix, counts)
+
+    def _sum(self, where: Counts, what: NDArray[np.number], size: int = 0) -> Counts:
+        return np.bincount(where, what, size or self.n).astype(np.int64)
+
+    def _entropy(self, histogram: Counts) -> Floats:
+        """Entropy in bits of each row of counts."""
+        row, column = np.nonzero(histogram)
+        surprise = _surprise(histogram[row, column], self.total[row])
+        return np.bincount(row, surprise, self.n) / self.total
+
+    def _histogram(self, value: Counts, pairs: Counts, size: int) -> Counts:
+        return self._sum(self.matrix * size + value, pairs, self.n * size).reshape(self.n, size)
+
+    def _own_entropy(self) -> Floats:
+        diagonal = self.darker == self.brighter
+        n = np.where(diagonal, 2 * self.pairs, self.pairs)
+        surprise = _surprise(n, self.total[self.matrix])
+        return np.bincount(self.matrix, np.where(diagonal, 1, 2) * surprise, self.n) / self.total
+
+    def features(self, brightest: Counts) -> Floats:
+        """The 13 features of each matrix, shape (n, 13)."""
+        total = self.total
+        level = self._histogram(self.darker, self.pairs, _GREYS)
+        level += self._histogram(self.brighter, self.pairs, _GREYS)
+        difference = self._histogram(self.brighter - self.darker, 2 * self.pairs, _GREYS)
+        sums = self._histogram(self.brighter + self.darker, 2 * self.pairs, 2 * _GREYS)
+        squares = np.where(self.darker == self.brighter, 4, 2) * self.pairs**2
+        entropy, level_entropy = self._own_entropy(), self._entropy(level)
+        shared = 2 * level_entropy - entropy
+        out = np.empty((self.n, 13))
+        out[:, 0] = self._sum(self.matrix, squares) / total / total
+        self._moments(level, difference, sums, out)
+        out[:, 7] = self._entropy(sums)
+        out[:, 8] = entropy
+        out[:, 9] = _difference_variance(difference, total, brightest)
+        out[:, 10] = self._entropy(difference)
+        out[:, 11] = -shared / np.where(level_entropy == 0, 1, level_entropy)
+        out[:, 12] = np.sqrt(-np.expm1(-2 * np.maximum(shared, 0)))
+        return out
+
+    def _moments(self, level: Counts, difference: Counts, sums: Counts, out: Floats) -> None:
+        """Features 2 to 7, from whole numbers around one next to the mean."""
+        total, greys = self.total, np.arange(_GREYS)
+        first = level @ greys
+        middle = (first + total // 2) // total
+        spread = (level * (greys - middle[:, None]) ** 2).sum(axis=1)
+        sum_spread = (sums * (np.arange(2 * _GREYS) - 2 * middle[:, None]) ** 2).sum(axis=1)
+        contrast = difference @ greys**2
+        shift = (first - middle * total) / total
+        variance = spread / total - shift**2
+        covariance = (sum_spread - contrast) / (4 * total) - shift**2
+        constant = variance == 0
+        out[:, 1] = contrast / total
+        out[:, 2] = np.where(constant, 1, covariance / np.where(constant, 1, variance))
+        out[:, 3] = variance
+        out[:, 4] = difference @ (1 / (1 + greys**2)) / total
+        out[:, 5] = 2 * first / total
+        out[:, 6] = sum_spread / total - 4 * shift**2
+
+
+def _difference_variance(difference: Counts, total: Counts, brightest: Counts) -> Floats:
+    """Variance of P(|i-j|) over all differences that the patch's brightest level allows."""
+    values = (brightest + 1)[:, None]
+    possible = np.arange(_GREYS) < values
+    excess = np.where(possible, difference / total[:, None] - 1 / values, 0)
+    return np.asarray((excess**2).sum(axis=1) / values[:, 0])
+
+
+def resized_gray(
+    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+) -> NDArray[np.uint8]:
+    """A frame resized by area, then gray: OpenCV's own, which needs no compiler here.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
+    """
+    return opencv_gray(check_frame(frame, threads), height, width)
