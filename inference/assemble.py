@@ -15,7 +15,10 @@ LoadModel = Callable[[], PatchScorer]
 
 
 def build_policy(
-    name: str, load_model: LoadModel | None, calibration: StereoCalibration | None
+    name: str,
+    load_model: LoadModel | None,
+    calibration: StereoCalibration | None,
+    threads: int = 1,
 ) -> Policy:
     """The policy of that name.
 
@@ -27,22 +30,16 @@ def build_policy(
         only with a calibration: every verdict's health then says why there is no model.
     calibration : StereoCalibration, optional
         What disparity needs.
+    threads : int
+        How many threads share one frame's rows of patches; verdicts do not depend on it.
 
     Raises
     ------
     ToktError
-        If the policy is not known, lacks its model or its calibration, or has no use for one.
+        If the policy is not known, lacks its model or its calibration, or has no use for one, or
+        there is not at least one thread.
     """
-    if name not in POLICIES:
-        raise ToktError(f"unknown policy {name!r} (choose from {', '.join(POLICIES)})")
-    if load_model is not None and name == "disparity":
-        raise ToktError("policy disparity uses no model: leave out --store/--bundle")
-    if calibration is None and name in ("disparity", "either"):
-        raise ToktError(f"policy {name} needs a stereo calibration (--calibration FILE.yml)")
-    if calibration is not None and name == "texture":
-        raise ToktError("policy texture uses no calibration: leave out --calibration")
-    if load_model is None and name != "disparity":
-        raise ToktError(f"policy {name} needs a model (--store STORE or --bundle FILE)")
+    _check(name, load_model is not None, calibration is not None, threads)
     model, fault = _load(load_model, may_fail=name == "fallback" and calibration is not None)
     grid = DEFAULT_GRID if model is None else model.grid
     disparity = None if calibration is None else DisparityDetector(calibration, grid)
@@ -50,12 +47,28 @@ def build_policy(
         return SinglePolicy(disparity, note=fault)
     if model is None:
         raise AssertionError("a model that may not fail was loaded")
-    texture = GridDetector(model)
+    texture = GridDetector(model, threads)
     if name == "texture":
         return SinglePolicy(texture)
     if disparity is None:
         return SinglePolicy(texture, note="no fallback: there is no stereo calibration")
     return (EitherPolicy if name == "either" else FallbackPolicy)(texture, disparity)
+
+
+def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:
+    """Refuse what a user cannot have meant."""
+    if name not in POLICIES:
+        raise ToktError(f"unknown policy {name!r} (choose from {', '.join(POLICIES)})")
+    if threads < 1:
+        raise ToktError(f"at least one thread is needed, not {threads} (--threads N)")
+    if has_model and name == "disparity":
+        raise ToktError("policy disparity uses no model: leave out --store/--bundle")
+    if not has_calibration and name in ("disparity", "either"):
+        raise ToktError(f"policy {name} needs a stereo calibration (--calibration FILE.yml)")
+    if has_calibration and name == "texture":
+        raise ToktError("policy texture uses no calibration: leave out --calibration")
+    if not has_model and name != "disparity":
+        raise ToktError(f"policy {name} needs a model (--store STORE or --bundle FILE)")
 
 
 def _load(load_model: LoadModel | None, may_fail: bool) -> tuple[PatchScorer | None, str]:

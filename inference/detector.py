@@ -8,8 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..features.extractor import gray_picture
 from ..features.grid import Grid
-from .frame_check import frame_fault
+from .frame_check import frame_fault, shape_fault
 from .sources import Frame
 
 TEXTURE, DISPARITY = "texture", "disparity"
@@ -92,8 +93,19 @@ class PatchScorer(Protocol):
     def model(self) -> PatchJudge:
         """Decides what a decision value means."""
 
-    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Decision values of a frame's patches, shape (n_patches, n_outputs)."""
+    def decision_values(
+        self, frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, threads: int = 1
+    ) -> NDArray[np.float64]:
+        """Decision values of a frame's patches, shape (n_patches, n_outputs).
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
+        gray : array of uint8, shape (height, width), optional
+            ``gray_picture(frame, grid)``, where the caller has it already.
+        threads : int
+            How many threads share the work; the values do not depend on it.
+        """
 
 
 class GridDetector:
@@ -102,30 +114,38 @@ class GridDetector:
     Parameters
     ----------
     scorer : PatchScorer
+    threads : int
+        How many threads share one frame's rows of patches; the verdict does not depend on it.
     """
 
     method = TEXTURE
 
-    def __init__(self, scorer: PatchScorer) -> None:
+    def __init__(self, scorer: PatchScorer, threads: int = 1) -> None:
         self.scorer = scorer
+        self.threads = threads
 
     def detect(self, frame: Frame) -> Detection:
         """Judge the left picture."""
-        label = self.scorer.label
         if frame.left is None:
-            fault = frame.left_fault or "there is no left frame"
-        else:
-            fault = frame_fault(frame.left) or self._size_fault(*frame.left.shape[:2])
-        if frame.left is None or fault:
-            return Detection(None, TEXTURE, label, fault=fault)
-        values = self.scorer.decision_values(frame.left)
-        if not np.isfinite(values).all():
-            fault = "the model gave a decision value that is not finite"
-            return Detection(None, TEXTURE, label, fault=fault)
-        obstacle = self.scorer.model.obstacle_patches(values)
+            return self._unjudged(frame.left_fault or "there is no left frame")
+        # First what needs no look at the pixels: a picture of another shape may have no resize.
+        fault = shape_fault(frame.left) or self._size_fault(*frame.left.shape[:2])
+        if fault:
+            return self._unjudged(fault)
         grid = self.scorer.grid
-        mask = grid.paint(obstacle, *grid.resized(*frame.left.shape[:2]))
-        return Detection(mask, TEXTURE, label, decision_values=values)
+        # Resized once, for the check and for the features: it costs as much as these.
+        gray = gray_picture(frame.left, grid, self.threads)
+        fault = frame_fault(frame.left, gray, grid)
+        if fault:
+            return self._unjudged(fault)
+        values = self.scorer.decision_values(frame.left, gray=gray, threads=self.threads)
+        if not np.isfinite(values).all():
+            return self._unjudged("the model gave a decision value that is not finite")
+        mask = grid.paint(self.scorer.model.obstacle_patches(values), *gray.shape)
+        return Detection(mask, TEXTURE, self.scorer.label, decision_values=values)
+
+    def _unjudged(self, fault: str) -> Detection:
+        return Detection(None, TEXTURE, self.scorer.label, fault=fault)
 
     def _size_fault(self, height: int, width: int) -> str:
         """Why a frame is unlike all that the model learnt from, or an empty string."""

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..features.camera_frame import MOSAIC_FORMATS, frame_from_camera
 from ..features.errors import FrameError, ToktError
 from ..features.mission import LEFT, RIGHT, Mission, format_frames, open_mission
 from .clock import Clock
@@ -69,11 +70,15 @@ class MissionSource:
         none after it; without a rate each frame comes as soon as it is asked for.
     stereo : bool
         Whether to read the right camera's frames as well.
+    pixel_format : str, optional
+        One of `MOSAIC_FORMATS`: the images are gray and hold a camera's raw pixels in it. By
+        default they are pictures.
 
     Raises
     ------
     ToktError
-        If the rate is not positive, or a chosen frame is not in the mission.
+        If the rate is not positive, a chosen frame is not in the mission, or the pixel format is
+        not one of those.
     """
 
     def __init__(
@@ -83,7 +88,11 @@ class MissionSource:
         frames: Sequence[int] | None = None,
         rate: float | None = None,
         stereo: bool = True,
+        pixel_format: str | None = None,
     ) -> None:
+        if pixel_format is not None and pixel_format not in MOSAIC_FORMATS:
+            known = ", ".join(MOSAIC_FORMATS)
+            raise ToktError(f"image files hold no {pixel_format!r} pixels (choose from {known})")
         if rate is not None and not 0 < rate < float("inf"):
             raise ToktError(f"a rate is a positive number of frames per second, not {rate}")
         self.numbers = _chosen(mission, frames)
@@ -91,6 +100,7 @@ class MissionSource:
         self._clock = clock
         self._rate = rate
         self._stereo = stereo
+        self._pixel_format = pixel_format
         self._stopped = False
 
     def __iter__(self) -> Iterator[Frame]:
@@ -111,9 +121,12 @@ class MissionSource:
 
     def _read(self, number: int, camera: str) -> tuple[NDArray[np.uint8] | None, str]:
         try:
-            return self._mission.read(number, camera), ""
+            image = self._mission.read(number, camera)
         except FrameError as error:
             return None, str(error)
+        if self._pixel_format is None:
+            return image, ""
+        return _from_raw(image, self._pixel_format)
 
     def _wait_until(self, due: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
@@ -122,6 +135,17 @@ class MissionSource:
             if remaining <= 0:
                 return
             self._clock.sleep(min(remaining, _STOP_CHECK_S))
+
+
+def _from_raw(image: NDArray[np.uint8], pixel_format: str) -> tuple[NDArray[np.uint8] | None, str]:
+    """The frame that an image's gray levels are the raw pixels of, or why there is none."""
+    if image.ndim != 2:
+        return None, f"the image is in colour: it does not hold raw {pixel_format} pixels"
+    height, width = image.shape
+    try:
+        return frame_from_camera(image, height, width, pixel_format), ""
+    except ValueError as error:
+        return None, str(error)
 
 
 def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
@@ -144,14 +168,22 @@ def open_source(
     frames: Sequence[int] | None = None,
     rate: float | None = None,
     stereo: bool = True,
+    pixel_format: str | None = None,
 ) -> MissionSource:
     """Open what a user named as the source: a folder or a video file.
+
+    Parameters
+    ----------
+    text : str
+        Its path.
+    clock, frames, rate, stereo, pixel_format
+        As in `MissionSource`.
 
     Raises
     ------
     ToktError
-        If it is neither.
+        If it is neither, or `MissionSource` refuses the rest.
     """
     if not Path(text).exists():
         raise ToktError(f"unknown source {text!r}: not a folder of frames and not a video file")
-    return MissionSource(open_mission(text), clock, frames, rate, stereo)
+    return MissionSource(open_mission(text), clock, frames, rate, stereo, pixel_format)

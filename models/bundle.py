@@ -175,9 +175,21 @@ class Bundle:
             return "each of its classes is an obstacle: it would always warn"
         return ""
 
-    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Decision values of a frame's patches, shape (n_patches, n_outputs)."""
-        return self.model.decision_values(self.extractor.describe(frame, self.grid))
+    def decision_values(
+        self, frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, threads: int = 1
+    ) -> NDArray[np.float64]:
+        """Decision values of a frame's patches, shape (n_patches, n_outputs).
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
+            As the camera gave it, gray or BGR, any size.
+        gray : array of uint8, shape (height, width), optional
+            ``gray_picture(frame, grid)``, where the caller has it already.
+        threads : int
+            How many threads share the work; the values do not depend on it.
+        """
+        return self.model.decision_values(self.extractor.describe(frame, self.grid, gray, threads))
 
 
 def _zip(members: Mapping[str, bytes]) -> bytes:

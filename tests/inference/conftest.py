@@ -92,7 +92,9 @@ class NoiseScorer:
     def model(self) -> NoiseScorer:
         return self
 
-    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def decision_values(
+        self, frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, threads: int = 1
+    ) -> NDArray[np.float64]:
         height, width = self.grid.resized(*frame.shape[:2])
         gray = frame if frame.ndim == 2 else frame.mean(axis=2).astype(np.uint8)
         cells = self.grid.cells(np.asarray(cv2.resize(gray, (width, height))))

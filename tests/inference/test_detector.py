@@ -7,6 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from tokt.features.extractor import gray_picture
+from tokt.features.grid import Grid
 from tokt.features.image_file import decode_image, read_image
 from tokt.inference.detector import GridDetector
 from tokt.inference.frame_check import frame_fault
@@ -37,6 +39,28 @@ def test_a_real_bundle_is_a_scorer(
     np.testing.assert_array_equal(found.decision_values, bundle.decision_values(picture))
 
 
+def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None:
+    given: list[Any] = []
+    values = noise_scorer.decision_values
+
+    def listen(frame: np.ndarray, gray: np.ndarray, threads: int) -> np.ndarray:
+        given.append((gray, threads))
+        return values(frame, gray, threads)
+
+    noise_scorer.decision_values, noise_scorer.frame_sizes = listen, ((1024, 1360),)
+    picture = noisy(60, 9, 1024, 1360)[:, :, None].repeat(3, 2)
+    detector = GridDetector(noise_scorer, threads=2)
+    for shift in (0, 40):
+        # As a camera does: the same buffer with another picture in it.
+        picture += np.uint8(shift)
+        assert detector.detect(Frame(1, 0.0, picture, None)).fault == ""
+        np.testing.assert_array_equal(given[-1][0], gray_picture(picture, noise_scorer.grid))
+        assert given[-1][1] == 2
+    picture[:] = 0
+    assert "dark" in detector.detect(Frame(1, 0.0, picture, None)).fault
+    assert len(given) == 2
+
+
 def test_no_frame_is_unknown_with_the_source_s_reason(noise_scorer: Any) -> None:
     found = GridDetector(noise_scorer).detect(Frame(1, 0.0, None, None, "a.jpg is truncated"))
     assert found.mask is None and found.fault == "a.jpg is truncated"
@@ -45,7 +69,7 @@ def test_no_frame_is_unknown_with_the_source_s_reason(noise_scorer: Any) -> None
 def test_values_that_are_not_finite_are_unknown(
     noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
 ) -> None:
-    noise_scorer.decision_values = lambda frame: np.full((100, 1), np.nan)
+    noise_scorer.decision_values = lambda frame, gray, threads: np.full((100, 1), np.nan)
     found = GridDetector(noise_scorer).detect(Frame(1, 0.0, draw_frame([]), None))
     assert found.mask is None and "not finite" in found.fault
 
@@ -103,6 +127,32 @@ def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.
 )
 def test_frames_that_cannot_be_judged(picture: np.ndarray, word: str) -> None:
     assert word in frame_fault(picture)
+
+
+@pytest.mark.parametrize("shape", [(1, 4000), (3, 4000, 3), (400_000, 400)])
+def test_a_frame_without_a_resize_is_a_fault_and_no_exception(shape: tuple[int, ...]) -> None:
+    assert "cannot be looked at" in frame_fault(np.zeros(shape, np.uint8))
+
+
+@pytest.mark.parametrize("width", [360, 361, 800])
+@pytest.mark.parametrize("grid", [Grid(), Grid(7, 5), Grid(20, 20, 720), Grid(1, 1, None)])
+@pytest.mark.parametrize("covered", [True, False])
+def test_the_check_is_the_same_with_a_picture_at_hand(
+    width: int, grid: Grid, covered: bool
+) -> None:
+    picture = noisy(60, 9, width * 2 // 3, width)
+    if covered:
+        picture[width // 3 :, : width // 2] = 60
+    fault = frame_fault(picture)
+    assert fault == frame_fault(picture, gray_picture(picture, grid), grid)
+    assert ("patches are blank" in fault) == covered
+
+
+def test_a_picture_of_another_width_is_not_what_is_looked_at() -> None:
+    picture, black = noisy(60, 9, 480, 640), np.zeros((360, 480), np.uint8)
+    assert frame_fault(picture, black, Grid(10, 10, 480)) == ""
+    # Narrower than the patches were measured on: looked at as it is, and not enlarged.
+    assert frame_fault(noisy(60, 9), black, Grid()) == ""
 
 
 def test_a_dim_frame_can_be_judged() -> None:

@@ -189,3 +189,15 @@ def test_the_names_are_fixed(noise_scorer: Any) -> None:
     assert isinstance(build_policy("disparity", None, CALIBRATION), SinglePolicy)
     assert isinstance(build_policy("either", lambda: noise_scorer, CALIBRATION), EitherPolicy)
     assert isinstance(build_policy("fallback", lambda: noise_scorer, CALIBRATION), FallbackPolicy)
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_at_least_one_thread(noise_scorer: Any, threads: int) -> None:
+    with pytest.raises(ToktError, match="at least one thread"):
+        build_policy("texture", lambda: noise_scorer, None, threads)
+
+
+def test_threads_reach_the_detector(noise_scorer: Any) -> None:
+    policy = build_policy("texture", lambda: noise_scorer, None, threads=3)
+    assert isinstance(policy, SinglePolicy) and isinstance(policy.detector, GridDetector)
+    assert policy.detector.threads == 3

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from tokt.models.bundle import read_bundle
 from tokt.models.store import Store
@@ -124,6 +126,8 @@ def test_ctrl_c_ends_cleanly(
         (["--bundle", "B", "--log-values"], "needs a log"),
         (["--bundle", "B", "--calibration", "none.yml"], "does not exist"),
         (["--bundle", "B", "--source", "pymba:0"], "unknown source"),
+        (["--bundle", "B", "--threads", "0"], "at least one thread"),
+        (["--bundle", "B", "--pixel-format", "RGB8"], "choose from Mono8, BayerRG8"),
     ],
 )
 def test_mistakes_are_one_line(
@@ -134,6 +138,48 @@ def test_mistakes_are_one_line(
     assert done.returncode == 2
     assert done.stderr.startswith("tokt: error: ") and len(done.stderr.splitlines()) == 1
     assert message in done.stderr and done.stdout == ""
+
+
+def test_threads_change_no_verdict(
+    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path, closed_port: int
+) -> None:
+    folder = make_mission([[], [(4, 4), (9, 9)], [(0, 0)]])
+    logs = []
+    for threads in (1, 2):
+        log = tmp_path / f"{threads}.jsonl"
+        done = tokt(
+            *("run", "--bundle", bundle_file, "--source", folder, "--policy", "texture"),
+            *("--threads", threads, "--udp", f"127.0.0.1:{closed_port}"),
+            *("--log", log, "--log-values"),
+        )
+        assert done.returncode == 0, done.stderr
+        logs.append(
+            [
+                {key: value for key, value in line.items() if key not in ("t", "latency_ms")}
+                for line in lines(log)
+            ]
+        )
+    assert logs[0] == logs[1] and [line["status"] for line in logs[0]] == [0, 1, 1]
+
+
+def test_raw_camera_frames_are_judged_as_their_pictures(
+    draw_frame: Callable[..., np.ndarray], bundle_file: Path, tmp_path: Path, closed_port: int
+) -> None:
+    """A gray scene has the same mosaic in every pattern: its own pixels."""
+    folder = tmp_path / "raw"
+    folder.mkdir()
+    for number, patches in enumerate([[], [(4, 4)]], 1):
+        cv2.imwrite(str(folder / f"{number}.png"), draw_frame(patches))
+    cv2.imwrite(str(folder / "3.png"), cv2.merge([draw_frame([(4, 4)])] * 3))
+    log = tmp_path / "log.jsonl"
+    done = tokt(
+        *("run", "--bundle", bundle_file, "--source", folder, "--pixel-format", "BayerRG8"),
+        *("--udp", f"127.0.0.1:{closed_port}", "--log", log),
+    )
+    assert done.returncode == 0, done.stderr
+    found = lines(log)
+    assert [line["status"] for line in found] == [0, 1, -1]
+    assert "the image is in colour" in found[2]["health"]
 
 
 @pytest.mark.mission

@@ -114,3 +114,25 @@ def test_a_video_gives_its_frames(
     assert [frame.number for frame in frames] == [1, 2, 3, 4]
     assert all(frame.left is not None and frame.left.shape == (270, 360, 3) for frame in frames)
     assert all(frame.right is None for frame in frames)
+
+
+def test_a_raw_frame_is_made_a_colour_picture(tmp_path: Path, hand_clock: Any) -> None:
+    raw = np.full((12, 16), 40, np.uint8)
+    raw[::2, ::2] = 200  # red, in a pattern that begins with it
+    for name, image in (("1", raw), ("2", raw[:2]), ("3", cv2.merge([raw] * 3))):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+    frames = list(open_source(str(tmp_path), hand_clock, pixel_format="BayerRG8"))
+    np.testing.assert_array_equal(frames[0].left, np.full((12, 16, 3), (40, 40, 200)))
+    assert frames[1].left is None and "too small" in frames[1].left_fault
+    assert frames[2].left is None and "in colour" in frames[2].left_fault
+    assert "not read" not in frames[0].left_fault and frames[0].right is None
+    gray = next(iter(open_source(str(tmp_path), hand_clock, pixel_format="Mono8")))
+    np.testing.assert_array_equal(gray.left, raw)
+
+
+@pytest.mark.parametrize("pixel_format", ["", "BGR8", "BayerXX8"])
+def test_other_pixel_formats_are_refused(
+    make_mission: Callable[..., Path], hand_clock: Any, pixel_format: str
+) -> None:
+    with pytest.raises(ToktError, match="choose from Mono8, BayerRG8"):
+        open_source(str(make_mission([[]])), hand_clock, pixel_format=pixel_format)

@@ -7,13 +7,12 @@ from typing import Annotated
 
 import typer
 
-from .. import __version__
 from ..features.errors import ToktError
-from . import dataset, demo, labels, models, run, simulate, train
+from . import bench, dataset, demo, doctor, labels, models, run, simulate, train
 
 _EXTRAS = {
     **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
-    **dict.fromkeys(("matplotlib", "jinja2"), "train"),
+    **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
     **dict.fromkeys(("fastapi", "uvicorn"), "label"),
     "pymba": "camera",
 }
@@ -29,6 +28,8 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from .. import __version__
+
         typer.echo(f"tokt {__version__}")
         raise typer.Exit
 
@@ -60,6 +61,8 @@ app.command("store")(models.store)
 app.command("run")(run.run)
 app.command("listen")(run.listen)
 app.command("simulate")(simulate.simulate)
+app.command("bench")(bench.bench)
+app.command("doctor")(doctor.doctor)
 
 
 def main() -> None:

@@ -47,6 +47,11 @@ def run(
     rate: Annotated[
         float | None, typer.Option(help="Frames per second. Default: as fast as they come.")
     ] = None,
+    threads: Annotated[int, typer.Option(help="Threads that share one frame's patches.")] = 1,
+    pixel_format: Annotated[
+        str | None,
+        typer.Option(help="The images hold a camera's raw pixels: Mono8, BayerRG8 and so on."),
+    ] = None,
     log: Annotated[
         Path | None, typer.Option(help="Add one JSON object a frame to this file.")
     ] = None,
@@ -71,8 +76,8 @@ def run(
         raise ToktError("--log-values needs a log to write them to (--log FILE.jsonl)")
     chosen = None if frames is None else parse_frames(frames)
     stereo = None if calibration is None else load_calibration(calibration)
-    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo=stereo is not None)
-    built = build_policy(policy, _model_loader(store, bundle), stereo)
+    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo is not None, pixel_format)
+    built = build_policy(policy, _model_loader(store, bundle), stereo, threads)
     with ExitStack() as opened:
         senders = _open_senders(udp, format_, opened)
         log_file = None if log is None else opened.enter_context(closing(JsonLines(log)))
@@ -85,14 +90,15 @@ def run(
 
 
 def _model_loader(store: Path | None, bundle: Path | None) -> Callable[[], PatchScorer] | None:
-    from ..models.bundle import read_bundle
-    from ..models.store import Store
-
     if store is not None and bundle is not None:
         raise ToktError("give --store or --bundle, not both")
     if store is not None:
+        from ..models.store import Store
+
         return Store(store).active
     if bundle is not None:
+        from ..models.bundle import read_bundle
+
         return lambda: read_bundle(bundle)
     return None
 

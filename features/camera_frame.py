@@ -1,0 +1,112 @@
+"""Raw pixel data of a camera becomes a frame.
+
+Formats go by their names in the GenICam Pixel Format Naming Convention. A trap: in a Bayer format
+GenICam names the first two pixels of the first row, while OpenCV's two-letter names (such as
+``COLOR_BayerBG2BGR``) name the second and third pixel of the second row. GenICam's ``BayerRG8`` is
+OpenCV's ``BayerBG``, or ``BayerRGGB`` by its four-letter names, which are used here.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_BAYER = {
+    "BayerRG8": cv2.COLOR_BayerRGGB2BGR,
+    "BayerGR8": cv2.COLOR_BayerGRBG2BGR,
+    "BayerGB8": cv2.COLOR_BayerGBRG2BGR,
+    "BayerBG8": cv2.COLOR_BayerBGGR2BGR,
+}
+_COLOUR = ("BGR8", "BGR8Packed", "RGB8", "RGB8Packed")
+
+MOSAIC_FORMATS = ("Mono8", *_BAYER)
+"""Formats of one byte a pixel."""
+
+PIXEL_FORMATS = (*MOSAIC_FORMATS, *_COLOUR)
+"""All formats that are known; ``Packed`` is how older cameras spell the same."""
+
+_LEAST_MOSAIC_PX = 3
+"""Height and width below which OpenCV gives black instead of colours."""
+
+
+def frame_from_camera(
+    data: bytes | bytearray | memoryview | NDArray[np.uint8],
+    height: int,
+    width: int,
+    pixel_format: str,
+    out: NDArray[np.uint8] | None = None,
+) -> NDArray[np.uint8]:
+    """Copy a camera's pixel data into a frame, with its mosaic interpolated (bilinear).
+
+    Parameters
+    ----------
+    data : bytes-like or array of uint8
+        The pixels row by row, without padding. Never kept: a camera's driver writes the next
+        frame into the same buffer.
+    height, width : int
+        In pixels.
+    pixel_format : str
+        One of `PIXEL_FORMATS`.
+    out : array of uint8, optional
+        What to write the frame into, of the shape that is returned, C-contiguous and apart from
+        `data`.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, shape (height, width) for Mono8, otherwise (height, width, 3) in BGR order; `out`
+        where it was given.
+
+    Raises
+    ------
+    ValueError
+        If the format is not known, the data are not of exactly the size that it says, a mosaic
+        is under 3 pixels high or wide, or `out` does not fit.
+    """
+    if pixel_format not in PIXEL_FORMATS:
+        known = ", ".join(PIXEL_FORMATS)
+        raise ValueError(f"unknown pixel format {pixel_format!r} (known: {known})")
+    least = _LEAST_MOSAIC_PX if pixel_format in _BAYER else 1
+    if min(height, width) < least:
+        raise ValueError(f"a {pixel_format} frame of {width}x{height} is too small ({least} px)")
+    raw = _pixels(data, height, width, pixel_format)
+    shape = (height, width) if pixel_format == "Mono8" else (height, width, 3)
+    if out is None:
+        out = np.empty(shape, np.uint8)
+    _check_out(out, raw, shape)
+    if pixel_format in _BAYER:
+        cv2.cvtColor(raw, _BAYER[pixel_format], dst=out)
+    elif pixel_format.startswith("RGB8"):
+        cv2.cvtColor(raw, cv2.COLOR_RGB2BGR, dst=out)
+    else:
+        np.copyto(out, raw)
+    return out
+
+
+def _pixels(
+    data: bytes | bytearray | memoryview | NDArray[np.uint8],
+    height: int,
+    width: int,
+    pixel_format: str,
+) -> NDArray[np.uint8]:
+    """The data as an array of pixels, still the caller's memory."""
+    raw = data if isinstance(data, np.ndarray) else np.frombuffer(data, np.uint8)
+    if raw.dtype != np.uint8:
+        raise ValueError(f"pixel data are uint8, not {raw.dtype}")
+    shape = (height, width, 3) if pixel_format in _COLOUR else (height, width)
+    if raw.size != np.prod(shape):
+        raise ValueError(
+            f"a {pixel_format} frame of {width}x{height} has {np.prod(shape)} bytes, not {raw.size}"
+        )
+    return np.ascontiguousarray(raw).reshape(shape)
+
+
+def _check_out(out: NDArray[np.uint8], raw: NDArray[np.uint8], shape: tuple[int, ...]) -> None:
+    # Into anything else OpenCV would not write: it would return another array.
+    if out.dtype != np.uint8 or out.shape != shape or not out.flags.c_contiguous:
+        raise ValueError(
+            f"the frame is contiguous uint8 of shape {shape}, not {out.dtype} of {out.shape}"
+        )
+    if not out.flags.writeable or np.may_share_memory(out, raw):
+        raise ValueError("a frame is written into memory of its own")

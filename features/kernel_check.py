@@ -1,0 +1,132 @@
+"""Which kernels this process uses, and whether all that this machine has compute the same."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ToktError
+from .finding import FAULT, NOTE, OK, Finding
+from .grid import Grid
+
+if TYPE_CHECKING:
+    from .kernels import Kernels
+
+# kernels.py has this name too, but cannot be imported while the variable's value is wrong.
+_VARIABLE = "TOKT_KERNELS"
+_KERNELS = f"{__package__}.kernels"
+_RELATIVE = 1e-9
+_GRID = Grid(2, 2, 72)
+_HEIGHT = 54
+
+
+def kernel_findings() -> Iterator[Finding]:
+    """The kernels in use, then each other implementation compared with them.
+
+    Afterwards `tokt.features.kernels` can be imported, also where ``TOKT_KERNELS`` asks for
+    kernels that are not there: the default ones then, so that what needs any can be examined.
+
+    Raises
+    ------
+    ImportError
+        If this machine has no kernels at all.
+    """
+    fault = _load_default_on_fault()
+    from .kernels import COMPILED, KERNELS, NAMES, load_kernels
+
+    wanted = os.environ.get(_VARIABLE, "")
+    setting = f"{_VARIABLE}={wanted}" if wanted else f"{_VARIABLE} is not set"
+    figures = {"kernels": KERNELS.name, "why": KERNELS.why, "variable": wanted}
+    if fault:
+        text = f"{fault}; no model can be trained or run; examined with {KERNELS.name}"
+        yield Finding("kernels", FAULT, text, figures)
+    else:
+        why = KERNELS.why if KERNELS.why == setting else f"{KERNELS.why}; {setting}"
+        state = OK if KERNELS.name == COMPILED else NOTE
+        yield Finding("kernels", state, f"{KERNELS.name} ({why})", figures)
+    for name in NAMES:
+        if name != KERNELS.name:
+            try:
+                other = load_kernels(name)
+            except ImportError as error:
+                yield Finding(f"{name} kernels", NOTE, f"not on this machine ({error})")
+            else:
+                yield compared(KERNELS, other)
+
+
+def _load_default_on_fault() -> str:
+    """Import the kernels; what is wrong with the user's choice, or nothing."""
+    try:
+        import_module(_KERNELS)
+    except ToktError as error:
+        wanted = os.environ.pop(_VARIABLE)
+        try:
+            import_module(_KERNELS)
+        finally:
+            os.environ[_VARIABLE] = wanted
+        return str(error)
+    return ""
+
+
+def _frame() -> NDArray[np.uint8]:
+    """Four textures, one of them dark with many zeros; BGR, twice as large as their picture."""
+    rng = np.random.default_rng(0)
+    frame = rng.normal(70, 25, (2 * _HEIGHT + 1, 2 * 72 + 1, 3))
+    frame[:_HEIGHT, :72] -= 65
+    return np.asarray(frame.clip(0, 255), np.uint8)
+
+
+def compared(active: Kernels, other: Kernels) -> Finding:
+    """Whether two implementations describe a small picture alike.
+
+    Gray pictures and LBP counts have to be identical, Haralick features equal to 1e-9 of their
+    value. The picture is one where every implementation is accurate to more than that.
+    """
+    frame = _frame()
+    gray = active.resized_gray(frame, _HEIGHT, 72)
+    pixels = int(np.count_nonzero(gray != other.resized_gray(frame, _HEIGHT, 72)))
+    counts = sum(
+        _count_difference(active, other, gray, points, radius, border)
+        for points, radius in ((10, 5), (24, 8))
+        for border in ("patch", "frame")
+    )
+    relative = max(
+        _relative_difference(
+            active.haralick_features(gray, _GRID, zeros),
+            other.haralick_features(gray, _GRID, zeros),
+        )
+        for zeros in (False, True)
+    )
+    same = pixels == 0 and counts == 0 and relative <= _RELATIVE
+    text = (
+        f"gray pixels that differ from {active.name}: {pixels}, LBP counts: {counts}, "
+        f"largest relative difference of Haralick features: {relative:.1e}"
+    )
+    if same:
+        text = f"same as {active.name} (LBP identical, Haralick features to {relative:.1e})"
+    figures = {
+        "compared_with": active.name,
+        "gray_difference": pixels,
+        "lbp_difference": counts,
+        "haralick_relative_difference": relative if np.isfinite(relative) else None,
+    }
+    return Finding(f"{other.name} kernels", OK if same else FAULT, text, figures)
+
+
+def _count_difference(
+    one: Kernels, two: Kernels, gray: NDArray[np.uint8], points: int, radius: int, border: str
+) -> int:
+    options = gray, _GRID, points, radius, border
+    return int(np.abs(one.lbp_counts(*options) - two.lbp_counts(*options)).sum())
+
+
+def _relative_difference(one: NDArray[np.float64], two: NDArray[np.float64]) -> float:
+    """Largest difference relative to the larger value; infinite where one is not a number."""
+    size = np.maximum(np.abs(one), np.abs(two))
+    difference = np.divide(np.abs(one - two), size, out=np.zeros_like(size), where=size != 0)
+    return float(np.nan_to_num(difference, nan=np.inf).max())

@@ -1,0 +1,43 @@
+"""Whether a workspace's label store is sound, and how much it holds."""
+
+from __future__ import annotations
+
+import sqlite3
+import tempfile
+from contextlib import closing
+from pathlib import Path
+
+from ..features.errors import ToktError
+from ..features.finding import FAULT, NOTE, OK, Finding
+from ..features.sqlite_copy import copy_database, damage
+from .store import FILE_NAME, LabelStore
+
+NAME = "labels"
+
+
+def label_store_finding(workspace: Path) -> Finding:
+    """Examine a copy of the label store; opening it would create files beside it.
+
+    Raises
+    ------
+    ToktError, OSError
+        If its file cannot be read.
+    """
+    file = workspace / FILE_NAME
+    if not file.exists():
+        return Finding(NAME, NOTE, f"no labels yet ({file})")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        copy = Path(folder) / FILE_NAME
+        copy_database(file, copy)
+        broken = damage(copy)
+        if broken:
+            return Finding(NAME, FAULT, f"{file} is damaged: {broken}")
+        try:
+            LabelStore(copy, create=False).close()
+        except ToktError as error:
+            return Finding(NAME, FAULT, str(error).replace(str(copy), str(file)))
+        with closing(sqlite3.connect(copy)) as connection:
+            events = connection.execute("SELECT COUNT(*) FROM events").fetchone()[0]
+            version = connection.execute("PRAGMA user_version").fetchone()[0]
+    figures = {"events": events, "format": version}
+    return Finding(NAME, OK, f"{file}: {events} events, format {version}", figures)

@@ -1,0 +1,418 @@
+"""`tokt doctor`: what it finds, its exit code at a fault, and that it changes nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import socket
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.metadata import distribution
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tokt.features import atomic
+from tokt.features.errors import ToktError
+from tokt.features.kernel_check import compared, kernel_findings
+from tokt.features.kernels import KERNELS
+from tokt.features.sqlite_copy import copy_database
+from tokt.inference.camera_driver import camera_driver_finding
+
+from tokt.cli.installation import missing_packages
+
+
+def listing(folder: Path) -> dict[str, bytes | None]:
+    """Every file and folder below, with its bytes."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def by_name(out: str) -> dict[str, dict[str, Any]]:
+    value = json.loads(out)
+    faults = [item for item in value["findings"] if item["state"] == "fault"]
+    assert value["ok"] is (faults == [])
+    found = {item["name"]: item for item in value["findings"]}
+    assert len(found) == len(value["findings"])
+    return found
+
+
+def start(*arguments: object, folder: Path, **environment: str) -> Any:
+    """The command in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "tokt", "doctor", *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.fixture
+def store(tiny_bundle: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> Path:
+    ran = run_tokt("deploy", tiny_bundle, tmp_path / "store")
+    assert ran.code == 0, ran.err
+    return tmp_path / "store"
+
+
+@pytest.fixture
+def labelled(workspace: Path, tiny, run_tokt: Callable[..., Any]) -> Path:
+    ran = run_tokt("labels", "import", tiny.labels, "--workspace", workspace)
+    assert ran.code == 0, ran.err
+    return workspace
+
+
+def test_everything_sound_and_nothing_changed(labelled, store, tmp_path, run_tokt, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = listing(tmp_path)
+    ran = run_tokt("doctor", "--store", store, "--workspace", labelled, "--json")
+    assert listing(tmp_path) == before
+    assert (ran.code, ran.err) == (0, "")
+    found = by_name(ran.out)
+    assert found["kernels"]["kernels"] == KERNELS.name
+    assert found["store active"]["model"] == "tiny-lbp/1" and found["store active"]["load_s"] > 0
+    assert found["store versions"]["versions"] == 1
+    assert found["labels"]["events"] == 4000 and found["labels"]["format"] == 1
+    assert (found["registry"]["models"], found["registry"]["versions"]) == (1, 1)
+    assert found["workspace"]["free_bytes"] > 0
+    names = ("store", "store active", "store versions", "labels", "registry", "numpy", "opencv")
+    assert {found[name]["state"] for name in names} == {"ok"}
+    assert str(tmp_path / ".tokt" / "mlflow.db") in found["registry"]["text"]
+
+
+def test_an_empty_place_in_lines(tmp_path, run_tokt, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ran = run_tokt("doctor")
+    assert (ran.code, ran.err, list(tmp_path.iterdir())) == (0, "", [])
+    lines = ran.out.splitlines()
+    assert all(re.fullmatch(r"(ok   |note )  [\w ]+: \S.*", line) for line in lines), ran.out
+    assert any("registry: no registry yet" in line for line in lines)
+    assert any("labels: no labels yet" in line for line in lines)
+    assert not any("store" in line for line in lines)
+
+
+def test_mlflow_is_not_imported_without_a_registry(tmp_path):
+    program = (
+        "import sys; from tokt.cli import app; app(['doctor'], standalone_mode=False);"
+        "print([name for name in ('mlflow', 'sklearn', 'pandas') if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_label_store_in_use_keeps_its_bytes(labelled, run_tokt):
+    """Its latest events are still in the write-ahead log of the process that has it open."""
+    with sqlite3.connect(labelled / "labels.db") as other:
+        other.execute(
+            "INSERT INTO events SELECT NULL, mission, camera, frame, grid, row, col, label,"
+            " 'other', time, source, model_version FROM events LIMIT 1"
+        )
+        other.commit()
+        before = listing(labelled)
+        assert before["labels.db-wal"]
+        ran = run_tokt("doctor", "--workspace", labelled, "--json")
+        assert listing(labelled) == before
+    other.close()
+    assert by_name(ran.out)["labels"]["events"] == 4001
+
+
+@pytest.mark.parametrize("name", ["library", "numpy"])
+def test_kernels_that_were_asked_for(name, tmp_path):
+    done = start("--json", folder=tmp_path, TOKT_KERNELS=name)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = by_name(done.stdout)
+    assert found["kernels"]["kernels"] == found["kernels"]["variable"] == name
+    assert f"TOKT_KERNELS={name}" in found["kernels"]["text"]
+    others = [value for value in found.values() if "compared_with" in value]
+    assert others and {value["compared_with"] for value in others} == {name}
+    assert {value["lbp_difference"] for value in others} == {0}
+
+
+def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path):
+    done = start("--store", store, "--json", folder=tmp_path, TOKT_KERNELS="nonsense")
+    assert (done.returncode, done.stderr) == (1, "")
+    found = by_name(done.stdout)
+    assert [name for name, value in found.items() if value["state"] == "fault"] == ["kernels"]
+    assert "TOKT_KERNELS=nonsense: unknown kernels" in found["kernels"]["text"]
+    assert found["store active"]["state"] == "ok"
+    assert found["registry"]["state"] == "note"
+    done = start(folder=tmp_path, TOKT_KERNELS="nonsense")
+    assert done.returncode == 1 and "\nfault  kernels: TOKT_KERNELS=nonsense" in done.stdout
+
+
+def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path):
+    program = (
+        "import sys; sys.modules.update(dict.fromkeys(('skimage', 'skimage.feature', 'mahotas')));"
+        "from tokt.cli import main; sys.argv = ['tokt', 'doctor', '--json']; main()"
+    )
+    environment = {**os.environ, "TOKT_KERNELS": ""}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    library = by_name(done.stdout)["library kernels"]
+    assert library["state"] == "note" and "not on this machine" in library["text"]
+
+
+def test_the_kernels_of_this_machine_agree():
+    first, *others = kernel_findings()
+    assert first.state in ("ok", "note") and len(others) == 2
+    assert all(item.state == "ok" for item in others), others
+
+
+def test_kernels_that_differ_are_a_fault():
+    def one_count_off(*options: Any, **more: Any) -> Any:
+        counts = KERNELS.lbp_counts(*options, **more)
+        counts[0, 0] += 1
+        return counts
+
+    def a_little_off(*options: Any, **more: Any) -> Any:
+        return KERNELS.haralick_features(*options, **more) * (1 + 2e-9)
+
+    def not_a_number(*options: Any, **more: Any) -> Any:
+        return np.full_like(KERNELS.haralick_features(*options, **more), np.nan)
+
+    assert compared(KERNELS, KERNELS).state == "ok"
+    counts = compared(KERNELS, replace(KERNELS, lbp_counts=one_count_off))
+    assert (counts.state, counts.figures["lbp_difference"]) == ("fault", 4)
+    assert "LBP counts: 4" in counts.text
+    near = compared(KERNELS, replace(KERNELS, haralick_features=a_little_off))
+    assert near.state == "fault"
+    assert near.figures["haralick_relative_difference"] == pytest.approx(2e-9, rel=1e-3)
+    lost = compared(KERNELS, replace(KERNELS, haralick_features=not_a_number))
+    assert lost.state == "fault" and lost.figures["haralick_relative_difference"] is None
+    gray = compared(KERNELS, replace(KERNELS, resized_gray=lambda *_: KERNELS.resized_gray(*_) ^ 1))
+    assert gray.state == "fault" and gray.figures["gray_difference"] == 54 * 72
+
+
+def spoil_bundle(store: Path) -> None:
+    (file,) = store.glob("versions/*/bundle.tokt")
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+
+
+def rename_version(store: Path) -> None:
+    (folder,) = store.glob("versions/*")
+    shutil.copytree(folder, folder.with_name("0" * 64))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "faults"),
+    [
+        (spoil_bundle, {"store active", "store versions"}),
+        (rename_version, {"store versions"}),
+        (lambda store: shutil.rmtree(store / "versions"), {"store active"}),
+        (lambda store: (store / "active").write_text("{"), {"store", "store active"}),
+        (lambda store: (store / "history.jsonl").write_text("?\n?\n"), {"store"}),
+        (lambda store: shutil.rmtree(store), {"store"}),
+        (lambda store: (shutil.rmtree(store), store.write_text("")), {"store"}),
+    ],
+)
+def test_a_damaged_store(spoil, faults, store, tmp_path, run_tokt, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    spoil(store)
+    before = listing(tmp_path)
+    ran = run_tokt("doctor", "--store", store, "--json")
+    assert listing(tmp_path) == before
+    assert (ran.code, ran.err) == (1, "")
+    found = by_name(ran.out)
+    assert {name for name, value in found.items() if value["state"] == "fault"} == faults
+    assert all("\n" not in value["text"] for value in found.values())
+
+
+def test_half_written_files_and_an_empty_store(store, tmp_path, run_tokt):
+    with atomic.scratch_folder(store / "active"):
+        ran = run_tokt("doctor", "--store", store, "--workspace", tmp_path / "no", "--json")
+    assert ran.code == 0
+    assert by_name(ran.out)["store partial files"]["files"] == 1
+    (tmp_path / "new").mkdir()
+    ran = run_tokt("doctor", "--store", tmp_path / "new", "--workspace", tmp_path / "no", "--json")
+    found = by_name(ran.out)
+    assert ran.code == 0 and found["store active"]["state"] == "note"
+    assert "store partial files" not in found
+
+
+@pytest.mark.parametrize(("name", "finding"), [("mlflow.db", "registry"), ("labels.db", "labels")])
+@pytest.mark.parametrize("how", ["no database", "cut", "a folder"])
+def test_a_damaged_database(name, finding, how, labelled, run_tokt):
+    file = labelled / name
+    whole = file.read_bytes()
+    if how == "no database":
+        file.write_bytes(b"this is no database" * 100)
+    elif how == "cut":
+        file.write_bytes(whole[: len(whole) // 2])
+    else:
+        file.unlink()
+        file.mkdir()
+    before = listing(labelled)
+    ran = run_tokt("doctor", "--workspace", labelled, "--json")
+    assert listing(labelled) == before
+    assert (ran.code, ran.err) == (1, "")
+    faults = [value for value in by_name(ran.out).values() if value["state"] == "fault"]
+    assert [fault["name"] for fault in faults] == [finding]
+    assert str(file) in faults[0]["text"] and "\n" not in faults[0]["text"]
+
+
+def test_databases_of_other_programs_and_versions(labelled, run_tokt):
+    with sqlite3.connect(labelled / "labels.db") as labels:
+        labels.execute("PRAGMA user_version = 99")
+    labels.close()
+    with sqlite3.connect(labelled / "mlflow.db") as registry:
+        registry.execute("UPDATE alembic_version SET version_num = 'of the future'")
+    registry.close()
+    before = listing(labelled)
+    ran = run_tokt("doctor", "--workspace", labelled, "--json")
+    assert listing(labelled) == before
+    found = by_name(ran.out)
+    assert ran.code == 1
+    assert "has format 99, newer than" in found["labels"]["text"]
+    assert found["registry"]["state"] == "fault"
+    for name, file in (("labels", "labels.db"), ("registry", "mlflow.db")):
+        assert str(labelled / file) in found[name]["text"]
+
+
+def test_a_registry_without_mlflow_is_a_note(labelled):
+    program = (
+        "import sys; sys.modules['mlflow'] = None; from tokt.cli import main;"
+        "sys.argv = ['tokt', 'doctor', '--json', '--workspace', '.']; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=labelled, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    registry = by_name(done.stdout)["registry"]
+    assert registry["state"] == "note" and "tokt[train]" in registry["text"]
+
+
+def test_the_registry_that_the_environment_names(labelled, tmp_path, run_tokt, monkeypatch):
+    elsewhere = tmp_path / "elsewhere.db"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{elsewhere}")
+    ran = run_tokt("doctor", "--workspace", labelled, "--json")
+    assert by_name(ran.out)["registry"]["state"] == "note" and not elsewhere.exists()
+    shutil.copy(labelled / "mlflow.db", elsewhere)
+    ran = run_tokt("doctor", "--workspace", tmp_path / "none", "--json")
+    assert by_name(ran.out)["registry"]["versions"] == 1
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "postgresql://me:secret@host/db")
+    ran = run_tokt("doctor", "--workspace", labelled, "--json")
+    assert by_name(ran.out)["registry"]["state"] == "note"
+    assert "secret" not in ran.out and "***@host" in ran.out
+
+
+def test_a_registry_server_that_is_down_is_a_fault(tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    uri = f"http://me:secret@127.0.0.1:{port}"
+    done = start(
+        "--json", folder=tmp_path, MLFLOW_TRACKING_URI=uri, MLFLOW_HTTP_REQUEST_MAX_RETRIES="0"
+    )
+    assert done.returncode == 1
+    assert by_name(done.stdout)["registry"]["state"] == "fault"
+    assert "secret" not in done.stdout + done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_database_that_never_rests_is_said(tmp_path, monkeypatch):
+    (tmp_path / "a.db").write_bytes(b"")
+    times = iter(range(100))
+    monkeypatch.setattr("tokt.features.sqlite_copy._state", lambda source: next(times))
+    with pytest.raises(ToktError, match="is being written to"):
+        copy_database(tmp_path / "a.db", tmp_path / "copy.db")
+
+
+def test_missing_packages():
+    assert missing_packages("tokt", "train") == []
+    assert "distributed" not in missing_packages("tokt", "cluster")
+    assert missing_packages("tokt", "no such extra") == []
+
+
+def test_missing_packages_of_an_extra_of_an_extra(tmp_path, monkeypatch):
+    for name, wants in {"aa": 'bb[x]>=1; extra == "all"', "bb": 'cc<3,>=2; extra == "x"'}.items():
+        folder = tmp_path / f"{name}-1.dist-info"
+        folder.mkdir()
+        text = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\nRequires-Dist: {wants}\n"
+        (folder / "METADATA").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert missing_packages("aa", "all") == ["cc"]
+    shutil.rmtree(tmp_path / "bb-1.dist-info")
+    assert missing_packages("aa", "all") == ["bb"]
+
+
+needs_vimba_like = pytest.mark.skipif(
+    not sys.platform.startswith("linux")
+    or os.uname().machine != "x86_64"
+    or shutil.which("cc") is None,
+    reason="makes a library like Vimba's with the C compiler of 64-bit Linux",
+)
+
+
+def make_vimba(folder: Path, code: str) -> None:
+    """A library with every function that pymba looks up; `code` is its version function's body."""
+    pymba = distribution("pymba").locate_file("pymba/vimba_c.py")
+    names = set(re.findall(r"_vimba_lib\.(\w+)", Path(str(pymba)).read_text()))
+    functions = "".join(f"int {name}(void) {{ return 0; }}\n" for name in names)
+    functions = functions.replace(
+        "int VmbVersionQuery(void) { return 0; }",
+        f"int VmbVersionQuery(unsigned *version, unsigned size) {{ {code} }}",
+    )
+    source = folder / "vimba.c"
+    source.write_text(f"#include <stdlib.h>\n#include <unistd.h>\n{functions}")
+    library = folder / "VimbaC" / "DynamicLib" / "x86_64bit" / "libVimbaC.so"
+    library.parent.mkdir(parents=True)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
+
+
+@pytest.mark.parametrize(
+    ("code", "state", "words"),
+    [
+        ("version[0] = 1; version[1] = 8; version[2] = 3; return 0;", "ok", "with VimbaC 1.8.3"),
+        ("abort();", "fault", "cannot be used: ended with -6"),
+        ("return -4;", "fault", "cannot be used"),
+        ("sleep(60); return 0;", "fault", "does not answer in 2 s"),
+    ],
+    ids=["sound", "crash", "error", "hang"],
+)
+@needs_vimba_like
+def test_the_camera_library(code, state, words, tmp_path, monkeypatch):
+    make_vimba(tmp_path, code)
+    place = tmp_path / "VimbaGigETL" / "CTI" / "x86_64bit"
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(place))
+    found = camera_driver_finding(timeout_s=2.0 if "sleep" in code else 60.0)
+    assert found.state == state and words in found.text, found
+
+
+@needs_vimba_like
+def test_a_camera_library_that_is_none(tmp_path, monkeypatch):
+    monkeypatch.delenv("GENICAM_GENTL64_PATH", raising=False)
+    assert camera_driver_finding().state == "note"
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "Tl" / "CTI" / "x86_64bit"))
+    found = camera_driver_finding()
+    assert found.state == "note" and "No libVimbaC.so found" in found.text
+    library = tmp_path / "VimbaC" / "DynamicLib" / "x86_64bit" / "libVimbaC.so"
+    library.parent.mkdir(parents=True)
+    library.write_text("not a library")
+    found = camera_driver_finding()
+    assert found.state == "fault" and "libVimbaC.so" in found.text
+
+
+def test_no_pymba_is_a_note(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
+    assert camera_driver_finding().text.startswith("no pymba")

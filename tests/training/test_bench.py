@@ -1,0 +1,312 @@
+"""`tokt bench`: every case is there, and wrong kernels are not called exact. No speed is tested."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.kernels import KERNELS, load_kernels
+from tokt.features.mission import open_mission
+from tokt.labels.synthetic.mission import simulate_mission
+from tokt.training.bench.cases import HaralickKernel, LbpKernel, WholeFrame
+from tokt.training.bench.haralick_agreement import HaralickAgreement
+from tokt.training.bench.measure import BASELINE, OURS, in_turns, result, single_thread
+from tokt.training.bench.models import TEXTURES, learn, lesson_from_two_images
+from tokt.training.bench.pictures import Picture, spread_over, textured_frame
+from tokt.training.bench.start_case import first_verdict
+from tokt.training.bench.thesis_way import GRID, haralick_directions
+
+CASES = [
+    "lbp_10_5.kernel",
+    "lbp_24_8.kernel",
+    "haralick.kernel",
+    "haralick_texture.kernel",
+    "lbp_10_5.frame",
+    "lbp_24_8.frame",
+    "haralick.frame",
+    "extract.dataset",
+    "extract.dataset_all_cores",
+    "start",
+]
+
+
+@pytest.fixture(scope="module")
+def sea(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small rendered mission; every fifth frame of it shows both water and the tower."""
+    folder = tmp_path_factory.mktemp("bench") / "sea"
+    simulate_mission(folder, n_frames=16, width=360)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def picture(sea: Path) -> Picture:
+    """A frame close to the tower."""
+    return Picture(open_mission(sea).read(9))
+
+
+@pytest.fixture(scope="module")
+def benched(sea: Path, run_tokt: Callable[..., Any], tmp_path_factory: Any) -> tuple[Any, Path]:
+    """The real command on it, once, and its folder."""
+    out = tmp_path_factory.mktemp("out") / "bench"
+    return run_tokt("bench", "--quick", "--json", "--mission", sea, "--out", out), out
+
+
+@pytest.mark.slow
+def test_every_case_is_measured_and_exact(benched: tuple[Any, Path]) -> None:
+    ran, out = benched
+    found = json.loads(ran.out)
+    assert [case["name"] for case in found["cases"]] == CASES
+    assert {case["name"]: case["exact"] for case in found["cases"]} == dict.fromkeys(CASES, True)
+    assert ran.code == 0, ran.err
+    for case in found["cases"]:
+        assert case["baseline_ms"] > 0 and case["ours_ms"] > 0
+        assert math.isclose(case["ratio"], case["baseline_ms"] / case["ours_ms"])
+        assert 0 < case["spread"][0] <= case["spread"][1] < math.inf
+    assert json.loads((out / "bench.json").read_text("utf-8")) == found
+
+
+@pytest.mark.slow
+def test_a_result_says_what_it_was_measured_on(benched: tuple[Any, Path]) -> None:
+    found = json.loads(benched[0].out)
+    assert found["kernels"]["name"] == KERNELS.name and found["mission"] == "sea"
+    assert found["frame_size"] == "360x271 colour" and found["frames"] == {
+        "compared": 8,
+        "timed": 3,
+    }
+    assert set(found["machine"]) >= {"cpu", "cores", "python", "numpy", "opencv", "mahotas"}
+    assert "percentile" in found["spread_is"] and "labelled frames" in found["model"]
+    cases = {case["name"]: case for case in found["cases"]}
+    for name in ("lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"):
+        assert cases[name]["obstacle_patches"] > 0 and cases[name]["frames_checked"] == 8
+        assert cases[name]["floor_ms"] > 0 and cases[name]["memory_ms"] > 0
+    assert cases["haralick.kernel"]["max_relative_difference"] <= 1e-9
+    assert cases["extract.dataset"]["ours_patches_per_s"] > 0
+    assert cases["extract.dataset"]["floor_ms"] > 0
+    if sys.platform != "win32":
+        assert cases["start"]["baseline_mb"] > 30 and cases["start"]["ours_mb"] > 20
+
+
+@pytest.mark.slow
+def test_the_chart_is_a_picture(benched: tuple[Any, Path]) -> None:
+    chart = cv2.imread(str(benched[1] / "bench.png"))
+    assert chart is not None and min(chart.shape[:2]) > 400
+    assert (benched[1] / "bench.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in benched[1].iterdir()) == ["bench.json", "bench.png"]
+
+
+@pytest.mark.slow
+def test_the_table_names_kernels_that_are_the_libraries(sea: Path, tmp_path: Path) -> None:
+    options = ("--quick", "--frames", "2", "--mission", str(sea), "--out", str(tmp_path / "out"))
+    ran = subprocess.run(
+        [sys.executable, "-m", "tokt", "bench", *options],
+        env={**os.environ, "TOKT_KERNELS": "library"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert "kernels: library" in ran.stdout and "ARE the libraries" in ran.stdout
+    assert all(name in ran.stdout for name in CASES)
+
+
+@pytest.mark.mission
+@pytest.mark.slow
+def test_the_real_missions_frames_are_judged_alike(
+    mission_dir: Path, run_tokt: Callable[..., Any], tmp_path: Path
+) -> None:
+    options = ("--quick", "--frames", 12, "--mission", mission_dir, "--out", tmp_path / "out")
+    ran = run_tokt("bench", "--json", *options)
+    found = json.loads(ran.out)
+    assert [case["name"] for case in found["cases"] if not case["exact"]] == []
+    assert ran.code == 0 and found["frame_size"] == "1360x1024 colour"
+    frames = [case for case in found["cases"] if case["name"].endswith(".frame")]
+    assert all(case["obstacle_patches"] > 20 and case["ties"] == 0 for case in frames)
+
+
+def test_a_mission_that_is_not_there(run_tokt: Callable[..., Any], tmp_path: Path) -> None:
+    ran = run_tokt("bench", "--mission", tmp_path / "none", "--out", tmp_path / "out")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == f"tokt: error: mission {tmp_path / 'none'} does not exist\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_labels_that_do_not_fit(
+    run_tokt: Callable[..., Any], sea: Path, tmp_path: Path, tiny_truth: Any
+) -> None:
+    rows = [["sea", "left", 999, 0, 0, "ocean"]]
+    labels = tiny_truth.write_labels(tmp_path / "other.csv", rows)
+    ran = run_tokt("bench", "--mission", sea, "--labels", labels, "--out", tmp_path / "out")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith("tokt: error: ") and "999" in ran.err and ran.err.count("\n") == 1
+    rows = [["sea", "left", 1, 0, 0, "ocean"]]
+    labels = tiny_truth.write_labels(tmp_path / "clear.csv", rows)
+    ran = run_tokt("bench", "--mission", sea, "--labels", labels, "--out", tmp_path / "out")
+    assert ran.code == 2 and "both obstacles and clear water" in ran.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("options", [("--labels", "l.csv"), ("--out", "file")])
+def test_options_that_cannot_be_used(
+    options: tuple[str, str], run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("mine")
+    ran = run_tokt("bench", *options)
+    assert ran.code == 2 and ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+    assert Path("file").read_text() == "mine"
+
+
+def test_counts_off_by_one_are_not_exact(picture: Picture) -> None:
+    library = load_kernels("library")
+
+    def off_by_one(*arguments: Any, **named: Any) -> Any:
+        counts = library.lbp_counts(*arguments, **named)
+        counts[-1, 0] += 1
+        return counts
+
+    right = LbpKernel("right", 10, 5, library)
+    wrong = LbpKernel("wrong", 10, 5, replace(library, lbp_counts=off_by_one))
+    assert not right.exact  # nothing has been looked at yet
+    for case in (right, wrong):
+        case.check(picture)
+    assert right.exact and not wrong.exact
+    assert wrong.findings()["patches_different"] == 1
+    assert not wrong.measure([picture], 1).to_json()["exact"]
+
+
+@pytest.mark.parametrize("feature", range(13))
+def test_a_feature_that_is_a_little_wrong_is_not_exact(picture: Picture, feature: int) -> None:
+    library = load_kernels("library")
+
+    def a_little_wrong(*arguments: Any, **named: Any) -> Any:
+        features = library.haralick_features(*arguments, **named)
+        features[45, feature] *= 1 + 1e-7
+        return features
+
+    right = HaralickKernel("right", library)
+    wrong = HaralickKernel("wrong", replace(library, haralick_features=a_little_wrong))
+    for case in (right, wrong):
+        case.check(picture)
+    assert right.exact and right.findings()["max_relative_difference"] == 0
+    assert not wrong.exact
+
+
+def test_a_feature_that_is_no_number_is_not_exact(picture: Picture) -> None:
+    directions = haralick_directions(picture.patches[0], ignore_zeros=True)
+    agreement = HaralickAgreement()
+    agreement.add(np.full(13, np.nan), directions)
+    assert not agreement.agree
+    json.dumps(agreement.to_json(), allow_nan=False)
+
+
+def test_constant_patches_have_an_undetermined_correlation_only() -> None:
+    directions = haralick_directions(np.full((27, 36), 200, np.uint8), ignore_zeros=True)
+    agreement = HaralickAgreement()
+    agreement.add(directions.mean(axis=0), directions)
+    assert agreement.agree and agreement.compared > 0
+    other = directions.mean(axis=0)
+    other[1] = 1e-6  # contrast is 0 exactly
+    agreement.add(other, directions)
+    assert not agreement.agree
+
+
+@pytest.fixture(scope="module")
+def two_images(sea: Path) -> Any:
+    mission = open_mission(sea)
+    return learn(TEXTURES[0], lesson_from_two_images(mission), mission.read(1))
+
+
+def test_a_verdict_from_other_weights_is_not_exact(two_images: Any, picture: Picture) -> None:
+    """Two images teach the model that texture is an obstacle; the other side gets it reversed."""
+    right = WholeFrame(TEXTURES[0], two_images)
+    right.check(picture)
+    assert right.exact
+    classifier = two_images.classifier
+    reversed_one = type(classifier)()
+    reversed_one.__dict__.update(classifier.__dict__)
+    reversed_one.coef_, reversed_one.intercept_ = -classifier.coef_, -classifier.intercept_
+    wrong = WholeFrame(TEXTURES[0], replace(two_images, classifier=reversed_one))
+    wrong.check(picture)
+    assert not wrong.exact and wrong.findings()["patches_different"] == GRID.n_patches
+
+
+def test_frames_that_the_runtime_refuses_are_counted(two_images: Any) -> None:
+    case = WholeFrame(TEXTURES[0], two_images)
+    case.check(Picture(np.zeros((271, 360, 3), np.uint8)))
+    assert case.findings()["frames_refused"] == 1 and not case.exact
+
+
+def test_a_mission_without_labels_learns_from_two_images(
+    sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    shutil.copytree(sea / "Left", tmp_path / "dive" / "Left")
+    lesson = lesson_from_two_images(open_mission(tmp_path / "dive"))
+    assert [flags.mean() for _, _, flags in lesson.pictures] == [0, 1]
+
+
+def test_calls_are_timed_in_turns_on_the_same_items() -> None:
+    seen: list[tuple[str, int]] = []
+    calls = {name: lambda item, name=name: seen.append((name, item)) for name in (BASELINE, OURS)}
+    times = in_turns(calls, [0, 1, 2, 3], rounds=2)
+    warm, timed = seen[:2], seen[2:]
+    assert warm == [(BASELINE, 0), (OURS, 0)]
+    assert [name for name, _ in timed] == [BASELINE, OURS] * 8
+    for name in calls:
+        assert sorted(item for other, item in timed if other == name) == [0, 0, 1, 1, 2, 2, 3, 3]
+    # No call gets the item that the other has just had in its hands.
+    assert all(a[1] != b[1] for a, b in zip(timed[::2], timed[1::2], strict=True))
+    assert all(values.shape == (8,) and (values >= 0).all() for values in times.values())
+
+
+def test_medians_ratio_and_spread() -> None:
+    theirs, mine = np.array([2.0, 4.0, 6.0]), np.array([1.0, 1.0, 2.0])
+    found = result("x", {BASELINE: theirs, OURS: mine}, True, {"of": "it"}).to_json()
+    assert (found["baseline_ms"], found["ours_ms"], found["ratio"]) == (4000, 1000, 4)
+    assert found["spread"] == pytest.approx(np.percentile([2, 4, 3], (10, 90)).tolist())
+    assert found["repetitions"] == 3 and found["of"] == "it"
+
+
+def test_one_thread_is_for_a_while_only() -> None:
+    before = cv2.getNumThreads()
+    with single_thread():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == before
+
+
+def test_the_textured_frame_is_textured() -> None:
+    shown = Picture(textured_frame())
+    levels = [len(np.unique(patch)) for patch in shown.patches]
+    assert shown.frame.shape == (1024, 1360, 3) and np.median(levels) > 80
+    assert all(patch.flags.c_contiguous for patch in shown.patches)
+
+
+def test_frames_are_spread_over_the_mission() -> None:
+    assert spread_over([3, 5, 8], 7) == [3, 5, 8]
+    assert spread_over(list(range(1, 101)), 3) == [1, 51, 100]
+    assert spread_over(list(range(9)), 1) == [0]
+
+
+@pytest.mark.parametrize("sends", [True, False])
+def test_a_program_that_fails_is_told(sends: bool, tmp_path: Path) -> None:
+    def broken(port: int) -> list[str]:
+        program = "import socket, sys;"
+        if sends:
+            program += "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM);"
+            program += f"s.sendto(b'x', ('127.0.0.1', {port}));"
+        return [sys.executable, "-c", f"{program} sys.exit('no model')"]
+
+    with pytest.raises(ToktError, match="ended with 1: no model"):
+        first_verdict(broken, tmp_path)

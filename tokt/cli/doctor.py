@@ -1,0 +1,124 @@
+"""`tokt doctor`: versions, kernels in use, camera driver, store and registry health."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..features.errors import ToktError
+from ..features.finding import FAULT, NOTE, OK, Finding
+from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
+from .output import print_json
+
+_FAULTY = 1
+_LITTLE_BYTES = 1e9
+_STYLES = {OK: "green", NOTE: "yellow", FAULT: "bold red"}
+
+
+def doctor(
+    store: Annotated[
+        Path | None, typer.Option(metavar="STORE", help="Deploy store to examine as well.")
+    ] = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Versions, kernels, camera driver, store and registry health; exit code 1 if a fault.
+
+    Every line is ok, a note (worth knowing, perhaps as intended) or a fault. Nothing on disk is
+    changed.
+    """
+    findings = list(_findings(store, workspace))
+    ok = all(finding.state != FAULT for finding in findings)
+    if json:
+        print_json({"ok": ok, "findings": [finding.to_json() for finding in findings]})
+    else:
+        _print(findings)
+    if not ok:
+        raise typer.Exit(_FAULTY)
+
+
+def _findings(store: Path | None, workspace: Path) -> Iterator[Finding]:
+    # The kernels come before all that needs them: see there what a wrong choice of them does.
+    yield from _examined("installation", _installation)
+    yield from _examined("kernels", _kernels)
+    yield from _examined("camera driver", _camera)
+    if store is not None:
+        yield from _examined("store", lambda: _store(store))
+    yield from _examined("workspace", lambda: [_disk(workspace)])
+    yield from _examined("labels", lambda: _labels(workspace))
+    yield from _examined("registry", lambda: _registry(workspace))
+
+
+def _examined(name: str, examine: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
+    """The findings of one part; what keeps it from being examined is a finding, too."""
+    try:
+        yield from examine()
+    except (ToktError, OSError, ImportError) as error:
+        yield Finding(name, FAULT, f"cannot be examined: {' '.join(str(error).split())}")
+
+
+def _installation() -> Iterable[Finding]:
+    from .installation import installation_findings
+
+    return installation_findings()
+
+
+def _kernels() -> Iterable[Finding]:
+    from ..features.kernel_check import kernel_findings
+
+    return kernel_findings()
+
+
+def _camera() -> Iterable[Finding]:
+    from ..inference.camera_driver import camera_driver_finding
+
+    return [camera_driver_finding()]
+
+
+def _store(path: Path) -> Iterable[Finding]:
+    from ..models.store_check import store_findings
+
+    return store_findings(path)
+
+
+def _labels(workspace: Path) -> Iterable[Finding]:
+    from ..labels.store_check import label_store_finding
+
+    return [label_store_finding(workspace)]
+
+
+def _registry(workspace: Path) -> Iterable[Finding]:
+    from ..models.registry_check import registry_finding
+
+    return [registry_finding(workspace)]
+
+
+def _disk(workspace: Path) -> Finding:
+    """Room where the workspace is, or would be made."""
+    whole = workspace.resolve()
+    place = next(folder for folder in (whole, *whole.parents) if folder.is_dir())
+    free = shutil.disk_usage(place).free
+    text = f"{workspace}{'' if place == whole else ' (not made yet)'}: {free / 1e9:.1f} GB free"
+    return Finding("workspace", OK if free >= _LITTLE_BYTES else NOTE, text, {"free_bytes": free})
+
+
+def _print(findings: list[Finding]) -> None:
+    """A table on a terminal, elsewhere a line a finding."""
+    if not sys.stdout.isatty():
+        for finding in findings:
+            print(f"{finding.state:5}  {finding.name}: {finding.text}")
+        return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for finding in findings:
+        state = Text(finding.state, _STYLES[finding.state])
+        table.add_row(state, Text(finding.name), Text(finding.text, overflow="fold"))
+    Console().print(table)

@@ -1,0 +1,1 @@
+"""How fast tokt is, measured against the libraries and the thesis's pipeline in one run."""

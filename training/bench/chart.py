@@ -1,0 +1,125 @@
+"""The bench as a bar chart."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .measure import Result
+
+_SAME, _DIFFERENT, _FLOOR = "#3b75af", "#c44e52", "#dd8452"
+_DPI = 130
+_TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
+_ROOM = 1.12
+"""Axis length over that of the longest bar, both in decades: room for the figure at its end."""
+_FIGURE_WIDTH = 0.08
+"""Of the axis, taken by the figure at a bar's end and a marker beside it."""
+_LEAST_FLOOR = 0.05
+"""Of our time; a floor below limits nothing, and its marker would only press the bars together."""
+_FLOOR_LABEL = "where the bar would end if tokt took no more time than the floor"
+
+
+def _duration(milliseconds: float) -> str:
+    if milliseconds >= 1000:
+        return f"{milliseconds / 1000:.3g} s"
+    return f"{milliseconds:.3g} ms" if milliseconds >= 1 else f"{milliseconds * 1000:.3g} µs"
+
+
+def _times(case: Result) -> str:
+    """What stands at the right of a case."""
+    text = f"{_duration(case.baseline_ms)} to {_duration(case.ours_ms)}"
+    mine, theirs = case.extras.get("ours_mb"), case.extras.get("baseline_mb")
+    if mine and theirs:
+        text += f"\n{theirs:.0f} MB to {mine:.0f} MB"
+    return text if case.exact else f"{text}\nNOT EXACT"
+
+
+def _floor_ratio(case: Result) -> float | None:
+    """The ratio if ours took no more than the floor; None where the floor is of no weight."""
+    floor = case.extras.get("floor_ms")
+    if floor is None or floor < _LEAST_FLOOR * case.ours_ms:
+        return None
+    return case.baseline_ms / float(floor)
+
+
+def chart_png(results: Sequence[Result], about: Mapping[str, Any]) -> bytes:
+    """Ratios on a log axis, whiskers for the spread.
+
+    Parameters
+    ----------
+    results : sequence of Result
+    about : mapping
+        ``machine``, ``kernels``, ``mission``, ``frame_size`` as in the bench's JSON.
+
+    Returns
+    -------
+    bytes
+        A PNG file.
+    """
+    figure = Figure(figsize=(10.5, 2.1 + 0.42 * len(results)), layout="constrained")
+    axes = figure.subplots()
+    longest = max(max(*case.spread, _floor_ratio(case) or 0.0, 1.0) for case in results)
+    left = min(0.9, *(case.spread[0] * 0.8 for case in results))
+    right = left * (longest / left) ** _ROOM
+    _draw(axes, results, left, right)
+    _dress(axes, results, left, right)
+    kernels, machine = about["kernels"], about["machine"]
+    figure.suptitle(
+        f"tokt ({kernels['name']} kernels{', ARE the libraries' if kernels['is_library'] else ''}) "
+        "against scikit-image, mahotas and the thesis's pipeline"
+    )
+    words = f"mission {about['mission']}, {about['frame_size']}; {machine['cpu']}"
+    threads = f"one thread of {machine['cores']} core(s), but for all_cores and start"
+    axes.set_title(f"{words}; {threads}", fontsize=8, color="0.35")
+    if any(_floor_ratio(case) for case in results):
+        figure.legend(loc="outside lower right", fontsize=8, frameon=False)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI)
+    return buffer.getvalue()
+
+
+def _draw(axes: Any, results: Sequence[Result], left: float, right: float) -> None:
+    """Bars, whiskers, floors, and the figures at their ends."""
+    label: str | None = _FLOOR_LABEL
+    for place, case in enumerate(results):
+        color = _SAME if case.exact else _DIFFERENT
+        axes.barh(place, case.ratio - left, left=left, color=color, height=0.62)
+        axes.plot(case.spread, [place, place], "-|", color="black", lw=1.2, ms=7)
+        end, floor = max(*case.spread, case.ratio), _floor_ratio(case)
+        if floor is not None:
+            axes.plot(floor, place, "D", color=_FLOOR, ms=5, label=label)
+            label = None
+            # The figure would lie on the marker.
+            if abs(np.log(floor / end) / np.log(right / left)) < _FIGURE_WIDTH:
+                end = max(end, floor)
+        axes.annotate(
+            f"{case.ratio:.3g}x",
+            (end, place),
+            (8, 0),
+            textcoords="offset points",
+            va="center",
+            fontweight="bold",
+        )
+
+
+def _dress(axes: Any, results: Sequence[Result], left: float, right: float) -> None:
+    """Both axes, and the times at the right."""
+    axes.axvline(1.0, color="0.3", lw=0.9, ls=":")
+    axes.set_xscale("log")
+    axes.set_xlim(left, right)
+    axes.set_xticks([tick for tick in _TICKS if left <= tick <= right])
+    axes.set_xticks([], minor=True)
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.set_xlabel("times faster (bar: medians; whisker: 10th to 90th percentile)")
+    axes.grid(axis="x", alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_yticks(range(len(results)), [case.name for case in results])
+    axes.set_ylim(len(results) - 0.4, -0.6)
+    times = axes.secondary_yaxis("right")
+    times.set_yticks(range(len(results)), [_times(case) for case in results], fontsize=9)
+    times.tick_params(length=0)
+    times.spines["right"].set_visible(False)

@@ -1,0 +1,144 @@
+"""Timing two ways of doing the same, in turns on one thread, and what the times come to."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+BASELINE, OURS = "baseline", "ours"
+FLOOR, MEMORY = "floor", "memory"
+"""What both ways need in any case, and cannot be faster than."""
+SPREAD_PERCENTILES = (10, 90)
+SPREAD_IS = (
+    "10th and 90th percentile of baseline / ours over single repetitions; "
+    "baseline_ms and ours_ms are medians, ratio is baseline_ms / ours_ms"
+)
+
+Item = TypeVar("Item")
+Times = Mapping[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one case came to.
+
+    Parameters
+    ----------
+    name : str
+    baseline_ms, ours_ms : float
+        Median times.
+    spread : (float, float)
+        Of the ratio, as `SPREAD_IS` says.
+    exact : bool
+        Whether both gave the same, checked in this run.
+    extras : mapping
+        Further figures of this case, JSON values.
+    """
+
+    name: str
+    baseline_ms: float
+    ours_ms: float
+    spread: tuple[float, float]
+    exact: bool
+    extras: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ratio(self) -> float:
+        """How many times faster ours is."""
+        return self.baseline_ms / self.ours_ms
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return {
+            "name": self.name,
+            "baseline_ms": self.baseline_ms,
+            "ours_ms": self.ours_ms,
+            "ratio": self.ratio,
+            "exact": self.exact,
+            "spread": list(self.spread),
+            **self.extras,
+        }
+
+
+@contextmanager
+def single_thread() -> Iterator[None]:
+    """Keep OpenCV and the linear algebra libraries of this process to one thread each."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _seconds(call: Callable[[Item], object], item: Item) -> float:
+    start = time.perf_counter()
+    call(item)
+    return time.perf_counter() - start
+
+
+def in_turns(
+    calls: Mapping[str, Callable[[Item], object]], items: Sequence[Item], rounds: int
+) -> dict[str, NDArray[np.float64]]:
+    """Time each call on each item, `rounds` times, the calls in turns.
+
+    One after another the calls get *different* items: an item that the call before has just read
+    would come from the cache and flatter the second. What is compared is always one item's times
+    in one round.
+
+    Parameters
+    ----------
+    calls : mapping of name to callable
+        Each takes an item.
+    items : sequence
+    rounds : int
+
+    Returns
+    -------
+    dict of name to numpy.ndarray
+        Seconds, float64, shape (rounds * n_items,), in the same order for each call.
+    """
+    count = len(items)
+    shift = max(1, count // len(calls))
+    times = {name: np.empty((rounds, count)) for name in calls}
+    for call in calls.values():  # warm-up: imports, caches, lazily made tables
+        call(items[0])
+    gc.collect()
+    gc.disable()
+    try:
+        for turn in range(rounds):
+            for step in range(count):
+                for place, (name, call) in enumerate(calls.items()):
+                    index = (step + place * shift) % count
+                    times[name][turn, index] = _seconds(call, items[index])
+    finally:
+        gc.enable()
+    return {name: values.ravel() for name, values in times.items()}
+
+
+def result(name: str, times: Times, exact: bool, extras: Mapping[str, Any]) -> Result:
+    """Medians and spread of what was timed, and the floors where there are some.
+
+    Parameters
+    ----------
+    name : str
+    times : mapping
+        Seconds of `BASELINE` and `OURS`, and perhaps of `FLOOR` and `MEMORY`.
+    exact, extras
+        As in `Result`.
+    """
+    medians = {key: float(np.median(values)) * 1000 for key, values in times.items()}
+    low, high = np.percentile(times[BASELINE] / times[OURS], SPREAD_PERCENTILES)
+    floors = {f"{key}_ms": medians[key] for key in (FLOOR, MEMORY) if key in medians}
+    more = {**floors, "repetitions": len(times[OURS]), **extras}
+    return Result(name, medians[BASELINE], medians[OURS], (float(low), float(high)), exact, more)

@@ -1,0 +1,178 @@
+"""The same model for both sides: a scikit-learn classifier, and the bundle that tokt runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.svm import LinearSVC
+
+from ...features.errors import ToktError
+from ...features.extractor import Extractor, Haralick, Lbp
+from ...features.mission import LEFT, Mission
+from ...labels.merge import merge_annotators
+from ...labels.record import LabelRecord
+from ...labels.taxonomy import UNSURE, Taxonomy
+from ...models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from ...models.linear import LinearModel
+from ..classifier import fit_classifier, linear_model
+from ..presets import settings_named
+from ..thesis_images import rendered_other_image
+from .thesis_way import GRID, DescribePatch, describe_haralick, describe_lbp_10_5, describe_lbp_24_8
+
+LABEL_EVERY = 5
+"""Every fifth labelled frame is learnt from: the model only has to find obstacle patches."""
+_PENALTY = 1.0
+
+Read = Callable[[int], NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class Texture:
+    """One of the thesis's feature sets, both ways.
+
+    Parameters
+    ----------
+    name : str
+    extractor : Extractor
+        Ours: all patches of a frame.
+    describe_patch : callable
+        The libraries': one patch.
+    """
+
+    name: str
+    extractor: Extractor
+    describe_patch: DescribePatch
+
+
+TEXTURES = (
+    Texture("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5),
+    Texture("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8),
+    Texture("haralick", Haralick(ignore_zeros=True), describe_haralick),
+)
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What the models learn from.
+
+    Parameters
+    ----------
+    pictures : list of (frame, cells, obstacle)
+        Cells int64 (n,) into the grid, obstacle bool (n,).
+    settings : str
+        Preset that says how.
+    words : str
+        The same for people.
+    """
+
+    pictures: list[tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.bool_]]]
+    settings: str
+    words: str
+
+
+def lesson_from_labels(mission: Mission, records: list[LabelRecord], taxonomy: Taxonomy) -> Lesson:
+    """Every fifth labelled frame.
+
+    Raises
+    ------
+    ToktError
+        If these do not show both obstacles and clear water.
+    """
+    sure = [
+        record
+        for record in merge_annotators(records).records
+        if record.label not in (UNSURE, None) and record.camera == LEFT
+    ]
+    chosen = sorted({record.frame for record in sure})[::LABEL_EVERY]
+    pictures = []
+    for frame in chosen:
+        mine = [record for record in sure if record.frame == frame]
+        cells = np.array([record.row * GRID.cols + record.col for record in mine], np.int64)
+        flags = np.array([taxonomy.is_obstacle(str(record.label)) for record in mine], bool)
+        pictures.append((mission.read(frame), cells, flags))
+    targets = np.concatenate([flags for _, _, flags in pictures]) if pictures else np.array([])
+    if targets.all() or not targets.any():
+        raise ToktError(
+            f"every {LABEL_EVERY}th labelled frame of {mission.name} is learnt from, and these "
+            "do not show both obstacles and clear water"
+        )
+    words = f"a scaled LinearSVC learnt from {len(chosen)} labelled frames, its scaler folded in"
+    return Lesson(pictures, "plain", words)
+
+
+def lesson_from_two_images(mission: Mission) -> Lesson:
+    """The thesis's training: the mission's first frame is ocean, a rendered texture is other."""
+    cells = np.arange(GRID.n_patches)
+    ocean = mission.read(mission.frames()[0])
+    pictures = [
+        (ocean, cells, np.zeros(GRID.n_patches, bool)),
+        (rendered_other_image(), cells, np.ones(GRID.n_patches, bool)),
+    ]
+    words = "a LinearSVC learnt from two images as in the thesis: the first frame and a texture"
+    return Lesson(pictures, "thesis", words)
+
+
+@dataclass(frozen=True)
+class TwoModels:
+    """One set of weights for both sides.
+
+    Parameters
+    ----------
+    classifier : sklearn.svm.LinearSVC
+        What the thesis's way asks for each patch.
+    bundle : Bundle
+        What tokt runs.
+    """
+
+    classifier: Any
+    bundle: Bundle
+
+
+def learn(texture: Texture, lesson: Lesson, golden_frame: NDArray[np.uint8]) -> TwoModels:
+    """Fit a classifier and give both sides its weights.
+
+    A scaler is folded in for both, so that the baseline, too, is one predict call a patch and
+    nothing more.
+
+    Parameters
+    ----------
+    texture : Texture
+    lesson : Lesson
+    golden_frame : array of uint8
+        The frame that the bundle proves itself with; its size is the size the bundle accepts.
+    """
+    settings = settings_named(lesson.settings)
+    penalty = settings.penalties[0] if settings.two_images else _PENALTY
+    rows = [texture.extractor.describe(frame, GRID)[cells] for frame, cells, _ in lesson.pictures]
+    targets = np.concatenate([flags for _, _, flags in lesson.pictures]).astype(np.int64)
+    pipeline = fit_classifier(np.vstack(rows), targets, penalty, settings)
+    model = linear_model(pipeline, ("ocean", "other"), (False, True))
+    classifier = LinearSVC(C=penalty, random_state=settings.seed)
+    classifier.coef_, classifier.intercept_ = model.weights.copy(), model.bias.copy()
+    classifier.classes_, classifier.n_features_in_ = np.array([0, 1]), model.dim
+    data = bundle_bytes(_content(texture, model, golden_frame))
+    return TwoModels(classifier, bundle_from_bytes(data, f"the bench's model {texture.name}"))
+
+
+def _content(
+    texture: Texture, model: LinearModel, golden_frame: NDArray[np.uint8]
+) -> BundleContent:
+    values = model.decision_values(texture.extractor.describe(golden_frame, GRID))
+    png = cv2.imencode(".png", golden_frame)[1].tobytes()
+    return BundleContent(
+        name=f"bench-{texture.name.replace('_', '-')}",
+        version="1",
+        extractor_spec=texture.extractor.spec,
+        grid=GRID,
+        model=model,
+        provenance={"made_by": "tokt bench"},
+        metrics={},
+        golden=Golden((png,), values[None], model.obstacle_patches(values)[None]),
+        trained_on=np.zeros(0, np.uint64),
+        card="Made by tokt bench to measure speed; not to be deployed.\n",
+    )

@@ -1,0 +1,271 @@
+"""The whole bench: what it is measured on, all cases in one run, and what is written."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features import atomic
+from ...features.errors import ToktError
+from ...features.kernels import KERNELS, LIBRARY, VARIABLE
+from ...features.mission import Mission, open_mission
+from ...labels.synthetic.mission import simulate_mission
+from ...labels.taxonomy import Taxonomy
+from ..mission_source import labels_of_mission, read_labels
+from .cases import Case, HaralickKernel, LbpKernel, WholeFrame
+from .chart import chart_png
+from .dataset_cases import measure_extraction
+from .machine import machine
+from .measure import SPREAD_IS, Result, single_thread
+from .models import TEXTURES, Lesson, TwoModels, learn, lesson_from_labels, lesson_from_two_images
+from .pictures import Picture, spread_over, textured_frame
+from .start_case import measure_start
+from .thesis_way import GRID
+
+LABEL_FILE = "labels.csv"
+EMBEDDED_FRAMES = 16
+
+Progress = Callable[..., Any]
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    Parameters
+    ----------
+    compared : int or None
+        Frames of the mission on which both ways are compared; None for all.
+    timed : int
+        Frames that are decoded, kept in memory and timed.
+    rounds : int
+        How often each of these is timed.
+    files : int
+        Image files of the feature table.
+    tables : int
+        How often the table is made.
+    starts : int
+        How often each process is started.
+    """
+
+    compared: int | None = None
+    timed: int = 12
+    rounds: int = 8
+    files: int = 24
+    tables: int = 5
+    starts: int = 7
+
+
+FULL = Effort()
+QUICK = Effort(compared=8, timed=3, rounds=2, files=3, tables=2, starts=2)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What one run found.
+
+    Parameters
+    ----------
+    results : list of Result
+    about : dict
+        Everything else of the JSON object.
+    """
+
+    results: list[Result]
+    about: dict[str, Any]
+
+    @property
+    def exact(self) -> bool:
+        """Whether every case was exact."""
+        return all(case.exact for case in self.results)
+
+    def to_json(self) -> dict[str, Any]:
+        """The JSON object of ``tokt bench --json``."""
+        return {"cases": [case.to_json() for case in self.results], **self.about}
+
+
+@contextmanager
+def _same_kernels_everywhere() -> Iterator[None]:
+    """Have every process started meanwhile use this one's kernels, or fail, but no others."""
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = KERNELS.name
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[VARIABLE]
+        else:
+            os.environ[VARIABLE] = before
+
+
+def _lesson(mission: Mission, labels: Path | None) -> Lesson:
+    """Learn from the label file given, from the one in the mission's folder, or from none."""
+    beside = mission.path / LABEL_FILE
+    file = labels or (beside if beside.is_file() else None)
+    if file is None:
+        return lesson_from_two_images(mission)
+    taxonomy = Taxonomy.load()
+    records, _ = labels_of_mission(mission, read_labels([file], taxonomy, GRID), GRID, only=True)
+    return lesson_from_labels(mission, records, taxonomy)
+
+
+def _compare(cases: Sequence[Case], pictures: Any) -> None:
+    for picture in pictures:
+        for case in cases:
+            case.check(picture)
+
+
+def _in_process(
+    mission: Mission,
+    models: Sequence[TwoModels],
+    effort: Effort,
+    progress: Progress,
+    say: Say,
+) -> tuple[list[Result], int]:
+    """Kernels and frames: compared on all frames, then timed on a few of them."""
+    numbers = mission.frames()
+    compared = spread_over(numbers, effort.compared or len(numbers))
+    kernels: list[Case] = [
+        LbpKernel("lbp_10_5.kernel", 10, 5),
+        LbpKernel("lbp_24_8.kernel", 24, 8),
+        HaralickKernel("haralick.kernel"),
+    ]
+    texture_kernel = HaralickKernel("haralick_texture.kernel")
+    frames = [WholeFrame(*pair) for pair in zip(TEXTURES, models, strict=True)]
+    textured = Picture(textured_frame())
+    _compare([texture_kernel], [textured])
+    pictures = (Picture(mission.read(number)) for number in compared)
+    _compare([*kernels, *frames], progress(pictures, len(compared), "compare"))
+    timed = [Picture(mission.read(number)) for number in spread_over(compared, effort.timed)]
+    plan = [*((case, timed) for case in kernels), (texture_kernel, [textured] * len(timed))]
+    results = []
+    for case, shown in [*plan, *((case, timed) for case in frames)]:
+        say(f"-- {case.name}")
+        results.append(case.measure(shown, effort.rounds))
+    return results, len(compared)
+
+
+def _most_obstacles(mission: Mission, models: TwoModels, count: int) -> int:
+    """Of some frames the one with the most obstacle patches: the start's verdict says something."""
+
+    def obstacles(number: int) -> int:
+        values = models.bundle.decision_values(mission.read(number))
+        return int(models.bundle.model.obstacle_patches(values).sum())
+
+    return max(spread_over(mission.frames(), count), key=obstacles)
+
+
+def _outside(
+    mission: Mission, models: Sequence[TwoModels], effort: Effort, folder: Path, say: Say
+) -> list[Result]:
+    """Feature tables from files, and whole processes."""
+    files = []
+    for number in spread_over(mission.frames(), effort.files):
+        data, suffix = mission.encoded(number)
+        files.append(folder / "files" / f"frame_{number}{suffix}")
+        atomic.write_bytes(files[-1], data)
+    results = []
+    for name, jobs in (("extract.dataset", 1), ("extract.dataset_all_cores", joblib.cpu_count())):
+        say(f"-- {name}")
+        results.append(measure_extraction(name, files, jobs, effort.tables))
+    say("-- start")
+    frame, suffix = mission.encoded(_most_obstacles(mission, models[0], effort.timed))
+    start = folder / "start"
+    results.append(measure_start("start", models[0], frame, suffix, start, effort.starts))
+    return results
+
+
+def _size_in_words(frame: NDArray[np.uint8]) -> str:
+    height, width = frame.shape[:2]
+    return f"{width}x{height} {'gray' if frame.ndim == 2 else 'colour'}"
+
+
+def _measure(
+    mission: Mission,
+    labels: Path | None,
+    shown_as: str,
+    effort: Effort,
+    folder: Path,
+    progress: Progress,
+    say: Say,
+) -> Bench:
+    first = mission.read(mission.frames()[0])
+    lesson = _lesson(mission, labels)
+    with single_thread(), _same_kernels_everywhere():
+        models = [learn(texture, lesson, first) for texture in TEXTURES]
+        results, compared = _in_process(mission, models, effort, progress, say)
+        results += _outside(mission, models, effort, folder, say)
+    about = {
+        "machine": machine(),
+        "kernels": {
+            "name": KERNELS.name,
+            "why": KERNELS.why,
+            "is_library": KERNELS.name == LIBRARY,
+        },
+        "mission": shown_as,
+        "frame_size": _size_in_words(first),
+        "frames": {"compared": compared, "timed": min(compared, effort.timed)},
+        "model": lesson.words,
+        "spread_is": SPREAD_IS,
+        "exact": all(case.exact for case in results),
+    }
+    return Bench(results, about)
+
+
+def run_bench(
+    out: Path,
+    mission: Path | None,
+    labels: Path | None,
+    effort: Effort,
+    progress: Progress,
+    say: Say,
+) -> Bench:
+    """Measure all cases and write ``bench.json`` and ``bench.png`` into `out`.
+
+    Parameters
+    ----------
+    out : Path
+    mission : Path or None
+        A mission, or None for one that is rendered for it and thrown away.
+    labels : Path or None
+        Its label file; by default ``labels.csv`` in the mission's folder, and without one the
+        models learn from two images as in the thesis.
+    effort : Effort
+    progress, say : callable
+        Where progress and remarks go.
+
+    Raises
+    ------
+    ToktError
+        If the mission or its labels cannot be used, or a process that is measured fails.
+    """
+    if labels is not None and mission is None:
+        raise ToktError("--labels goes together with --mission")
+    if out.exists() and not out.is_dir():
+        raise ToktError(f"{out} is not a folder; choose another with --out")
+    with tempfile.TemporaryDirectory(prefix="tokt-bench-") as name:
+        folder = Path(name)
+        shown_as = "embedded (rendered)"
+        if mission is None:
+            say("-- render a mission")
+            mission = folder / "embedded"
+            simulate_mission(mission, n_frames=EMBEDDED_FRAMES, progress=progress)
+        else:
+            shown_as = mission.resolve().name
+        opened = open_mission(mission)
+        found = _measure(opened, labels, shown_as, effort, folder, progress, say)
+    text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
+    atomic.write_text(out / "bench.json", text + "\n")
+    atomic.write_bytes(out / "bench.png", chart_png(found.results, found.about))
+    return found

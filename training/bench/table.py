@@ -1,0 +1,89 @@
+"""The bench as a table for people."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from .measure import Result
+
+_PLAIN_WIDTH = 170
+
+
+def _figure(value: float) -> str:
+    return f"{value:.3f}" if value < 10 else f"{value:.1f}"
+
+
+def _remark(case: Result) -> str:
+    """What a case has to say besides its times."""
+    extras = case.extras
+    if "baseline_patches_per_s" in extras:
+        pace = (extras["baseline_patches_per_s"], extras["ours_patches_per_s"])
+        return (
+            f"{pace[0]:,.0f} to {pace[1]:,.0f} patches a second, {extras['processes']} process(es)"
+        )
+    if extras.get("ours_mb") and extras.get("baseline_mb"):
+        return f"peak memory {extras['baseline_mb']:.0f} MB to {extras['ours_mb']:.0f} MB"
+    if "max_relative_difference" in extras:
+        worst = extras["max_relative_difference"]
+        return "not finite" if worst is None else f"largest relative difference {worst:.1g}"
+    if "obstacle_patches" in extras:
+        refused = f", {extras['frames_refused']} refused" if extras["frames_refused"] else ""
+        ties = f", {extras['ties']} ties" if extras["ties"] else ""
+        return (
+            f"{extras['frames_checked']} frames compared, {extras['obstacle_patches']} obstacle "
+            f"patches{refused}{ties}; memory floor {extras['memory_ms']:.2f} ms"
+        )
+    if "patches_checked" in extras:
+        return f"{extras['patches_checked']} patches compared"
+    return str(extras["of"])
+
+
+def print_table(results: Sequence[Result], about: Mapping[str, Any]) -> None:
+    """Print the results on standard output, as wide as the terminal or as plain text."""
+    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("case", no_wrap=True)
+    for heading in ("libraries ms", "tokt ms", "ratio", "spread", "floor ms", "exact"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", overflow="fold")
+    for case in results:
+        floor = case.extras.get("floor_ms")
+        table.add_row(
+            case.name,
+            _figure(case.baseline_ms),
+            _figure(case.ours_ms),
+            f"{case.ratio:.3g}x",
+            f"{case.spread[0]:.3g}-{case.spread[1]:.3g}",
+            "" if floor is None else _figure(floor),
+            "yes" if case.exact else "NO",
+            _remark(case),
+        )
+    console.print(table)
+    for line in about_lines(about):
+        console.print(line, markup=False)
+
+
+def about_lines(about: Mapping[str, Any]) -> list[str]:
+    """What was measured on what, in sentences."""
+    machine, kernels = about["machine"], about["kernels"]
+    versions = ", ".join(
+        f"{name} {machine[name]}"
+        for name in ("python", "numpy", "opencv", "scikit-image", "mahotas", "scikit-learn")
+    )
+    lines = [
+        f"kernels: {kernels['name']} ({kernels['why']})",
+        f"mission: {about['mission']}, frames of {about['frame_size']}; "
+        f"{about['frames']['compared']} compared, {about['frames']['timed']} timed",
+        f"model: {about['model']}. A figure of speed only: nothing is said of accuracy.",
+        f"spread: {about['spread_is']}",
+        f"machine: {machine['cpu']}, {machine['cores']} core(s); {versions}",
+    ]
+    if kernels["is_library"]:
+        lines.insert(1, "these kernels ARE the libraries: a kernel's ratio is about 1 by nature")
+    return lines

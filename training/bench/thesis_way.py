@@ -1,0 +1,113 @@
+"""The thesis's pipeline with the libraries it used: what tokt is measured against.
+
+Resize, gray, then for each patch one library call and one predict call, then contours. The
+verdict is the corrected one (`tokt.inference.verdict`), so that both sides can be held against
+each other. This file imports little, because a process is timed that starts with it.
+
+References
+----------
+L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operated Vehicle*,
+NTNU 2016.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import mahotas.features
+import numpy as np
+from numpy.typing import NDArray
+from skimage.feature import local_binary_pattern
+
+from ...features.grid import Grid
+from ...inference.verdict import Verdict, verdict_from_mask
+
+GRID = Grid()
+
+Patch = NDArray[np.uint8]
+DescribePatch = Callable[[Patch], NDArray[np.float64]]
+
+
+def lbp_counts(patch: Patch, points: int, radius: int) -> NDArray[np.int64]:
+    """How often each uniform pattern is in a patch: int64, shape (points + 2,)."""
+    codes = local_binary_pattern(patch, points, radius, method="uniform")
+    return np.histogram(codes, bins=points + 2, range=(0, points + 2))[0]
+
+
+def haralick_directions(patch: Patch, ignore_zeros: bool) -> NDArray[np.float64]:
+    """Haralick's 13 features in each of 4 directions: float64, shape (4, 13).
+
+    Where no pair of pixels is left without grey level 0, mahotas refuses (and the thesis's
+    program ended); then the zeros are counted.
+    """
+    try:
+        return np.asarray(mahotas.features.haralick(patch, ignore_zeros=ignore_zeros))
+    except ValueError:
+        return np.asarray(mahotas.features.haralick(patch))
+
+
+def describe_lbp_10_5(patch: Patch) -> NDArray[np.float64]:
+    """Normalised histogram of LBP (10, 5)."""
+    counts = lbp_counts(patch, 10, 5)
+    return counts / float(counts.sum())
+
+
+def describe_lbp_24_8(patch: Patch) -> NDArray[np.float64]:
+    """Normalised histogram of LBP (24, 8)."""
+    counts = lbp_counts(patch, 24, 8)
+    return counts / float(counts.sum())
+
+
+def describe_haralick(patch: Patch) -> NDArray[np.float64]:
+    """Haralick's 13 features, mean over the directions, without grey level 0."""
+    mean: NDArray[np.float64] = haralick_directions(patch, ignore_zeros=True).mean(axis=0)
+    return mean
+
+
+def resized_gray(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The frame at the grid's width, then gray."""
+    height, width = GRID.resized(*frame.shape[:2])
+    small = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA))
+    if small.ndim == 3:
+        small = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY))
+    return small.astype(np.uint8, copy=False)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the pipeline says of one frame.
+
+    Parameters
+    ----------
+    obstacle : array of bool, shape (n_patches,)
+    verdict : Verdict
+    """
+
+    obstacle: NDArray[np.bool_]
+    verdict: Verdict
+
+
+def judge(frame: NDArray[np.uint8], describe: DescribePatch, classifier: Any) -> Judged:
+    """Judge a frame patch by patch.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (height, width) or (height, width, 3)
+        As decoded.
+    describe : callable
+        Features of one patch.
+    classifier : sklearn.svm.LinearSVC
+        Predicts 1 for an obstacle.
+    """
+    gray = resized_gray(frame)
+    mask = np.zeros_like(gray)
+    obstacle = np.zeros(GRID.n_patches, bool)
+    for index, (y0, y1, x0, x1) in enumerate(GRID.boxes(*gray.shape)):
+        row = describe(gray[y0:y1, x0:x1])
+        if classifier.predict(row.reshape(1, -1))[0] == 1:
+            obstacle[index] = True
+            mask[y0:y1, x0:x1] = 255
+    return Judged(obstacle, verdict_from_mask(mask, "thesis"))
