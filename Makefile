@@ -10,7 +10,7 @@ TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
 	for part in features labels training models inference; do \
 	ln -s $(CURDIR)/$$part $(VENV)/tree/tokt/$$part; done
 
-.PHONY: demo test check format clean
+.PHONY: demo test check sanitize format clean
 
 demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
@@ -25,14 +25,36 @@ check: $(READY)
 	MYPYPATH=$(VENV)/tree $(BIN)/mypy
 	cd $(VENV)/tree && ../bin/lint-imports --config ../../pyproject.toml
 
+# The compiled kernels with gcc's checks of memory and arithmetic, under a folder of their own.
+# Python itself is not built that way: the checks' library is loaded first, and what Python keeps
+# until it ends is no leak.
+SANITIZED := $(VENV)/sanitized
+sanitize: $(READY)
+	rm -rf $(SANITIZED) && mkdir -p $(SANITIZED)/tokt/features
+	ln -s $(CURDIR)/tokt/* $(SANITIZED)/tokt/
+	for part in labels training models inference; do \
+		ln -s $(CURDIR)/$$part $(SANITIZED)/tokt/$$part; done
+	ln -s $(CURDIR)/features/*.py $(SANITIZED)/tokt/features/
+	$(BIN)/cython -3 --module-name tokt.features._native features/native/kernels.pyx \
+		-o $(SANITIZED)/_native.c
+	gcc -shared -fPIC -O1 -g -ffp-contract=off -fno-omit-frame-pointer -Ifeatures/native \
+		-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all \
+		-I$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("include"))') \
+		$(SANITIZED)/_native.c -lm -o $(SANITIZED)/tokt/features/_native$$($(BIN)/python \
+		-c 'import sysconfig; print(sysconfig.get_config_var("EXT_SUFFIX"))')
+	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so)" \
+		ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc \
+		PYTHONPATH=$(CURDIR)/$(SANITIZED) PYTHONSAFEPATH=1 TOKT_KERNELS=compiled \
+		$(BIN)/python -m pytest -q tests/features/test_kernels.py tests/features/test_area.py
+
 format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-$(READY): pyproject.toml constraints.txt
+$(READY): pyproject.toml constraints.txt $(wildcard features/native/*.h features/native/*.pyx)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo-out build *.egg-info
+	rm -rf $(VENV) demo-out bench-out build *.egg-info features/_native.*.so features/native/*.c

@@ -17,6 +17,7 @@ class LbpTables:
         row_fraction: NDArray[np.float64],
         column_floor: NDArray[np.int32],
         column_fraction: NDArray[np.float64],
+        code: NDArray[np.uint8] | None,
     ) -> None: ...
     def scratch_size(self, patch_height: int, patch_width: int) -> int: ...
     def count_rows(

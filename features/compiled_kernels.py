@@ -19,10 +19,13 @@ from . import _native
 from .area import opencv_gray
 from .checks import check_frame, check_gray, check_lbp
 from .grid import Grid
-from .lbp_points import LbpPoints, lbp_points
+from .lbp_points import LbpPoints, lbp_points, pattern_codes
 from .threads import over_rows
 
+DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
+
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
+_MOST_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
 # OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
 _OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
@@ -70,6 +73,7 @@ def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
         made.row_fraction,
         made.column_floor,
         made.column_fraction,
+        pattern_codes(points) if points <= _MOST_POINTS_IN_TABLE else None,
     )
 
 

@@ -41,14 +41,19 @@ def kernel_findings() -> Iterator[Finding]:
 
     wanted = os.environ.get(_VARIABLE, "")
     setting = f"{_VARIABLE}={wanted}" if wanted else f"{_VARIABLE} is not set"
-    figures = {"kernels": KERNELS.name, "why": KERNELS.why, "variable": wanted}
+    figures = {
+        "kernels": KERNELS.name,
+        "detail": KERNELS.detail,
+        "why": KERNELS.why,
+        "variable": wanted,
+    }
     if fault:
         text = f"{fault}; no model can be trained or run; examined with {KERNELS.name}"
         yield Finding("kernels", FAULT, text, figures)
     else:
         why = KERNELS.why if KERNELS.why == setting else f"{KERNELS.why}; {setting}"
         state = OK if KERNELS.name == COMPILED else NOTE
-        yield Finding("kernels", state, f"{KERNELS.name} ({why})", figures)
+        yield Finding("kernels", state, f"{KERNELS.name}, {KERNELS.detail} ({why})", figures)
     for name in NAMES:
         if name != KERNELS.name:
             try:

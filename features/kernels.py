@@ -65,6 +65,8 @@ class Kernels:
     name : {"compiled", "numpy", "library"}
     why : str
         Why it was chosen, for people.
+    detail : str
+        What it consists of: the instruction set, or the libraries' versions.
     lbp_counts : LbpCounts
     haralick_features : HaralickFeatures
     resized_gray : ResizedGray
@@ -72,6 +74,7 @@ class Kernels:
 
     name: str
     why: str
+    detail: str
     lbp_counts: LbpCounts
     haralick_features: HaralickFeatures
     resized_gray: ResizedGray
@@ -105,7 +108,14 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
     if name not in NAMES:
         raise ToktError(f"{VARIABLE}={name}: unknown kernels (choose from {', '.join(NAMES)})")
     module = _module(name)
-    return Kernels(name, why, module.lbp_counts, module.haralick_features, module.resized_gray)
+    return Kernels(
+        name,
+        why,
+        module.DETAIL,
+        module.lbp_counts,
+        module.haralick_features,
+        module.resized_gray,
+    )
 
 
 def choose_kernels(wanted: str) -> Kernels:

@@ -64,3 +64,15 @@ def lbp_points(points: int, radius: float, height: int, width: int) -> LbpPoints
         column_floor=np.floor(columns).astype(np.int32),
         column_fraction=_fractions(columns, width),
     )
+
+
+def pattern_codes(points: int) -> NDArray[np.uint8]:
+    """The bin of each pattern of set points, uint8, shape (2 ** points,).
+
+    A uniform pattern (at most two changes between neighbours on the open chain of points, as
+    scikit-image counts them) is in the bin of its number of ones, any other in bin points + 1.
+    """
+    patterns = np.arange(1 << points, dtype=np.uint64)
+    chain = np.uint64((1 << (points - 1)) - 1)
+    changes = np.bitwise_count((patterns ^ (patterns >> np.uint64(1))) & chain)
+    return np.where(changes <= 2, np.bitwise_count(patterns), points + 1).astype(np.uint8)

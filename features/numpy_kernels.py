@@ -22,6 +22,8 @@ from .threads import over_rows
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
+DETAIL = f"numpy {np.__version__}"
+
 _DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))
 _GREYS = 256
 _CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cache
@@ -71,15 +73,21 @@ def _histograms(codes: NDArray[np.uint8], bins: int) -> Counts:
     return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
 
 
-def _runs(weights: Floats) -> list[tuple[int, int, float]]:
-    """Where equal weights follow each other: first, last + 1 and the weight.
+_WHOLE_PIXEL: list[tuple[int, int, float]] = []
+
+
+def _runs(fractions: Floats) -> list[tuple[int, int, float]]:
+    """Where equal fractions follow each other: first, last + 1 and the fraction.
 
     A position's fraction changes in its last bits where the position passes a power of two, so
-    there are few runs, and a weight goes with a whole block of pixels.
+    there are few runs, and one weight goes with a whole block of pixels. Fractions of whole
+    pixels are all zero.
     """
-    ends = np.flatnonzero(np.append(weights[1:] != weights[:-1], True)) + 1
+    if not fractions.any():
+        return _WHOLE_PIXEL
+    ends = np.flatnonzero(np.append(fractions[1:] != fractions[:-1], True)) + 1
     starts = np.concatenate([[0], ends[:-1]])
-    return list(zip(starts.tolist(), ends.tolist(), weights[starts].tolist(), strict=True))
+    return list(zip(starts.tolist(), ends.tolist(), fractions[starts].tolist(), strict=True))
 
 
 class _Sampler:
@@ -97,65 +105,99 @@ class _Sampler:
 
     def __init__(self, points: int, radius: float, height: int, n: int, width: int) -> None:
         self.points = lbp_points(points, radius, height, width)
-        self.right = np.tile(self.points.column_fraction, (1, n))
-        self.runs = [_runs(fraction) for fraction in self.points.row_fraction]
+        self.column_runs = [_runs(fraction) for fraction in self.points.column_fraction]
+        self.row_runs = [_runs(fraction) for fraction in self.points.row_fraction]
         reach = self.points.reach
         self.padded = np.zeros((height, n, width + 2 * reach), np.uint8)
         self.inside = self.padded[:, :, reach : reach + width]
-        self.near, self.far = np.empty((2, height, n, width))
-        self.centre, self.across, self.value, self.part = np.empty((4, height, n * width))
-        self.is_set = np.empty((points, height, n * width), bool)
+        self.centre, self.between, self.value, self.part, *spare = np.empty((6, height, n, width))
+        self.spare: list[Floats] = spare
+        self.moved: dict[int, Floats] = {}
+        self.is_set = np.empty((points, height, n, width), bool)
+        self.ones, self.changes, self.change = np.empty((3, height, n, width), np.uint8)
 
     def codes(self, views: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Each pixel's pattern, a uniform one by its number of ones, any other P + 1.
 
-        Takes and returns uint8, shape (height, n, width).
+        Takes and returns uint8, shape (height, n, width); what it returned last is overwritten.
         """
         self.inside[:] = views
-        self.centre[:] = views.reshape(self.centre.shape)
-        points, is_set = self.points, self.is_set
+        self.centre[:] = views
+        self.spare += self.moved.values()
+        self.moved.clear()
+        points = self.points
         for offset in range(len(points.column_floor)):
-            self._interpolate(offset)
+            across = self._interpolate(offset)
             for point in points.point[points.first[offset] : points.first[offset + 1]].tolist():
-                self._compare(point)
-        ones = is_set[0].view(np.uint8).copy()
-        changes = np.zeros_like(ones)
-        for before, now in pairwise(is_set):
-            ones += now.view(np.uint8)
-            changes += (before ^ now).view(np.uint8)
-        ones[changes > 2] = len(points.point) + 1
-        return np.asarray(ones.reshape(views.shape))
+                self._compare(across, point)
+        patterns = self.is_set.view(np.uint8)
+        self.ones[:] = patterns[0]
+        self.changes[:] = 0
+        for before, now in pairwise(patterns):
+            self.ones += now
+            self.changes += np.bitwise_xor(before, now, out=self.change)
+        np.copyto(self.ones, len(points.point) + 1, where=self.changes > 2)
+        return self.ones
 
-    def _interpolate(self, offset: int) -> None:
-        """Set `across`: every row interpolated at one column offset."""
-        begin = self.points.reach + int(self.points.column_floor[offset])
-        width = self.near.shape[2]
-        self.near[:] = self.padded[:, :, begin : begin + width]
-        self.far[:] = self.padded[:, :, begin + 1 : begin + 1 + width]
-        right = self.right[offset]
-        np.multiply(self.near.reshape(self.across.shape), 1 - right, out=self.across)
-        np.multiply(self.far.reshape(self.across.shape), right, out=self.part)
-        np.add(self.across, self.part, out=self.across)
+    def _moved(self, shift: int) -> Floats:
+        """The views moved sideways by whole pixels, zeros following; two are kept."""
+        if shift not in self.moved:
+            # Offsets come in order: the lowest shift is not needed again.
+            kept = self.spare.pop() if self.spare else self.moved.pop(min(self.moved))
+            begin = self.points.reach + shift
+            kept[:] = self.padded[:, :, begin : begin + kept.shape[2]]
+            self.moved[shift] = kept
+        return self.moved[shift]
 
-    def _compare(self, point: int) -> None:
+    def _interpolate(self, offset: int) -> Floats:
+        """Every row interpolated at one column offset."""
+        floor = int(self.points.column_floor[offset])
+        near = self._moved(floor)
+        runs = self.column_runs[offset]
+        if runs == _WHOLE_PIXEL:
+            return near
+        far = self._moved(floor + 1)
+        np.multiply(near, 1 - runs[-1][2], out=self.between)
+        np.multiply(far, runs[-1][2], out=self.part)
+        for first, last, right in runs[:-1]:
+            columns = np.s_[:, :, first:last]
+            np.multiply(near[columns], 1 - right, out=self.between[columns])
+            np.multiply(far[columns], right, out=self.part[columns])
+        return np.add(self.between, self.part, out=self.between)
+
+    def _compare(self, across: Floats, point: int) -> None:
         """Set `is_set` where one sampling point's value is not below the centre."""
-        floor = int(self.points.row_floor[point])
-        above = [(first, last, 1 - below) for first, last, below in self.runs[point]]
-        self._weigh(floor, above, self.value)
-        self._weigh(floor + 1, self.runs[point], self.part)
-        np.add(self.value, self.part, out=self.value)
-        np.greater_equal(self.value, self.centre, out=self.is_set[point])
+        floor, runs = int(self.points.row_floor[point]), self.row_runs[point]
+        out = self.is_set[point]
+        if runs == _WHOLE_PIXEL:
+            first, last = _overlap(len(out), floor)
+            np.equal(self.centre[:first], 0, out=out[:first])
+            np.equal(self.centre[last:], 0, out=out[last:])
+            rows = across[first + floor : last + floor]
+            np.greater_equal(rows, self.centre[first:last], out=out[first:last])
+            return
+        value = self.value
+        _weigh(across, floor, [(first, last, 1 - below) for first, last, below in runs], value)
+        _weigh(across, floor + 1, runs, self.part)
+        np.add(value, self.part, out=value)
+        np.greater_equal(value, self.centre, out=out)
 
-    def _weigh(self, down: int, runs: list[tuple[int, int, float]], out: Floats) -> None:
-        """Write the rows of `across` that lie `down` rows lower times their weight, else zero."""
-        height = len(out)
-        first, last = min(max(0, -down), height), max(min(height, height - down), 0)
-        out[:first] = 0
-        out[last:] = 0
-        for begin, end, weight in runs:
-            begin, end = max(begin, first), min(end, last)
-            if begin < end:
-                np.multiply(self.across[begin + down : end + down], weight, out=out[begin:end])
+
+def _overlap(height: int, down: int) -> tuple[int, int]:
+    """Rows of a view that still lie in it `down` rows lower: first, last + 1."""
+    first = min(max(0, -down), height)
+    return first, max(first, min(height, height - down))
+
+
+def _weigh(across: Floats, down: int, runs: list[tuple[int, int, float]], out: Floats) -> None:
+    """Write the rows that lie `down` rows lower times their weight, zero beyond the view."""
+    first, last = _overlap(len(out), down)
+    out[:first] = 0
+    out[last:] = 0
+    for begin, end, weight in runs:
+        begin, end = max(begin, first), min(end, last)
+        if begin < end:
+            np.multiply(across[begin + down : end + down], weight, out=out[begin:end])
 
 
 class _Kept(threading.local):

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import mahotas.features
 import numpy as np
+import skimage
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
 from .area import opencv_gray
 from .grid import Grid
+
+DETAIL = f"scikit-image {skimage.__version__}, mahotas {mahotas.__version__}"
 
 
 def lbp_counts(

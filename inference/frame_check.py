@@ -18,8 +18,9 @@ from ..features.grid import DEFAULT_GRID, Grid
 # are not the figures of frames.
 
 DARK_GREY = 8
-"""Grey level. A frame of which 99.9 % of the pixels stay below is too dark: a covered lens or a
-lamp that is out. Measured: the level that 99.9 % stay at or below is 28 and more."""
+DARK_FRACTION = 0.999
+"""Grey level. A frame of which this fraction of the pixels stays below is too dark: a covered lens
+or a lamp that is out. Measured: the level that 99.9 % stay at or below is 28 and more."""
 
 BLANK_GREY = 1.0
 """Grey levels, standard deviation. A frame below shows nothing. Measured: 6.0 and more, from the
@@ -42,7 +43,6 @@ PATCH_GRID = DEFAULT_GRID
 much smaller ones (40x40 at width 360) a real frame does have some blank."""
 
 _NATIVE_PATCH_GRID = Grid(PATCH_GRID.rows, PATCH_GRID.cols, None)
-_LEVELS = np.arange(256)
 
 _LEAST_PATCH_PX = 8
 """Height and width in pixels below which one grey level in a patch proves nothing."""
@@ -97,15 +97,12 @@ def _own_grid(frame_width: int) -> Grid:
 
 
 def _whole_picture_fault(gray: NDArray[np.uint8]) -> str:
-    """Whether a picture is dark, blank or saturated, from its histogram alone."""
-    histogram = cv2.calcHist([gray], [0], None, [256], [0, 256]).ravel().astype(np.int64)
-    pixels = gray.size
-    if histogram[:DARK_GREY].sum() >= 0.999 * pixels:
+    """Whether a picture is dark, blank or saturated."""
+    if np.count_nonzero(gray >= DARK_GREY) <= (1 - DARK_FRACTION) * gray.size:
         return "the frame is too dark to judge"
-    mean = histogram @ _LEVELS / pixels
-    if histogram @ (_LEVELS - mean) ** 2 < BLANK_GREY**2 * pixels:
+    if cv2.meanStdDev(gray)[1].item() < BLANK_GREY:
         return "the frame is blank"
-    if histogram[SATURATED_GREY:].sum() >= SATURATED_FRACTION * pixels:
+    if np.count_nonzero(gray >= SATURATED_GREY) >= SATURATED_FRACTION * gray.size:
         return "the frame is saturated"
     return ""
 

@@ -10,11 +10,15 @@ import venv
 from pathlib import Path
 
 import pytest
+from tokt.features.kernels import KERNELS
 from tokt.features.mission import open_mission
 from tokt.labels.synthetic.mission import simulate_mission
 
 ROOT = Path(__file__).resolve().parents[1]
-TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "matplotlib", "pyarrow", "fastapi", "jinja2")
+TRAINING_TOOLS = (
+    *("mlflow", "pandas", "sklearn", "skimage", "mahotas", "scipy", "joblib"),
+    *("matplotlib", "pyarrow", "fastapi", "jinja2", "pydantic"),
+)
 
 
 def _run(*command: object) -> subprocess.CompletedProcess[str]:
@@ -88,7 +92,17 @@ def test_plain_install_runs_a_bundle(slim_python: Path, tmp_path: Path) -> None:
         line["decision_values"] for line in other
     ]
 
-    for missing in (("train", "d", "--extractor", "lbp"), ("evaluate", "m", "--mission", mission)):
-        refused = _run(slim_python, "-m", "tokt", *missing, *space)
+    for missing in (
+        ("train", "d", "--extractor", "lbp", *space),
+        ("evaluate", "m", "--mission", mission, *space),
+        ("bench",),
+    ):
+        refused = _run(slim_python, "-m", "tokt", *missing)
         assert refused.returncode == 2
         assert refused.stderr.count("\n") == 1 and "tokt[train]" in refused.stderr, refused.stderr
+
+    found = _run(slim_python, "-m", "tokt", "doctor", "--json", *space)
+    findings = {item["name"]: item for item in json.loads(found.stdout)["findings"]}
+    assert found.returncode == 0, found.stdout
+    assert findings["kernels"]["kernels"] == KERNELS.name
+    assert findings["library kernels"]["state"] == "note"

@@ -20,6 +20,7 @@
 
 enum {
     AREA_LANES = 4, /* values a pixel of a row that was summed along: B, G, R and one unused */
+    AREA_CACHE_LINE = 64, /* bytes */
     AREA_CHUNK = 64 /* values that are looked through together for near ties */
 };
 
@@ -41,42 +42,43 @@ static size_t area_scratch(const AreaFrame *frame, int width) {
     return (size_t)frame->width * frame->channels + AREA_LANES + 2 * AREA_LANES * (size_t)width;
 }
 
-/* Add `count` (1 to 4) weighted rows of n pixels to `sums`, or begin with them. */
-TOKT_BODY void area_add(const uint8_t *in, ptrdiff_t stride, const float *weight, int count,
-                        int begin, int n, float *TOKT_RESTRICT sums) {
-    const uint8_t *TOKT_RESTRICT a = in, *TOKT_RESTRICT b = in + stride;
-    const uint8_t *TOKT_RESTRICT c = b + stride, *TOKT_RESTRICT d = c + stride;
-    float u = weight[0];
-    if (count == 4) {
-        float v = weight[1], w = weight[2], z = weight[3];
-        if (begin)
-            for (int x = 0; x < n; x++)
-                sums[x] = u * (float)a[x] + v * (float)b[x] + w * (float)c[x] + z * (float)d[x];
-        else
-            for (int x = 0; x < n; x++)
-                sums[x] += u * (float)a[x] + v * (float)b[x] + w * (float)c[x] + z * (float)d[x];
-    } else if (begin) {
-        for (int x = 0; x < n; x++) sums[x] = u * (float)a[x];
+/* Add up the frame's rows that make row y of the picture. Mostly those are a part of one, two or
+ * three whole ones, which are added as whole numbers, and a part of the last: one pass. */
+TOKT_BODY void area_add_rows(const AreaFrame *frame, const AreaTable *rows, int y,
+                             float *TOKT_RESTRICT sums) {
+    const float *weight = rows->weight + rows->first[y];
+    int n = frame->width * frame->channels, count = rows->first[y + 1] - rows->first[y];
+    const uint8_t *TOKT_RESTRICT a = frame->pixels + rows->source[y] * frame->stride;
+    float part = weight[0], last = weight[count - 1];
+    if (count == 4 && weight[1] == weight[2]) {
+        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
+        const uint8_t *TOKT_RESTRICT d = c + frame->stride;
+        float whole = weight[1];
+        for (int x = 0; x < n; x++)
+            sums[x] = part * (float)a[x] + whole * (float)(b[x] + c[x]) + last * (float)d[x];
+    } else if (count == 5 && weight[1] == weight[2] && weight[2] == weight[3]) {
+        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
+        const uint8_t *TOKT_RESTRICT d = c + frame->stride, *TOKT_RESTRICT e = d + frame->stride;
+        float whole = weight[1];
+        for (int x = 0; x < n; x++)
+            sums[x] = part * (float)a[x] + whole * (float)(b[x] + c[x] + d[x]) + last * (float)e[x];
     } else {
-        for (int x = 0; x < n; x++) sums[x] += u * (float)a[x];
+        for (int x = 0; x < n; x++) sums[x] = part * (float)a[x];
+        for (int row = 1; row < count; row++) {
+            const uint8_t *TOKT_RESTRICT in = a + row * frame->stride;
+            float more = weight[row];
+            for (int x = 0; x < n; x++) sums[x] += more * (float)in[x];
+        }
     }
 }
 
-/* Add up the frame's rows that make row y of the picture. */
-TOKT_BODY void area_add_rows(const AreaFrame *frame, const AreaTable *rows, int y, float *sums) {
-    const uint8_t *in = frame->pixels + rows->source[y] * frame->stride;
-    int first = rows->first[y], count = rows->first[y + 1] - first;
-    for (int done = 0, step; done < count; done += step) {
-        step = count - done >= 4 ? 4 : 1;
-        area_add(in + done * frame->stride, frame->stride, rows->weight + first + done, step,
-                 done == 0, frame->width * frame->channels, sums);
-    }
-}
-
-/* Add up the columns of `sums` that make each pixel of the picture's row. */
+/* Add up the columns of `sums` that make each pixel of the picture's row. What is needed next of
+ * the frame, `ahead`, is asked for meanwhile: this loop computes while memory could deliver. */
 TOKT_BODY void area_add_columns(const AreaTable *columns, int channels, int width, const float *sums,
-                                float *TOKT_RESTRICT out) {
+                                const uint8_t *ahead, ptrdiff_t n_ahead, float *TOKT_RESTRICT out) {
     for (int x = 0; x < width; x++) {
+        if ((ptrdiff_t)x * AREA_CACHE_LINE < n_ahead)
+            TOKT_PREFETCH(ahead + (ptrdiff_t)x * AREA_CACHE_LINE);
         const float *in = sums + (ptrdiff_t)columns->source[x] * channels;
         const float *weight = columns->weight + columns->first[x];
         int count = columns->first[x + 1] - columns->first[x];
@@ -86,6 +88,7 @@ TOKT_BODY void area_add_columns(const AreaTable *columns, int channels, int widt
             out[x] = sum;
             continue;
         }
+        /* Blue, green and red go side by side; the fourth value is the next pixel's. */
 #if defined(__GNUC__)
         typedef float pixel __attribute__((vector_size(16), aligned(4), may_alias));
         pixel sum = {0};
@@ -146,7 +149,10 @@ TOKT_BODY void area_gray_rows_body(const AreaFrame *frame, const AreaTable *rows
     for (int y = first; y < last; y++) {
         uint8_t *TOKT_RESTRICT gray = out + (ptrdiff_t)y * width;
         area_add_rows(frame, rows, y, sums);
-        area_add_columns(columns, frame->channels, width, sums, along);
+        int next = y + 1 < last ? y + 1 : y;
+        area_add_columns(columns, frame->channels, width, sums,
+                         frame->pixels + rows->source[next] * frame->stride,
+                         (rows->first[next + 1] - rows->first[next]) * frame->stride, along);
         for (int i = 0; i < lanes * width; i += AREA_CHUNK) {
             int n = lanes * width - i < AREA_CHUNK ? lanes * width - i : AREA_CHUNK;
             if (area_round(along + i, n, levels + i))

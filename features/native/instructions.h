@@ -9,12 +9,15 @@
 #define TOKT_INSTRUCTIONS_H
 
 #if defined(__GNUC__)
+#define TOKT_PREFETCH(address) __builtin_prefetch(address, 0, 2)
 #define TOKT_RESTRICT __restrict__
 #define TOKT_BODY static inline __attribute__((always_inline))
 #elif defined(_MSC_VER)
+#define TOKT_PREFETCH(address) ((void)0)
 #define TOKT_RESTRICT __restrict
 #define TOKT_BODY static __forceinline
 #else
+#define TOKT_PREFETCH(address) ((void)0)
 #define TOKT_RESTRICT
 #define TOKT_BODY static inline
 #endif

@@ -25,6 +25,7 @@ cdef extern from "lbp.h" nogil:
         const double *row_fraction
         const int *column_floor
         const double *column_fraction
+        const uint8_t *code
 
     ctypedef struct LbpView:
         const uint8_t *pixels
@@ -102,10 +103,12 @@ cdef class LbpTables:
     cdef LbpPoints points
     cdef const int[::1] first, point, row_floor, column_floor
     cdef const double[:, ::1] row_fraction, column_fraction
+    cdef const uint8_t[::1] code
 
     def __init__(self, int reach, const int[::1] first, const int[::1] point,
                  const int[::1] row_floor, const double[:, ::1] row_fraction,
-                 const int[::1] column_floor, const double[:, ::1] column_fraction):
+                 const int[::1] column_floor, const double[:, ::1] column_fraction,
+                 const uint8_t[::1] code):
         self.first, self.point = first, point
         self.row_floor, self.row_fraction = row_floor, row_fraction
         self.column_floor, self.column_fraction = column_floor, column_fraction
@@ -118,6 +121,10 @@ cdef class LbpTables:
         self.points.row_fraction = &self.row_fraction[0, 0]
         self.points.column_floor = &self.column_floor[0]
         self.points.column_fraction = &self.column_fraction[0, 0]
+        self.code = code
+        self.points.code = NULL
+        if code is not None:
+            self.points.code = &self.code[0]
 
     def scratch_size(self, int patch_height, int patch_width):
         """Number of doubles that `count_rows` needs for patches of this size."""

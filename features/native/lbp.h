@@ -7,8 +7,8 @@
  * decides whether the point counts as set; so nothing here may be rearranged.
  *
  * What is saved against the textbook loop: interpolation along a row is done once for all points
- * with the same column offset and for both rows that need it; what is worked on stays in the
- * nearest cache; no picture of codes is stored. */
+ * with the same column offset and for both rows that need it; an offset of whole pixels takes
+ * none; what is worked on stays in the nearest cache; no picture of codes is stored. */
 #ifndef TOKT_LBP_H
 #define TOKT_LBP_H
 
@@ -37,6 +37,7 @@ typedef struct {
     const double *row_fraction;    /* [points][height] by place on the circle */
     const int *column_floor;       /* [columns] */
     const double *column_fraction; /* [columns][width] */
+    const uint8_t *code;           /* [2^points] a pattern's bin, or NULL where they are many */
 } LbpPoints;
 
 /* The pixels that may be read: a patch, or the whole picture. Beyond them all is zero. */
@@ -113,12 +114,19 @@ TOKT_BODY void lbp_along_rows(const LbpPoints *points, const LbpBlock *block, in
     const double *fraction = points->column_fraction + (size_t)offset * view_width + block->column;
     double *TOKT_RESTRICT left = scratch->left, *TOKT_RESTRICT right = scratch->right;
     for (int x = 0; x < padded; x++) right[x] = x < block->width ? fraction[x] : 0;
-    for (int x = 0; x < padded; x++) left[x] = 1 - right[x];
+    int whole = 1;
+    for (int x = 0; x < padded; x++) {
+        left[x] = 1 - right[x];
+        whole &= right[x] == 0;
+    }
     for (int row = scratch->first; row < scratch->last; row++) {
         const double *TOKT_RESTRICT at =
             scratch->source + (size_t)row * width + points->reach + points->column_floor[offset];
         double *TOKT_RESTRICT out = scratch->across + (size_t)row * padded;
-        for (int x = 0; x < padded; x++) out[x] = left[x] * at[x] + right[x] * at[x + 1];
+        if (whole)
+            for (int x = 0; x < padded; x++) out[x] = at[x];
+        else
+            for (int x = 0; x < padded; x++) out[x] = left[x] * at[x] + right[x] * at[x + 1];
     }
 }
 
@@ -138,8 +146,11 @@ TOKT_BODY void lbp_set_bits(const LbpPoints *points, const LbpView *view, const 
         const double *TOKT_RESTRICT centre = scratch->centre + (size_t)row * padded;
         int64_t *TOKT_RESTRICT bits = scratch->bits + (size_t)row * padded;
         double below = fraction[row], rest = 1 - below;
-        for (int x = 0; x < padded; x++)
-            bits[x] |= rest * upper[x] + below * lower[x] >= centre[x] ? bit : 0;
+        if (below == 0)
+            for (int x = 0; x < padded; x++) bits[x] |= upper[x] >= centre[x] ? bit : 0;
+        else
+            for (int x = 0; x < padded; x++)
+                bits[x] |= rest * upper[x] + below * lower[x] >= centre[x] ? bit : 0;
     }
 }
 
@@ -160,19 +171,21 @@ static inline int lbp_ones(uint64_t word) {
 TOKT_BODY void lbp_count(const LbpPoints *points, const LbpBlock *block, const LbpScratch *scratch,
                          int64_t *histogram) {
     uint64_t chain = ((uint64_t)1 << (points->points - 1)) - 1;
-    uint32_t counts[2][2][LBP_MOST_POINTS + 1];
+    const uint8_t *code = points->code;
+    uint32_t counts[2][2][LBP_MOST_POINTS + 2];
     memset(counts, 0, sizeof counts);
     for (int row = 0; row < block->height; row++) {
         const int64_t *bits = scratch->bits + (size_t)row * scratch->padded;
-        for (int x = 0; x < block->width; x++) {
+        for (int x = 0; code && x < block->width; x++) counts[x & 1][0][code[bits[x]]]++;
+        for (int x = 0; !code && x < block->width; x++) {
             uint64_t pattern = (uint64_t)bits[x];
             int mixed = lbp_ones((pattern ^ (pattern >> 1)) & chain) > 2;
             counts[x & 1][mixed][lbp_ones(pattern)]++;
         }
     }
-    for (int ones = 0; ones <= points->points; ones++) {
-        histogram[ones] += counts[0][0][ones] + counts[1][0][ones];
-        histogram[points->points + 1] += counts[0][1][ones] + counts[1][1][ones];
+    for (int bin = 0; bin <= points->points + 1; bin++) {
+        histogram[bin] += counts[0][0][bin] + counts[1][0][bin];
+        histogram[points->points + 1] += counts[0][1][bin] + counts[1][1][bin];
     }
 }
 

@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..thesis_images import rendered_other_image
 from .thesis_way import GRID, resized_gray
 
-_NOISE_GREY_LEVELS = 25.0
+_HEIGHT, _WIDTH, _CELL = 1024, 1360, 4  # pixels
 
 
 @dataclass(frozen=True)
@@ -48,14 +47,12 @@ def spread_over(numbers: Sequence[int], count: int) -> list[int]:
 
 
 def textured_frame() -> NDArray[np.uint8]:
-    """A colour frame of 1360x1024 full of contrast: a rendered texture with strong noise on it.
+    """A colour frame of 1360x1024 full of contrast: cells of random grey levels, 0 to 255.
 
-    Its patches hold most of the 256 grey levels, where frames of open sea hold a dozen. The noise
-    is coarse, four pixels wide, so that it is still there after the resize.
+    Its patches hold nearly all grey levels and hardly a pair of them twice, where frames of open
+    sea hold a dozen: the most there is to count. A cell is four pixels wide, so that it is still
+    there after the resize.
     """
-    texture = rendered_other_image().astype(np.float64)
-    height, width = texture.shape
-    noise = np.random.default_rng(1).normal(0, _NOISE_GREY_LEVELS, (height // 4, width // 4))
-    coarse = cv2.resize(noise, (width, height), interpolation=cv2.INTER_NEAREST)
-    gray = np.asarray((texture + coarse).clip(0, 255), np.uint8)
+    cells = np.random.default_rng(1).integers(0, 256, (_HEIGHT // _CELL, _WIDTH // _CELL), np.uint8)
+    gray = cells.repeat(_CELL, axis=0).repeat(_CELL, axis=1)
     return np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), np.uint8)
