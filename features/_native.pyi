@@ -69,6 +69,7 @@ def area_gray(
     columns: AreaTables,
     first: int,
     last: int,
+    near_tie: float,
     scratch: NDArray[np.float32],
     out: NDArray[np.uint8],
 ) -> None: ...

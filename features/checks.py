@@ -36,7 +36,7 @@ def check_gray(gray: Any, threads: int = 1) -> NDArray[np.uint8]:
     return np.ascontiguousarray(gray)
 
 
-def check_frame(frame: Any, threads: int = 1) -> NDArray[np.uint8]:
+def check_frame(frame: Any, height: int, width: int, threads: int = 1) -> NDArray[np.uint8]:
     """A gray or BGR frame in C order, copied only if it is not in C order yet.
 
     Raises
@@ -44,13 +44,16 @@ def check_frame(frame: Any, threads: int = 1) -> NDArray[np.uint8]:
     TypeError
         If it is not an array of uint8.
     ValueError
-        If it has another shape or no pixel, or `threads` is not a number of threads.
+        If it has another shape or no pixel, is to become a picture without any, or `threads` is
+        not a number of threads.
     """
     _check_array(frame, threads)
     if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] != 3):
         raise ValueError(f"a frame is (height, width) or (height, width, 3), not {frame.shape}")
     if not frame.size:
         raise ValueError("a frame has at least one pixel")
+    if min(height, width) < 1:
+        raise ValueError(f"a picture has at least one pixel, not {width}x{height}")
     return np.ascontiguousarray(frame)
 
 
@@ -62,7 +65,7 @@ def check_lbp(points: int, radius: float, border: str) -> None:
     TypeError, ValueError
         If not.
     """
-    if type(points) is not int or not isinstance(radius, int | float):
+    if type(points) is not int or type(radius) not in (int, float):
         raise TypeError(f"points and radius are numbers, not {points!r} and {radius!r}")
     if not 1 <= points <= MOST_POINTS:
         raise ValueError(f"{points} points: 1 to {MOST_POINTS} are possible")

@@ -27,6 +27,7 @@ DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
 _MOST_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
+_LARGEST_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
 # OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
 _OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
 
@@ -183,7 +184,18 @@ def _area_tables(source: int, target: int) -> Any:
 def _is_own_area(shape: tuple[int, ...], height: int, width: int) -> bool:
     """Whether this is a reduction by area that OpenCV has no shorter way for."""
     down = shape[0] / height, shape[1] / width
-    return _OWN_RESIZE and min(down) >= 1 and not all(scale.is_integer() for scale in down)
+    whole = all(scale.is_integer() for scale in down)
+    return _OWN_RESIZE and min(down) >= 1 and max(down) <= _LARGEST_REDUCTION and not whole
+
+
+def _near_tie(shape: tuple[int, ...], height: int, width: int) -> float:
+    """How far two orders of summing can be apart, in grey levels.
+
+    A sum of n terms up to 255 in single precision is off by at most (n + 1) * 255 * 2**-24. There
+    are two sums after each other, and two orders of them; a scale s has at most ceil(s) + 1 terms.
+    """
+    terms = np.ceil(shape[0] / height) + np.ceil(shape[1] / width) + 2
+    return float(2 * (terms + 2) * 255 * 2.0**-24)
 
 
 def resized_gray(
@@ -198,16 +210,17 @@ def resized_gray(
     TypeError, ValueError
         If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
     """
-    frame = check_frame(frame, threads)
+    frame = check_frame(frame, height, width, threads)
     if not _is_own_area(frame.shape, height, width):
         return opencv_gray(frame, height, width)
     rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
+    near_tie = _near_tie(frame.shape, height, width)
     deep = frame.reshape(*frame.shape[:2], -1)
     picture = np.empty((height, width), np.uint8)
 
     def work(first: int, last: int) -> None:
         scratch = _scratch.array("area", _native.area_scratch_size(deep, width), np.float32)
-        _native.area_gray(deep, rows, columns, first, last, scratch, picture)
+        _native.area_gray(deep, rows, columns, first, last, near_tie, scratch, picture)
 
     over_rows(work, height, threads)
     return picture

@@ -26,6 +26,7 @@ DETAIL = f"numpy {np.__version__}"
 
 _DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))
 _GREYS = 256
+_KEPT_VALUES = 200_000  # pixels; about 100 bytes each stay allocated
 _CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cache
 
 
@@ -49,7 +50,7 @@ def lbp_counts(
     gray = check_gray(gray, threads)
     check_lbp(points, radius, border)
     if border == "frame":
-        codes = _kept.sampler(points, radius, len(gray), 1, gray.shape[1]).codes(gray[:, None, :])
+        codes = _sampler(points, radius, len(gray), 1, gray.shape[1]).codes(gray[:, None, :])
         return _histograms(grid.cells(codes[:, 0]).reshape(grid.n_patches, -1), points + 2)
     patches = grid.cells(gray)
     counts = np.empty((grid.n_patches, points + 2), np.int64)
@@ -59,7 +60,7 @@ def lbp_counts(
         end = last * grid.cols
         for begin in range(first * grid.cols, end, at_once):
             some = patches[begin : min(begin + at_once, end)].swapaxes(0, 1)
-            codes = _kept.sampler(points, radius, *some.shape).codes(some).swapaxes(0, 1)
+            codes = _sampler(points, radius, *some.shape).codes(some).swapaxes(0, 1)
             flat = codes.reshape(len(codes), -1)
             counts[begin : begin + len(codes)] = _histograms(flat, points + 2)
 
@@ -208,6 +209,12 @@ class _Kept(threading.local):
 
 
 _kept = _Kept()
+
+
+def _sampler(points: int, radius: float, height: int, n: int, width: int) -> _Sampler:
+    """One with arrays that are there already, unless they are too large to be kept."""
+    make = _kept.sampler if height * n * width <= _KEPT_VALUES else _Sampler
+    return make(points, radius, height, n, width)
 
 
 def haralick_features(
@@ -380,4 +387,4 @@ def resized_gray(
     TypeError, ValueError
         If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
     """
-    return opencv_gray(check_frame(frame, threads), height, width)
+    return opencv_gray(check_frame(frame, height, width, threads), height, width)

@@ -3,9 +3,9 @@
  * The pixels are those of OpenCV's `resize(..., INTER_AREA)` followed by `cvtColor(...,
  * COLOR_BGR2GRAY)`: each step rounded to whole grey levels. OpenCV sums along the row first, in
  * single precision; here whole rows are added first, which a processor does many pixels at a
- * time. The two orders differ by rounding alone (each by less than 1e-4 grey levels), so only a
- * value that lies within AREA_NEAR_TIE of the middle between two grey levels can come out
- * differently: those few are summed again in OpenCV's order. */
+ * time. The two orders differ by rounding alone, so only a value that lies very near the middle
+ * between two grey levels can come out differently. How near depends on how many terms a sum has
+ * (`near_tie`, from the caller); those few are summed again in OpenCV's order. */
 #ifndef TOKT_AREA_H
 #define TOKT_AREA_H
 
@@ -15,8 +15,6 @@
 #include <string.h>
 
 #include "instructions.h"
-
-#define AREA_NEAR_TIE 5e-4f
 
 enum {
     AREA_LANES = 4, /* values a pixel of a row that was summed along: B, G, R and one unused */
@@ -120,11 +118,12 @@ static int area_exact(const AreaFrame *frame, const AreaTable *rows, const AreaT
 }
 
 /* Sums as whole grey levels; returns how many lie too near the middle of two to tell. */
-TOKT_BODY int area_round(const float *TOKT_RESTRICT sums, int n, int32_t *TOKT_RESTRICT levels) {
+TOKT_BODY int area_round(const float *TOKT_RESTRICT sums, int n, float near_tie,
+                         int32_t *TOKT_RESTRICT levels) {
     int near = 0;
     for (int i = 0; i < n; i++) {
         int32_t level = (int32_t)(sums[i] + 0.5f);
-        near += fabsf(sums[i] - (float)level) > 0.5f - AREA_NEAR_TIE;
+        near += fabsf(sums[i] - (float)level) > 0.5f - near_tie;
         levels[i] = level;
     }
     return near;
@@ -132,20 +131,23 @@ TOKT_BODY int area_round(const float *TOKT_RESTRICT sums, int n, int32_t *TOKT_R
 
 /* Decide the values first..last that `area_round` could not. */
 static void area_settle(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
-                        int y, int first, int last, const float *sums, int32_t *levels) {
+                        int y, int first, int last, float near_tie, const float *sums,
+                        int32_t *levels) {
     int lanes = frame->channels == 1 ? 1 : AREA_LANES;
     for (int i = first; i < last; i++)
-        if (fabsf(sums[i] - (float)levels[i]) > 0.5f - AREA_NEAR_TIE && i % lanes < frame->channels)
+        if (fabsf(sums[i] - (float)levels[i]) > 0.5f - near_tie && i % lanes < frame->channels)
             levels[i] = area_exact(frame, rows, columns, y, i / lanes, i % lanes);
 }
 
 /* Rows first..last of the gray picture. */
 TOKT_BODY void area_gray_rows_body(const AreaFrame *frame, const AreaTable *rows,
                                    const AreaTable *columns, int first, int last, int width,
-                                   float *scratch, uint8_t *out) {
+                                   float near_tie, float *scratch, uint8_t *out) {
     int lanes = frame->channels == 1 ? 1 : AREA_LANES;
     float *sums = scratch, *along = sums + (size_t)frame->width * frame->channels + AREA_LANES;
     int32_t *levels = (int32_t *)(along + (size_t)AREA_LANES * width);
+    /* What follows a row is read as the fourth value of its last pixel. */
+    for (int lane = 0; lane < AREA_LANES; lane++) along[lane - AREA_LANES] = 0;
     for (int y = first; y < last; y++) {
         uint8_t *TOKT_RESTRICT gray = out + (ptrdiff_t)y * width;
         area_add_rows(frame, rows, y, sums);
@@ -155,8 +157,8 @@ TOKT_BODY void area_gray_rows_body(const AreaFrame *frame, const AreaTable *rows
                          (rows->first[next + 1] - rows->first[next]) * frame->stride, along);
         for (int i = 0; i < lanes * width; i += AREA_CHUNK) {
             int n = lanes * width - i < AREA_CHUNK ? lanes * width - i : AREA_CHUNK;
-            if (area_round(along + i, n, levels + i))
-                area_settle(frame, rows, columns, y, i, i + n, along, levels);
+            if (area_round(along + i, n, near_tie, levels + i))
+                area_settle(frame, rows, columns, y, i, i + n, near_tie, along, levels);
         }
         if (lanes == 1) {
             for (int x = 0; x < width; x++) gray[x] = (uint8_t)levels[x];
@@ -172,7 +174,7 @@ TOKT_BODY void area_gray_rows_body(const AreaFrame *frame, const AreaTable *rows
 
 TOKT_VARIANTS(area_gray_rows,
               (const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns, int first,
-               int last, int width, float *scratch, uint8_t *out),
-              (frame, rows, columns, first, last, width, scratch, out))
+               int last, int width, float near_tie, float *scratch, uint8_t *out),
+              (frame, rows, columns, first, last, width, near_tie, scratch, out))
 
 #endif

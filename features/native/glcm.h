@@ -43,11 +43,12 @@ typedef struct {
 
 /* One direction's symmetric matrix, summed along its rows and along its diagonals. */
 typedef struct {
-    int low, high;  /* grey levels between which all counts lie */
-    int brightest;  /* the patch's brightest grey level */
-    int64_t total;  /* of all counts */
-    double entropy; /* bits */
-    int64_t squares; /* sum of the squared counts */
+    int low, high; /* grey levels between which all counts lie */
+    int brightest; /* the patch's brightest grey level */
+    int64_t total; /* of all counts */
+    int n_off, n_diagonal;
+    int32_t off[GREYS * (GREYS - 1) / 2 + 1]; /* counts above the diagonal, as many below it */
+    int32_t diagonal[GREYS + 1];              /* counts on it */
     int32_t level[GREYS];
     int32_t difference[GREYS];
     int32_t sum[2 * GREYS];
@@ -132,53 +133,79 @@ static void glcm_drop_zeros(GlcmPairs *pairs) {
     }
 }
 
-/* n log2(total / n): what n of `total` add to the entropy, times `total`. */
+/* n log2(total / n): what n of `total` add to the entropy, times `total`; 0 for none. */
 static inline double glcm_surprise(int64_t n, int64_t total, double log2_total, GlcmLog2 log2_of) {
     if (2 * n > total) /* nearly all of them: the two logarithms would cancel */
         return -1.4426950408889634 * (double)n * log1p((double)(n - total) / (double)total);
     return (double)n * (log2_total - (n < log2_of.size ? log2_of.of[n] : log2((double)n)));
 }
 
+/* Entropy of counts in bits, times `total`. Four sums go side by side: one alone would wait for
+ * itself at every addition. */
+static double glcm_surprises(const int32_t *counts, int n, int64_t total, double log2_total,
+                             GlcmLog2 log2_of) {
+    double sums[4] = {0, 0, 0, 0};
+    int i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int lane = 0; lane < 4; lane++)
+            sums[lane] += glcm_surprise(counts[i + lane], total, log2_total, log2_of);
+    for (; i < n; i++) sums[0] += glcm_surprise(counts[i], total, log2_total, log2_of);
+    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
+}
+
+static int64_t glcm_squares(const int32_t *counts, int n) {
+    int64_t squares = 0;
+    for (int i = 0; i < n; i++) squares += (int64_t)counts[i] * counts[i];
+    return squares;
+}
+
 /* Sum the matrix up, and set its counts to zero on the way. */
-static void glcm_sum(const GlcmPairs *pairs, double log2_total, GlcmLog2 log2_of, GlcmSums *sums) {
-    int low = sums->low, range = sums->high - low + 1;
+static void glcm_sum(const GlcmPairs *pairs, GlcmSums *sums) {
+    int low = sums->low, range = sums->high - low + 1, n_off = 0, n_diagonal = 0;
     memset(sums->level + low, 0, range * sizeof(int32_t));
     memset(sums->difference, 0, range * sizeof(int32_t));
     memset(sums->sum + 2 * low, 0, (2 * range - 1) * sizeof(int32_t));
-    int64_t squares = 0;
-    double surprise = 0;
     for (int i = 0; i < pairs->n_cells; i++) {
         uint16_t key = pairs->cells[i];
-        int darker = key >> 8, brighter = key & 255;
+        int darker = key >> 8, brighter = key & 255, on = darker == brighter;
         int32_t n = (int32_t)pairs->count[key];
         pairs->count[key] = 0;
-        /* Off the diagonal two cells of n each, on it one of 2 n. */
-        int one = darker == brighter;
-        int64_t cell = (int64_t)n << one;
-        squares += (cell * cell) << !one;
-        surprise += (2 - one) * glcm_surprise(cell, sums->total, log2_total, log2_of);
+        /* Written to both lists, kept in one of them, without a branch. */
+        sums->off[n_off] = n;
+        sums->diagonal[n_diagonal] = 2 * n;
+        n_off += !on;
+        n_diagonal += on;
         sums->level[darker] += n;
         sums->level[brighter] += n;
         sums->difference[brighter - darker] += 2 * n;
         sums->sum[brighter + darker] += 2 * n;
     }
-    sums->squares = squares;
-    sums->entropy = surprise / (double)sums->total;
+    sums->n_off = n_off;
+    sums->n_diagonal = n_diagonal;
+}
+
+/* Features 1, 9: those of the matrix itself. Returns its entropy in bits. */
+static double glcm_of_cells(const GlcmSums *sums, double log2_total, GlcmLog2 log2_of,
+                            double *features) {
+    int64_t total = sums->total;
+    int64_t squares = 2 * glcm_squares(sums->off, sums->n_off) +
+                      glcm_squares(sums->diagonal, sums->n_diagonal);
+    double surprise = 2 * glcm_surprises(sums->off, sums->n_off, total, log2_total, log2_of) +
+                      glcm_surprises(sums->diagonal, sums->n_diagonal, total, log2_total, log2_of);
+    features[0] = (double)squares / ((double)total * (double)total);
+    features[8] = surprise / (double)total;
+    return features[8];
 }
 
 /* Features 6, 8: those of the sums' distribution. Returns the sum of all grey levels. */
 static int64_t glcm_of_sums(const GlcmSums *sums, double log2_total, GlcmLog2 log2_of,
                             double *features) {
+    int first = 2 * sums->low, n = 2 * (sums->high - sums->low) + 1;
     int64_t twice = 0;
-    double surprise = 0;
-    for (int k = 2 * sums->low; k <= 2 * sums->high; k++) {
-        int32_t n = sums->sum[k];
-        if (n == 0) continue;
-        twice += (int64_t)k * n;
-        surprise += glcm_surprise(n, sums->total, log2_total, log2_of);
-    }
+    for (int k = first; k < first + n; k++) twice += (int64_t)k * sums->sum[k];
     features[5] = (double)twice / (double)sums->total;
-    features[7] = surprise / (double)sums->total;
+    features[7] = glcm_surprises(sums->sum + first, n, sums->total, log2_total, log2_of) /
+                  (double)sums->total;
     return twice / 2;
 }
 
@@ -187,21 +214,19 @@ static int64_t glcm_of_differences(const GlcmSums *sums, double log2_total, Glcm
                                    const double *inverse_difference, double *features) {
     int64_t contrast = 0;
     int range = sums->high - sums->low + 1;
-    double total = (double)sums->total, surprise = 0, homogeneity = 0, spread = 0;
+    double total = (double)sums->total, homogeneity = 0, spread = 0;
     double values = sums->brightest + 1, mean = 1 / values;
     for (int k = 0; k < range; k++) {
         int32_t n = sums->difference[k];
         double excess = n / total - mean;
         spread += excess * excess;
-        if (n == 0) continue;
         contrast += (int64_t)k * k * n;
         homogeneity += n * inverse_difference[k];
-        surprise += glcm_surprise(n, sums->total, log2_total, log2_of);
     }
     features[1] = (double)contrast / total;
     features[4] = homogeneity / total;
     features[9] = (spread + (values - range) * mean * mean) / values;
-    features[10] = surprise / total;
+    features[10] = glcm_surprises(sums->difference, range, sums->total, log2_total, log2_of) / total;
     return contrast;
 }
 
@@ -210,13 +235,10 @@ static int64_t glcm_of_differences(const GlcmSums *sums, double log2_total, Glcm
 static double glcm_of_levels(const GlcmSums *sums, int64_t first, int64_t contrast,
                              double log2_total, GlcmLog2 log2_of, double *features) {
     int64_t middle = (first + sums->total / 2) / sums->total, spread = 0;
-    double total = (double)sums->total, surprise = 0;
-    for (int k = sums->low; k <= sums->high; k++) {
-        int32_t n = sums->level[k];
-        if (n == 0) continue;
-        spread += (k - middle) * (k - middle) * n;
-        surprise += glcm_surprise(n, sums->total, log2_total, log2_of);
-    }
+    int low = sums->low, range = sums->high - low + 1;
+    double total = (double)sums->total;
+    for (int k = low; k < low + range; k++)
+        spread += (k - middle) * (k - middle) * sums->level[k];
     /* With c the middle: sum (i + j - 2c)^2 = 4 sum (i - c)^2 - sum (i - j)^2. */
     double shift = (double)(first - middle * sums->total) / total;
     double variance = (double)spread / total - shift * shift;
@@ -224,22 +246,21 @@ static double glcm_of_levels(const GlcmSums *sums, int64_t first, int64_t contra
     features[2] = variance == 0 ? 1 : covariance / variance;
     features[3] = variance;
     features[6] = (double)(4 * spread - contrast) / total - 4 * shift * shift;
-    return surprise / total;
+    return glcm_surprises(sums->level + low, range, sums->total, log2_total, log2_of) / total;
 }
 
 /* Add a quarter of one direction's 13 features; leaves the counts at zero. */
 static void glcm_features(const GlcmPairs *pairs, GlcmLog2 log2_of, const double *inverse_difference,
                           GlcmSums *sums, double *mean) {
-    double features[HARALICK], total = (double)pairs->total, log2_total = log2(total);
+    double features[HARALICK], log2_total = log2((double)pairs->total);
     sums->total = pairs->total;
-    glcm_sum(pairs, log2_total, log2_of, sums);
+    glcm_sum(pairs, sums);
+    double entropy = glcm_of_cells(sums, log2_total, log2_of, features);
     int64_t first = glcm_of_sums(sums, log2_total, log2_of, features);
     int64_t contrast =
         glcm_of_differences(sums, log2_total, log2_of, inverse_difference, features);
     double levels = glcm_of_levels(sums, first, contrast, log2_total, log2_of, features);
-    double shared = 2 * levels - sums->entropy; /* what one level tells about the other, bits */
-    features[0] = (double)sums->squares / (total * total);
-    features[8] = sums->entropy;
+    double shared = 2 * levels - entropy; /* what one level tells about the other, bits */
     features[11] = levels == 0 ? 0 : -shared / levels;
     features[12] = shared > 0 ? sqrt(-expm1(-2 * shared)) : 0;
     for (int i = 0; i < HARALICK; i++) mean[i] += features[i] / DIRECTIONS;

@@ -81,7 +81,8 @@ cdef extern from "area.h" nogil:
 
     size_t area_scratch(const AreaFrame *frame, int width)
     void area_gray_rows(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
-                        int first, int last, int width, float *scratch, uint8_t *out)
+                        int first, int last, int width, float near_tie, float *scratch,
+                        uint8_t *out)
 
 
 INSTRUCTIONS = ("plain", "avx2", "avx512")[:instructions_best() + 1]
@@ -226,9 +227,9 @@ def area_scratch_size(const uint8_t[:, :, ::1] frame, int width):
 
 
 def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables columns, int first,
-              int last, float[::1] scratch, uint8_t[:, ::1] out):
+              int last, float near_tie, float[::1] scratch, uint8_t[:, ::1] out):
     """Write rows first..last of a frame's gray picture."""
     cdef AreaFrame view = area_frame(frame)
     with nogil:
-        area_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], &scratch[0],
-                       &out[0, 0])
+        area_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], near_tie,
+                       &scratch[0], &out[0, 0])

@@ -1,0 +1,124 @@
+"""Which kernels a process uses: TOKT_KERNELS, and a package without the compiled ones."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import tokt.features
+from tokt.features.errors import ToktError
+from tokt.features.kernels import load_kernels
+
+import tokt
+
+FEATURES = Path(tokt.features.__file__).parent
+PARTS = ("labels", "training", "models", "inference")
+NAME_AND_WHY = "from tokt.features.kernels import KERNELS; print(KERNELS.name, '|', KERNELS.why)"
+LIBRARIES = "import sys; print({'skimage', 'mahotas', 'scipy'} & set(sys.modules))"
+DESCRIBE = (
+    "import numpy as np; from tokt.features.grid import Grid; "
+    "from tokt.features.extractor import extractor_named as named; "
+    "named('haralick+lbp').describe(np.ones((60, 80, 3), np.uint8), Grid(3, 4, 40))"
+)
+# An editable install looks for modules that a package lacks in the checkout.
+NO_EDITABLE_INSTALL = """
+import sys
+sys.meta_path[:] = [one for one in sys.meta_path if not one.__module__.startswith("__editable__")]
+"""
+
+try:
+    load_kernels("compiled")
+except ImportError:
+    BUILT = False
+else:
+    BUILT = True
+needs_compiled = pytest.mark.skipif(not BUILT, reason="the compiled kernels are not built here")
+
+
+def run(*arguments: str, kernels: str = "", path: Path | None = None) -> tuple[int, str, str]:
+    """A new Python: its exit code, output and errors."""
+    environment = {**os.environ, "TOKT_KERNELS": kernels}
+    if path:
+        environment |= {"PYTHONPATH": str(path), "PYTHONSAFEPATH": "1"}
+    done = subprocess.run(
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=120
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture(scope="module")
+def without_extension(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder to import this package from, complete but for the compiled kernels."""
+    root = tmp_path_factory.mktemp("package")
+    (root / "sitecustomize.py").write_text(NO_EDITABLE_INSTALL, encoding="utf-8")
+    package = root / "tokt"
+    (package / "features").mkdir(parents=True)
+    for path in Path(tokt.__file__).parent.iterdir():
+        if path.name != "features":
+            (package / path.name).symlink_to(path)
+    for path in FEATURES.glob("*.py"):
+        (package / "features" / path.name).symlink_to(path)
+    for part in PARTS:
+        if not (package / part).exists():
+            (package / part).symlink_to(FEATURES.parent / part)
+    return root
+
+
+@needs_compiled
+def test_compiled_unless_asked_otherwise() -> None:
+    code, out, err = run("-c", NAME_AND_WHY)
+    assert (code, err) == (0, "")
+    assert out.startswith("compiled | ")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param("compiled", marks=needs_compiled), "numpy", "library"]
+)
+def test_the_variable_chooses(name: str) -> None:
+    assert run("-c", NAME_AND_WHY, kernels=name) == (0, f"{name} | TOKT_KERNELS={name}\n", "")
+
+
+@pytest.mark.parametrize("name", [pytest.param("compiled", marks=needs_compiled), "numpy"])
+def test_fast_kernels_import_no_library(name: str) -> None:
+    assert run("-c", f"{DESCRIBE}; {LIBRARIES}", kernels=name) == (0, "set()\n", "")
+
+
+def test_the_library_kernels_do() -> None:
+    code, out, _ = run("-c", f"{DESCRIBE}; {LIBRARIES}", kernels="library")
+    assert code == 0 and "skimage" in out and "mahotas" in out
+
+
+@pytest.mark.parametrize("value", ["nonsense", "Compiled", "numpy,compiled", " "])
+def test_an_unknown_name_is_one_line(value: str, tiny_bundle: Path, tmp_path: Path) -> None:
+    command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
+    code, out, err = run(*command, kernels=value)
+    assert (code, out) == (2, "")
+    assert err == (
+        f"tokt: error: TOKT_KERNELS={value}: unknown kernels "
+        "(choose from compiled, numpy, library)\n"
+    )
+
+
+def test_load_kernels_refuses_unknown_names() -> None:
+    for name in ("", "native", "NUMPY"):
+        with pytest.raises(ToktError, match="unknown kernels"):
+            load_kernels(name)
+
+
+def test_numpy_where_nothing_is_compiled(without_extension: Path) -> None:
+    code, out, err = run("-c", f"{DESCRIBE}; {NAME_AND_WHY}", path=without_extension)
+    assert (code, err) == (0, "")
+    assert out.startswith("numpy | the compiled ones are not on this machine (")
+
+
+def test_compiled_asked_for_but_not_there(
+    without_extension: Path, tiny_bundle: Path, tmp_path: Path
+) -> None:
+    command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
+    code, out, err = run(*command, kernels="compiled", path=without_extension)
+    assert (code, out) == (2, "")
+    assert err.startswith("tokt: error: TOKT_KERNELS=compiled: not on this machine (")
+    assert err.count("\n") == 1

@@ -1,0 +1,477 @@
+"""The fast kernels against scikit-image, mahotas, exact arithmetic and each other."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tokt.features import reference
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.features.kernels import COMPILED, NUMPY, Kernels, load_kernels
+
+from .drawn import Image, examples, paint, painted, pictures
+from .exact_haralick import exact_haralick, matrices, spreads
+
+try:
+    COMPILED_KERNELS = load_kernels(COMPILED)
+except ImportError:
+    COMPILED_KERNELS = None
+NUMPY_KERNELS = load_kernels(NUMPY)
+LIBRARY_KERNELS = load_kernels("library")
+
+needs_compiled = pytest.mark.skipif(
+    COMPILED_KERNELS is None, reason="the compiled kernels are not built here"
+)
+fast = pytest.mark.parametrize(
+    "kernels",
+    [
+        pytest.param(COMPILED_KERNELS, marks=needs_compiled, id=COMPILED),
+        pytest.param(NUMPY_KERNELS, id=NUMPY),
+    ],
+)
+ONE = Grid(1, 1, None)
+ROUNDING = 1e-13  # of a sum of counts and logarithms, relative to its terms
+BORDERS = st.sampled_from(("patch", "frame"))
+CIRCLES = st.sampled_from(((10, 5), (24, 8), (8, 1), (16, 2), (4, 1.5), (12, 2.7))) | st.tuples(
+    st.integers(1, 64), st.integers(1, 12) | st.floats(1e-3, 13) | st.just(200)
+)
+
+
+def same_bits(one: NDArray[Any], two: NDArray[Any]) -> bool:
+    return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
+
+
+def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> list[NDArray[Any]]:
+    """Everything the kernels compute from a gray picture, and smaller pictures of it."""
+    height, width = gray.shape
+    plain = np.asarray(gray)
+    bgr = np.stack([plain, plain[::-1], plain[:, ::-1]], axis=2)
+    return [
+        kernels.lbp_counts(gray, grid, 10, 5, "patch", threads),
+        kernels.lbp_counts(gray, grid, 7, 1.5, "frame", threads),
+        kernels.haralick_features(gray, grid, False, threads),
+        kernels.haralick_features(gray, grid, True, threads),
+        kernels.resized_gray(gray, height * 5 // 8, width * 3 // 4, threads),
+        kernels.resized_gray(bgr, height * 5 // 7, width * 2 // 3, threads),
+    ]
+
+
+# Local binary patterns: identical integers.
+
+
+@fast
+@examples(200)
+@given(drawn=pictures(), circle=CIRCLES, border=BORDERS)
+def test_lbp_equals_scikit_image(
+    kernels: Kernels, drawn: tuple[Image, Grid], circle: tuple[int, float], border: str
+) -> None:
+    gray, grid = drawn
+    found = kernels.lbp_counts(gray, grid, *circle, border)
+    assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
+
+
+@fast
+@pytest.mark.parametrize("border", ["patch", "frame"])
+@pytest.mark.parametrize(
+    "circle",
+    [(1, 1), (2, 1.5), *((points, 3) for points in (10, 11, 12, 13, 16, 17, 31, 32, 33, 63, 64))],
+)
+def test_every_number_of_points_fits(
+    kernels: Kernels, circle: tuple[int, float], border: str
+) -> None:
+    gray, grid = paint("few levels", (70, 140), 5, 100, 0), Grid(2, 1, None)
+    found = kernels.lbp_counts(gray, grid, *circle, border)
+    assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
+    assert (found.sum(axis=1) == 35 * 140).all()
+
+
+@fast
+@pytest.mark.parametrize("radius", [33, 100.25, 1024])
+def test_a_circle_larger_than_the_picture(kernels: Kernels, radius: float) -> None:
+    gray = paint("noise", (9, 20), 1, 0, 0)
+    for border in ("patch", "frame"):
+        found = kernels.lbp_counts(gray, Grid(3, 2, None), 8, radius, border)
+        assert same_bits(found, reference.lbp_counts(gray, Grid(3, 2, None), 8, radius, border))
+
+
+# Haralick: exact arithmetic, and mahotas where mahotas is accurate.
+
+
+@fast
+@examples(100)
+@given(drawn=pictures(4_000), ignore_zeros=st.booleans())
+def test_haralick_is_exact(kernels: Kernels, drawn: tuple[Image, Grid], ignore_zeros: bool) -> None:
+    gray, grid = drawn
+    found = kernels.haralick_features(gray, grid, ignore_zeros)
+    assert found.dtype == np.float64 and found.shape == (grid.n_patches, 13)
+    for patch, row in zip(grid.cells(gray), found, strict=True):
+        expected, allowed = exact_haralick(patch, ignore_zeros, ROUNDING)
+        assert (np.abs(row - expected) <= allowed).all(), (row, expected, allowed)
+
+
+@fast
+@pytest.mark.parametrize("high", [1, 17, 254, 255])
+@pytest.mark.parametrize("ignore_zeros", [False, True])
+def test_bright_patches_with_one_other_pixel_are_exact(
+    kernels: Kernels, high: int, ignore_zeros: bool
+) -> None:
+    """Here a variance from the mean of squares has no digit left."""
+    patch = np.full((80, 150), high, np.uint8)
+    patch[40, 70] -= 1
+    found = kernels.haralick_features(patch, ONE, ignore_zeros)[0]
+    expected, allowed = exact_haralick(patch, ignore_zeros, ROUNDING)
+    assert (np.abs(found - expected) <= allowed).all()
+
+
+def mahotas_is_accurate(patch: Image, ignore_zeros: bool) -> bool:
+    """Not bright and nearly constant, in the grey levels or in the sums of two neighbours.
+
+    mahotas takes variances as the mean of squares less the square of the mean; these keep 9
+    digits while they are more than 1e-4 of what is subtracted. (A checkerboard's sums are
+    constant although its levels are not.)
+    """
+    return all(
+        mean**2 <= 1e4 * min(variance, sum_variance)
+        for mean, variance, sum_variance in map(spreads, matrices(patch, ignore_zeros))
+    )
+
+
+@fast
+@examples(100)
+@given(drawn=pictures(8_000), ignore_zeros=st.booleans())
+def test_haralick_equals_mahotas(
+    kernels: Kernels, drawn: tuple[Image, Grid], ignore_zeros: bool
+) -> None:
+    """To 1e-9 of the feature; of 1 for the correlation, which may be 0.
+
+    Besides, mahotas gives 1e-16 for an entropy of 0, and the information measures magnify its
+    rounding where neighbours tell nothing about each other.
+    """
+    gray, grid = drawn
+    found = kernels.haralick_features(gray, grid, ignore_zeros)
+    expected = reference.haralick_features(gray, grid, ignore_zeros)
+    for patch, one, two in zip(grid.cells(gray), found, expected, strict=True):
+        if mahotas_is_accurate(patch, ignore_zeros):
+            _, rounding = exact_haralick(patch, ignore_zeros, ROUNDING)
+            allowed = 1e-9 * np.abs(two) + rounding + ROUNDING
+            allowed[2] = 1e-9
+            assert (np.abs(one - two) <= allowed).all(), (one, two, allowed)
+
+
+@needs_compiled
+@examples(60)
+@given(drawn=pictures(), ignore_zeros=st.booleans())
+def test_numpy_haralick_equals_compiled(drawn: tuple[Image, Grid], ignore_zeros: bool) -> None:
+    gray, grid = drawn
+    one = COMPILED_KERNELS.haralick_features(gray, grid, ignore_zeros)
+    two = NUMPY_KERNELS.haralick_features(gray, grid, ignore_zeros)
+    for patch, row, other in zip(grid.cells(gray), one, two, strict=True):
+        _, allowed = exact_haralick(patch, ignore_zeros, ROUNDING)
+        assert (np.abs(row - other) <= allowed).all()
+
+
+@fast
+@examples(50)
+@given(drawn=pictures(4_000), ignore_zeros=st.booleans())
+def test_turned_and_mirrored_patches_have_the_same_haralick_features(
+    kernels: Kernels, drawn: tuple[Image, Grid], ignore_zeros: bool
+) -> None:
+    """The four directions map onto each other."""
+    patch = drawn[1].cells(drawn[0])[0]
+    found = kernels.haralick_features(patch, ONE, ignore_zeros)[0]
+    _, allowed = exact_haralick(patch, ignore_zeros, ROUNDING)
+    for other in (patch.T, patch[::-1], patch[:, ::-1], np.rot90(patch)):
+        again = kernels.haralick_features(other, ONE, ignore_zeros)[0]
+        assert (np.abs(again - found) <= allowed).all()
+
+
+@fast
+@pytest.mark.parametrize("level", [0, 1, 128, 255])
+@pytest.mark.parametrize("ignore_zeros", [False, True])
+def test_constant_patches(kernels: Kernels, level: int, ignore_zeros: bool) -> None:
+    """Energy 1, correlation 1 by definition, sum average twice the level, no entropy."""
+    found = kernels.haralick_features(np.full((7, 9), level, np.uint8), ONE, ignore_zeros)[0]
+    values = level + 1
+    expected = np.zeros(13)
+    expected[[0, 2, 4, 5, 9]] = 1, 1, 1, 2 * level, (1 - 1 / values) / values
+    np.testing.assert_allclose(found, expected, rtol=1e-15, atol=0)
+
+
+IGNORING = {
+    "zeros alone": np.zeros((6, 8)),
+    "no pair across": np.eye(8)[2][None].T @ np.ones((1, 8)) * 9,
+    "no pair down": np.ones((8, 1)) @ np.eye(8)[2][None] * 9,
+    "one pixel": np.outer(np.eye(6)[3], np.eye(8)[5]) * 200,
+    "two by two": np.pad(np.arange(1, 5).reshape(2, 2), 2) * 30,
+    "zeros in a corner": np.pad(np.arange(1, 21).reshape(4, 5), ((2, 0), (3, 0))),
+}
+
+
+@fast
+@pytest.mark.parametrize("name", IGNORING)
+def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
+    """Where a direction has no pair left, the features with the zeros counted."""
+    patch = np.asarray(IGNORING[name], np.uint8)
+    found = kernels.haralick_features(patch, ONE, True)[0]
+    expected, allowed = exact_haralick(patch, True, ROUNDING)
+    assert (np.abs(found - expected) <= allowed).all()
+    np.testing.assert_allclose(
+        found, reference.haralick_features(patch, ONE, True)[0], rtol=1e-9, atol=1e-7
+    )
+    counted = kernels.haralick_features(patch, ONE, False)[0]
+    empty = name in ("zeros alone", "no pair across", "no pair down", "one pixel")
+    assert same_bits(found, counted) == empty
+
+
+# One result, whatever runs it.
+
+
+@pytest.fixture
+def levels() -> Iterator[Any]:
+    """Runs a function at each instruction level of this processor."""
+    native = pytest.importorskip("tokt.features._native", reason="the kernels are not built here")
+
+    def run(function: Any) -> list[Any]:
+        results = []
+        for name in native.INSTRUCTIONS:
+            native.use_instructions(name)
+            results.append(function())
+        return results
+
+    yield run
+    native.use_instructions(native.INSTRUCTIONS[-1])
+
+
+@needs_compiled
+def test_every_instruction_level_gives_the_same_bits(levels: Any) -> None:
+    @examples(60)
+    @given(drawn=pictures(), circle=CIRCLES, border=BORDERS)
+    def check(drawn: tuple[Image, Grid], circle: tuple[int, float], border: str) -> None:
+
+        def everything() -> list[NDArray[Any]]:
+            found = COMPILED_KERNELS.lbp_counts(*drawn, *circle, border)
+            return [found, *described(COMPILED_KERNELS, *drawn)]
+
+        first, *others = levels(everything)
+        for other in others:
+            assert all(map(same_bits, first, other))
+
+    check()
+
+
+@fast
+@examples(40)
+@given(drawn=pictures())
+def test_any_number_of_threads_gives_the_same_bits(
+    kernels: Kernels, drawn: tuple[Image, Grid]
+) -> None:
+    """More threads than rows of patches among them."""
+    alone = described(kernels, *drawn)
+    for threads in (2, 3, 7):
+        assert all(map(same_bits, alone, described(kernels, *drawn, threads)))
+
+
+@fast
+def test_threads_of_the_caller(kernels: Kernels) -> None:
+    """Several Python threads, pictures of several sizes, each with two threads of its own."""
+    work = [
+        (paint("noise", (3 * high, 4 * wide), high, 0, 0), Grid(3, 4, None))
+        for high, wide in [(3, 5), (40, 80), (27, 36), (33, 65), (8, 129), (70, 9)] * 3
+    ]
+    expected = [described(kernels, *one) for one in work]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda one: described(kernels, *one, 2), work))
+    for one, two in zip(expected, found, strict=True):
+        assert all(map(same_bits, one, two))
+
+
+def _child(kernels: Kernels, gray: Image, grid: Grid, answer: Any) -> None:
+    answer.send(described(kernels, gray, grid, 3))
+
+
+@pytest.mark.skipif(
+    "fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this system"
+)
+@fast
+def test_threads_after_a_fork(kernels: Kernels) -> None:
+    """The child has the parent's pool, but none of its threads."""
+    gray, grid = paint("noise", (90, 120), 3, 0, 0), Grid(3, 4, None)
+    expected = described(kernels, gray, grid, 3)
+    fork = multiprocessing.get_context("fork")
+    here, there = fork.Pipe()
+    child = fork.Process(target=_child, args=(kernels, gray, grid, there))
+    child.start()
+    try:
+        assert here.poll(60), "the child waits for threads it does not have"
+        assert all(map(same_bits, expected, here.recv()))
+    finally:
+        child.kill()
+        child.join()
+
+
+@fast
+def test_what_was_computed_before_does_not_matter(kernels: Kernels) -> None:
+    """Memory is used again from call to call: first for other sizes and circles, then for these."""
+    grid = Grid(2, 3, None)
+    small, large = paint("noise", (20, 30), 1, 0, 0), paint("few levels", (150, 210), 2, 250, 0)
+    first = [described(kernels, picture, grid) for picture in (small, large)]
+    kernels.lbp_counts(large, Grid(1, 1, None), 64, 20, "patch")
+    again = [described(kernels, picture, grid) for picture in (small, large)]
+    for one, two in zip(first, again, strict=True):
+        assert all(map(same_bits, one, two))
+
+
+@needs_compiled
+def test_what_the_scratch_memory_holds_does_not_matter() -> None:
+    from tokt.features import compiled_kernels
+
+    gray, grid = paint("noise", (80, 150), 1, 0, 0), Grid(2, 3, None)
+    expected = described(COMPILED_KERNELS, gray, grid)
+    for lbp, area in ((np.nan, 127.5), (np.inf, 255.0), (-1e300, -0.5)):
+        for (use, _), array in compiled_kernels._scratch.arrays.items():
+            array.fill(lbp if use == "lbp" else area)
+        assert all(map(same_bits, expected, described(COMPILED_KERNELS, gray, grid)))
+
+
+# What is not a gray picture in C order.
+
+
+def views() -> Iterator[tuple[str, Any]]:
+    whole = paint("noise", (61, 83), 9, 0, 0)
+    read_only = whole.copy()
+    read_only.flags.writeable = False
+    yield "Fortran order", np.asfortranarray(whole)
+    yield "transposed", whole.T
+    yield "upside down", whole[::-1]
+    yield "mirrored", whole[:, ::-1]
+    yield "every second column", whole[:, ::2]
+    yield "every second row", whole[::2]
+    yield "cut out", whole[5:55, 7:60]
+    yield "read only", read_only
+    yield "repeated row", np.broadcast_to(whole[3], (40, 83))
+    yield "unaligned", np.frombuffer(b"x" + whole.tobytes(), np.uint8, offset=1).reshape(61, 83)
+    yield "matrix", whole.view(np.matrix)
+    yield "masked", np.ma.masked_array(whole, whole > 200)
+
+
+@fast
+@pytest.mark.parametrize(("name", "view"), list(views()), ids=lambda value: str(value)[:20])
+def test_any_layout_gives_what_its_copy_gives(kernels: Kernels, name: str, view: Any) -> None:
+    copy = np.array(view, np.uint8, order="C", subok=False)
+    before = copy.copy()
+    grid = Grid(3, 2, None)
+    found = described(kernels, view, grid)
+    assert all(type(one) is np.ndarray for one in found)
+    assert all(map(same_bits, found, described(kernels, copy, grid)))
+    assert np.array_equal(np.array(view, subok=False), before), name
+
+
+PIXELS = np.zeros((30, 40), np.uint8)
+NOT_GRAY: dict[str, Any] = {
+    "nothing": None,
+    "list": PIXELS.tolist(),
+    "bytes": PIXELS.tobytes(),
+    "memory": memoryview(PIXELS),
+    "float64": PIXELS.astype(float),
+    "int16": PIXELS.astype(np.int16),
+    "int8": PIXELS.astype(np.int8),
+    "bool": PIXELS.astype(bool),
+    "object": PIXELS.astype(object),
+    "one number": np.uint8(3),
+    "no dimension": np.array(3, np.uint8),
+    "one dimension": PIXELS[0],
+    "four dimensions": PIXELS[None, :, :, None],
+    "two channels": np.zeros((30, 40, 2), np.uint8),
+    "four channels": np.zeros((30, 40, 4), np.uint8),
+}
+EMPTY = [(0, 0), (0, 40), (30, 0)]
+Calls = list[tuple[str, Any]]
+
+
+def calls(kernels: Kernels) -> Calls:
+    """The three kernels as functions of a picture alone."""
+    return [
+        ("lbp", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "patch")),
+        ("frame", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "frame")),
+        ("haralick", lambda picture: kernels.haralick_features(picture, ONE, False)),
+        ("area", lambda picture: kernels.resized_gray(picture, 7, 9)),
+    ]
+
+
+@fast
+@pytest.mark.parametrize("name", NOT_GRAY)
+def test_no_picture(kernels: Kernels, name: str) -> None:
+    for _, call in calls(kernels):
+        with pytest.raises((TypeError, ValueError)):
+            call(NOT_GRAY[name])
+
+
+@fast
+@pytest.mark.parametrize("shape", [*EMPTY, (0, 40, 3), (30, 0, 3)])
+def test_no_pixels(kernels: Kernels, shape: tuple[int, ...]) -> None:
+    for _, call in calls(kernels):
+        with pytest.raises((TypeError, ValueError, ToktError)):
+            call(np.zeros(shape, np.uint8))
+
+
+@fast
+def test_bgr_has_no_texture(kernels: Kernels) -> None:
+    for name, call in calls(kernels):
+        if name != "area":
+            with pytest.raises(ValueError):
+                call(np.zeros((30, 40, 3), np.uint8))
+
+
+@fast
+@pytest.mark.parametrize("shape", [(8, 40), (40, 8), (2, 2), (1, 1), (11, 12)])
+def test_patches_under_3_pixels(kernels: Kernels, shape: tuple[int, int]) -> None:
+    gray, grid = np.zeros(shape, np.uint8), Grid(4, 4, None)
+    for border in ("patch", "frame"):
+        with pytest.raises(ToktError, match="least is 3x3"):
+            kernels.lbp_counts(gray, grid, 8, 1, border)
+    with pytest.raises(ToktError, match="least is 3x3"):
+        kernels.haralick_features(gray, grid, False)
+
+
+@fast
+@pytest.mark.parametrize(
+    ("points", "radius", "border"),
+    [
+        *((points, 1, "patch") for points in (0, -1, 65, 10**30, True, 3.0, None, "8")),
+        *((8, radius, "frame") for radius in (0, -1, np.nan, np.inf, -np.inf, 1e9, None, "1", 1j)),
+        *((8, 1, border) for border in ("x", "", None, 1, b"patch")),
+    ],
+)
+def test_lbp_options_out_of_range(kernels: Kernels, points: Any, radius: Any, border: Any) -> None:
+    with pytest.raises((TypeError, ValueError)):
+        kernels.lbp_counts(PIXELS, ONE, points, radius, border)
+
+
+@fast
+@pytest.mark.parametrize("threads", [0, -1, 1.5, True, None, "2"])
+def test_threads_out_of_range(kernels: Kernels, threads: Any) -> None:
+    for call in (
+        lambda: kernels.lbp_counts(PIXELS, ONE, 8, 1, "patch", threads),
+        lambda: kernels.haralick_features(PIXELS, ONE, False, threads),
+        lambda: kernels.resized_gray(PIXELS, 7, 9, threads),
+    ):
+        with pytest.raises((TypeError, ValueError)):
+            call()
+
+
+@fast
+@examples(15)
+@given(data=st.data())
+def test_the_picture_is_left_alone(kernels: Kernels, data: st.DataObject) -> None:
+    gray = data.draw(painted((30, 40)))
+    before = gray.copy()
+    described(kernels, gray, Grid(2, 2, None), 2)
+    assert np.array_equal(gray, before)
