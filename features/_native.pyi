@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+INTERFACE: int
 INSTRUCTIONS: tuple[str, ...]
 
 def use_instructions(name: str) -> None: ...

@@ -22,6 +22,10 @@ from .grid import Grid
 from .lbp_points import LbpPoints, lbp_points, pattern_codes
 from .threads import over_rows
 
+_INTERFACE = 1
+if getattr(_native, "INTERFACE", None) != _INTERFACE:
+    raise ImportError("the extension was built from other sources; install tokt again")
+
 DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed

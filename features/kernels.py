@@ -118,6 +118,12 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
     )
 
 
+def _reason(error: ImportError) -> str:
+    if str(error).startswith("cannot import name '_native'"):
+        return "they were not built; install tokt again where there is a C compiler"
+    return str(error)
+
+
 def choose_kernels(wanted: str) -> Kernels:
     """The kernels that `VARIABLE` asks for, or the fastest this machine has.
 
@@ -135,11 +141,11 @@ def choose_kernels(wanted: str) -> Kernels:
         try:
             return load_kernels(wanted, f"{VARIABLE}={wanted}")
         except ImportError as error:
-            raise ToktError(f"{VARIABLE}={wanted}: not on this machine ({error})") from None
+            raise ToktError(f"{VARIABLE}={wanted}: not on this machine: {_reason(error)}") from None
     try:
         return load_kernels(COMPILED, "the fastest there are")
     except ImportError as error:
-        return load_kernels(NUMPY, f"the compiled ones are not on this machine ({error})")
+        return load_kernels(NUMPY, f"no compiled ones: {_reason(error)}")
 
 
 KERNELS = choose_kernels(os.environ.get(VARIABLE, ""))

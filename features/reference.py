@@ -6,16 +6,17 @@ them. They know no threads: `threads` is taken so that all kernels are called al
 
 from __future__ import annotations
 
+from importlib.metadata import version
+
 import mahotas.features
 import numpy as np
-import skimage
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
 from .area import opencv_gray
 from .grid import Grid
 
-DETAIL = f"scikit-image {skimage.__version__}, mahotas {mahotas.__version__}"
+DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahotas"))
 
 
 def lbp_counts(

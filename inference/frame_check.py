@@ -1,7 +1,9 @@
 """Whether a picture can be judged at all: not black, blank, saturated, damaged or covered.
 
-All of it is seen on one gray picture, `PATCH_GRID`'s: the frame resized to width 360, or the
-frame as it is when it is narrower, as interpolation makes no new noise.
+Most is seen on one gray picture, `PATCH_GRID`'s: the frame resized to width 360, or the frame as
+it is when it is narrower, as interpolation makes no new noise. Darkness and saturation are looked
+for among single pixels of the frame as well: in the picture, which averages over many, a few hot
+pixels of a black frame are many dim ones, and noise takes a saturated frame below saturation.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from ..features.grid import DEFAULT_GRID, Grid
 DARK_GREY = 8
 DARK_FRACTION = 0.999
 """Grey level. A frame of which this fraction of the pixels stays below is too dark: a covered lens
-or a lamp that is out. Measured: the level that 99.9 % stay at or below is 28 and more."""
+or a lamp that is out. Measured: the level that 99.9 % stay at or below is 28 and more in the
+picture, 29 and more among single pixels."""
 
 BLANK_GREY = 1.0
 """Grey levels, standard deviation. A frame below shows nothing. Measured: 6.0 and more, from the
@@ -29,7 +32,7 @@ fall of the light towards the edges alone."""
 SATURATED_GREY = 250
 SATURATED_FRACTION = 0.5
 """A frame with this fraction of its pixels at `SATURATED_GREY` or above is saturated. Measured:
-0.020 at most, close to the tower."""
+0.020 at most, close to the tower, in the picture; the same among single pixels."""
 
 BLANK_PATCHES = 0.03
 """A frame with this fraction of its patches blank is damaged or covered. A patch is blank when all
@@ -44,6 +47,7 @@ much smaller ones (40x40 at width 360) a real frame does have some blank."""
 
 _NATIVE_PATCH_GRID = Grid(PATCH_GRID.rows, PATCH_GRID.cols, None)
 
+_STEP_ROWS = 16
 _LEAST_PATCH_PX = 8
 """Height and width in pixels below which one grey level in a patch proves nothing."""
 
@@ -60,6 +64,14 @@ def shape_fault(frame: NDArray[np.uint8]) -> str:
     if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
         return f"the frame is {frame.dtype} of shape {frame.shape}, not an 8-bit picture"
     return ""
+
+
+def _some_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Every 16th row of a frame, gray: as many single pixels as a fraction of it needs."""
+    rows = np.ascontiguousarray(frame[::_STEP_ROWS])
+    if rows.ndim == 3:
+        rows = np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.uint8)
+    return rows
 
 
 def frame_fault(
@@ -88,7 +100,7 @@ def frame_fault(
             gray = gray_picture(frame, own_grid)
         except ValueError as error:
             return f"the frame cannot be looked at: {error}"
-    return _whole_picture_fault(gray) or _blank_patches_fault(gray, own_grid)
+    return _whole_frame_fault(gray, _some_rows(frame)) or _blank_patches_fault(gray, own_grid)
 
 
 def _own_grid(frame_width: int) -> Grid:
@@ -96,14 +108,16 @@ def _own_grid(frame_width: int) -> Grid:
     return _NATIVE_PATCH_GRID if narrow else PATCH_GRID
 
 
-def _whole_picture_fault(gray: NDArray[np.uint8]) -> str:
-    """Whether a picture is dark, blank or saturated."""
-    if np.count_nonzero(gray >= DARK_GREY) <= (1 - DARK_FRACTION) * gray.size:
-        return "the frame is too dark to judge"
+def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> str:
+    """Whether a picture, or the single pixels of its frame, are dark, blank or saturated."""
+    for seen in (gray, pixels):
+        if np.count_nonzero(seen >= DARK_GREY) <= (1 - DARK_FRACTION) * seen.size:
+            return "the frame is too dark to judge"
     if cv2.meanStdDev(gray)[1].item() < BLANK_GREY:
         return "the frame is blank"
-    if np.count_nonzero(gray >= SATURATED_GREY) >= SATURATED_FRACTION * gray.size:
-        return "the frame is saturated"
+    for seen in (gray, pixels):
+        if np.count_nonzero(seen >= SATURATED_GREY) >= SATURATED_FRACTION * seen.size:
+            return "the frame is saturated"
     return ""
 
 

@@ -85,6 +85,10 @@ cdef extern from "area.h" nogil:
                         uint8_t *out)
 
 
+INTERFACE = 1
+"""To be raised here and in compiled_kernels.py with any change of what they call each other with:
+a checkout whose extension was built before must fall back, and say so."""
+
 INSTRUCTIONS = ("plain", "avx2", "avx512")[:instructions_best() + 1]
 """Instruction sets this processor can run, the best one last."""
 

@@ -111,7 +111,7 @@ def test_load_kernels_refuses_unknown_names() -> None:
 def test_numpy_where_nothing_is_compiled(without_extension: Path) -> None:
     code, out, err = run("-c", f"{DESCRIBE}; {NAME_AND_WHY}", path=without_extension)
     assert (code, err) == (0, "")
-    assert out.startswith("numpy | the compiled ones are not on this machine (")
+    assert out.startswith("numpy | no compiled ones: they were not built; install tokt again")
 
 
 def test_compiled_asked_for_but_not_there(
@@ -120,5 +120,14 @@ def test_compiled_asked_for_but_not_there(
     command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
     code, out, err = run(*command, kernels="compiled", path=without_extension)
     assert (code, out) == (2, "")
-    assert err.startswith("tokt: error: TOKT_KERNELS=compiled: not on this machine (")
+    assert err.startswith(
+        "tokt: error: TOKT_KERNELS=compiled: not on this machine: they were not built"
+    )
     assert err.count("\n") == 1
+
+
+def test_an_extension_built_from_other_sources_is_not_used() -> None:
+    old = "import sys, types; sys.modules['tokt.features._native'] = types.ModuleType('_native'); "
+    code, out, err = run("-c", old + NAME_AND_WHY)
+    assert code == 0, err
+    assert out.startswith("numpy | no compiled ones: the extension was built from other sources")

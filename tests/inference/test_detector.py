@@ -129,6 +129,25 @@ def test_frames_that_cannot_be_judged(picture: np.ndarray, word: str) -> None:
     assert word in frame_fault(picture)
 
 
+def hot_pixels(share: float, depth: tuple[int, ...]) -> np.ndarray:
+    """A black frame of a camera with a few pixels that are always bright."""
+    rng = np.random.default_rng(1)
+    frame = rng.integers(0, 4, (1024, 1360, *depth)).astype(np.uint8)
+    frame[rng.random((1024, 1360)) < share] = 255
+    return frame
+
+
+@pytest.mark.parametrize("depth", [(), (3,)])
+@pytest.mark.parametrize("share", [0.0003, 0.0006])
+def test_hot_pixels_do_not_light_a_black_frame(share: float, depth: tuple[int, ...]) -> None:
+    assert "dark" in frame_fault(hot_pixels(share, depth))
+
+
+@pytest.mark.parametrize(("mean", "sigma"), [(251, 8), (255, 25), (258, 40)])
+def test_noise_does_not_hide_saturation(mean: float, sigma: float) -> None:
+    assert "saturated" in frame_fault(noisy(mean, sigma, 1024, 1360))
+
+
 @pytest.mark.parametrize("shape", [(1, 4000), (3, 4000, 3), (400_000, 400)])
 def test_a_frame_without_a_resize_is_a_fault_and_no_exception(shape: tuple[int, ...]) -> None:
     assert "cannot be looked at" in frame_fault(np.zeros(shape, np.uint8))

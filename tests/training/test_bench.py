@@ -25,6 +25,7 @@ from tokt.training.bench.haralick_agreement import HaralickAgreement
 from tokt.training.bench.measure import BASELINE, OURS, in_turns, result, single_thread
 from tokt.training.bench.models import TEXTURES, learn, lesson_from_two_images
 from tokt.training.bench.pictures import Picture, spread_over, textured_frame
+from tokt.training.bench.run import Effort, measure_in_process
 from tokt.training.bench.start_case import first_verdict
 from tokt.training.bench.thesis_way import GRID, haralick_directions
 
@@ -247,6 +248,24 @@ def test_frames_that_the_runtime_refuses_are_counted(two_images: Any) -> None:
     case = WholeFrame(TEXTURES[0], two_images)
     case.check(Picture(np.zeros((271, 360, 3), np.uint8)))
     assert case.findings()["frames_refused"] == 1 and not case.exact
+
+
+def test_refused_frames_are_not_timed(
+    sea: Path, tmp_path: Path, no_progress: Callable[..., Any]
+) -> None:
+    shutil.copytree(sea, tmp_path / "dive")
+    frames = sorted((tmp_path / "dive" / "Left").iterdir())
+    black = np.zeros_like(cv2.imread(str(frames[0])))
+    for path in frames[1:]:
+        cv2.imwrite(str(path), black)
+    mission = open_mission(tmp_path / "dive")
+    lesson = lesson_from_two_images(open_mission(sea))
+    models = [learn(texture, lesson, black) for texture in TEXTURES]
+    effort = Effort(compared=4, timed=4, rounds=1, files=1, tables=1, starts=1)
+    results, compared, timed = measure_in_process(mission, models, effort, no_progress, str)
+    assert (compared, timed) == (4, 1)
+    frame = next(case for case in results if case.name == "haralick.frame")
+    assert frame.extras["frames_refused"] == 3 and frame.extras["libraries_ms"] > 0
 
 
 def test_a_mission_without_labels_learns_from_two_images(

@@ -50,7 +50,10 @@ def run(
     threads: Annotated[int, typer.Option(help="Threads that share one frame's patches.")] = 1,
     pixel_format: Annotated[
         str | None,
-        typer.Option(help="The images hold a camera's raw pixels: Mono8, BayerRG8 and so on."),
+        typer.Option(
+            help="Gray images hold a camera's raw pixels: Mono8, BayerRG8, BayerGR8, BayerGB8 "
+            "or BayerBG8."
+        ),
     ] = None,
     log: Annotated[
         Path | None, typer.Option(help="Add one JSON object a frame to this file.")

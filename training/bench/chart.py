@@ -39,9 +39,9 @@ def _times(case: Result) -> str:
 
 
 def _floor_ratio(case: Result) -> float | None:
-    """The ratio if ours took no more than the floor; None where the floor is of no weight."""
+    """The ratio if ours took no more than the floor; None where that says nothing."""
     floor = case.extras.get("floor_ms")
-    if floor is None or floor < _LEAST_FLOOR * case.ours_ms:
+    if floor is None or not _LEAST_FLOOR * case.ours_ms <= floor < case.ours_ms:
         return None
     return case.baseline_ms / float(floor)
 

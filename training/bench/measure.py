@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 BASELINE, OURS = "baseline", "ours"
+LIBRARIES = "libraries"
+"""The libraries used as well as they can be, where the baseline is the thesis's way."""
 FLOOR, MEMORY = "floor", "memory"
-"""What both ways need in any case, and cannot be faster than."""
+"""A part that both ways have, timed alone."""
 SPREAD_PERCENTILES = (10, 90)
 SPREAD_IS = (
     "10th and 90th percentile of baseline / ours over single repetitions; "
@@ -127,18 +129,18 @@ def in_turns(
 
 
 def result(name: str, times: Times, exact: bool, extras: Mapping[str, Any]) -> Result:
-    """Medians and spread of what was timed, and the floors where there are some.
+    """Medians and spread of what was timed, and the medians of what else was.
 
     Parameters
     ----------
     name : str
     times : mapping
-        Seconds of `BASELINE` and `OURS`, and perhaps of `FLOOR` and `MEMORY`.
+        Seconds of `BASELINE` and `OURS`, and perhaps of `LIBRARIES`, `FLOOR` and `MEMORY`.
     exact, extras
         As in `Result`.
     """
     medians = {key: float(np.median(values)) * 1000 for key, values in times.items()}
     low, high = np.percentile(times[BASELINE] / times[OURS], SPREAD_PERCENTILES)
-    floors = {f"{key}_ms": medians[key] for key in (FLOOR, MEMORY) if key in medians}
-    more = {**floors, "repetitions": len(times[OURS]), **extras}
+    others = {f"{key}_ms": medians[key] for key in (LIBRARIES, FLOOR, MEMORY) if key in medians}
+    more = {**others, "repetitions": len(times[OURS]), **extras}
     return Result(name, medians[BASELINE], medians[OURS], (float(low), float(high)), exact, more)

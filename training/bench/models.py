@@ -22,6 +22,7 @@ from ...models.linear import LinearModel
 from ..classifier import fit_classifier, linear_model
 from ..presets import settings_named
 from ..thesis_images import rendered_other_image
+from .library_way import DescribeAll, all_haralick, all_lbp_10_5, all_lbp_24_8
 from .thesis_way import GRID, DescribePatch, describe_haralick, describe_lbp_10_5, describe_lbp_24_8
 
 LABEL_EVERY = 5
@@ -41,18 +42,21 @@ class Texture:
     extractor : Extractor
         Ours: all patches of a frame.
     describe_patch : callable
-        The libraries': one patch.
+        The thesis's: one patch.
+    describe_all : callable
+        The libraries': all patches of a gray picture.
     """
 
     name: str
     extractor: Extractor
     describe_patch: DescribePatch
+    describe_all: DescribeAll
 
 
 TEXTURES = (
-    Texture("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5),
-    Texture("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8),
-    Texture("haralick", Haralick(ignore_zeros=True), describe_haralick),
+    Texture("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5, all_lbp_10_5),
+    Texture("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8, all_lbp_24_8),
+    Texture("haralick", Haralick(ignore_zeros=True), describe_haralick, all_haralick),
 )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,19 +120,18 @@ def _lesson(mission: Mission, labels: Path | None) -> Lesson:
     return lesson_from_labels(mission, records, taxonomy)
 
 
-def _compare(cases: Sequence[Case], pictures: Any) -> None:
-    for picture in pictures:
-        for case in cases:
-            case.check(picture)
+def _compare(cases: Sequence[Case], pictures: Iterable[Picture]) -> list[bool]:
+    """For each picture whether every case could be compared on it."""
+    return [all([case.check(picture) for case in cases]) for picture in pictures]
 
 
-def _in_process(
+def measure_in_process(
     mission: Mission,
     models: Sequence[TwoModels],
     effort: Effort,
     progress: Progress,
     say: Say,
-) -> tuple[list[Result], int]:
+) -> tuple[list[Result], int, int]:
     """Kernels and frames: compared on all frames, then timed on a few of them."""
     numbers = mission.frames()
     compared = spread_over(numbers, effort.compared or len(numbers))
@@ -146,14 +145,18 @@ def _in_process(
     textured = Picture(textured_frame())
     _compare([texture_kernel], [textured])
     pictures = (Picture(mission.read(number)) for number in compared)
-    _compare([*kernels, *frames], progress(pictures, len(compared), "compare"))
-    timed = [Picture(mission.read(number)) for number in spread_over(compared, effort.timed)]
+    able = _compare([*kernels, *frames], progress(pictures, len(compared), "compare"))
+    judged = [number for number, judged in zip(compared, able, strict=True) if judged]
+    if not judged:
+        raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its frames")
+    # A refused frame costs the runtime next to nothing: timing it would flatter.
+    timed = [Picture(mission.read(number)) for number in spread_over(judged, effort.timed)]
     plan = [*((case, timed) for case in kernels), (texture_kernel, [textured] * len(timed))]
     results = []
     for case, shown in [*plan, *((case, timed) for case in frames)]:
         say(f"-- {case.name}")
         results.append(case.measure(shown, effort.rounds))
-    return results, len(compared)
+    return results, len(compared), len(timed)
 
 
 def _most_obstacles(mission: Mission, models: TwoModels, count: int) -> int:
@@ -204,7 +207,7 @@ def _measure(
     lesson = _lesson(mission, labels)
     with single_thread(), _same_kernels_everywhere():
         models = [learn(texture, lesson, first) for texture in TEXTURES]
-        results, compared = _in_process(mission, models, effort, progress, say)
+        results, compared, timed = measure_in_process(mission, models, effort, progress, say)
         results += _outside(mission, models, effort, folder, say)
     about = {
         "machine": machine(),
@@ -215,7 +218,7 @@ def _measure(
         },
         "mission": shown_as,
         "frame_size": _size_in_words(first),
-        "frames": {"compared": compared, "timed": min(compared, effort.timed)},
+        "frames": {"compared": compared, "timed": timed},
         "model": lesson.words,
         "spread_is": SPREAD_IS,
         "exact": all(case.exact for case in results),
