@@ -23,7 +23,7 @@ DARK_GREY = 8
 DARK_FRACTION = 0.999
 """Grey level. A frame of which this fraction of the pixels stays below is too dark: a covered lens
 or a lamp that is out. Measured: the level that 99.9 % stay at or below is 28 and more in the
-picture, 29 and more among single pixels."""
+picture, 28 and more among single pixels."""
 
 BLANK_GREY = 1.0
 """Grey levels, standard deviation. A frame below shows nothing. Measured: 6.0 and more, from the
@@ -32,7 +32,7 @@ fall of the light towards the edges alone."""
 SATURATED_GREY = 250
 SATURATED_FRACTION = 0.5
 """A frame with this fraction of its pixels at `SATURATED_GREY` or above is saturated. Measured:
-0.020 at most, close to the tower, in the picture; the same among single pixels."""
+0.020 at most, close to the tower, in the picture; 0.021 among single pixels."""
 
 BLANK_PATCHES = 0.03
 """A frame with this fraction of its patches blank is damaged or covered. A patch is blank when all
