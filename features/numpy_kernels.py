@@ -244,11 +244,11 @@ def haralick_features(
 def _describe(patches: NDArray[np.uint8], ignore_zeros: bool) -> Floats:
     """Features of n patches, shape (n, 13), from one list of the cells of all their matrices."""
     keys = _pair_keys(patches)
-    if ignore_zeros:
-        keys = _without_zeros(keys, 4 * len(patches))
     keys.sort()
     starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
     cells, counts = keys[starts].astype(np.int64), np.diff(starts, append=len(keys))
+    if ignore_zeros:
+        cells, counts = _without_zeros(cells, counts, 4 * len(patches))
     brightest = patches.max(axis=(1, 2)).astype(np.int64).repeat(4)
     matrices = _Matrices(cells, counts, 4 * len(patches))
     return np.asarray(matrices.features(brightest).reshape(len(patches), 4, 13).mean(axis=1))
@@ -273,12 +273,13 @@ def _key_type(n_patches: int) -> type:
     return np.int32 if n_patches < 1 << 13 else np.int64  # narrow keys are sorted faster
 
 
-def _without_zeros(keys: NDArray[np.integer], n_matrices: int) -> NDArray[np.integer]:
-    """Leave out pairs with grey level 0, except in patches where a direction has no other."""
-    kept = keys & 0xFFFF >= _GREYS
-    pairs_left = np.bincount(keys[kept] >> 16, minlength=n_matrices).reshape(-1, 4)
-    whole = (pairs_left == 0).any(axis=1).repeat(4)
-    return np.asarray(keys[kept | whole[keys >> 16]])
+def _without_zeros(cells: Counts, counts: Counts, n_matrices: int) -> tuple[Counts, Counts]:
+    """Leave out cells of grey level 0, except in patches where a direction has no others."""
+    kept = cells & 0xFFFF >= _GREYS
+    cells_left = np.bincount(cells[kept] >> 16, minlength=n_matrices).reshape(-1, 4)
+    whole = (cells_left == 0).any(axis=1).repeat(4)
+    kept |= whole[cells >> 16]
+    return cells[kept], counts[kept]
 
 
 def _surprise(n: Counts, total: Counts) -> Floats:
