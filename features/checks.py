@@ -36,7 +36,7 @@ def check_gray(gray: Any, threads: int = 1) -> NDArray[np.uint8]:
     return np.ascontiguousarray(gray)
 
 
-def check_frame(frame: Any, height: int, width: int, threads: int = 1) -> NDArray[np.uint8]:
+def check_frame(frame: Any, threads: int = 1) -> NDArray[np.uint8]:
     """A gray or BGR frame in C order, copied only if it is not in C order yet.
 
     Raises
@@ -44,17 +44,20 @@ def check_frame(frame: Any, height: int, width: int, threads: int = 1) -> NDArra
     TypeError
         If it is not an array of uint8.
     ValueError
-        If it has another shape or no pixel, is to become a picture without any, or `threads` is
-        not a number of threads.
+        If it has another shape or no pixel, or `threads` is not a number of threads.
     """
     _check_array(frame, threads)
     if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] != 3):
         raise ValueError(f"a frame is (height, width) or (height, width, 3), not {frame.shape}")
     if not frame.size:
         raise ValueError("a frame has at least one pixel")
+    return np.ascontiguousarray(frame)
+
+
+def check_size(height: int, width: int) -> None:
+    """Whether a picture of that size can be made; ValueError if not."""
     if min(height, width) < 1:
         raise ValueError(f"a picture has at least one pixel, not {width}x{height}")
-    return np.ascontiguousarray(frame)
 
 
 def check_lbp(points: int, radius: float, border: str) -> None:

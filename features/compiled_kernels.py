@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _native
-from .area import opencv_gray
-from .checks import check_frame, check_gray, check_lbp
+from . import _native, area
+from .checks import check_frame, check_gray, check_lbp, check_size
 from .grid import Grid
 from .lbp_points import LbpPoints, lbp_points, pattern_codes
 from .threads import over_rows
@@ -207,16 +206,17 @@ def resized_gray(
 ) -> NDArray[np.uint8]:
     """A frame resized by area, then gray, in one pass over it.
 
-    Takes and gives what `tokt.features.reference.resized_gray` does, to the last bit.
+    Takes and gives what `tokt.features.area.resized_gray` does, to the last bit.
 
     Raises
     ------
     TypeError, ValueError
         If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
     """
-    frame = check_frame(frame, height, width, threads)
+    frame = check_frame(frame, threads)
+    check_size(height, width)
     if not _is_own_area(frame.shape, height, width):
-        return opencv_gray(frame, height, width)
+        return area.resized_gray(frame, height, width)
     rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
     near_tie = _near_tie(frame.shape, height, width)
     deep = frame.reshape(*frame.shape[:2], -1)

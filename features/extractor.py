@@ -15,12 +15,14 @@ Specs, version 1::
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .checks import check_frame
 from .errors import ToktError
 from .grid import Grid
 from .kernels import KERNELS
@@ -99,19 +101,35 @@ def gray_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDAr
     TypeError, ValueError
         If the frame is not uint8, or has another shape.
     """
-    if frame.dtype != np.uint8:
-        raise TypeError(f"a frame is uint8, not {frame.dtype}")
-    if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] != 3):
-        raise ValueError(f"a frame is (height, width) or (height, width, 3), not {frame.shape}")
-    if not frame.size:
-        raise ValueError("a frame has at least one pixel")
+    frame = check_frame(frame, threads)
     height, width = grid.resized(*frame.shape[:2])
     if not 1 <= height * width <= _LARGEST_PICTURE:
         raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
     return KERNELS.resized_gray(frame, height, width, threads)
 
 
-class Lbp:
+class _OfGray(ABC):
+    """An extractor that sees a frame as its `gray_picture`."""
+
+    def describe(
+        self,
+        frame: NDArray[np.uint8],
+        grid: Grid,
+        gray: NDArray[np.uint8] | None = None,
+        threads: int = 1,
+    ) -> NDArray[np.float64]:
+        """Features of every patch; see `Extractor.describe`."""
+        picture = gray_picture(frame, grid, threads) if gray is None else gray
+        return self.describe_picture(picture, grid, threads)
+
+    @abstractmethod
+    def describe_picture(
+        self, gray: NDArray[np.uint8], grid: Grid, threads: int
+    ) -> NDArray[np.float64]:
+        """`describe` for a frame that is resized and gray already."""
+
+
+class Lbp(_OfGray):
     """Normalised histograms of uniform local binary patterns (thesis section 3.4)."""
 
     def __init__(self, points: int, radius: int, border: str) -> None:
@@ -135,21 +153,16 @@ class Lbp:
             "image": dict(PLAIN_IMAGE),
         }
 
-    def describe(
-        self,
-        frame: NDArray[np.uint8],
-        grid: Grid,
-        gray: NDArray[np.uint8] | None = None,
-        threads: int = 1,
+    def describe_picture(
+        self, gray: NDArray[np.uint8], grid: Grid, threads: int
     ) -> NDArray[np.float64]:
         """Fraction of a patch's pixels with each pattern; rows sum to 1."""
-        gray = gray_picture(frame, grid, threads) if gray is None else gray
         counts = KERNELS.lbp_counts(gray, grid, self.points, self.radius, self.border, threads)
         patch_height, patch_width = grid.patch_size(*gray.shape)
         return counts / float(patch_height * patch_width)
 
 
-class Haralick:
+class Haralick(_OfGray):
     """Haralick's first 13 features, mean over 4 directions (thesis section 3.5)."""
 
     def __init__(self, ignore_zeros: bool) -> None:
@@ -167,19 +180,14 @@ class Haralick:
             "image": dict(PLAIN_IMAGE),
         }
 
-    def describe(
-        self,
-        frame: NDArray[np.uint8],
-        grid: Grid,
-        gray: NDArray[np.uint8] | None = None,
-        threads: int = 1,
+    def describe_picture(
+        self, gray: NDArray[np.uint8], grid: Grid, threads: int
     ) -> NDArray[np.float64]:
         """The 13 features of each patch's grey-level co-occurrence matrices (GLCM)."""
-        gray = gray_picture(frame, grid, threads) if gray is None else gray
         return KERNELS.haralick_features(gray, grid, self.ignore_zeros, threads)
 
 
-class Join:
+class Join(_OfGray):
     """Several extractors' features side by side, from one gray picture."""
 
     def __init__(self, parts: Sequence[Lbp | Haralick]) -> None:
@@ -197,16 +205,11 @@ class Join:
         parts = [part.spec for part in self.parts]
         return {"name": "join", "version": SPEC_VERSION, "parts": parts}
 
-    def describe(
-        self,
-        frame: NDArray[np.uint8],
-        grid: Grid,
-        gray: NDArray[np.uint8] | None = None,
-        threads: int = 1,
+    def describe_picture(
+        self, gray: NDArray[np.uint8], grid: Grid, threads: int
     ) -> NDArray[np.float64]:
-        """The parts' features, in order, from one gray picture."""
-        gray = gray_picture(frame, grid, threads) if gray is None else gray
-        return np.hstack([part.describe(frame, grid, gray, threads) for part in self.parts])
+        """The parts' features, in order."""
+        return np.hstack([part.describe_picture(gray, grid, threads) for part in self.parts])
 
 
 def _lbp_from(spec: Spec) -> Lbp:

@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .area import opencv_gray
-from .checks import check_frame, check_gray, check_lbp
+from .area import resized_gray as resized_gray
+from .checks import check_gray, check_lbp
 from .grid import Grid
 from .lbp_points import lbp_points
 from .threads import over_rows
@@ -376,16 +376,3 @@ def _difference_variance(difference: Counts, total: Counts, brightest: Counts) -
     possible = np.arange(_GREYS) < values
     excess = np.where(possible, difference / total[:, None] - 1 / values, 0)
     return np.asarray((excess**2).sum(axis=1) / values[:, 0])
-
-
-def resized_gray(
-    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-) -> NDArray[np.uint8]:
-    """A frame resized by area, then gray: OpenCV's own, which needs no compiler here.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
-    """
-    return opencv_gray(check_frame(frame, height, width, threads), height, width)

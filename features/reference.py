@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
-from .area import opencv_gray
+from .area import resized_gray as resized_gray
 from .grid import Grid
 
 DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahotas"))
@@ -101,27 +101,3 @@ def _haralick(patch: NDArray[np.uint8], ignore_zeros: bool) -> NDArray[np.float6
         directions = mahotas.features.haralick(patch)
     mean: NDArray[np.float64] = directions.mean(axis=0)
     return mean
-
-
-def resized_gray(
-    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-) -> NDArray[np.uint8]:
-    """A frame resized by area, then gray, each step rounded to whole grey levels.
-
-    Parameters
-    ----------
-    frame : array of uint8, shape (rows, columns) or (rows, columns, 3)
-        Gray or BGR.
-    height, width : int
-        Of the picture, in pixels.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, shape (height, width); the frame itself when it is gray and of that size.
-
-    References
-    ----------
-    OpenCV ``resize`` with ``INTER_AREA``; ITU-R BT.601.
-    """
-    return opencv_gray(frame, height, width)

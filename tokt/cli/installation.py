@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 
 from ..features.finding import FAULT, NOTE, OK, Finding
+from ..features.machine import machine
 
 EXTRAS = ("train", "label", "camera", "cluster")
 
@@ -16,8 +17,6 @@ _OF_EXTRA = re.compile(r"""extra\s*==\s*["']([^"']+)["']""")
 
 def installation_findings() -> Iterator[Finding]:
     """Versions and extras; an extra that was not asked for is no fault."""
-    from ..training.bench.machine import machine
-
     about = machine()
     yield Finding("tokt", OK, version("tokt"))
     yield Finding("python", OK, about["python"])

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ...features import atomic
 from ...features.errors import ToktError
 from ...features.kernels import KERNELS, LIBRARY, VARIABLE
+from ...features.machine import machine
 from ...features.mission import Mission, open_mission
 from ...labels.synthetic.mission import simulate_mission
 from ...labels.taxonomy import Taxonomy
@@ -25,7 +26,6 @@ from ..mission_source import labels_of_mission, read_labels
 from .cases import Case, HaralickKernel, LbpKernel, WholeFrame
 from .chart import chart_png
 from .dataset_cases import measure_extraction
-from .machine import machine
 from .measure import SPREAD_IS, Result, single_thread
 from .models import TEXTURES, Lesson, TwoModels, learn, lesson_from_labels, lesson_from_two_images
 from .pictures import Picture, spread_over, textured_frame
