@@ -11,7 +11,7 @@ from pathlib import Path
 from ..features.atomic import write_text
 from ..features.errors import ToktError
 from ..features.grid import DEFAULT_GRID, Grid
-from .record import HUMAN, LabelRecord, utc_now, utc_text
+from .record import HUMAN, SETTLED, LabelRecord, utc_now, utc_text
 from .taxonomy import Taxonomy
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
@@ -49,8 +49,8 @@ def read_label_csv(
     Raises
     ------
     ToktError
-        For wrong columns, an unknown class, a patch outside the grid, a number that is none, or
-        a patch that the same annotator labels twice.
+        For wrong columns, an unknown class, a patch outside the grid, a number that is none, a
+        patch that the same annotator labels twice, or one that is settled twice.
     """
     try:
         text = path.read_bytes().decode("utf-8-sig")
@@ -83,20 +83,24 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
     path : Path
         The file; its folder is made when it is not there.
     records : iterable of LabelRecord
-        Labels in force, as `LabelStore.current` returns them.
+        Labels in force, as `LabelStore.current` returns them; with `full` also settlements, as
+        `LabelStore.current_and_settled` does.
     full : bool
         Add `MORE_COLUMNS`; with them nothing of a record is lost.
 
     Raises
     ------
     ToktError
-        If the file cannot be written, or if without `full` there is more than one annotator or
-        another grid than the default one: the six columns cannot say so.
+        If the file cannot be written, or if without `full` there is more than one annotator,
+        another grid than the default one, or a settlement: the six columns cannot say so.
     """
     columns = COLUMNS + MORE_COLUMNS if full else COLUMNS
     chosen = sorted(
         records,
-        key=lambda r: (r.mission, r.camera, r.frame, str(r.grid), r.row, r.col, r.annotator),
+        key=lambda r: (
+            *(r.mission, r.camera, r.frame, str(r.grid), r.row, r.col),
+            *(r.source == SETTLED, r.annotator),
+        ),
     )
     if not full:
         _check_six_columns_suffice(chosen)
@@ -145,10 +149,14 @@ class _Rows:
             source=row["source"],
             model_version=row["model_version"] or None,
         )
-        key = (*record.cell[:3], str(record.grid), record.row, record.col, record.annotator)
+        settled = record.source == SETTLED
+        # A patch is settled once, whoever did it.
+        who = SETTLED if settled else HUMAN, "" if settled else record.annotator
+        key = (*record.cell[:3], str(record.grid), record.row, record.col, *who)
         first = self._lines.setdefault(key, line)
         if first != line:
-            raise ToktError(f"{record.cell} is labelled on line {first} already")
+            done = "settled" if settled else "labelled"
+            raise ToktError(f"{record.cell} is {done} on line {first} already")
         self.records.append(record)
 
     def _grid(self, text: str) -> Grid:
@@ -186,6 +194,8 @@ def _integer(row: dict[str, str], name: str) -> int:
 def _check_six_columns_suffice(records: list[LabelRecord]) -> None:
     annotators = sorted({record.annotator for record in records})
     grids = sorted({str(record.grid) for record in records})
+    if any(record.source == SETTLED for record in records):
+        raise ToktError("settled labels: only --full writes them, with the opinions they settle")
     if len(annotators) > 1:
         raise ToktError(
             f"labels by {len(annotators)} annotators ({', '.join(annotators)}): choose one with"

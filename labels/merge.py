@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from .record import Cell, LabelRecord
+from .record import SETTLED, Cell, LabelRecord
 from .taxonomy import UNSURE
 
 
@@ -18,7 +18,8 @@ class Merged:
     records : list of LabelRecord
         One a patch, in order of mission, camera, frame, grid, row, col.
     conflicts : list of Cell
-        Patches where two annotators are sure of different classes; ``unsure`` in `records`.
+        Patches where two annotators are sure of different classes and nobody settled which; or
+        where two settlements differ. They are ``unsure`` in `records`.
     """
 
     records: list[LabelRecord]
@@ -30,13 +31,15 @@ def merge_annotators(records: Iterable[LabelRecord]) -> Merged:
 
     A patch that one annotator labelled keeps that record. Where all who are sure agree, their
     class holds, also against an ``unsure`` of somebody else. Where they disagree, or nobody is
-    sure, the patch is ``unsure``: it is neither trained nor scored on. A merged record names its
-    annotators joined by ``+`` and carries the latest of their times.
+    sure, the patch is ``unsure``: it is neither trained nor scored on. What somebody settled holds
+    whatever the annotators say. A merged record names its annotators, and who settled it, joined
+    by ``+`` and carries the latest of their times.
 
     Parameters
     ----------
     records : iterable of LabelRecord
-        As `LabelStore.current` returns them: human, with a label, one a patch and annotator.
+        As `LabelStore.current_and_settled` returns them: human or settled, with a label, one a
+        patch, annotator and source.
     """
     by_cell: dict[Cell, list[LabelRecord]] = {}
     for record in records:
@@ -45,10 +48,14 @@ def merge_annotators(records: Iterable[LabelRecord]) -> Merged:
     conflicts: list[Cell] = []
     for cell in sorted(by_cell, key=lambda cell: (*cell[:3], str(cell.grid), *cell[4:])):
         said = by_cell[cell]
-        sure = {record.label for record in said} - {UNSURE}
+        settled = [record for record in said if record.source == SETTLED]
+        sure = {record.label for record in settled or said}
+        if not settled:
+            sure -= {UNSURE}
         if len(sure) > 1:
             conflicts.append(cell)
-        merged.append(_merge(said, sure.pop() if len(sure) == 1 else UNSURE))
+        label = sure.pop() if len(sure) == 1 else UNSURE
+        merged.append(_merge(settled + [r for r in said if r.source != SETTLED], label))
     return Merged(merged, conflicts)
 
 
@@ -59,7 +66,7 @@ def _merge(said: list[LabelRecord], label: str | None) -> LabelRecord:
     return replace(
         said[0],
         label=label,
-        annotator="+".join(sorted(record.annotator for record in said)),
+        annotator="+".join(sorted({record.annotator for record in said})),
         time=max(record.time for record in said),
         model_version=versions.pop() if len(versions) == 1 else None,
     )

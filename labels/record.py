@@ -10,7 +10,8 @@ from typing import NamedTuple
 from ..features.errors import ToktError
 from ..features.grid import Grid
 
-HUMAN, MODEL = "human", "model"
+HUMAN, MODEL, SETTLED = "human", "model", "settled"
+SOURCES = (HUMAN, MODEL, SETTLED)
 _CAMERAS = ("left", "right")
 _LAST_FRAME = 2**31 - 1
 
@@ -45,13 +46,14 @@ class LabelRecord:
     grid : Grid
         The grid that `row` and `col` count in, both from 0.
     label : str or None
-        A class, ``"unsure"``, or ``None``: the annotator takes the label back.
+        A class, ``"unsure"``, or ``None``: the annotator takes the label, or the settlement, back.
     annotator : str
-        Who said it; for a suggestion, any name for the model.
+        Who said it; for a suggestion, any name for the model; for a settlement, who settled.
     time : str
         When it was said: UTC, ISO 8601, as `utc_text` writes it.
     source : str
-        ``"human"``, or ``"model"`` for a suggestion.
+        ``"human"``; ``"model"`` for a suggestion; or ``"settled"`` for what somebody decided where
+        annotators disagree, whose opinions stay.
     model_version : str or None
         The model version that suggested it. A human record may carry one: a person confirmed
         that model's suggestion.
@@ -75,18 +77,18 @@ class LabelRecord:
     model_version: str | None = None
 
     def __post_init__(self) -> None:
-        _check_name("mission", self.mission)
-        _check_name("annotator", self.annotator)
+        check_name("mission", self.mission)
+        check_name("annotator", self.annotator)
         if self.model_version is not None:
-            _check_name("model_version", self.model_version)
+            check_name("model_version", self.model_version)
         if self.camera not in _CAMERAS:
             raise ToktError(f"camera {self.camera!r} is not one of {', '.join(_CAMERAS)}")
         if not 0 <= self.frame <= _LAST_FRAME:
             raise ToktError(f"frame {self.frame} is not a frame number")
         if not self.grid.contains(self.row, self.col):
             raise ToktError(f"row {self.row} col {self.col} is outside the grid {self.grid}")
-        if self.source not in (HUMAN, MODEL):
-            raise ToktError(f"source {self.source!r} is not one of {HUMAN}, {MODEL}")
+        if self.source not in SOURCES:
+            raise ToktError(f"source {self.source!r} is not one of {', '.join(SOURCES)}")
         if self.source == MODEL and (self.model_version is None or self.label is None):
             raise ToktError("a suggestion needs a label and the model version that made it")
         if utc_text(self.time) != self.time:
@@ -98,8 +100,14 @@ class LabelRecord:
         return Cell(self.mission, self.camera, self.frame, self.grid, self.row, self.col)
 
 
-def _check_name(what: str, value: str) -> None:
-    # Printable and trimmed, so that files, tables and the store all keep it as it is.
+def check_name(what: str, value: str) -> None:
+    """Refuse a name that files, tables or the store would not keep as it is.
+
+    Raises
+    ------
+    ToktError
+        If `value` is empty, not trimmed or not printable.
+    """
     if not value or not value.isprintable() or value != value.strip():
         raise ToktError(f"{what} {value!r} is empty or has blanks around it or unprintable signs")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,67 +14,60 @@ from typing import Any
 
 from ..features.errors import ToktError
 from ..features.grid import Grid
-from .record import HUMAN, Cell, LabelRecord
+from .action import REDO, UNDO, Action, ActionHead, Applied
+from .action_log import ActionLog, History
+from .record import HUMAN, MODEL, SETTLED, Cell, LabelRecord
+from .store_schema import APPLICATION_ID, CELL, COLUMNS, FORMAT, create, format_of, upgrade
 
 FILE_NAME = "labels.db"
 
-FORMAT = 1
-"""Format of the file, kept as its ``user_version``.
-
-To change it: raise the number, let `LabelStore` bring a file of each older format up to date in
-one transaction, and keep the test that builds yesterday's file from literal SQL.
-"""
-
-_APPLICATION_ID = 0x746F6B74  # "tokt": tells our file from any other program's database
 _BUSY_S = 60.0  # how long to wait for another process that is writing
-_CELL = "mission, camera, frame, grid, row, col"
-_COLUMNS = f"{_CELL}, label, annotator, time, source, model_version"
-
-_SCHEMA = (
-    """CREATE TABLE events (
-        id INTEGER PRIMARY KEY AUTOINCREMENT,
-        mission TEXT NOT NULL,
-        camera TEXT NOT NULL,
-        frame INTEGER NOT NULL,
-        grid TEXT NOT NULL,
-        row INTEGER NOT NULL,
-        col INTEGER NOT NULL,
-        label TEXT,
-        annotator TEXT NOT NULL,
-        time TEXT NOT NULL,
-        source TEXT NOT NULL CHECK (source IN ('human', 'model')),
-        model_version TEXT
-    )""",
-    f"CREATE INDEX events_by_cell ON events ({_CELL}, annotator, source)",
-    """CREATE TRIGGER events_keep_update BEFORE UPDATE ON events
-        BEGIN SELECT RAISE(ABORT, 'label events are never changed'); END""",
-    """CREATE TRIGGER events_keep_delete BEFORE DELETE ON events
-        BEGIN SELECT RAISE(ABORT, 'label events are never deleted'); END""",
-    # SQLite takes the columns beside a single MAX() from the row that has the maximum. The order
-    # of writing decides, not the time: a ship's clock may be set back.
-    f"""CREATE VIEW said_last AS
-        SELECT {_COLUMNS}, MAX(id) AS id FROM events WHERE source = 'human'
-        GROUP BY {_CELL}, annotator""",
-    f"PRAGMA application_id = {_APPLICATION_ID}",
-    f"PRAGMA user_version = {FORMAT}",
-)
+_CHUNK = 20_000  # events read at once; others use the store between two chunks
 
 _LAST = """SELECT {what} FROM events WHERE mission = {of}mission AND camera = {of}camera
     AND frame = {of}frame AND grid = {of}grid AND row = {of}row AND col = {of}col
     AND annotator = {of}annotator AND source = {of}source {more} ORDER BY id DESC LIMIT 1"""
 
 # A person who says the same again, or a model version that suggests the same again, adds nothing.
-_ADD = f"""INSERT INTO events ({_COLUMNS})
-    SELECT :mission, :camera, :frame, :grid, :row, :col, :label, :annotator, :time, :source,
-        :model_version
+_ADD = f"""INSERT INTO events ({COLUMNS})
+    SELECT :{COLUMNS.replace(", ", ", :")}
     WHERE (:label, CASE :source WHEN 'model' THEN :model_version END) IS NOT (
         {
     _LAST.format(what="label, CASE source WHEN 'model' THEN model_version END", of=":", more="")
 })"""
 
+# A settlement that holds already adds nothing, nor does one that was reopened since: its file
+# knows nothing of the newer opinion.
+_AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
+_SETTLE = f"""INSERT INTO events ({COLUMNS})
+    SELECT :{COLUMNS.replace(", ", ", :")}
+    WHERE :label IS NOT (SELECT CASE source WHEN 'settled' THEN label END FROM events
+        WHERE {_AT} AND source <> 'model' ORDER BY id DESC LIMIT 1)
+    AND (:label, :annotator, :time) IS NOT (SELECT label, annotator, time FROM events
+        WHERE {_AT} AND source = 'settled' ORDER BY id DESC LIMIT 1)"""
+
 _COUNT_ADDED = f"""SELECT source, ({
     _LAST.format(what="label", of="added.", more="AND id < added.id")
 }) IS NOT NULL, COUNT(*) FROM events AS added WHERE id > ? GROUP BY 1, 2"""
+
+
+_LAST_EVENT = "SELECT COALESCE(MAX(id), 0) FROM events"
+
+# By number, whatever SQLite thinks of the index by mission.
+_AFTER = """SELECT events.id, camera, frame, row, col, label, events.annotator, events.source,
+    model_version, {more} FROM events NOT INDEXED LEFT JOIN actions ON actions.id = events.action
+    WHERE events.id > ? AND events.mission = ? AND events.grid = ? AND events.source <> 'model'
+    ORDER BY events.id LIMIT ?"""
+_BLIND_AFTER = _AFTER.format(more="blind IS TRUE")
+_TIME_AFTER = _AFTER.format(more="events.time")
+
+_IS_SEEN = """SELECT 1 FROM seen
+    WHERE mission = ? AND camera = ? AND frame = ? AND annotator = ?"""
+_MARK_SEEN = """INSERT OR IGNORE INTO seen (mission, camera, frame, annotator, time)
+    VALUES (?, ?, ?, ?, ?)"""
+
+EventRow = tuple[int, str, int, int, int, str | None, str, str, str | None, bool]
+"""Event number, camera, frame, row, col, label, annotator, source, model version, blind."""
 
 
 @dataclass(frozen=True)
@@ -91,17 +84,20 @@ class Added:
         Model suggestions.
     unchanged : int
         Records that said what the store holds already; they write nothing.
+    settled : int
+        Settlements.
     """
 
     new: int
     changed: int
     suggestions: int
     unchanged: int
+    settled: int = 0
 
     @property
     def events(self) -> int:
         """Number of events written."""
-        return self.new + self.changed + self.suggestions
+        return self.new + self.changed + self.suggestions + self.settled
 
 
 @dataclass(frozen=True)
@@ -130,9 +126,11 @@ class LabelStore:
     """Append-only history of label events; the labels in force are derived from it.
 
     Each annotator's labels are kept apart: the label in force is the last one *that annotator*
-    said of the patch. Model suggestions are kept, and never count as anybody's label. A method
-    that returned has its events on disk (``synchronous=FULL``); a killed process leaves each
-    `add` whole or absent. Several processes and threads may use one file at once.
+    said of the patch. Model suggestions are kept, and never count as anybody's label. What
+    somebody settled where annotators disagree stands beside their labels and overwrites none.
+    A method that returned has its events on disk (``synchronous=FULL``); a killed process leaves
+    each `add`, `apply`, `undo` and `redo` whole or absent. Several processes and threads may use
+    one file at once.
 
     Parameters
     ----------
@@ -157,6 +155,7 @@ class LabelStore:
             self._connection = sqlite3.connect(
                 path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False
             )
+            self._actions = ActionLog(self._connection)
             try:
                 self._open()
             except BaseException:
@@ -200,20 +199,31 @@ class LabelStore:
     def add_counted(self, records: Iterable[LabelRecord]) -> Added:
         """`add`, telling new labels from changed ones."""
         given = 0
+        settled: list[dict[str, Any]] = []
 
         def rows() -> Iterator[dict[str, Any]]:
             nonlocal given
             for given, record in enumerate(records, 1):  # noqa: B007 (read after the loop)
-                yield {**vars(record), "grid": str(record.grid)}
+                row = {**vars(record), "grid": str(record.grid)}
+                if record.source == SETTLED:
+                    settled.append(row)
+                else:
+                    yield row
 
         with self._transaction():
-            last = self._one("SELECT COALESCE(MAX(id), 0) FROM events")
+            last = self._one(_LAST_EVENT)
             self._connection.executemany(_ADD, rows())
+            # After the opinions they settle: an opinion that is newer opens the question again.
+            self._connection.executemany(_SETTLE, settled)
             counts = self._connection.execute(_COUNT_ADDED, (last,)).fetchall()
-        by_kind = {(source, had): n for source, had, n in counts}
-        new, changed = by_kind.get((HUMAN, 0), 0), by_kind.get((HUMAN, 1), 0)
-        suggestions = sum(by_kind.values()) - new - changed
-        return Added(new, changed, suggestions, given - sum(by_kind.values()))
+        by_kind = {(source, bool(had)): n for source, had, n in counts}
+        return Added(
+            new=by_kind.get((HUMAN, False), 0),
+            changed=by_kind.get((HUMAN, True), 0),
+            suggestions=sum(n for (source, _), n in by_kind.items() if source == MODEL),
+            unchanged=given - sum(by_kind.values()),
+            settled=sum(n for (source, _), n in by_kind.items() if source == SETTLED),
+        )
 
     def current(
         self,
@@ -229,26 +239,181 @@ class LabelStore:
         Each argument that is given narrows the choice. What was taken back and what models
         suggested is not among them.
         """
-        wanted = {
-            "mission": mission,
-            "annotator": annotator,
-            "grid": None if grid is None else str(grid),
-            "camera": camera,
-            "frame": frame,
-        }
-        given = {name: value for name, value in wanted.items() if value is not None}
-        where = "".join(f" AND {name} = :{name}" for name in given)
-        return self._records(
-            f"SELECT {_COLUMNS} FROM said_last WHERE label IS NOT NULL{where}"
-            f" ORDER BY {_CELL}, annotator",
-            given,
+        return self._chosen(
+            "said_last WHERE label IS NOT NULL", mission, annotator, grid, camera, frame
         )
+
+    def settled(
+        self,
+        mission: str | None = None,
+        grid: Grid | None = None,
+        *,
+        annotator: str | None = None,
+        camera: str | None = None,
+        frame: int | None = None,
+    ) -> list[LabelRecord]:
+        """The settlements in force, sorted and narrowed as in `current`.
+
+        A settlement holds until it is taken back, or anybody says anything newer of its patch:
+        that opens the question again.
+        """
+        return self._chosen("settled_now WHERE TRUE", mission, annotator, grid, camera, frame)
+
+    def current_and_settled(
+        self,
+        mission: str | None = None,
+        annotator: str | None = None,
+        grid: Grid | None = None,
+        *,
+        camera: str | None = None,
+        frame: int | None = None,
+    ) -> list[LabelRecord]:
+        """`current` and `settled` together, as a dataset or a full export needs them.
+
+        A settlement stands behind the opinions on its patch. `annotator` narrows both: the
+        settlements are then those that this person made.
+        """
+        both = (
+            f"(SELECT {COLUMNS} FROM said_last WHERE label IS NOT NULL"
+            f" UNION ALL SELECT {COLUMNS} FROM settled_now) WHERE TRUE"
+        )
+        return self._chosen(both, mission, annotator, grid, camera, frame)
+
+    def apply(self, action: Action) -> Applied:
+        """Write an action in one transaction; it is on disk when this returns.
+
+        A patch where something else than the change's ``base`` and ``label`` holds for this
+        annotator (or as the settlement) is left as it is, and reported as a conflict. A patch
+        where ``label`` holds already is left as it is. An action whose key is known writes
+        nothing and gets the first time's answer.
+
+        Raises
+        ------
+        ToktError
+            If the file cannot be written, or the key was another action's.
+        """
+        with self._transaction():
+            return self._actions.apply(action)
+
+    def undo(
+        self,
+        annotator: str,
+        mission: str,
+        grid: Grid,
+        key: str,
+        time: str,
+        target: str | None = None,
+    ) -> Applied | None:
+        """Take back the last action of this annotator that is not undone yet, without limit.
+
+        Where the label that the action set no longer holds, nothing is changed and a conflict is
+        reported. The inverse changes are new events; they are on disk when this returns. A new
+        action makes what was undone before it impossible to redo.
+
+        Parameters
+        ----------
+        annotator, mission : str
+        grid : Grid
+        key : str
+            Of this undo; the same key twice counts once.
+        time : str
+            As `record.utc_text` writes it.
+        target : str, optional
+            Key of the action that the caller means.
+
+        Returns
+        -------
+        Applied or None
+            ``None`` when there is nothing to undo.
+
+        Raises
+        ------
+        ToktError
+            If the next action to undo is not `target`, or as for `apply`.
+        """
+        with self._transaction():
+            history = History(annotator, mission, grid)
+            return self._actions.reverse(history, UNDO, key, time, target)
+
+    def redo(
+        self,
+        annotator: str,
+        mission: str,
+        grid: Grid,
+        key: str,
+        time: str,
+        target: str | None = None,
+    ) -> Applied | None:
+        """Do again what was undone last; all as in `undo`."""
+        with self._transaction():
+            history = History(annotator, mission, grid)
+            return self._actions.reverse(history, REDO, key, time, target)
+
+    def history_top(
+        self, annotator: str, mission: str, grid: Grid
+    ) -> tuple[ActionHead | None, ActionHead | None]:
+        """What `undo` and what `redo` would act on."""
+        with self._lock, self._user_errors():
+            return self._actions.heads(History(annotator, mission, grid))
+
+    def rows_after(self, event: int, mission: str, grid: Grid) -> Iterator[EventRow]:
+        """What people said and settled after an event, in order, read bit by bit."""
+        for row in self._after(_BLIND_AFTER, event, mission, grid):
+            yield (*row[:-1], row[-1] == 1)
+
+    def events_after(self, event: int, mission: str, grid: Grid) -> list[tuple[int, LabelRecord]]:
+        """What people said and settled after an event, in order, each with its event number."""
+        return [
+            (
+                number,
+                LabelRecord(
+                    *(mission, camera, frame, grid, row, col),
+                    *(label, annotator, said, source, version),
+                ),
+            )
+            for number, camera, frame, row, col, label, annotator, source, version, said in (
+                self._after(_TIME_AFTER, event, mission, grid)
+            )
+        ]
+
+    def last_event(self) -> int:
+        """Highest event number; 0 in an empty store."""
+        return int(self._rows(_LAST_EVENT)[0][0])
+
+    def data_version(self) -> int:
+        """A number that changes whenever anybody, also another process, has written."""
+        with self._lock, self._user_errors():
+            return int(self._one("PRAGMA data_version")) + self._connection.total_changes
+
+    def check_writable(self) -> None:
+        """Write one page that changes nothing, to learn whether writing works.
+
+        Raises
+        ------
+        ToktError
+            If the file is read-only, the disk full, or another process writes for a minute.
+        """
+        with self._transaction():
+            version = format_of(self._connection)
+            self._connection.execute(f"PRAGMA user_version = {version}")
+
+    def mark_seen(self, mission: str, camera: str, frame: int, annotator: str, time: str) -> None:
+        """Keep that this annotator opened a frame; the first time counts."""
+        row = (mission, camera, frame, annotator)
+        if not self._rows(_IS_SEEN, row):
+            with self._transaction():
+                self._connection.execute(_MARK_SEEN, (*row, time))
+
+    def seen(self, mission: str, annotator: str) -> set[tuple[str, int]]:
+        """Frames (camera and number) that this annotator opened."""
+        sql = "SELECT camera, frame FROM seen WHERE mission = ? AND annotator = ?"
+        return set(self._rows(sql, (mission, annotator)))
 
     def history(self, cell: Cell) -> list[LabelRecord]:
         """Everything ever said of one patch, by people and models, in the order it was said."""
         where = " AND ".join(f"{name} = :{name}" for name in Cell._fields)
         return self._records(
-            f"SELECT {_COLUMNS} FROM events WHERE {where} ORDER BY id",
+            f"SELECT {COLUMNS} FROM events WHERE {where} ORDER BY id",
             {**cell._asdict(), "grid": str(cell.grid)},
         )
 
@@ -286,12 +451,13 @@ class LabelStore:
 
     def _open(self) -> None:
         self._connection.execute("PRAGMA synchronous = FULL")
-        if not self._is_ours():
+        if self._is_older():
             # Two processes may come here at once; the second one finds it done.
             with self._transaction():
                 if not self._is_ours():
                     self._create()
-        version = self._one("PRAGMA user_version")
+                upgrade(self._connection)
+        version = format_of(self._connection)
         if version > FORMAT:
             raise ToktError(
                 f"label store {self.path} has format {version}, newer than this tokt reads"
@@ -300,13 +466,15 @@ class LabelStore:
         self._use_write_ahead_log()
 
     def _is_ours(self) -> bool:
-        return bool(self._one("PRAGMA application_id") == _APPLICATION_ID)
+        return bool(self._one("PRAGMA application_id") == APPLICATION_ID)
+
+    def _is_older(self) -> bool:
+        return not self._is_ours() or format_of(self._connection) < FORMAT
 
     def _create(self) -> None:
         if self._one("SELECT COUNT(*) FROM sqlite_master"):
             raise ToktError(f"{self.path} is not a label store but another kind of database")
-        for statement in _SCHEMA:
-            self._connection.execute(statement)
+        create(self._connection)
 
     def _use_write_ahead_log(self) -> None:
         # SQLite does not wait for others here, whatever its time-out. Where the file system
@@ -324,9 +492,39 @@ class LabelStore:
     def _one(self, sql: str) -> Any:
         return self._connection.execute(sql).fetchone()[0]
 
-    def _rows(self, sql: str) -> list[Any]:
+    def _rows(self, sql: str, values: Sequence[Any] = ()) -> list[Any]:
         with self._lock, self._user_errors():
-            return self._connection.execute(sql).fetchall()
+            return self._connection.execute(sql, values).fetchall()
+
+    def _after(self, sql: str, event: int, mission: str, grid: Grid) -> Iterator[Any]:
+        while True:
+            rows = self._rows(sql, (event, mission, str(grid), _CHUNK))
+            yield from rows
+            if len(rows) < _CHUNK:
+                return
+            event = rows[-1][0]
+
+    def _chosen(
+        self,
+        table: str,
+        mission: str | None,
+        annotator: str | None,
+        grid: Grid | None,
+        camera: str | None,
+        frame: int | None,
+    ) -> list[LabelRecord]:
+        wanted = {
+            "mission": mission,
+            "annotator": annotator,
+            "grid": None if grid is None else str(grid),
+            "camera": camera,
+            "frame": frame,
+        }
+        given = {name: value for name, value in wanted.items() if value is not None}
+        where = "".join(f" AND {name} = :{name}" for name in given)
+        return self._records(
+            f"SELECT {COLUMNS} FROM {table}{where} ORDER BY {CELL}, source, annotator", given
+        )
 
     def _records(self, sql: str, values: dict[str, Any]) -> list[LabelRecord]:
         with self._lock, self._user_errors():

@@ -11,6 +11,7 @@ from ..features.errors import ToktError
 from ..features.finding import FAULT, NOTE, OK, Finding
 from ..features.sqlite_copy import copy_database, damage
 from .store import FILE_NAME, LabelStore
+from .store_schema import format_of
 
 NAME = "labels"
 
@@ -32,12 +33,13 @@ def label_store_finding(workspace: Path) -> Finding:
         broken = damage(copy)
         if broken:
             return Finding(NAME, FAULT, f"{file} is damaged: {broken}")
+        with closing(sqlite3.connect(copy)) as connection:
+            version = format_of(connection)  # opening the copy below brings it up to date
         try:
             LabelStore(copy, create=False).close()
         except ToktError as error:
             return Finding(NAME, FAULT, str(error).replace(str(copy), str(file)))
         with closing(sqlite3.connect(copy)) as connection:
             events = connection.execute("SELECT COUNT(*) FROM events").fetchone()[0]
-            version = connection.execute("PRAGMA user_version").fetchone()[0]
     figures = {"events": events, "format": version}
     return Finding(NAME, OK, f"{file}: {events} events, format {version}", figures)

@@ -15,7 +15,7 @@ from ..features.image_file import SUFFIXES
 from ..features.mission import Mission, open_mission
 from ..labels.label_csv import read_label_csv
 from ..labels.merge import merge_annotators
-from ..labels.record import HUMAN, LabelRecord
+from ..labels.record import MODEL, LabelRecord
 from ..labels.taxonomy import UNSURE, Taxonomy
 from .dataset import DatasetPlan, FrameSource
 from .splits import BLOCK_FRAMES, block_of
@@ -24,12 +24,12 @@ _COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
 def read_labels(files: Sequence[Path], taxonomy: Taxonomy, grid: Grid) -> list[LabelRecord]:
-    """What people say in some label files, in their order; model suggestions are no labels."""
+    """What people say and settled in some label files; model suggestions are no labels."""
     return [
         record
         for file in files
         for record in read_label_csv(file, taxonomy, grid=grid)
-        if record.source == HUMAN and record.label is not None
+        if record.source != MODEL and record.label is not None
     ]
 
 
@@ -95,7 +95,8 @@ def plan_from_missions(
         As in `DatasetPlan`.
     missions : sequence of Path
     records : sequence of LabelRecord
-        Labels of any missions and annotators; where annotators disagree a patch is `unsure`.
+        Labels and settlements of any missions and annotators; where annotators disagree and
+        nobody settled it, a patch is `unsure`.
     frames : sequence of int, optional
         Take only these frame numbers.
     block_frames : int

@@ -137,17 +137,21 @@ cells = st.tuples(
 )  # fmt: skip
 moments = st.datetimes(timezones=st.timezones()).filter(lambda t: 2 < t.year < 9998)
 records = st.builds(
-    lambda cell, label, annotator, moment, version: LabelRecord(
-        *cell, label, annotator, utc_text(moment.isoformat()), "human", version
+    lambda cell, label, annotator, moment, source, version: LabelRecord(
+        *cell, label, annotator, utc_text(moment.isoformat()), source, version
     ),
     cells,
     st.sampled_from([*TAXONOMY.names, "unsure"]),
     names,
     moments,
+    st.sampled_from(["human", "human", "settled"]),
     st.none() | names,
 )
 distinct = st.lists(
-    records, min_size=1, max_size=20, unique_by=lambda record: (record.cell, record.annotator)
+    records,
+    min_size=1,
+    max_size=20,
+    unique_by=lambda r: (r.cell, r.source, r.annotator if r.source == "human" else ""),
 )
 
 
@@ -175,7 +179,7 @@ def test_store_keeps_records_as_they_are(tmp_path: Path, some: list[LabelRecord]
         leftover.unlink()
     with LabelStore(path) as store:
         assert store.add(some) == len(some)
-        assert set(store.current()) == set(some)
+        assert set(store.current_and_settled()) == set(some)
 
 
 @pytest.mark.mission

@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
-from tokt.labels.merge import merge_annotators
-from tokt.labels.record import Cell, LabelRecord, utc_now, utc_text
+from tokt.labels.record import LabelRecord, utc_now, utc_text
 from tokt.labels.store import LabelStore
+from tokt.labels.store_check import label_store_finding
+from tokt.labels.store_schema import upgrade
 
 TIME = "2016-04-20T10:00:00Z"
 GRID = Grid()
@@ -141,39 +142,123 @@ def test_writes_are_synced_through_a_write_ahead_log(store: LabelStore) -> None:
     assert connection.execute("PRAGMA synchronous").fetchone() == (2,)
 
 
-def test_a_format_1_file_is_read(tmp_path: Path) -> None:
+FORMAT_1 = """
+    CREATE TABLE events (
+        id INTEGER PRIMARY KEY AUTOINCREMENT, mission TEXT NOT NULL, camera TEXT NOT NULL,
+        frame INTEGER NOT NULL, grid TEXT NOT NULL, row INTEGER NOT NULL, col INTEGER NOT NULL,
+        label TEXT, annotator TEXT NOT NULL, time TEXT NOT NULL,
+        source TEXT NOT NULL CHECK (source IN ('human', 'model')), model_version TEXT);
+    CREATE INDEX events_by_cell
+        ON events (mission, camera, frame, grid, row, col, annotator, source);
+    CREATE TRIGGER events_keep_update BEFORE UPDATE ON events
+        BEGIN SELECT RAISE(ABORT, 'label events are never changed'); END;
+    CREATE TRIGGER events_keep_delete BEFORE DELETE ON events
+        BEGIN SELECT RAISE(ABORT, 'label events are never deleted'); END;
+    CREATE VIEW said_last AS SELECT mission, camera, frame, grid, row, col, label, annotator,
+        time, source, model_version, MAX(id) AS id FROM events WHERE source = 'human'
+        GROUP BY mission, camera, frame, grid, row, col, annotator;
+    PRAGMA application_id = 1953459060;
+    PRAGMA user_version = 1;
+    INSERT INTO events VALUES (1, 'dive', 'left', 1, '10x10@360', 0, 0, 'reef', 'ann',
+        '2016-04-20T10:00:00Z', 'human', NULL);
+    INSERT INTO events VALUES (2, 'dive', 'left', 1, '10x10@360', 0, 0, 'ocean', 'ann',
+        '2016-04-20T10:00:00Z', 'human', 'lbp/3');
+    INSERT INTO events VALUES (3, 'dive', 'left', 1, '10x10@360', 0, 0, 'reef', 'model',
+        '2016-04-20T10:00:00Z', 'model', 'lbp/4');
+    INSERT INTO events VALUES (7, 'dive', 'left', 1, '10x10@360', 0, 1, 'sand', 'ann',
+        '2016-04-20T10:00:00Z', 'human', NULL);
+    INSERT INTO events VALUES (8, 'dive', 'left', 1, '10x10@360', 0, 1, NULL, 'ann',
+        '2016-04-20T10:00:00Z', 'human', NULL);
+    """
+
+
+@pytest.fixture
+def yesterdays(tmp_path: Path) -> Path:
     path = tmp_path / "labels.db"
     with sqlite3.connect(path) as old:
-        old.executescript(
-            """
-            CREATE TABLE events (id INTEGER PRIMARY KEY AUTOINCREMENT, mission TEXT NOT NULL,
-                camera TEXT NOT NULL, frame INTEGER NOT NULL, grid TEXT NOT NULL,
-                row INTEGER NOT NULL, col INTEGER NOT NULL, label TEXT, annotator TEXT NOT NULL,
-                time TEXT NOT NULL, source TEXT NOT NULL, model_version TEXT);
-            CREATE VIEW said_last AS SELECT mission, camera, frame, grid, row, col, label,
-                annotator, time, source, model_version, MAX(id) AS id FROM events
-                WHERE source = 'human'
-                GROUP BY mission, camera, frame, grid, row, col, annotator;
-            INSERT INTO events VALUES (1, 'dive', 'left', 1, '10x10@360', 0, 0, 'reef', 'ann',
-                '2016-04-20T10:00:00Z', 'human', NULL);
-            INSERT INTO events VALUES (2, 'dive', 'left', 1, '10x10@360', 0, 0, 'ocean', 'ann',
-                '2016-04-20T10:00:00Z', 'human', 'lbp/3');
-            INSERT INTO events VALUES (3, 'dive', 'left', 1, '10x10@360', 0, 0, 'reef', 'model',
-                '2016-04-20T10:00:00Z', 'model', 'lbp/4');
-            PRAGMA application_id = 1953459060;
-            PRAGMA user_version = 1;
-            """
+        old.executescript("PRAGMA journal_mode = WAL;" + FORMAT_1)
+    old.close()
+    return path
+
+
+def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays: Path) -> None:
+    with LabelStore(yesterdays) as store:
+        assert store.current() == [_record("ocean", model_version="lbp/3")]
+        assert [said.label for said in store.history(_record(None).cell)] == [
+            "reef",
+            "ocean",
+            "reef",
+        ]
+        assert [number for number, _ in store.events_after(0, "dive", GRID)] == [1, 2, 7, 8]
+        assert store.last_event() == 8
+        assert store.add([_record("sand"), replace(_record("reef"), source="settled")]) == 2
+        assert store.last_event() == 10
+    with sqlite3.connect(yesterdays) as now:
+        assert now.execute("PRAGMA user_version").fetchone() == (2,)
+        made = "SELECT type, name, sql FROM sqlite_master WHERE name LIKE ? ORDER BY 1, 2"
+        upgraded = now.execute(made, ("%",)).fetchall()
+        with pytest.raises(sqlite3.IntegrityError, match="never"):
+            now.execute("DELETE FROM events")
+    with LabelStore(yesterdays.with_name("new.db")) as store:
+        new = store._connection.execute(made, ("%",)).fetchall()
+    assert upgraded == new
+
+
+def test_an_interrupted_upgrade_leaves_yesterdays_file(
+    yesterdays: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(connection: sqlite3.Connection) -> None:
+        upgrade(connection)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tokt.labels.store.upgrade", killed)
+        with pytest.raises(KeyboardInterrupt):
+            LabelStore(yesterdays)
+    with sqlite3.connect(yesterdays) as old:
+        assert old.execute("PRAGMA user_version").fetchone() == (1,)
+        assert old.execute("SELECT COUNT(*) FROM events").fetchone() == (5,)
+        assert (
+            old.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'actions'").fetchone()[0]
+            == 0
         )
     old.close()
-    with LabelStore(path) as store:
-        assert store.current() == [_record("ocean", model_version="lbp/3")]
-        assert store.add([_record("sand")]) == 1
+    with LabelStore(yesterdays) as store:
+        assert store.last_event() == 8
+
+
+def test_two_processes_upgrade_at_once(yesterdays: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from tokt.labels.store import LabelStore\n"
+        "sys.stdin.read()\n"
+        "with LabelStore(Path(sys.argv[1])) as store: print(store.last_event())"
+    )
+    command = [sys.executable, "-c", code, str(yesterdays)]
+    children = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    for child in children:
+        assert child.stdin is not None
+        child.stdin.close()
+    for child in children:
+        assert child.stdout is not None
+        assert child.stdout.read() == "8\n"
+        child.stdout.close()
+        assert child.wait() == 0
+
+
+def test_doctor_leaves_a_format_1_file_as_it_is(yesterdays: Path) -> None:
+    before = {file.name: file.read_bytes() for file in yesterdays.parent.iterdir()}
+    finding = label_store_finding(yesterdays.parent)
+    assert (finding.state, finding.figures) == ("ok", {"events": 5, "format": 1})
+    assert {file.name: file.read_bytes() for file in yesterdays.parent.iterdir()} == before
 
 
 def test_a_newer_format_is_refused_and_left_alone(store: LabelStore) -> None:
-    store._connection.execute("PRAGMA user_version = 2")
+    store._connection.execute("PRAGMA user_version = 3")
     store.close()
-    with pytest.raises(ToktError, match="format 2, newer"):
+    with pytest.raises(ToktError, match="format 3, newer"):
         LabelStore(store.path)
 
 
@@ -307,33 +392,6 @@ def test_reader_does_not_wait_for_a_writer(store: LabelStore) -> None:
             assert len(reader.current()) == 1
         assert time.monotonic() - begin < 5
         writer.execute("ROLLBACK")
-
-
-def test_merge_of_one_annotator_changes_nothing() -> None:
-    records = [_record("ocean"), _record("unsure", col=1)]
-    assert merge_annotators(records).records == records
-
-
-def test_merge_of_several_annotators() -> None:
-    ann = [_record(label, col=n) for n, label in enumerate(["ocean", "ocean", "ocean", "unsure"])]
-    late = "2016-04-21T10:00:00Z"
-    bob = [
-        replace(_record(label, col=n, annotator="bob"), time=late)
-        for n, label in enumerate(["ocean", "reef", "unsure", "unsure"])
-    ]
-    eve = replace(_record("sand", col=9), annotator="eve")
-    merged = merge_annotators([eve, *bob, *ann])
-    assert [said.label for said in merged.records] == [
-        "ocean",
-        "unsure",
-        "ocean",
-        "unsure",
-        "sand",
-    ]
-    assert merged.conflicts == [Cell("dive", "left", 1, GRID, 0, 1)]
-    assert merged.records[0].annotator == "ann+bob"
-    assert merged.records[0].time == late
-    assert merged.records[4] == eve
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def labels_for(
     if labels:
         return read_labels(labels, taxonomy, grid)
     with LabelStore(workspace / FILE_NAME, create=False) as store:
-        return store.current(grid=grid)
+        return store.current_and_settled(grid=grid)
 
 
 @dataset_app.command("build")

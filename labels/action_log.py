@@ -1,0 +1,281 @@
+"""The actions of a label store: written with their events, undone, redone and found again."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable
+from dataclasses import astuple, replace
+from typing import Any, NamedTuple
+
+from ..features.errors import ToktError
+from ..features.grid import Grid
+from .action import UNDO, Action, ActionHead, Applied, Conflict
+from .record import HUMAN, SETTLED, LabelRecord, check_name
+from .store_schema import CELL, COLUMNS
+
+_AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
+_NOW = 2**63 - 1  # no event has this number
+
+_SAID = f"""SELECT label, model_version FROM events WHERE {_AT} AND annotator = :annotator
+    AND source = 'human' AND id < :before ORDER BY id DESC LIMIT 1"""
+_SETTLED = f"""SELECT CASE source WHEN 'settled' THEN label END,
+    CASE source WHEN 'settled' THEN model_version END FROM events WHERE {_AT}
+    AND source <> 'model' AND id < :before ORDER BY id DESC LIMIT 1"""
+
+_ADD_EVENT = f"""INSERT INTO events ({COLUMNS}, action)
+    VALUES (:{COLUMNS.replace(", ", ", :")}, :action)"""
+_EVENTS = "SELECT id, camera, frame, row, col, label FROM events WHERE action = ? ORDER BY id"
+
+_ADD_ACTION = """INSERT INTO actions (id, key, annotator, mission, grid, kind, time, source, blind,
+    reverses, first, below, undo_top, redo_top, result)
+    VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"""
+_NODE = """SELECT actions.id, actions.source, actions.blind, actions.below, actions.first,
+    first.key, first.kind FROM actions JOIN actions AS first ON first.id = actions.first
+    WHERE actions.id = ?"""
+_HEAD = """SELECT camera, frame, (SELECT COUNT(*) FROM events WHERE action = :id) FROM events
+    WHERE action = :id ORDER BY id LIMIT 1"""
+_TOPS = """SELECT undo_top, redo_top FROM actions WHERE annotator = ? AND mission = ? AND grid = ?
+    ORDER BY id DESC LIMIT 1"""
+_ANSWER = "SELECT id, annotator, mission, grid, kind, result FROM actions WHERE key = ?"
+
+
+class History(NamedTuple):
+    """Whose actions, in which mission and grid, are undone in turn."""
+
+    annotator: str
+    mission: str
+    grid: Grid
+
+
+class _Node(NamedTuple):
+    """An action on one of the stacks, and the action that was done first (undone, redone since)."""
+
+    id: int
+    source: str
+    blind: bool
+    below: int | None
+    first: int
+    key: str
+    kind: str
+
+
+class _Tops(NamedTuple):
+    undo: int | None
+    redo: int | None
+
+
+class _Step(NamedTuple):
+    """One change on its way in: what shall hold, and what should hold before."""
+
+    record: LabelRecord
+    expected: str | None
+
+
+class ActionLog:
+    """Reads and writes the actions of a store.
+
+    Parameters
+    ----------
+    connection : sqlite3.Connection
+        The store's. Whoever calls `apply` or `reverse` holds a writing transaction.
+    """
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def apply(self, action: Action) -> Applied:
+        """Write an action, as `LabelStore.apply` says."""
+        history = History(action.annotator, action.mission, action.grid)
+        known = self._answer(action.key, history, action.kind)
+        if known is not None:
+            return _applied(action.key, *known, repeated=True)
+        number = self._next()
+        bases = (change.base for change in action.changes)
+        steps = [_Step(*step) for step in zip(action.records(), bases, strict=True)]
+        result = self._write(number, steps, action.kind)
+        tops = self._tops(history)
+        below = None
+        if result["changed"]:
+            below, tops = tops.undo, _Tops(number, None)
+        self._add(
+            *(number, action.key, history, action.kind, action.time),
+            source=action.source,
+            blind=action.blind,
+            reverses=None,
+            first=number,
+            below=below,
+            tops=tops,
+            result=result,
+        )
+        return _applied(action.key, number, result, repeated=False)
+
+    def reverse(
+        self, history: History, way: str, key: str, time: str, target: str | None
+    ) -> Applied | None:
+        """Undo or redo (`way`) the top of a history, as `LabelStore.undo` says."""
+        for what, value in ("key", key), ("annotator", history[0]), ("mission", history[1]):
+            check_name(what, value)
+        known = self._answer(key, history, way)
+        if known is not None:
+            return _applied(key, *known, repeated=True) if known[1] else None
+        number = self._next()
+        tops = self._tops(history)
+        node = self._node(tops.undo if way == UNDO else tops.redo)
+        if node is None:
+            # Written all the same: the same key must not undo something done later.
+            self._add(
+                *(number, key, history, way, time),
+                source=HUMAN,
+                blind=False,
+                reverses=None,
+                first=number,
+                below=None,
+                tops=tops,
+                result={},
+            )
+            return None
+        if target not in (None, node.key):
+            raise ToktError(f"something else was done since: {way} would act on {node.kind!r}")
+        result = self._write(number, self._inverse(node, history, time), node.kind)
+        below, tops = _moved(way, number, node, tops, bool(result["changed"]))
+        self._add(
+            *(number, key, history, way, time),
+            source=node.source,
+            blind=bool(node.blind),
+            reverses=node.id,
+            first=node.first,
+            below=below,
+            tops=tops,
+            result=result,
+        )
+        return _applied(key, number, result, repeated=False)
+
+    def heads(self, history: History) -> tuple[ActionHead | None, ActionHead | None]:
+        """What an undo and what a redo would act on."""
+        tops = self._tops(history)
+        return self._head(tops.undo), self._head(tops.redo)
+
+    def _answer(self, key: str, history: History, kind: str) -> tuple[int, dict[str, Any]] | None:
+        """Number and result of the action that has this key; of an idle undo it is empty."""
+        row = self._connection.execute(_ANSWER, (key,)).fetchone()
+        if row is None:
+            return None
+        number, *described, result = row
+        if described != [*_texts(history), kind]:
+            raise ToktError(f"key {key!r} is taken by another action")
+        return number, json.loads(result)
+
+    def _next(self) -> int:
+        row = self._connection.execute("SELECT COALESCE(MAX(id), 0) + 1 FROM actions").fetchone()
+        return int(row[0])
+
+    def _add(
+        self,
+        number: int,
+        key: str,
+        history: History,
+        kind: str,
+        time: str,
+        *,
+        source: str,
+        blind: bool,
+        reverses: int | None,
+        first: int,
+        below: int | None,
+        tops: _Tops,
+        result: dict[str, Any],
+    ) -> None:
+        row = (number, key, *_texts(history), kind, time, source, blind)
+        links = (reverses, first, below, *tops)
+        self._connection.execute(_ADD_ACTION, (*row, *links, json.dumps(result)))
+
+    def _write(self, action: int, steps: Iterable[_Step], kind: str) -> dict[str, Any]:
+        changed = 0
+        conflicts: list[Conflict] = []
+        frames: dict[tuple[str, int], None] = {}
+        for record, expected in steps:
+            frames[record.camera, record.frame] = None
+            row = {**vars(record), "grid": str(record.grid), "action": action}
+            holds, _ = self._in_force(row, _NOW)
+            if holds == record.label:
+                continue
+            if holds != expected:
+                place = record.camera, record.frame, record.row, record.col
+                conflicts.append(Conflict(*place, theirs=holds, yours=record.label))
+                continue
+            self._connection.execute(_ADD_EVENT, row)
+            changed += 1
+        last = self._connection.execute("SELECT COALESCE(MAX(id), 0) FROM events").fetchone()
+        return {
+            "event": last[0],
+            "changed": changed,
+            "conflicts": [astuple(conflict) for conflict in conflicts],
+            "frames": list(frames),
+            "kind": kind,
+        }
+
+    def _in_force(self, row: dict[str, Any], before: int) -> tuple[str | None, str | None]:
+        """Label and model version that held just before event number `before`."""
+        sql = _SETTLED if row["source"] == SETTLED else _SAID
+        found = self._connection.execute(sql, {**row, "before": before}).fetchone()
+        return found or (None, None)
+
+    def _inverse(self, node: _Node, history: History, time: str) -> list[_Step]:
+        """Back to what held before each event of an action, where its label still holds."""
+        steps = []
+        for event, camera, frame, row, col, label in self._connection.execute(
+            _EVENTS, (node.id,)
+        ).fetchall():
+            place = (history.mission, camera, frame, history.grid, row, col)
+            said = LabelRecord(*place, label, history.annotator, time, node.source)
+            before = self._in_force({**vars(said), "grid": str(said.grid)}, event)
+            steps.append(_Step(replace(said, label=before[0], model_version=before[1]), label))
+        return steps
+
+    def _tops(self, history: History) -> _Tops:
+        row = self._connection.execute(_TOPS, _texts(history)).fetchone()
+        return _Tops(*row) if row else _Tops(None, None)
+
+    def _node(self, number: int | None) -> _Node | None:
+        row = self._connection.execute(_NODE, (number,)).fetchone()
+        return _Node(*row) if row else None
+
+    def _head(self, number: int | None) -> ActionHead | None:
+        node = self._node(number)
+        if node is None:
+            return None
+        camera, frame, changed = self._connection.execute(_HEAD, {"id": node.id}).fetchone()
+        return ActionHead(node.key, node.kind, camera, frame, changed)
+
+
+def _texts(history: History) -> list[str]:
+    return [history.annotator, history.mission, str(history.grid)]
+
+
+def _moved(
+    way: str, number: int, node: _Node, tops: _Tops, changed: bool
+) -> tuple[int | None, _Tops]:
+    """What lies below a new undo or redo on its stack, and the tops after it.
+
+    One that changed nothing, because all had changed meanwhile, is on no stack: there is nothing
+    to take back about it.
+    """
+    if way == UNDO:
+        top, below = (number, tops.redo) if changed else (tops.redo, None)
+        return below, _Tops(node.below, top)
+    top, below = (number, tops.undo) if changed else (tops.undo, None)
+    return below, _Tops(top, node.below)
+
+
+def _applied(key: str, number: int, result: dict[str, Any], *, repeated: bool) -> Applied:
+    return Applied(
+        key=key,
+        action=number,
+        event=result["event"],
+        changed=result["changed"],
+        conflicts=tuple(Conflict(*values) for values in result["conflicts"]),
+        repeated=repeated,
+        frames=tuple((camera, frame) for camera, frame in result["frames"]),
+        kind=result["kind"],
+    )

@@ -1,0 +1,144 @@
+"""Settlements: when they hold, and how they travel through files into datasets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.grid import DEFAULT_GRID
+from tokt.labels.label_csv import read_label_csv, write_label_csv
+from tokt.labels.record import SETTLED, LabelRecord
+from tokt.labels.store import LabelStore
+from tokt.labels.taxonomy import Taxonomy
+from tokt.training.mission_source import plan_from_missions, read_labels
+
+TIME = "2016-04-20T10:00:00Z"
+TAXONOMY = Taxonomy.load()
+
+
+def _said(label: str | None, who: str, *, col: int = 0, **more) -> LabelRecord:
+    return LabelRecord("dive", "left", 1, DEFAULT_GRID, 0, col, label, who, TIME, **more)
+
+
+def _settled(label: str | None, who: str = "ann", *, col: int = 0, **more) -> LabelRecord:
+    return _said(label, who, col=col, source=SETTLED, **more)
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    with LabelStore(tmp_path / "labels.db") as opened:
+        opened.add([_said("reef", "ann"), _said("ocean", "ben")])
+        yield opened
+
+
+def test_a_settlement_stands_beside_the_opinions(store: LabelStore) -> None:
+    added = store.add_counted([_settled("reef", "carl")])
+    assert (added.settled, added.new, added.events) == (1, 0, 1)
+    assert store.settled() == [_settled("reef", "carl")]
+    assert store.current() == [_said("reef", "ann"), _said("ocean", "ben")]
+    assert store.current_and_settled() == [*store.current(), _settled("reef", "carl")]
+    assert store.annotators() == ["ann", "ben"]
+    assert [record.source for record in store.history(_said(None, "ann").cell)] == [
+        *("human", "human", "settled")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("newer", "holds"),
+    [
+        (_said("sand", "ben"), False),
+        (_said(None, "ben"), False),
+        (_said("reef", "carl"), False),
+        (_said("ocean", "ben"), True),  # said so before: nothing new
+        (_said("sand", "ben", col=1), True),
+        (_said("sand", "m", source="model", model_version="lbp/1"), True),
+        (_settled(None, "dora"), False),
+    ],
+)
+def test_anything_newer_that_people_say_opens_the_question_again(
+    store: LabelStore, newer: LabelRecord, holds: bool
+) -> None:
+    store.add([_settled("reef")])
+    store.add([newer])
+    assert store.settled() == ([_settled("reef")] if holds else [])
+    assert [record.source for record in store.current_and_settled()].count(SETTLED) == holds
+    store.add([_settled("ocean", "carl")])
+    assert store.settled() == [_settled("ocean", "carl")]
+
+
+def test_settlements_are_chosen_like_labels(store: LabelStore) -> None:
+    coarse = replace(_settled("sand", "ben"), grid=type(DEFAULT_GRID)(5, 5))
+    other = replace(_settled("sand", "ben"), mission="transit", camera="right", frame=9)
+    store.add([_settled("reef"), coarse, other])
+    assert store.settled("transit") == [other]
+    assert store.settled("dive", DEFAULT_GRID) == [_settled("reef")]
+    assert store.settled(annotator="ben") == [coarse, other]
+    assert store.settled(camera="right", frame=9) == [other]
+    assert store.current_and_settled("dive", "ben") == [_said("ocean", "ben"), coarse]
+    assert store.current_and_settled(grid=coarse.grid, frame=1) == [coarse]
+
+
+def test_importing_a_settlement_twice_changes_nothing(store: LabelStore) -> None:
+    assert store.add([_settled("reef"), _settled("reef")]) == 1
+    assert store.add([_settled("reef")]) == 0
+    assert store.add([_settled("reef", "carl")]) == 0  # it is settled so
+    store.add([_said("sand", "ben")])
+    assert store.add([_settled("reef")]) == 0  # its file knew nothing of ben's newer opinion
+    assert store.settled() == []
+    assert store.add([replace(_settled("reef"), time="2016-04-21T10:00:00Z")]) == 1
+
+
+def test_a_full_file_carries_settlements_to_another_store(
+    store: LabelStore, tmp_path: Path
+) -> None:
+    # "ann" sorts before "ben": were the rows in order of annotators, ben's would reopen it.
+    store.add([_settled("reef", "ann", model_version="lbp/1"), _said("sand", "ben", col=1)])
+    full = store.current_and_settled()
+    assert write_label_csv(tmp_path / "full.csv", reversed(full), full=True) == 4
+    read = read_label_csv(tmp_path / "full.csv", TAXONOMY)
+    assert read == full
+    with LabelStore(tmp_path / "other.db") as other:
+        assert other.add_counted(reversed(read)).settled == 1
+        assert other.current_and_settled() == full
+        assert other.add(read) == 0
+
+
+def test_six_columns_cannot_say_what_is_settled(store: LabelStore, tmp_path: Path) -> None:
+    store.add([_settled("reef")])
+    with pytest.raises(ToktError, match="--full"):
+        write_label_csv(tmp_path / "x.csv", store.current_and_settled(annotator="ann"))
+    assert write_label_csv(tmp_path / "x.csv", store.current(annotator="ann")) == 1
+
+
+def test_a_patch_that_a_file_settles_twice(tmp_path: Path) -> None:
+    path = tmp_path / "full.csv"
+    write_label_csv(path, [_said("reef", "ann"), _settled("reef")], full=True)
+    assert len(read_label_csv(path, TAXONOMY)) == 2
+    write_label_csv(path, [_settled("reef"), _settled("ocean", "ben")], full=True)
+    with pytest.raises(ToktError, match=r"line 3: .* is settled on line 2 already"):
+        read_label_csv(path, TAXONOMY)
+
+
+def test_a_dataset_takes_what_is_settled(
+    store: LabelStore, tmp_path: Path, make_frames: Path
+) -> None:
+    store.add([_said("reef", "ann", col=1), _said("ocean", "ben", col=1), _settled("reef")])
+    records = store.current_and_settled(grid=DEFAULT_GRID)
+    write_label_csv(tmp_path / "full.csv", records, full=True)
+    for given in (records, read_labels([tmp_path / "full.csv"], TAXONOMY, DEFAULT_GRID)):
+        plan, remarks = plan_from_missions("d", "binary", [make_frames], given, TAXONOMY)
+        assert plan.patches[["col", "label"]].to_numpy().tolist() == [[0, "reef"]]
+        assert remarks == ["1 patches left out: annotators disagree"]
+
+
+@pytest.fixture
+def make_frames(tmp_path: Path) -> Path:
+    import cv2
+    import numpy as np
+
+    folder = tmp_path / "dive"
+    (folder / "Left").mkdir(parents=True)
+    cv2.imwrite(str(folder / "Left" / "dive_L_1.jpg"), np.zeros((272, 360), np.uint8))
+    return folder
