@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -15,7 +15,9 @@ from .output import print_json, progress, say
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from ..features.grid import Grid
     from ..labels.agreement import Agreement, ClassAgreement
+    from ..labels.formats.images import MissionImages
     from ..labels.record import LabelRecord
     from ..labels.store import LabelStore
     from ..labels.taxonomy import Taxonomy
@@ -26,7 +28,31 @@ labels_app = typer.Typer(
     rich_markup_mode=None,
 )
 
-LabelFile = Annotated[Path, typer.Argument(metavar="FILE", help="Label file (.csv).")]
+LabelFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches."),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option(
+        "--format",
+        metavar="csv|viame|coco|labelstudio|patches",
+        help="Default: by ending and content; a .json to export needs it.",
+    ),
+]
+MissionDirOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--mission-dir",
+        metavar="DIR",
+        help="The mission's frames: their names, sizes and pixels (all formats but csv).",
+    ),
+]
+MissionOption = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The mission in the labels; default: --mission-dir's name."),
+]
+GRID_FORM = "ROWSxCOLS@WIDTH"
 _LONG = 100_000  # labels whose import takes more than a second
 
 
@@ -38,21 +64,43 @@ def import_labels(
         typer.Option(metavar="NAME", help="Who labelled; default: the file's own name."),
     ] = None,
     grid: Annotated[
-        str, typer.Option(metavar="ROWSxCOLS@WIDTH", help="Grid the rows and columns count in.")
+        str, typer.Option(metavar=GRID_FORM, help="Grid the rows and columns count in.")
     ] = "10x10@360",
+    file_format: FormatOption = None,
+    mission_dir: MissionDirOption = None,
+    mission: MissionOption = None,
+    camera: Annotated[
+        str, typer.Option(metavar="left|right", help="Camera of a viame file without file names.")
+    ] = "left",
+    classes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="THEIRS=OURS",
+            help="The file's class is this one; THEIRS= leaves it out. May be repeated.",
+        ),
+    ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Add a label file to the workspace: all of it, or nothing when a line is wrong."""
     from ..features.grid import Grid
-    from ..labels.label_csv import read_label_csv
+    from ..labels.formats.exchange import FORMATS, format_named, format_to_read
+    from ..labels.formats.options import ReadOptions
     from ..labels.taxonomy import load_taxonomy
 
-    _check_suffix(file)
-    classes = load_taxonomy(workspace, taxonomy)
-    records = read_label_csv(file, classes, annotator=annotator, grid=Grid.parse(grid))
-    n = len(records)
+    chosen = format_named(file_format) if file_format else format_to_read(file)
+    options = ReadOptions(
+        load_taxonomy(workspace, taxonomy),
+        annotator,
+        Grid.parse(grid),
+        _images(mission_dir, mission),
+        _class_map(classes or []),
+        camera,
+    )
+    read = FORMATS[chosen].read(file, options)
+    records, n = read.records, len(read.records)
     with _open_store(workspace, create=True) as store:
         added = store.add_counted(progress(records, n, "import") if n > _LONG else records)
     annotators = sorted({record.annotator for record in records})
@@ -60,6 +108,7 @@ def import_labels(
         print_json(
             {
                 "file": str(file),
+                "format": chosen,
                 "store": str(store.path),
                 "annotators": annotators,
                 "labels": n,
@@ -67,6 +116,7 @@ def import_labels(
                 "changed": added.changed,
                 "unchanged": added.unchanged,
                 "suggestions": added.suggestions,
+                "lost": read.lost,
             }
         )
         return
@@ -75,37 +125,125 @@ def import_labels(
         f"{file}: {n} labels by {', '.join(annotators)}: {added.new} new,"
         f" {added.changed} changed, {added.unchanged} known already{suggested}"
     )
+    _say_lost(FORMATS[chosen].title, read.lost)
 
 
 @labels_app.command("export")
 def export_labels(
     file: LabelFile,
-    mission: Annotated[str | None, typer.Option(metavar="NAME", help="This mission only.")] = None,
+    mission: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="This mission only; default: --mission-dir's name."),
+    ] = None,
     annotator: Annotated[
         str | None, typer.Option(metavar="NAME", help="This annotator only.")
     ] = None,
+    camera: Annotated[
+        str | None, typer.Option(metavar="left|right", help="This camera only.")
+    ] = None,
+    grid: Annotated[str | None, typer.Option(metavar=GRID_FORM, help="This grid only.")] = None,
     full: Annotated[
-        bool, typer.Option("--full", help="Add annotator, time, grid, source, model_version.")
+        bool, typer.Option("--full", help="csv: add annotator, time, grid, source, model_version.")
     ] = False,
+    file_format: FormatOption = None,
+    mission_dir: MissionDirOption = None,
+    taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Write the labels in force to a file, sorted by patch."""
-    from ..labels.label_csv import write_label_csv
+    from ..features.grid import Grid
+    from ..labels.formats.exchange import CSV, FORMATS, format_named, format_to_write
+    from ..labels.formats.options import WriteOptions
+    from ..labels.taxonomy import load_taxonomy
 
-    _check_suffix(file)
+    chosen = format_named(file_format) if file_format else format_to_write(file)
+    images = _images(mission_dir, mission)
+    wanted = _Wanted(
+        mission or (images.name if images and chosen != CSV else None),
+        annotator,
+        Grid.parse(grid) if grid else None,
+        camera,
+    )
     with _open_store(workspace) as store:
-        records = store.current(mission, annotator)
-        if not records:
-            raise ToktError(
-                f"no such labels in {store.path}; it has missions {_names(store.missions())}"
-                f" and annotators {_names(store.annotators())}"
-            )
-    count = write_label_csv(file, records, full=full)
+        records, lost = _in_force(store, wanted, settled=full or chosen != CSV)
+    options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress)
+    written = FORMATS[chosen].write(file, records, options)
+    lost = [*written.lost, *lost]
     if json:
-        print_json({"file": str(file), "store": str(store.path), "labels": count})
+        print_json(
+            {
+                "file": str(file),
+                "format": chosen,
+                "store": str(store.path),
+                "labels": written.labels,
+                "lost": lost,
+            }
+        )
         return
-    say(f"{file}: {count} labels")
+    say(f"{file}: {written.labels} labels")
+    _say_lost(FORMATS[chosen].title, lost)
+
+
+class _Wanted(NamedTuple):
+    """Which labels of the store."""
+
+    mission: str | None
+    annotator: str | None
+    grid: Grid | None
+    camera: str | None
+
+
+def _in_force(
+    store: LabelStore, wanted: _Wanted, *, settled: bool
+) -> tuple[list[LabelRecord], list[str]]:
+    """Labels in force, and a line each for what else the store has of them."""
+    from ..labels.formats.options import count
+
+    mission, annotator, grid, camera = wanted
+    choose = store.current_and_settled if settled else store.current
+    records = choose(mission, annotator, grid, camera=camera)
+    if not records:
+        raise ToktError(
+            f"no such labels in {store.path}; it has missions {_names(store.missions())}"
+            f" and annotators {_names(store.annotators())}"
+        )
+    lost = []
+    left = [] if settled else store.settled(mission, grid, annotator=annotator, camera=camera)
+    if left:
+        lost.append(f"{count(len(left), 'settlement')} left out (--full keeps them)")
+    earlier = sum(
+        entry.events - entry.patches
+        for entry in store.stats()
+        if mission in (None, entry.mission) and annotator in (None, entry.annotator)
+    )
+    if earlier:
+        lost.append(f"{count(earlier, 'earlier label')} left out: files hold those in force")
+    return records, lost
+
+
+def _images(mission_dir: Path | None, name: str | None) -> MissionImages | None:
+    if mission_dir is None:
+        return None
+    from ..features.mission import open_mission
+    from ..labels.formats.images import MissionImages
+
+    return MissionImages(open_mission(mission_dir), name)
+
+
+def _class_map(pairs: Iterable[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for pair in pairs:
+        theirs, sign, ours = pair.partition("=")
+        if not sign or not theirs:
+            raise ToktError(f"--map {pair!r} is not of the form THEIRS=OURS")
+        found[theirs] = ours
+    return found
+
+
+def _say_lost(title: str, lost: Iterable[str]) -> None:
+    for line in lost:
+        say(f"{title}: {line}")
 
 
 @labels_app.command("stats")
@@ -151,11 +289,6 @@ def show_agreement(
         _print_agreement(a, b, found)
 
 
-def _check_suffix(file: Path) -> None:
-    if file.suffix.lower() != ".csv":
-        raise ToktError(f"{file}: label files end in .csv (the one format tokt reads and writes)")
-
-
 def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
     from ..labels.store import FILE_NAME, LabelStore
 
@@ -169,10 +302,11 @@ def _names(names: Iterable[str]) -> str:
 def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]:
     """Labels of a file, where there is one of that name, or of an annotator in the store."""
     if Path(who).is_file():
-        from ..labels.label_csv import read_label_csv
+        from ..labels.formats.exchange import FORMATS, format_to_read
+        from ..labels.formats.options import ReadOptions
 
-        _check_suffix(Path(who))
-        return read_label_csv(Path(who), taxonomy)
+        read = FORMATS[format_to_read(Path(who))].read
+        return read(Path(who), ReadOptions(taxonomy)).records
     from ..labels.store import FILE_NAME
 
     if not (workspace / FILE_NAME).is_file():

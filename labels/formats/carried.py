@@ -1,0 +1,116 @@
+"""A label record as attributes of a box, where a format has a place for attributes.
+
+So that files of our own come back without loss, also through a tool that turns the text ``3``
+into the number ``3.0``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ...features.errors import ToktError
+from ...features.grid import Grid
+from ..record import HUMAN, LabelRecord, utc_text
+from ..taxonomy import UNSURE
+
+FORMAT = 1
+"""Format of the attributes. Raise it when an older `tokt` would misread newer ones."""
+
+_PREFIX = "tokt_"
+_MARK = f"{_PREFIX}format"
+_WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
+_LARGEST_EXACT = 2**53
+
+
+def to_attributes(record: LabelRecord) -> dict[str, str | int]:
+    """All that a record says besides its label."""
+    attributes: dict[str, str | int] = {
+        _MARK: FORMAT,
+        f"{_PREFIX}mission": record.mission,
+        f"{_PREFIX}camera": record.camera,
+        f"{_PREFIX}frame": record.frame,
+        f"{_PREFIX}grid": str(record.grid),
+        f"{_PREFIX}row": record.row,
+        f"{_PREFIX}col": record.col,
+        f"{_PREFIX}annotator": record.annotator,
+        f"{_PREFIX}time": record.time,
+    }
+    if record.source != HUMAN:
+        attributes[f"{_PREFIX}source"] = record.source
+    if record.model_version is not None:
+        attributes[f"{_PREFIX}model_version"] = record.model_version
+    return attributes
+
+
+def from_attributes(attributes: Mapping[str, Any]) -> LabelRecord | None:
+    """The record that attributes carry, labelled ``unsure``; None where they carry none.
+
+    Raises
+    ------
+    ToktError
+        If they are ours but not whole, or of a newer format.
+    """
+    if _MARK not in attributes:
+        return None
+    version = whole(attributes[_MARK], _MARK)
+    if not 1 <= version <= FORMAT:
+        raise ToktError(
+            f"{_MARK} {version} is not one this tokt reads ({FORMAT}); a newer tokt wrote it"
+        )
+    source = _text(attributes, "source") if f"{_PREFIX}source" in attributes else HUMAN
+    with_model = f"{_PREFIX}model_version" in attributes
+    return LabelRecord(
+        mission=_text(attributes, "mission"),
+        camera=_text(attributes, "camera"),
+        frame=_number(attributes, "frame"),
+        grid=Grid.parse(_text(attributes, "grid")),
+        row=_number(attributes, "row"),
+        col=_number(attributes, "col"),
+        label=UNSURE,
+        annotator=_text(attributes, "annotator"),
+        time=utc_text(_text(attributes, "time")),
+        source=source,
+        model_version=_text(attributes, "model_version") if with_model else None,
+    )
+
+
+def whole(value: Any, what: str) -> int:
+    """A whole number, also written ``3.0`` or as text.
+
+    Raises
+    ------
+    ToktError
+        If it is none.
+    """
+    if type(value) is int:
+        return value
+    if type(value) is float and value.is_integer() and abs(value) < _LARGEST_EXACT:
+        return int(value)
+    match = _WHOLE.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise ToktError(f"{what} {_short(value)} is not a whole number")
+    return int(match[1])
+
+
+def _number(attributes: Mapping[str, Any], name: str) -> int:
+    return whole(_value(attributes, name), _PREFIX + name)
+
+
+def _text(attributes: Mapping[str, Any], name: str) -> str:
+    value = _value(attributes, name)
+    if not isinstance(value, str):
+        raise ToktError(f"{_PREFIX}{name} {_short(value)} is not text")
+    return value
+
+
+def _value(attributes: Mapping[str, Any], name: str) -> Any:
+    if _PREFIX + name not in attributes:
+        raise ToktError(f"no {_PREFIX}{name} beside {_MARK}")
+    return attributes[_PREFIX + name]
+
+
+def _short(value: Any) -> str:
+    text = ascii(value)
+    return text if len(text) <= 40 else text[:37] + "..."

@@ -1,0 +1,133 @@
+"""The label formats: which one a file is, and the table of who reads and writes each."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...features.errors import ToktError
+from ..label_csv import COLUMNS, read_label_csv, write_label_csv
+from ..record import LabelRecord
+from . import coco, label_studio, patch_folder, viame_csv
+from .options import Exported, Imported, ReadOptions, Remarks, WriteOptions, lines
+from .text_file import parse_json, read_utf8
+
+_ENDINGS = "{}: label files end in .csv or .json, folders of patches have no ending"
+CSV, VIAME, COCO, LABEL_STUDIO, PATCHES = "csv", "viame", "coco", "labelstudio", "patches"
+
+
+@dataclass(frozen=True)
+class LabelFormat:
+    """One format: what people call it, and its reader and writer."""
+
+    title: str
+    read: Callable[[Path, ReadOptions], Imported]
+    write: Callable[[Path, Iterable[LabelRecord], WriteOptions], Exported]
+
+
+def _read_csv(path: Path, options: ReadOptions) -> Imported:
+    if options.classes:
+        raise ToktError(f"{path}: --map is for the formats of other tools; rename the class in it")
+    records = read_label_csv(path, options.taxonomy, annotator=options.annotator, grid=options.grid)
+    return Imported(records, [])
+
+
+def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> Exported:
+    chosen = list(records)
+    n = write_label_csv(path, chosen, full=options.full)
+    remarks: Remarks = Counter()
+    if not options.full:
+        remarks["label", "without annotator and time (--full keeps them)"] += n
+        remarks["model version", "of confirmed suggestions (--full keeps them)"] += sum(
+            record.model_version is not None for record in chosen
+        )
+    return Exported(n, lines(remarks))
+
+
+FORMATS = {
+    CSV: LabelFormat("CSV", _read_csv, _write_csv),
+    VIAME: LabelFormat(viame_csv.TITLE, viame_csv.read_viame_csv, viame_csv.write_viame_csv),
+    COCO: LabelFormat(coco.TITLE, coco.read_coco, coco.write_coco),
+    LABEL_STUDIO: LabelFormat(
+        label_studio.TITLE, label_studio.read_label_studio, label_studio.write_label_studio
+    ),
+    PATCHES: LabelFormat(
+        patch_folder.TITLE, patch_folder.read_patch_folder, patch_folder.write_patch_folder
+    ),
+}
+
+
+def format_named(name: str) -> str:
+    """Check a format's name; ToktError if there is none of that name."""
+    if name not in FORMATS:
+        raise ToktError(f"no label format {name!r}; there are {', '.join(FORMATS)}")
+    return name
+
+
+def format_to_write(path: Path) -> str:
+    """The format that a file to write has by its name.
+
+    Raises
+    ------
+    ToktError
+        If the name does not say.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        return CSV
+    if path.is_dir() or not suffix:
+        return PATCHES
+    if suffix == ".json":
+        raise ToktError(f"{path}: say which JSON by --format {COCO} or --format {LABEL_STUDIO}")
+    raise ToktError(_ENDINGS.format(path))
+
+
+def format_to_read(path: Path) -> str:
+    """The format that a file has by its name and content.
+
+    Raises
+    ------
+    ToktError
+        If it has none of them, or cannot be read.
+    """
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        return PATCHES
+    if suffix not in ("", ".csv", ".json"):
+        raise ToktError(_ENDINGS.format(path))
+    if not path.exists():
+        raise ToktError(f"label file {path} does not exist")
+    if suffix == ".csv":
+        return _kind_of_csv(read_utf8(path))
+    if suffix == ".json":
+        return _kind_of_json(path)
+    raise ToktError(_ENDINGS.format(path))
+
+
+def _kind_of_csv(text: str) -> str:
+    """VIAME's has no line of names, or one that begins with ``#``."""
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    if first.startswith(("#", '"#')):
+        return VIAME
+    try:
+        row = next(csv.reader([first]), [])
+    except csv.Error:
+        return CSV
+    if set(COLUMNS) & set(row) or len(row) < 9:
+        return CSV
+    return VIAME if row[2].strip().isdigit() else CSV
+
+
+def _kind_of_json(path: Path) -> str:
+    value = parse_json(read_utf8(path), path)
+    if isinstance(value, dict) and "images" in value:
+        return COCO
+    if isinstance(value, list) or (isinstance(value, dict) and "data" in value):
+        return LABEL_STUDIO
+    raise ToktError(
+        f"{path}: neither COCO (an object with images, annotations, categories) nor Label Studio"
+        " (a list of tasks)"
+    )

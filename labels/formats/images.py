@@ -1,0 +1,120 @@
+"""A mission's frames as other tools know them: by image file, and in pixels."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.image_file import SUFFIXES
+from ...features.mission import Mission
+from .boxes import Size
+
+_NUMBER = re.compile(r"(\d+)$")
+_UPLOADED = re.compile(r"[0-9a-f]{8}-")  # what Label Studio puts before the name of an upload
+
+
+class FrameKey(NamedTuple):
+    """One frame of a mission."""
+
+    camera: str
+    frame: int
+
+
+class MissionImages:
+    """File names and pixel sizes of a mission's frames.
+
+    Parameters
+    ----------
+    mission : Mission
+    name : str, optional
+        The mission's name in label records; the folder's by default.
+    """
+
+    def __init__(self, mission: Mission, name: str | None = None) -> None:
+        self.mission = mission
+        self.name = name or mission.name
+        self._names = _file_names(mission)
+        self._sizes: dict[FrameKey, Size] = {}
+        self._frames = {camera: mission.frames(camera) for camera in mission.cameras}
+        self._positions = {
+            FrameKey(camera, frame): n
+            for camera, frames in self._frames.items()
+            for n, frame in enumerate(frames)
+        }
+        self._by_name = _lookup(self._names)
+
+    @property
+    def is_video(self) -> bool:
+        """Whether the frames have no files of their own."""
+        return self.mission.path.is_file()
+
+    def file_name(self, key: FrameKey) -> str | None:
+        """The frame's file below the mission's folder, with ``/``; None for no such frame.
+
+        Frames of a video have no file; they are called ``NAME_FRAME.png``.
+        """
+        return self._names.get(key)
+
+    def find(self, text: str) -> FrameKey | None:
+        """The frame that a file of another tool calls `text`: a path, a URL or a bare name."""
+        path = unquote(text.rpartition("?d=")[2]).replace("\\", "/").lower()
+        parts = PurePosixPath(path).parts[-2:]
+        name = parts[-1] if parts else ""
+        bare = _UPLOADED.sub("", name, count=1)
+        for form in ("/".join(parts), name, _stem(name), bare, _stem(bare)):
+            if form in self._by_name:
+                return self._by_name[form]
+        return None
+
+    def at(self, camera: str, position: int) -> FrameKey | None:
+        """The frame at a position of the camera's sequence, counted from 0."""
+        frames = self._frames.get(camera, [])
+        return FrameKey(camera, frames[position]) if 0 <= position < len(frames) else None
+
+    def position(self, key: FrameKey) -> int:
+        """The opposite of `at`."""
+        return self._positions[key]
+
+    def pixels(self, key: FrameKey) -> NDArray[np.uint8]:
+        """The frame as the camera gave it; raises FrameError."""
+        return self.mission.read(key.frame, key.camera)
+
+    def size(self, key: FrameKey) -> Size:
+        """Height and width in pixels; raises FrameError. Frames may differ, so each is read."""
+        if key not in self._sizes:
+            self._sizes[key] = Size(*self.pixels(key).shape[:2])
+        return self._sizes[key]
+
+
+def _file_names(mission: Mission) -> dict[FrameKey, str]:
+    keys = [FrameKey(camera, n) for camera in mission.cameras for n in mission.frames(camera)]
+    if mission.path.is_file():
+        return {key: f"{mission.name}_{key.frame:06d}.png" for key in keys}
+    folders = {child.name.lower(): child for child in mission.path.iterdir() if child.is_dir()}
+    found: dict[FrameKey, str] = {}
+    for camera in mission.cameras:
+        for path in folders.get(camera, mission.path).iterdir():
+            number = _NUMBER.search(path.stem)
+            if number and path.suffix.lower() in SUFFIXES and not path.name.startswith("."):
+                name = path.relative_to(mission.path).as_posix()
+                found[FrameKey(camera, int(number[1]))] = name
+    return {key: found[key] for key in keys if key in found}
+
+
+def _lookup(names: dict[FrameKey, str]) -> dict[str, FrameKey]:
+    """Frames by path, by file name and by file name without ending, where these are unique."""
+    forms: dict[str, set[FrameKey]] = {}
+    for key, name in names.items():
+        path = PurePosixPath(name.lower())
+        for form in {str(path), path.name, path.stem, f"{key.camera}/{path.name}"}:
+            forms.setdefault(form, set()).add(key)
+    return {form: next(iter(keys)) for form, keys in forms.items() if len(keys) == 1}
+
+
+def _stem(name: str) -> str:
+    return Path(name).stem

@@ -1,0 +1,264 @@
+"""Label Studio's JSON: one task a frame, boxes in percent, ours in the ``meta`` of each box.
+
+One annotation a task and annotator, ``ground_truth`` where it was settled; model suggestions are
+``predictions``. ``completed_by`` is not written: Label Studio refuses files that name people it
+does not know. Images are named as Label Studio's local storage serves them, from the folder that
+holds the mission's folder.
+
+References
+----------
+https://labelstud.io/guide/task_format, https://labelstud.io/tags/rectanglelabels
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from ...features.errors import ToktError
+from ...features.image_file import SUFFIXES
+from ..record import HUMAN, MODEL, LabelRecord, utc_text
+from .boxes import Box, Size
+from .carried import to_attributes, whole
+from .options import (
+    Exported,
+    Imported,
+    ReadOptions,
+    Remarks,
+    WriteOptions,
+    label_of,
+    mission_images,
+)
+from .placing import FrameLabels, place
+from .reading import FoundBox, records_of_boxes
+from .text_file import finite, listed, parse_json, read_utf8, save_text, table, text_in
+
+TITLE = "Label Studio"
+
+_KIND = "rectanglelabels"
+_UNNAMED_MODEL = "label-studio"
+
+
+def write_label_studio(
+    path: Path, records: Iterable[LabelRecord], options: WriteOptions
+) -> Exported:
+    """Write labels of one mission, both cameras in one file.
+
+    Raises
+    ------
+    ToktError
+        If the labels are of several missions, the mission's frames are not given, or the file
+        cannot be written.
+    """
+    frames, lost = place(records, options, TITLE)
+    folder = mission_images(options, TITLE).mission.path.resolve().name
+    tasks: list[dict[str, Any]] = []
+    annotations = 0
+    for number, frame in enumerate(frames, 1):
+        said = _groups(frame)
+        people = [mine for mine in said if mine[0][0].source != MODEL]
+        models = [mine for mine in said if mine[0][0].source == MODEL]
+        tasks.append(
+            {
+                "id": number,
+                "data": {"image": f"/data/local-files/?d={quote(f'{folder}/{frame.name}')}"},
+                "annotations": [
+                    _annotation(n, mine, frame.size)
+                    for n, mine in enumerate(people, annotations + 1)
+                ],
+                "predictions": [_prediction(mine, frame.size) for mine in models],
+            }
+        )
+        annotations += len(people)
+    save_text(path, json.dumps(tasks, ensure_ascii=False, separators=(",", ":")) + "\n")
+    return Exported(sum(len(frame.labels) for frame in frames), lost)
+
+
+Placed = Sequence[tuple[LabelRecord, Box]]
+
+
+def _groups(frame: FrameLabels) -> list[Placed]:
+    """The frame's labels by who said them and how."""
+
+    def said_by(entry: tuple[LabelRecord, Box]) -> tuple[str, str, str]:
+        record = entry[0]
+        version = record.model_version if record.source == MODEL else None
+        return record.annotator, record.source, version or ""
+
+    return [list(mine) for _, mine in groupby(sorted(frame.labels, key=said_by), said_by)]
+
+
+def _annotation(number: int, mine: Placed, size: Size) -> dict[str, Any]:
+    return {
+        "id": number,
+        "created_at": max(record.time for record, _ in mine),
+        "was_cancelled": False,
+        "ground_truth": mine[0][0].source != HUMAN,
+        "result": _result(mine, size),
+    }
+
+
+def _prediction(mine: Placed, size: Size) -> dict[str, Any]:
+    return {"model_version": mine[0][0].model_version, "result": _result(mine, size)}
+
+
+def _result(mine: Placed, size: Size) -> list[dict[str, Any]]:
+    return [
+        {
+            "id": f"patch-{record.row}-{record.col}-{n}",
+            "type": _KIND,
+            "from_name": "label",
+            "to_name": "image",
+            "original_width": size.width,
+            "original_height": size.height,
+            "image_rotation": 0,
+            "value": {
+                "x": 100 * box.x0 / size.width,
+                "y": 100 * box.y0 / size.height,
+                "width": 100 * (box.x1 - box.x0) / size.width,
+                "height": 100 * (box.y1 - box.y0) / size.height,
+                "rotation": 0,
+                _KIND: [label_of(record)],
+            },
+            "meta": to_attributes(record),
+        }
+        for n, (record, box) in enumerate(mine)
+    ]
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What holds for all boxes of one annotation or prediction."""
+
+    image: str
+    annotator: str
+    time: str | None = None
+    model_version: str | None = None
+
+
+def read_label_studio(path: Path, options: ReadOptions) -> Imported:
+    """Read an export in the format JSON, or refuse it with its first mistake.
+
+    Predictions become suggestions. Cancelled annotations, turned boxes and anything but labelled
+    boxes are left out.
+
+    Raises
+    ------
+    ToktError
+        If the file is no such export, or `records_of_boxes` refuses its boxes.
+    """
+    try:
+        value = parse_json(read_utf8(path), path)
+        tasks = value if isinstance(value, list) else [value]
+        remarks: Remarks = Counter()
+        boxes = [
+            box
+            for n, task in enumerate(tasks, 1)
+            for box in _task(task, f"task {n}", options.who(path), remarks)
+        ]
+        return records_of_boxes(boxes, options, remarks)
+    except ToktError as error:
+        text = str(error)
+        raise ToktError(text if str(path) in text else f"{path}: {text}") from None
+
+
+def _task(value: Any, where: str, annotator: str, remarks: Remarks) -> Iterator[FoundBox]:
+    task = table(value, where)
+    if "data" not in task:
+        raise ToktError(f"{where} has no data; export from Label Studio in the format JSON")
+    image = _image(table(task["data"], f"{where}: data"))
+    said = task.get("annotations", task.get("completions")) or []
+    for n, value in enumerate(listed(said, f"{where}: annotations"), 1):
+        place = f"{where} annotation {n}"
+        annotation = table(value, place)
+        if annotation.get("was_cancelled"):
+            remarks["annotation", "left out: cancelled"] += 1
+            continue
+        who = _Said(image, _annotator(annotation) or annotator, _time(annotation, place))
+        yield from _results(annotation, place, who, remarks)
+    for n, value in enumerate(listed(task.get("predictions") or [], f"{where}: predictions"), 1):
+        place = f"{where} prediction {n}"
+        prediction = table(value, place)
+        version = prediction.get("model_version") or _UNNAMED_MODEL
+        version = text_in(version, f"{place}: model_version")
+        who = _Said(image, version, model_version=version)
+        yield from _results(prediction, place, who, remarks)
+
+
+def _image(data: dict[str, Any]) -> str:
+    """The task's image: what is called so, else the first text that ends like an image file."""
+    texts = {key: value for key, value in data.items() if isinstance(value, str)}
+    like = (text for text in texts.values() if Path(text).suffix.lower() in SUFFIXES)
+    return texts.get("image") or next(like, "")
+
+
+def _annotator(annotation: dict[str, Any]) -> str | None:
+    """Who made it, as far as the file says."""
+    who = annotation.get("completed_by")
+    if isinstance(who, dict):
+        who = who.get("email") or who.get("username") or who.get("id")
+    if isinstance(who, str) and who.strip():
+        return who.strip()
+    return f"user {who}" if type(who) is int else None
+
+
+def _time(annotation: dict[str, Any], where: str) -> str | None:
+    if annotation.get("created_at") is None:
+        return None
+    return utc_text(text_in(annotation["created_at"], f"{where}: created_at"))
+
+
+def _results(said: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> Iterator[FoundBox]:
+    for n, value in enumerate(listed(said.get("result"), f"{where}: result"), 1):
+        place = f"{where} result {n}"
+        result = table(value, place)
+        if result.get("type") != _KIND:
+            kind = ascii(result.get("type"))[:40]
+            remarks["result", f"left out: of type {kind}, not a labelled box"] += 1
+            continue
+        box = _found(result, place, who, remarks)
+        if box:
+            yield box
+
+
+def _found(result: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> FoundBox | None:
+    value = table(result.get("value"), f"{where}: value")
+    names = listed(value.get(_KIND) or [], f"{where}: {_KIND}")
+    if not names or finite(value.get("rotation") or 0, f"{where}: rotation"):
+        remarks["box", "left out: turned, or without class"] += 1
+        return None
+    if len(names) > 1:
+        remarks["box", "with several classes: the first counts"] += 1
+    size = _size(result, where)
+    x, y, width, height = (
+        finite(value.get(side), f"{where}: {side}") for side in ("x", "y", "width", "height")
+    )
+    across, down = size.width / 100, size.height / 100
+    meta = result.get("meta")
+    return FoundBox(
+        where,
+        who.image,
+        Box(x * across, y * down, (x + width) * across, (y + height) * down),
+        text_in(names[0], f"{where}: {_KIND}"),
+        who.annotator,
+        meta if isinstance(meta, dict) else {},
+        size=size,
+        time=who.time,
+        model_version=who.model_version,
+    )
+
+
+def _size(result: dict[str, Any], where: str) -> Size:
+    """Pixels of the frame; Label Studio writes them with each box."""
+    return Size(
+        *(
+            whole(result.get(name), f"{where}: {name}")
+            for name in ("original_height", "original_width")
+        )
+    )

@@ -1,0 +1,117 @@
+"""What the readers and writers of all formats take and give."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...features.errors import ToktError
+from ...features.grid import DEFAULT_GRID, Grid
+from ...features.mission import LEFT
+from ..record import LabelRecord
+from ..taxonomy import Taxonomy
+from .images import MissionImages
+
+Progress = Callable[[Iterable[Any], int, str], Iterator[Any]]
+
+
+def no_progress(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
+    """Show nothing."""
+    yield from items
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a file.
+
+    Parameters
+    ----------
+    taxonomy : Taxonomy
+        The classes a label may have, besides ``unsure``.
+    annotator : str, optional
+        Who labelled, where the file does not say; by default the file's name without ending.
+    grid : Grid
+        The grid of boxes that are not patches of ours.
+    images : MissionImages, optional
+        The frames, which boxes that are not patches of ours need.
+    classes : mapping of str to str
+        The file's name of a class to ours; to nothing for a class to leave out.
+    camera : str
+        The camera of a file that names frames by their position only.
+    """
+
+    taxonomy: Taxonomy
+    annotator: str | None = None
+    grid: Grid = DEFAULT_GRID
+    images: MissionImages | None = None
+    classes: Mapping[str, str] = field(default_factory=dict)
+    camera: str = LEFT
+
+    def who(self, path: Path) -> str:
+        """Who labelled what the file `path` says without a name."""
+        return self.annotator or path.stem
+
+
+@dataclass(frozen=True)
+class WriteOptions:
+    """How to write a file: the classes in their order, and the frames of the one mission."""
+
+    taxonomy: Taxonomy
+    images: MissionImages | None = None
+    full: bool = False
+    progress: Progress = no_progress
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What a file says, and in `lost`, a line each, what of it could not be taken over."""
+
+    records: list[LabelRecord]
+    lost: list[str]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """How many labels were written, and in `lost`, a line each, what the format cannot hold."""
+
+    labels: int
+    lost: list[str]
+
+
+def label_of(record: LabelRecord) -> str:
+    """The label of a record that is in force.
+
+    Raises
+    ------
+    ValueError
+        If it takes a label back: files hold labels in force only.
+    """
+    if record.label is None:
+        raise ValueError(f"{record.cell} has no label")
+    return record.label
+
+
+def mission_images(options: ReadOptions | WriteOptions, what: str) -> MissionImages:
+    """The frames, or a ToktError that says why `what` needs them."""
+    if options.images is None:
+        raise ToktError(f"{what}; give the mission's frames by --mission-dir DIR")
+    return options.images
+
+
+Remarks = Counter[tuple[str, str]]
+"""How many of something, and what about them: ``("box", "left out: without area")``."""
+
+
+def lines(remarks: Remarks) -> list[str]:
+    """One line a remark."""
+    return [f"{count(n, noun)} {what}" for (noun, what), n in remarks.items() if n]
+
+
+def count(n: int, noun: str) -> str:
+    """``1 patch``, ``2 patches``."""
+    if n == 1:
+        return f"1 {noun}"
+    return f"{n} {noun}es" if noun.endswith(("ch", "x", "s")) else f"{n} {noun}s"

@@ -1,0 +1,255 @@
+"""One PNG a patch in one folder a class, as `tokt dataset build --patches` reads them.
+
+The pixels are those of the resized frame, the ones that extractors look at: a dataset of such
+patches has the features that ``border: patch`` gives on the frames. A manifest keeps what file
+names cannot say, so a folder comes back as labels; a patch that somebody moved to the folder of
+another class comes back as that class.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.atomic import publish_folder, scratch_folder
+from ...features.errors import FrameError, ToktError
+from ...features.grid import Grid
+from ...features.image_file import SUFFIXES
+from ..record import HUMAN, SETTLED, LabelRecord, utc_now
+from .carried import from_attributes, to_attributes
+from .images import FrameKey, MissionImages
+from .options import (
+    Exported,
+    Imported,
+    ReadOptions,
+    Remarks,
+    WriteOptions,
+    label_of,
+    lines,
+    mission_images,
+)
+from .placing import frames_of
+from .reading import class_names
+from .text_file import parse_json, read_utf8, table, text_in
+
+TITLE = "folder of patches"
+
+MANIFEST = "tokt_patches.json"
+FORMAT = 1
+"""Format of the manifest. Raise it when an older `tokt` would misread a newer one."""
+
+_UNSAFE = re.compile(r"[^\w.-]+")
+
+
+def write_patch_folder(
+    path: Path, records: Iterable[LabelRecord], options: WriteOptions
+) -> Exported:
+    """Write labels of one mission and grid, whole or not at all.
+
+    Of a patch that was settled the settlement is written, and the opinions are not.
+
+    Raises
+    ------
+    ToktError
+        If `path` is there and not an empty folder, the labels are of several missions or grids,
+        two annotators labelled one patch, or the frames are not given.
+    """
+    _check_free(path)
+    images = mission_images(options, f"a {TITLE} needs the frames' pixels")
+    remarks: Remarks = Counter()
+    chosen = _one_label_a_patch(records, remarks)
+    groups = frames_of(chosen, f"a {TITLE}")
+    patches: dict[str, dict[str, Any]] = {}
+    try:
+        with scratch_folder(path) as folder:
+            for key, mine in options.progress(groups, len(groups), "frames"):
+                _write_frame(folder, images, key, mine, patches, remarks)
+            if not patches:
+                raise ToktError("; ".join(["no patch could be written", *lines(remarks)]))
+            manifest = {"format": FORMAT, "patches": patches}
+            text = json.dumps(manifest, ensure_ascii=False, indent=1) + "\n"
+            (folder / MANIFEST).write_text(text, encoding="utf-8")
+            if path.is_dir():
+                path.rmdir()
+            publish_folder(folder, path)
+    except OSError as error:
+        raise ToktError(f"cannot write {path}: {error.strerror or error}") from None
+    return Exported(len(patches), lines(remarks))
+
+
+def _check_free(path: Path) -> None:
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ToktError(f"{path} is there already; give the name of a new folder")
+
+
+def _one_label_a_patch(records: Iterable[LabelRecord], remarks: Remarks) -> list[LabelRecord]:
+    chosen: dict[tuple[object, ...], LabelRecord] = {}
+    for record in sorted(records, key=lambda r: (r.source != SETTLED, r.annotator)):
+        first = chosen.setdefault(record.cell, record)
+        if first is record:
+            continue
+        if first.source != SETTLED:
+            raise ToktError(
+                f"{record.cell} is labelled by {first.annotator} and by {record.annotator}: a"
+                f" {TITLE} holds one label a patch; choose by --annotator"
+            )
+        remarks["opinion", "on patches that were settled"] += 1
+    grids = sorted({str(record.grid) for record in chosen.values()})
+    if len(grids) > 1:
+        raise ToktError(f"labels on grids {', '.join(grids)}: choose one by --grid")
+    return list(chosen.values())
+
+
+def _write_frame(
+    folder: Path,
+    images: MissionImages,
+    key: FrameKey,
+    mine: list[LabelRecord],
+    patches: dict[str, dict[str, Any]],
+    remarks: Remarks,
+) -> None:
+    if images.file_name(key) is None:
+        remarks["label", f"left out: {images.mission.path} has no such frames"] += len(mine)
+        return
+    try:
+        frame = images.pixels(key)
+    except FrameError:
+        remarks["label", "left out: their frames cannot be read"] += len(mine)
+        return
+    picture, boxes = _resized(frame, mine[0].grid)
+    for record in mine:
+        mission = _UNSAFE.sub("_", record.mission)
+        name = f"{mission}_{key.camera}_{key.frame:06d}_r{record.row:02d}_c{record.col:02d}.png"
+        y0, y1, x0, x1 = boxes[record.row * record.grid.cols + record.col]
+        good, data = cv2.imencode(".png", picture[y0:y1, x0:x1])
+        if not good:
+            raise ToktError(f"{record.cell} cannot be stored as PNG")
+        target = folder / label_of(record) / name
+        target.parent.mkdir(exist_ok=True)
+        target.write_bytes(data.tobytes())
+        patches[name] = {"label": record.label, **to_attributes(record)}
+
+
+def _resized(frame: NDArray[np.uint8], grid: Grid) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """The frame at the grid's width, in colour where it has some, and the patches' boxes."""
+    height, width = grid.resized(*frame.shape[:2])
+    boxes = grid.boxes(height, width)
+    if grid.width is not None:
+        frame = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA))
+    return frame, boxes
+
+
+def read_patch_folder(path: Path, options: ReadOptions) -> Imported:
+    """Read a folder that `write_patch_folder` wrote, and what people made of it since.
+
+    A patch in another folder than it was written to is a label by hand, of the annotator that is
+    given or else of the one who labelled it before.
+
+    Raises
+    ------
+    ToktError
+        If there is no manifest, a sub-folder is no class, or a patch is there twice.
+    """
+    manifest = _manifest(path)
+    try:
+        found, unknown = _found(path, manifest)
+        classes = class_names(found.values(), options)
+        remarks: Remarks = Counter()
+        remarks["image", f"left out: not in {MANIFEST}, so of no frame"] += unknown
+        remarks["patch", "gone from the folder: what was said of them stays"] += len(
+            manifest.keys() - found.keys()
+        )
+        for was in found.values():
+            if not classes[was]:
+                remarks["patch", f"left out by --map: class {was!r}"] += 1
+        records = [
+            _record(manifest[name], was, classes[was], options.annotator, path, remarks)
+            for name, was in found.items()
+            if classes[was]
+        ]
+    except ToktError as error:
+        raise ToktError(f"{path}: {error}") from None
+    if not records:
+        raise ToktError(f"{path} has no patches of {MANIFEST} in it")
+    return Imported(records, lines(remarks))
+
+
+def _manifest(path: Path) -> dict[str, tuple[str, LabelRecord]]:
+    """By file name: the class as written and the record."""
+    file = path / MANIFEST
+    if not file.is_file():
+        raise ToktError(
+            f"{path} has no {MANIFEST}: patches that tokt did not write belong to no frame"
+            " (train on them by tokt dataset build NAME --patches DIR)"
+        )
+    value = parse_json(read_utf8(file), file)
+    try:
+        manifest = table(value, "the manifest")
+        if manifest.get("format") != FORMAT:
+            raise ToktError(
+                f"format {ascii(manifest.get('format'))[:40]}; this tokt reads {FORMAT}"
+            )
+        return {
+            name: _listed_patch(name, entry)
+            for name, entry in table(manifest.get("patches"), "patches").items()
+        }
+    except ToktError as error:
+        raise ToktError(f"{file}: {error}") from None
+
+
+def _listed_patch(name: str, value: Any) -> tuple[str, LabelRecord]:
+    entry = table(value, f"patch {name!r}")
+    try:
+        record = from_attributes(entry)
+    except ToktError as error:
+        raise ToktError(f"patch {name!r}: {error}") from None
+    if record is None:
+        raise ToktError(f"patch {name!r} is of no frame")
+    return text_in(entry.get("label"), f"patch {name!r}: label"), record
+
+
+def _found(path: Path, manifest: dict[str, Any]) -> tuple[dict[str, str], int]:
+    """The sub-folder of each patch of the manifest, and how many other images there are."""
+    found: dict[str, str] = {}
+    unknown = 0
+    for child in sorted(entry for entry in path.iterdir() if entry.is_dir()):
+        for image in sorted(child.iterdir()):
+            if image.name not in manifest:
+                unknown += image.suffix.lower() in SUFFIXES
+            elif image.name in found:
+                raise ToktError(f"{image.name} is in {found[image.name]} and in {child.name}")
+            else:
+                found[image.name] = child.name
+    return found, unknown
+
+
+def _record(
+    entry: tuple[str, LabelRecord],
+    folder: str,
+    label: str,
+    annotator: str | None,
+    path: Path,
+    remarks: Remarks,
+) -> LabelRecord:
+    written_as, record = entry
+    if folder == written_as:
+        return replace(record, label=label)
+    remarks["patch", "moved to another class: labels by hand"] += 1
+    of_person = record.annotator if record.source == HUMAN else path.resolve().name
+    return replace(
+        record,
+        label=label,
+        annotator=annotator or of_person,
+        time=utc_now(),
+        source=HUMAN,
+        model_version=None,
+    )

@@ -1,0 +1,221 @@
+"""Boxes of any file become labels of patches.
+
+A box that is a patch of ours, by the attributes it carries and by its place, becomes that
+patch's label as it was. Any other box gives its class to each patch that it covers by half or
+more; where several do, the one that covers most decides, and of equal ones the last.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+from ...features.errors import ToktError
+from ..record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
+from ..taxonomy import UNSURE, Taxonomy
+from .boxes import Box, Size, patch_box, patches_in_box
+from .carried import from_attributes
+from .images import FrameKey
+from .options import Imported, ReadOptions, Remarks, count, lines, mission_images
+
+
+@dataclass(frozen=True)
+class FoundBox:
+    """A box with a class, as a file says it.
+
+    Parameters
+    ----------
+    where : str
+        The place in the file, for error messages.
+    image : str
+        What the file calls the frame; may be empty where `position` is given.
+    box : Box
+        In pixels of a frame of `size`.
+    label : str
+        The class as the file calls it.
+    attributes : mapping
+        Free attributes, among which may be ours.
+    size : Size, optional
+        The frame's size, where the file says it.
+    position : int, optional
+        The frame's position in its camera's sequence, from 0.
+    annotator : str
+        Who said it, where the attributes do not say.
+    time : str, optional
+        When, where the file says so.
+    model_version : str, optional
+        The model, where the box is not what a person said but a model's suggestion.
+    """
+
+    where: str
+    image: str
+    box: Box
+    label: str
+    annotator: str
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    size: Size | None = None
+    position: int | None = None
+    time: str | None = None
+    model_version: str | None = None
+
+
+def records_of_boxes(boxes: Iterable[FoundBox], options: ReadOptions, remarks: Remarks) -> Imported:
+    """The labels that boxes are.
+
+    Parameters
+    ----------
+    boxes : iterable of FoundBox
+        In the file's order.
+    options : ReadOptions
+    remarks : Remarks
+        What the reader of the file itself left out.
+
+    Raises
+    ------
+    ToktError
+        If a class is not known, a box says what cannot be, or boxes need the mission's frames
+        and these are not given or are other ones.
+    """
+    found = list(boxes)
+    classes = class_names((box.label for box in found), options)
+    labels = _Labels(options, remarks)
+    for box in found:
+        label = classes[box.label]
+        if not label:
+            remarks["box", f"left out by --map: class {box.label!r}"] += 1
+            continue
+        try:
+            labels.add(box, label)
+        except ToktError as error:
+            raise ToktError(f"{box.where}: {error}") from None
+    return labels.result()
+
+
+def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
+    """The file's class names and what they are here; nothing for what is left out.
+
+    Raises
+    ------
+    ToktError
+        If one is no class and not mapped to one; names them all.
+    """
+    counts = Counter(names)
+    found = {name: options.classes.get(name, name) for name in counts}
+    known = known_labels(options.taxonomy)
+    unknown = [name for name, ours in found.items() if ours and ours not in known]
+    unknown += [name for name, ours in found.items() if not ours and name not in options.classes]
+    if unknown:
+        which = ", ".join(f"{name!r} ({counts[name]})" for name in sorted(unknown)[:10])
+        more = ", ..." if len(unknown) > 10 else ""
+        raise ToktError(
+            f"unknown class {which}{more}; known: {', '.join(known)}; map it by --map THEIRS=OURS"
+            " (--map THEIRS= leaves it out) or add it to the taxonomy"
+        )
+    return found
+
+
+@lru_cache(maxsize=8)
+def known_labels(taxonomy: Taxonomy) -> tuple[str, ...]:
+    """The classes' names and ``unsure``."""
+    return (*taxonomy.names, UNSURE)
+
+
+class _Labels:
+    """Collects labels; of several for one patch by one annotator one stays."""
+
+    def __init__(self, options: ReadOptions, remarks: Remarks) -> None:
+        self._remarks = remarks
+        self._options = options
+        self._now = utc_now()
+        self._best: dict[tuple[Cell, str, str], tuple[float, LabelRecord]] = {}
+        self._contested: set[tuple[Cell, str, str]] = set()
+        self._missing: Counter[str] = Counter()
+
+    def add(self, found: FoundBox, label: str) -> None:
+        """Take over one box."""
+        carried = from_attributes(found.attributes)
+        if found.box.is_empty:
+            self._remarks["box", "left out: without area"] += 1
+        elif carried and self._is_in_place(carried, found):
+            self._keep(1.0, replace(carried, label=label))
+        elif carried:
+            self._remarks["box", "moved since tokt wrote the file: read by its new place"] += 1
+            self._spread(found, carried, found.size or self._size(_key(carried)), label)
+        else:
+            self._add_foreign(found, label)
+
+    def _is_in_place(self, carried: LabelRecord, found: FoundBox) -> bool:
+        size = found.size or self._size(_key(carried))
+        return found.box.is_like(patch_box(carried.grid, size, carried.row, carried.col))
+
+    def _size(self, key: FrameKey) -> Size:
+        what = "boxes without the size of their frame"
+        return mission_images(self._options, what).size(key)
+
+    def _add_foreign(self, found: FoundBox, label: str) -> None:
+        images = mission_images(self._options, "boxes that are not patches of tokt")
+        key = images.find(found.image)
+        if key is None and found.position is not None and (images.is_video or not found.image):
+            key = images.at(self._options.camera, found.position)
+        if key is None:
+            self._missing[found.image or f"position {found.position}"] += 1
+            return
+        version = found.model_version
+        if version is not None:
+            self._remarks["box", "of a model: suggestions, not labels"] += 1
+        base = LabelRecord(
+            *(images.name, key.camera, key.frame, self._options.grid, 0, 0, label),
+            found.annotator,
+            found.time or self._now,
+            HUMAN if version is None else MODEL,
+            version,
+        )
+        self._spread(found, base, found.size or images.size(key), label)
+
+    def _spread(self, found: FoundBox, base: LabelRecord, size: Size, label: str) -> None:
+        """Give the label to each patch that the box covers by half."""
+        patches = patches_in_box(base.grid, size, found.box)
+        if found.box.is_outside(size):
+            self._remarks["box", "left out: outside the frame"] += 1
+        elif not patches:
+            self._remarks["box", "left out: covering no patch by half"] += 1
+        for row, col, share in patches:
+            self._keep(share, replace(base, row=row, col=col, label=label))
+
+    def _keep(self, share: float, record: LabelRecord) -> None:
+        settled = record.source == SETTLED  # once a patch, whoever did it
+        key = (record.cell, "" if settled else record.annotator, record.source)
+        best = self._best.get(key)
+        if best and best[1].label != record.label:
+            self._contested.add(key)
+        if best is None or share >= best[0]:
+            self._best[key] = (share, record)
+
+    def result(self) -> Imported:
+        """The labels, and what was not taken over."""
+        remarks = self._remarks
+        remarks[
+            "patch",
+            "under boxes of several classes: the box that covers most decided, of equal ones the"
+            " last",
+        ] += len(self._contested)
+        if self._missing:
+            first = next(iter(self._missing))
+            images = count(len(self._missing), "image")
+            remarks["box", f"left out: on {images} not of the mission, such as {first!r}"] += sum(
+                self._missing.values()
+            )
+        # A settlement answers the opinions, so it comes after them.
+        records = sorted(
+            (record for _, record in self._best.values()), key=lambda r: r.source == SETTLED
+        )
+        if not records:
+            raise ToktError("; ".join(["no labels in it", *lines(remarks)]))
+        return Imported(records, lines(remarks))
+
+
+def _key(record: LabelRecord) -> FrameKey:
+    return FrameKey(record.camera, record.frame)

@@ -1,0 +1,220 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.labels.formats.coco import read_coco, write_coco
+from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import Taxonomy
+
+from .examples import damaged, said, some_records, with_odd_values
+
+SLOW = settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def _foreign() -> dict[str, Any]:
+    """A file of another tool, of pictures of twice our frames' size."""
+    image = {"width": 362, "height": 274}
+    return {
+        "images": [
+            {"id": 1, "file_name": "some/where/Left/dive_L_3.png", **image},
+            {"id": 2, "file_name": "dive_R_20.png", **image},
+        ],
+        "categories": [{"id": 5, "name": "fish"}, {"id": 7, "name": "reef"}],
+        "annotations": [
+            # Patches are 36.2 x 27.2 of 362x274 here: two, and a third by less than half.
+            {
+                "id": 1,
+                "image_id": 1,
+                "category_id": 7,
+                "bbox": [0, 0, 89, 27],
+                "segmentation": [[1]],
+            },
+            {"id": 2, "image_id": 2, "category_id": 5, "bbox": [36, 27, 37, 28], "score": 0.7},
+            {"id": 3, "image_id": 2, "category_id": 7, "bbox": [0, 0, 90, 28], "iscrowd": 1},
+            {"id": 4, "image_id": 2, "category_id": 7},
+        ],
+    }
+
+
+def _file(folder: Path, value: Any) -> Path:
+    path = folder / "boxes.json"
+    path.write_text(value if isinstance(value, str) else json.dumps(value), encoding="utf-8")
+    return path
+
+
+@SLOW
+@given(some_records(), st.booleans())
+def test_own_files_come_back_whole(
+    tmp_path: Path,
+    reading: ReadOptions,
+    writing: WriteOptions,
+    some: list[LabelRecord],
+    with_frames: bool,
+) -> None:
+    written = write_coco(tmp_path / "out.json", some, writing)
+    assert (written.labels, written.lost) == (len(some), [])
+    options = reading if with_frames else replace(reading, images=None)
+    read = read_coco(tmp_path / "out.json", options)
+    assert set(read.records) == set(some) and len(read.records) == len(some)
+    assert read.lost == []
+    sources = [record.source for record in read.records]
+    assert sources == sorted(sources, key=lambda source: source == "settled")
+
+
+def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
+    some = [said("sand", 1, 2), said("unsure", camera="right", frame=20), said("sand", 0, 0)]
+    write_coco(tmp_path / "out.json", some, writing)
+    document = json.loads((tmp_path / "out.json").read_text())
+    assert [image["file_name"] for image in document["images"]] == [
+        "Left/dive_L_3.png",
+        "Right/dive_R_20.png",
+    ]
+    assert document["images"][0] == {**document["images"][0], "width": 181, "height": 137, "id": 1}
+    names = {entry["id"]: entry["name"] for entry in document["categories"]}
+    assert list(names.values()) == [*Taxonomy.load().names, "unsure"] and min(names) == 1
+    first, second, third = document["annotations"]
+    assert [entry["id"] for entry in document["annotations"]] == [1, 2, 3]
+    assert [names[entry["category_id"]] for entry in (first, second, third)] == [
+        "sand", "sand", "unsure"
+    ]  # fmt: skip
+    assert second["bbox"] == pytest.approx([36.2, 13.6, 18.1, 13.6], abs=0.01)
+    assert second["area"] == pytest.approx(18.1 * 13.6, abs=0.1)
+    assert (third["image_id"], third["iscrowd"]) == (2, 0)
+
+
+def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
+    options = replace(reading, classes={"fish": "other"})
+    read = read_coco(_file(tmp_path, _foreign()), options)
+    found = {(r.camera, r.frame, r.row, r.col, r.label, r.source) for r in read.records}
+    assert found == {
+        ("left", 3, 0, 0, "reef", "human"),
+        ("left", 3, 0, 1, "reef", "human"),
+        ("right", 20, 1, 1, "other", "model"),
+    }
+    assert {record.annotator for record in read.records} == {"boxes"}
+    assert {record.mission for record in read.records} == {"dive"}
+    assert sorted(read.lost) == [
+        "1 annotation left out: of a crowd",
+        "1 annotation left out: without a box",
+        "1 annotation with an outline: only its box is read",
+        "1 box of a model: suggestions, not labels",
+    ]
+    coarse = read_coco(_file(tmp_path, _foreign()), replace(options, grid=Grid(20, 20)))
+    assert sum(record.source == "human" for record in coarse.records) == 2 * 5
+
+
+def test_half_of_a_patch_is_enough(tmp_path: Path, reading: ReadOptions) -> None:
+    value = _foreign()
+    half, less = [0, 0, 36.2, 13.6001], [0, 0, 36.2, 13.5]
+    value["annotations"] = [{"id": 1, "image_id": 1, "category_id": 7, "bbox": half}]
+    assert len(read_coco(_file(tmp_path, value), reading).records) == 1
+    value["annotations"] = [{"id": 1, "image_id": 1, "category_id": 7, "bbox": less}]
+    with pytest.raises(ToktError, match="1 box left out: covering no patch by half"):
+        read_coco(_file(tmp_path, value), reading)
+
+
+def test_boxes_on_frames_of_another_mission_are_counted(
+    tmp_path: Path, reading: ReadOptions
+) -> None:
+    value = _foreign()
+    value["images"][1]["file_name"] = "wreck_20.png"
+    read = read_coco(_file(tmp_path, value), replace(reading, classes={"fish": "other"}))
+    assert "1 box left out: on 1 image not of the mission, such as 'wreck_20.png'" in read.lost
+
+
+def test_a_label_corrected_elsewhere_and_a_box_drawn_over(
+    tmp_path: Path, reading: ReadOptions, writing: WriteOptions
+) -> None:
+    write_coco(tmp_path / "out.json", [said("reef", 0, 0), said("reef", 0, 1)], writing)
+    document = json.loads((tmp_path / "out.json").read_text())
+    ids = {entry["name"]: entry["id"] for entry in document["categories"]}
+    document["annotations"][0]["category_id"] = ids["sand"]
+    document["annotations"].append(
+        {"id": 9, "image_id": 1, "category_id": ids["ocean"], "bbox": [18, 0, 36, 14]}
+    )
+    read = read_coco(_file(tmp_path, document), replace(reading, annotator="ann"))
+    assert [(r.col, r.label) for r in read.records] == [(0, "sand"), (1, "ocean"), (2, "ocean")]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda v: v.pop("images"), "images is not a list"),
+        (lambda v: v.pop("categories"), "categories is not a list"),
+        (lambda v: v.pop("annotations"), "annotations is not a list"),
+        (lambda v: v["images"][1].update(id=1), "images 2: id 1 is there twice"),
+        (lambda v: v["images"][0].update(file_name=7), "file_name of its image is not text"),
+        (lambda v: v["images"][0].update(width=0), "annotation 1: a frame of 0x274 pixels"),
+        (lambda v: v["images"][0].update(width=10**40), "annotation 1: a frame of 1000"),
+        (lambda v: v["annotations"][0].update(bbox=[0, 0, 5]), "bbox has 3 numbers, not 4"),
+        (lambda v: v["annotations"][0].update(bbox=[0, 0, float("nan"), 5]), "nan is not a number"),
+        (lambda v: v["annotations"][0].update(bbox=[0, 0, 10**400, 5]), "is not a number"),
+        (lambda v: v["annotations"][0].update(bbox="0 0 9 9"), "bbox is not a list"),
+        (lambda v: v["annotations"][0].update(image_id=8), "its image_id is that of no image"),
+        (lambda v: v["annotations"][0].update(category_id=8), "is that of no category"),
+        (lambda v: v["annotations"].insert(0, "box"), "annotation 1 is not an object"),
+        (lambda v: v["annotations"][1].update(score="high"), "score 'high' is not a number"),
+        (
+            lambda v: v["annotations"][0].update(attributes={"tokt_format": {}}),
+            "not a whole number",
+        ),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path: Path, reading: ReadOptions, change, message: str) -> None:
+    value = _foreign()
+    change(value)
+    path = _file(tmp_path, value)
+    with pytest.raises(ToktError, match=message) as caught:
+        read_coco(path, replace(reading, classes={"fish": "other"}))
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1: not JSON"),
+        ('{"images": [', "line 1: not JSON"),
+        ("[" * 100_000, "JSON that cannot be read"),
+        ("9" * 5000, "JSON that cannot be read"),
+        ("7", "the file is not an object"),
+    ],
+)
+def test_files_that_are_none(tmp_path: Path, reading: ReadOptions, text: str, message: str) -> None:
+    with pytest.raises(ToktError, match=message):
+        read_coco(_file(tmp_path, text), reading)
+    (tmp_path / "utf16.json").write_text("{}", encoding="utf-16")
+    with pytest.raises(ToktError, match="not UTF-8"):
+        read_coco(tmp_path / "utf16.json", reading)
+    with pytest.raises(ToktError, match="does not exist"):
+        read_coco(tmp_path / "none.json", reading)
+
+
+@SLOW
+@given(st.data())
+def test_damaged_files_are_refused_or_read(
+    tmp_path: Path, reading: ReadOptions, writing: WriteOptions, data: st.DataObject
+) -> None:
+    write_coco(tmp_path / "out.json", [said("sand", 1, 2), said("reef", annotator="7")], writing)
+    if data.draw(st.booleans()):
+        (tmp_path / "bad.json").write_bytes(
+            data.draw(damaged((tmp_path / "out.json").read_bytes()))
+        )
+    else:
+        own = json.loads((tmp_path / "out.json").read_text())
+        changed = data.draw(with_odd_values(data.draw(st.sampled_from([own, _foreign()]))))
+        (tmp_path / "bad.json").write_text(json.dumps(changed))
+    try:
+        read_coco(tmp_path / "bad.json", replace(reading, classes={"fish": "other"}))
+    except ToktError as error:
+        assert "\n" not in str(error)

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tokt.labels.store import LabelStore
+
+from .examples import said
+
+RECORDS = [
+    said("sand", 1, 2, model_version="net/3"),
+    said("reef", 1, 3, camera="right", annotator="bob"),
+    said("reef", 1, 3, camera="right"),
+]
+
+
+@pytest.fixture
+def labels(tmp_path: Path, dive: Path, run_tokt: Callable[..., Any]) -> Callable[..., Any]:
+    """`tokt labels` in a workspace with some labels, one of them changed since."""
+    workspace = tmp_path / ".tokt"
+    with LabelStore(workspace / "labels.db") as store:
+        store.add([said("ocean", 1, 2)])
+        store.add(RECORDS)
+
+    def run(verb: str, file: str, *words: object, store: str = ".tokt") -> Any:
+        return run_tokt("labels", verb, tmp_path / file, "--workspace", tmp_path / store, *words)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("file", "name"), [("out.json", "coco"), ("out.json", "labelstudio"), ("out.csv", "csv")]
+)
+def test_there_and_back(
+    labels: Callable[..., Any], tmp_path: Path, dive: Path, file: str, name: str
+) -> None:
+    more = ("--full",) if name == "csv" else ("--mission-dir", dive)
+    ran = labels("export", file, "--format", name, *more)
+    assert ran.code == 0, ran.err
+    assert f"{file}: 3 labels" in ran.err
+    assert "1 earlier label left out: files hold those in force" in ran.err
+    came = labels("import", file, "--json", store="copy")
+    said_back = json.loads(came.out)
+    assert (said_back["format"], said_back["labels"], said_back["lost"]) == (name, 3, [])
+    assert said_back["annotators"] == ["ann", "bob"]
+    with LabelStore(tmp_path / "copy" / "labels.db") as store:
+        assert set(store.current()) == set(RECORDS)
+
+
+def test_viame_and_patches(labels: Callable[..., Any], tmp_path: Path, dive: Path) -> None:
+    frames = ("--mission-dir", dive)
+    ran = labels("export", "out.csv", "--format", "viame", *frames)
+    assert ran.code == 2 and "choose it by --camera" in ran.err
+    assert labels("export", "out.csv", "--format", "viame", *frames, "--camera", "left").code == 0
+    came = json.loads(labels("import", "out.csv", "--json", store="copy").out)
+    assert (came["format"], came["new"]) == ("viame", 1)
+    ran = labels("export", "patches", *frames)
+    assert ran.code == 2 and "choose by --annotator" in ran.err
+    ran = labels("export", "patches", *frames, "--annotator", "ann", "--grid", "10x10@360")
+    assert ran.code == 0 and "2 labels" in ran.err.splitlines()[-2]
+    (tmp_path / "patches" / "ocean").mkdir()
+    (file,) = (tmp_path / "patches" / "sand").iterdir()
+    file.rename(tmp_path / "patches" / "ocean" / file.name)
+    ran = labels("import", "patches")
+    assert ": 0 new, 1 changed, 1 known" in ran.out
+    assert ran.err == "folder of patches: 1 patch moved to another class: labels by hand\n"
+
+
+def test_foreign_file(labels: Callable[..., Any], tmp_path: Path, dive: Path) -> None:
+    (tmp_path / "fish.csv").write_text(
+        "0,dive_L_3.png,0,0,0,37,28,1,-1,fish,1\n1,dive_L_3.png,0,90,90,95,95,1,-1,fish,1\n"
+    )
+    ran = labels("import", "fish.csv", "--mission-dir", dive)
+    assert ran.code == 2 and "'fish' (2)" in ran.err and ran.err.count("\n") == 1
+    options = ("--map", "fish=other", "--mission-dir", dive, "--mission", "wreck")
+    ran = labels("import", "fish.csv", *options, "--annotator", "eva", "--json", store="new")
+    came = json.loads(ran.out)
+    assert (came["annotators"], came["new"]) == (["eva"], 4)
+    assert came["lost"] == ["1 box left out: covering no patch by half"]
+    with LabelStore(tmp_path / "new" / "labels.db") as store:
+        assert store.missions() == ["wreck"]
+    ran = labels("import", "fish.csv", "--map", "fish")
+    assert ran.code == 2 and "not of the form THEIRS=OURS" in ran.err
+
+
+def test_settlements_are_left_out_of_six_columns_and_named(
+    labels: Callable[..., Any], tmp_path: Path, dive: Path
+) -> None:
+    with LabelStore(tmp_path / ".tokt" / "labels.db") as store:
+        store.add([said("sand", 1, 3, camera="right", annotator="ann", source="settled")])
+    ran = labels("export", "six.csv", "--annotator", "ann")
+    assert ran.code == 0 and "CSV: 1 settlement left out (--full keeps them)" in ran.err
+    ran = labels("export", "out.json", "--format", "coco", "--mission-dir", dive, "--json")
+    assert json.loads(ran.out)["labels"] == 4
+    assert json.loads(labels("import", "out.json", "--json", store="copy").out)["labels"] == 4
+    with LabelStore(tmp_path / "copy" / "labels.db") as store:
+        assert [record.annotator for record in store.settled()] == ["ann"]
+
+
+def test_agreement_of_files_of_other_formats(
+    labels: Callable[..., Any], tmp_path: Path, dive: Path, run_tokt: Callable[..., Any]
+) -> None:
+    for who in ("ann", "bob"):
+        options = ("--format", "coco", "--mission-dir", dive, "--annotator", who)
+        assert labels("export", f"{who}.json", *options).code == 0
+    ran = run_tokt("labels", "agreement", tmp_path / "ann.json", tmp_path / "bob.json", "--json")
+    assert json.loads(ran.out)["n_both"] == 1

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import csv
+import re
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.formats.viame_csv import read_viame_csv, write_viame_csv
+from tokt.labels.record import LabelRecord
+
+from .examples import TAXONOMY, damaged, said, some_records
+
+SLOW = settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+# What DIVE writes: 2x2 patches of the 10x10 grid are 36.2 px wide and 26.9 px high here (the
+# resized frame is 360x272, so a patch is 18.1 x 13.6 px of the 181x137 frame).
+DIVE = """# 1: Detection or Track-id,2: Video or Image Identifier,3: Unique Frame Identifier
+# metadata,"exported_by: ""dive:python\""",fps: 5
+0,dive_L_3.png,0,0,0,37,28,1,-1,fish,1,(atr) depth 12.0,(poly) 0 0 37 0 37 28
+1,dive_L_7.png,1,100,100,104,104,1,-1,fish,1
+2,dive_L_20.png,2,0,0,37,14,0.4,-1,rock,0.1,fish,0.4
+"""
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / "boxes.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@SLOW
+@given(some_records(cameras=("right",)), st.booleans())
+def test_own_files_come_back_whole(
+    tmp_path: Path,
+    reading: ReadOptions,
+    writing: WriteOptions,
+    some: list[LabelRecord],
+    with_frames: bool,
+) -> None:
+    written = write_viame_csv(tmp_path / "out.csv", some, writing)
+    assert (written.labels, written.lost) == (len(some), [])
+    options = reading if with_frames else replace(reading, images=None)
+    read = read_viame_csv(tmp_path / "out.csv", options)
+    assert set(read.records) == set(some) and len(read.records) == len(some)
+    assert read.lost == []
+
+
+def _through_dive(text: str) -> str:
+    """What DIVE makes of a file: whole pixels, numbers where attributes look like some."""
+    out = []
+    for row in csv.reader(text.splitlines()):
+        if row[0].startswith("#"):
+            continue
+        row[3:7] = [str(round(float(side))) for side in row[3:7]]
+        for n, cell in enumerate(row):
+            match = re.match(r"^\(atr\) (.*?)\s(.+)", cell)
+            if match:
+                value: object = match[2]
+                with suppress(ValueError):
+                    value = {"true": True, "false": False}.get(match[2]) or float(match[2])
+                row[n] = f"(atr) {match[1]} {str(value).lower() if value is True else value}"
+        out.append(row)
+    assert out
+    return "\n".join(",".join('"' + cell.replace('"', '""') + '"' for cell in row) for row in out)
+
+
+@SLOW
+@given(some_records(cameras=("left",)))
+def test_own_files_come_back_whole_from_dive(
+    tmp_path: Path, reading: ReadOptions, writing: WriteOptions, some: list[LabelRecord]
+) -> None:
+    write_viame_csv(tmp_path / "out.csv", some, writing)
+    text = _through_dive((tmp_path / "out.csv").read_text("utf-8"))
+    read = read_viame_csv(_file(tmp_path, text), replace(reading, images=None))
+    assert set(read.records) == set(some) and read.lost == []
+
+
+def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
+    path = tmp_path / "out.csv"
+    write_viame_csv(path, [said("sand", 1, 2, frame=20)], writing)
+    *comments, row = csv.reader(path.read_text().splitlines())
+    assert all(line[0].startswith("#") for line in comments)
+    # Frame 20 is the third of the camera; a patch is 36x27 of 360x272, so 18.1 x 13.6 here.
+    assert row[:3] == ["0", "dive_L_20.png", "2"]
+    assert [float(side) for side in row[3:7]] == pytest.approx([36.2, 13.6, 54.3, 27.2], abs=0.01)
+    assert row[7:11] == ["1.0", "-1", "sand", "1.0"]
+    assert "(atr) tokt_annotator ann" in row
+
+
+def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
+    options = replace(reading, annotator="net", classes={"fish": "other", "rock": "reef"})
+    read = read_viame_csv(_file(tmp_path, DIVE), options)
+    people = [record for record in read.records if record.source == "human"]
+    assert {(r.frame, r.row, r.col, r.label, r.annotator) for r in people} == {
+        (3, row, col, "other", "net") for row in (0, 1) for col in (0, 1)
+    }
+    models = [record for record in read.records if record.source == "model"]
+    # The class with the higher confidence, and a detector's box is no label.
+    assert {(r.frame, r.row, r.col, r.label, r.model_version) for r in models} == {
+        (20, 0, col, "other", "net") for col in (0, 1)
+    }
+    assert sorted(read.lost) == [
+        "1 box left out: covering no patch by half",
+        "1 box of a model: suggestions, not labels",
+        "1 box with an outline or points: only the box is read",
+    ]
+
+
+def test_unknown_classes_are_named_with_what_to_do(tmp_path: Path, reading: ReadOptions) -> None:
+    with pytest.raises(ToktError, match=r"'fish' \(3\); known: ocean, .*--map THEIRS=OURS"):
+        read_viame_csv(_file(tmp_path, DIVE), reading)
+    left_out = replace(reading, classes={"fish": ""})
+    with pytest.raises(ToktError, match=r"no labels in it; .*3 boxes left out by --map"):
+        read_viame_csv(_file(tmp_path, DIVE), left_out)
+
+
+def test_foreign_boxes_need_frames(tmp_path: Path, reading: ReadOptions) -> None:
+    options = replace(reading, images=None, classes={"fish": "other"})
+    with pytest.raises(ToktError, match=r"line 3: .*--mission-dir DIR"):
+        read_viame_csv(_file(tmp_path, DIVE), options)
+
+
+def test_frames_without_names_go_by_position(tmp_path: Path, reading: ReadOptions) -> None:
+    path = _file(tmp_path, "0,,1,0,0,37,28,1,-1,reef,1\n")
+    (first, *_) = read_viame_csv(path, replace(reading, camera="right")).records
+    assert (first.camera, first.frame) == ("right", 7)
+    path = _file(tmp_path, "0,,3,0,0,37,28,1,-1,reef,1\n")
+    with pytest.raises(ToktError, match="1 box left out: on 1 image not of the mission"):
+        read_viame_csv(path, reading)
+
+
+def test_the_box_that_covers_most_decides_and_then_the_last(
+    tmp_path: Path, reading: ReadOptions
+) -> None:
+    rows = ["0,dive_L_3.png,0,0,0,18.1,13.6,1,-1,reef,1", "1,dive_L_3.png,0,0,0,18.1,9,1,-1,sand,1"]
+    path = _file(tmp_path, "\n".join(rows))
+    read = read_viame_csv(path, reading)
+    assert [record.label for record in read.records] == ["reef"]
+    assert read.lost[0].startswith("1 patch under boxes of several classes")
+    path = _file(tmp_path, rows[0] + "\n" + rows[0].replace("reef", "sand"))
+    assert [record.label for record in read_viame_csv(path, reading).records] == ["sand"]
+
+
+def test_a_box_that_was_moved_counts_where_it_is(
+    tmp_path: Path, reading: ReadOptions, writing: WriteOptions
+) -> None:
+    write_viame_csv(tmp_path / "out.csv", [said("reef", 0, 0)], writing)
+    text = (tmp_path / "out.csv").read_text()
+    moved = text.replace(",0.00,0.00,18.10,13.60,", ",18.00,0.00,36.00,14.00,")
+    assert moved != text
+    read = read_viame_csv(_file(tmp_path, moved), replace(reading, images=None))
+    assert [(r.row, r.col, r.label, r.annotator) for r in read.records] == [(0, 1, "reef", "ann")]
+    assert read.lost == ["1 box moved since tokt wrote the file: read by its new place"]
+    relabelled = text.replace(",reef,", ",sand,")
+    read = read_viame_csv(_file(tmp_path, relabelled), reading)
+    assert [(r.row, r.col, r.label) for r in read.records] == [(0, 0, "sand")]
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("0,dive_L_3.png,0,0,0,10,10,1", "line 1: 8 fields where VIAME CSV has at least 9"),
+        ("0,dive_L_3.png,0,0,x,10,10,1,-1,reef,1", "line 1: box corner 'x' is not a number"),
+        ("0,dive_L_3.png,0,0,nan,10,10,1,-1,reef,1", "line 1: box corner 'nan' is not a number"),
+        ("0,dive_L_3.png,0,0,1e999,10,10,1,-1,reef,1", "'1e999' is not a number"),
+        ("0,dive_L_3.png,first,0,0,10,10,1,-1,reef,1", "frame 'first' is not a whole number"),
+        ("0,dive_L_3.png,0,0,0,10,10,1,-1,reef,sure", "confidence 'sure' is not a number"),
+        ('"0,dive_L_3.png,0', "line 1: unexpected end of data"),
+        ("0,dive_L_3.png,0,10,10,0,0,1,-1,reef,1", "1 box left out: without area"),
+        ("0,dive_L_3.png,0,900,0,999,50,1,-1,reef,1", "1 box left out: outside the frame"),
+        (
+            "0,other_L_3.png,0,0,0,50,50,1,-1,reef,1",
+            "1 image not of the mission, .* 'other_L_3.png'",
+        ),
+        ("0,dive_L_3.png,0,0,0,50,50,1,-1", r"unknown class '' \(1\)"),
+        ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 1", "no tokt_mission beside tokt_format"),
+        ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 9", "a newer tokt wrote it"),
+        ("# nothing", "no labels in it"),
+        ("", "no labels in it"),
+    ],
+)
+def test_mistakes_are_one_line(
+    tmp_path: Path, reading: ReadOptions, row: str, message: str
+) -> None:
+    path = _file(tmp_path, row)
+    with pytest.raises(ToktError, match=message) as caught:
+        read_viame_csv(path, reading)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_huge_boxes_stay_in_the_frame(tmp_path: Path, reading: ReadOptions) -> None:
+    path = _file(tmp_path, "0,dive_L_3.png,0,-1e300,-1e300,1e300,1e300,1,-1,reef,1\n")
+    assert len(read_viame_csv(path, reading).records) == 100
+    huge = said("reef", 0, 0, grid=Grid(9999, 9999, None))
+    attributes = "".join(
+        f",(atr) tokt_{key} {value}"
+        for key, value in {
+            "format": 1, "mission": "dive", "camera": "left", "frame": 3, "grid": huge.grid,
+            "row": 0, "col": 0, "annotator": "ann", "time": huge.time, "size": "99999x99999",
+        }.items()
+    )  # fmt: skip
+    path = _file(tmp_path, f"0,d.png,0,0,0,9e9,9e9,1,-1,reef,1{attributes}\n")
+    with pytest.raises(ToktError, match="more than 1000000 patches"):
+        read_viame_csv(path, reading)
+
+
+def test_one_camera_one_mission(tmp_path: Path, writing: WriteOptions) -> None:
+    both = [said(), said(camera="right")]
+    with pytest.raises(ToktError, match="cameras left, right: VIAME CSV holds one"):
+        write_viame_csv(tmp_path / "out.csv", both, writing)
+    with pytest.raises(ToktError, match=r"missions dive, wreck: .* --mission NAME"):
+        write_viame_csv(tmp_path / "out.csv", [said(), replace(said(), mission="wreck")], writing)
+    with pytest.raises(ToktError, match=r"needs file names .* --mission-dir DIR"):
+        write_viame_csv(tmp_path / "out.csv", [said()], WriteOptions(TAXONOMY))
+    with pytest.raises(ToktError, match=r"no label could be written; 1 label left out: .*no such"):
+        write_viame_csv(tmp_path / "out.csv", [said(frame=4)], writing)
+    assert not (tmp_path / "out.csv").exists()
+
+
+@SLOW
+@given(st.data())
+def test_damaged_files_are_refused_or_read(
+    tmp_path: Path, reading: ReadOptions, writing: WriteOptions, data: st.DataObject
+) -> None:
+    write_viame_csv(
+        tmp_path / "out.csv", [said("sand", 1, 2), said("reef", annotator="7")], writing
+    )
+    whole = (tmp_path / "out.csv").read_bytes() + DIVE.replace("fish", "other").encode()
+    (tmp_path / "bad.csv").write_bytes(data.draw(damaged(whole)))
+    try:
+        read_viame_csv(tmp_path / "bad.csv", replace(reading, classes={"rock": "reef"}))
+    except ToktError as error:
+        assert "\n" not in str(error)
