@@ -95,7 +95,8 @@ class FolderMission:
             raise ToktError(f"mission {path} has no frames (looked for images in it and in Left/)")
         self.cameras = tuple(self._files)
 
-    def _file(self, frame: int, camera: str) -> Path:
+    def file(self, frame: int, camera: str = LEFT) -> Path:
+        """The image file of one frame. Raises FrameError if there is no such frame."""
         file = self._files.get(camera, {}).get(frame)
         if file is None:
             raise FrameError(f"mission {self.name} has no {camera} frame {frame}")
@@ -107,11 +108,11 @@ class FolderMission:
 
     def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
         """One frame: uint8, gray (height, width) or BGR (height, width, 3)."""
-        return decode_image(self.encoded(frame, camera)[0], str(self._file(frame, camera)))
+        return decode_image(self.encoded(frame, camera)[0], str(self.file(frame, camera)))
 
     def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
         """The frame's own file, untouched, and its suffix."""
-        file = self._file(frame, camera)
+        file = self.file(frame, camera)
         try:
             return file.read_bytes(), file.suffix.lower()
         except OSError as error:

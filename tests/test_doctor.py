@@ -82,7 +82,7 @@ def test_everything_sound_and_nothing_changed(labelled, store, tmp_path, run_tok
     assert found["kernels"]["kernels"] == KERNELS.name
     assert found["store active"]["model"] == "tiny-lbp/1" and found["store active"]["load_s"] > 0
     assert found["store versions"]["versions"] == 1
-    assert found["labels"]["events"] == 4000 and found["labels"]["format"] == 1
+    assert found["labels"]["events"] == 4000 and found["labels"]["format"] == 2
     assert (found["registry"]["models"], found["registry"]["versions"]) == (1, 1)
     assert found["workspace"]["free_bytes"] > 0
     names = ("store", "store active", "store versions", "labels", "registry", "numpy", "opencv")
@@ -116,8 +116,9 @@ def test_a_label_store_in_use_keeps_its_bytes(labelled, run_tokt):
     """Its latest events are still in the write-ahead log of the process that has it open."""
     with sqlite3.connect(labelled / "labels.db") as other:
         other.execute(
-            "INSERT INTO events SELECT NULL, mission, camera, frame, grid, row, col, label,"
-            " 'other', time, source, model_version FROM events LIMIT 1"
+            "INSERT INTO events (mission, camera, frame, grid, row, col, label, annotator, time,"
+            " source) SELECT mission, camera, frame, grid, row, col, label, 'other', time, source"
+            " FROM events LIMIT 1"
         )
         other.commit()
         before = listing(labelled)

@@ -10,11 +10,9 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.image_file import SUFFIXES
-from ...features.mission import Mission
+from ...features.mission import FolderMission, Mission
 from .boxes import Size
 
-_NUMBER = re.compile(r"(\d+)$")
 _UPLOADED = re.compile(r"[0-9a-f]{8}-")  # what Label Studio puts before the name of an upload
 
 
@@ -93,17 +91,12 @@ class MissionImages:
 
 def _file_names(mission: Mission) -> dict[FrameKey, str]:
     keys = [FrameKey(camera, n) for camera in mission.cameras for n in mission.frames(camera)]
-    if mission.path.is_file():
+    if not isinstance(mission, FolderMission):
         return {key: f"{mission.name}_{key.frame:06d}.png" for key in keys}
-    folders = {child.name.lower(): child for child in mission.path.iterdir() if child.is_dir()}
-    found: dict[FrameKey, str] = {}
-    for camera in mission.cameras:
-        for path in folders.get(camera, mission.path).iterdir():
-            number = _NUMBER.search(path.stem)
-            if number and path.suffix.lower() in SUFFIXES and not path.name.startswith("."):
-                name = path.relative_to(mission.path).as_posix()
-                found[FrameKey(camera, int(number[1]))] = name
-    return {key: found[key] for key in keys if key in found}
+    return {
+        key: mission.file(key.frame, key.camera).relative_to(mission.path).as_posix()
+        for key in keys
+    }
 
 
 def _lookup(names: dict[FrameKey, str]) -> dict[str, FrameKey]:
