@@ -103,35 +103,52 @@ def agreement(
     agreement but low kappa II, Journal of Clinical Epidemiology 43 (1990).
     """
     a, b = _by_cell(a_records), _by_cell(b_records)
-    pairs = [(label, b[cell]) for cell, label in a.items() if cell in b]
+    pairs = Counter((label, b[cell]) for cell, label in a.items() if cell in b)
+    return agreement_of_counts(pairs, len(a), len(b), taxonomy)
+
+
+def agreement_of_counts(
+    pairs: Counter[tuple[str, str]], n_a: int, n_b: int, taxonomy: Taxonomy
+) -> Agreement:
+    """`agreement` from counts alone.
+
+    Parameters
+    ----------
+    pairs : Counter of (str, str)
+        How often A and B gave a patch these two labels, over the patches that both labelled.
+    n_a, n_b : int
+        Patches labelled by A and by B.
+    taxonomy : Taxonomy
+
+    Raises
+    ------
+    ToktError
+        As in `agreement`.
+    """
     if not pairs:
         raise ToktError("no patch is labelled by both (same mission, camera, frame, grid, cell)")
     used = {label for pair in pairs for label in pair}
     for label in sorted(used):
         taxonomy.check_label(label)
     labels = [name for name in (*taxonomy.names, UNSURE) if name in used]
-    counts = Counter(pairs)
-    sure = [pair for pair in pairs if UNSURE not in pair]
-    obstacles = [
-        (taxonomy.is_obstacle(of_a), of_b != UNSURE and taxonomy.is_obstacle(of_b))
-        for of_a, of_b in pairs
-        if of_a != UNSURE
-    ]
+    sure = Counter({pair: n for pair, n in pairs.items() if UNSURE not in pair})
+    obstacles: Counter[tuple[bool, bool]] = Counter()
+    for (of_a, of_b), n in pairs.items():
+        if of_a != UNSURE:
+            b_says = of_b != UNSURE and taxonomy.is_obstacle(of_b)
+            obstacles[taxonomy.is_obstacle(of_a), b_says] += n
     return Agreement(
-        n_a=len(a),
-        n_b=len(b),
-        n_both=len(pairs),
-        n_both_sure=len(sure),
+        n_a=n_a,
+        n_b=n_b,
+        n_both=pairs.total(),
+        n_both_sure=sure.total(),
         kappa=_kappa(sure),
         agreement=_share_equal(sure),
         kappa_with_unsure=_kappa(pairs),
         agreement_with_unsure=_share_equal(pairs),
         labels=labels,
-        confusion=[[counts[of_a, of_b] for of_b in labels] for of_a in labels],
-        per_class={
-            name: _on_class([(of_a == name, of_b == name) for of_a, of_b in pairs])
-            for name in labels
-        },
+        confusion=[[pairs[of_a, of_b] for of_b in labels] for of_a in labels],
+        per_class={name: _on_class(_is_one(pairs, name)) for name in labels},
         obstacle=_on_class(obstacles),
     )
 
@@ -152,7 +169,7 @@ def _by_cell(records: Iterable[LabelRecord]) -> dict[Cell, str]:
     return labels
 
 
-def _kappa(pairs: list[tuple[str, str]]) -> float | None:
+def _kappa(pairs: Counter[tuple[str, str]]) -> float | None:
     try:
         from sklearn.metrics import cohen_kappa_score
     except ModuleNotFoundError:
@@ -160,16 +177,24 @@ def _kappa(pairs: list[tuple[str, str]]) -> float | None:
     if len({label for pair in pairs for label in pair}) < 2:
         return None
     of_a, of_b = zip(*pairs, strict=True)
-    return float(cohen_kappa_score(of_a, of_b))
+    return float(cohen_kappa_score(of_a, of_b, sample_weight=list(pairs.values())))
 
 
-def _share_equal(pairs: list[tuple[str, str]]) -> float | None:
-    return sum(of_a == of_b for of_a, of_b in pairs) / len(pairs) if pairs else None
+def _share_equal(pairs: Counter[tuple[str, str]]) -> float | None:
+    equal = sum(n for (of_a, of_b), n in pairs.items() if of_a == of_b)
+    return equal / pairs.total() if pairs else None
 
 
-def _on_class(pairs: list[tuple[bool, bool]]) -> ClassAgreement:
-    n_a, n_b = sum(of_a for of_a, _ in pairs), sum(of_b for _, of_b in pairs)
-    n_both = pairs.count((True, True))
+def _is_one(pairs: Counter[tuple[str, str]], name: str) -> Counter[tuple[bool, bool]]:
+    found: Counter[tuple[bool, bool]] = Counter()
+    for (of_a, of_b), n in pairs.items():
+        found[of_a == name, of_b == name] += n
+    return found
+
+
+def _on_class(pairs: Counter[tuple[bool, bool]]) -> ClassAgreement:
+    n_both = pairs[True, True]
+    n_a, n_b = n_both + pairs[True, False], n_both + pairs[False, True]
     return ClassAgreement(
         n_a=n_a,
         n_b=n_b,

@@ -421,6 +421,11 @@ class LabelStore:
         """Missions that have events, by name."""
         return [row[0] for row in self._rows("SELECT DISTINCT mission FROM events ORDER BY 1")]
 
+    def grids(self, mission: str) -> list[str]:
+        """Grids in which people labelled a mission, as text and in its order."""
+        sql = "SELECT DISTINCT grid FROM events WHERE mission = ? AND source <> 'model' ORDER BY 1"
+        return [row[0] for row in self._rows(sql, (mission,))]
+
     def annotators(self) -> list[str]:
         """People who said something, by name; models are not among them."""
         return [

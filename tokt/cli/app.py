@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 
 from ..features.errors import ToktError
-from . import bench, dataset, demo, doctor, labels, models, run, simulate, train
+from . import bench, dataset, demo, doctor, label, labels, models, run, simulate, train
 
 _EXTRAS = {
     **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
     **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
-    **dict.fromkeys(("fastapi", "uvicorn"), "label"),
+    **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
     "pymba": "camera",
 }
 
@@ -49,6 +49,7 @@ def _root(
 
 
 app.command("demo")(demo.demo)
+app.command("label")(label.label)
 app.add_typer(labels.labels_app, name="labels")
 app.add_typer(dataset.dataset_app, name="dataset")
 app.command("train")(train.train)

@@ -1,0 +1,164 @@
+"""Who may ask the server what: hosts, token, same-origin writes, and the headers of each answer.
+
+A page in another tab can send requests to this computer, and by a name server that answers with
+a loopback address (DNS rebinding) read what comes back. So the Host header must be a name of
+ours, and a request that changes something must come from our own page.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+import re
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers
+from starlette.responses import RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from .answers import failed
+
+LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
+MAX_BODY = 1_000_000  # bytes
+SECURITY_HEADERS = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+}
+_SAFE_METHODS = ("GET", "HEAD")
+_OWN_SITES = ("same-origin", "none")
+_HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d+))?")
+
+
+@dataclass(frozen=True)
+class AccessRules:
+    """What the server demands.
+
+    Parameters
+    ----------
+    port : int
+        The port it listens on.
+    names : frozenset of str
+        Host names by which it may be addressed, in lower case, IPv6 addresses in brackets.
+    any_address : bool
+        Whether any IP address is such a name. A rebinding attack needs a name, not an address.
+    token : str or None
+        What must be shown with every request, or None.
+    """
+
+    port: int
+    names: frozenset[str] = LOOPBACK_NAMES
+    any_address: bool = False
+    token: str | None = None
+
+    def is_our_host(self, header: str) -> bool:
+        """Whether a Host header addresses this server."""
+        match = _HOST.fullmatch(header.lower())
+        if match is None or int(match[2] or 80) != self.port:
+            return False
+        return match[1] in self.names or (self.any_address and _is_address(match[1]))
+
+    @property
+    def cookie(self) -> str:
+        """Name of the token's cookie. Browsers share cookies between the ports of a host."""
+        return f"tokt_{self.port}"
+
+    @property
+    def cookie_value(self) -> str:
+        """What the cookie holds: a token may have signs that a cookie cannot."""
+        return hashlib.sha256(b"tokt" + (self.token or "").encode()).hexdigest()
+
+    def is_token(self, given: str) -> bool:
+        """Compare a token in a time that does not depend on where it differs."""
+        return hmac.compare_digest(given.encode(), (self.token or "").encode())
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host.strip("[]"))
+    except ValueError:
+        return False
+    return True
+
+
+class Access:
+    """ASGI application around another one that lets through what `AccessRules` allow."""
+
+    def __init__(self, app: ASGIApp, rules: AccessRules) -> None:
+        self._app = app
+        self._rules = rules
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request, or pass it on."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                extra = [(name.encode(), text.encode()) for name, text in SECURITY_HEADERS.items()]
+                message = {**message, "headers": [*message.get("headers", []), *extra]}
+            await send(message)
+
+        answer = self._refuse(scope, Headers(scope=scope))
+        await (answer or self._app)(scope, receive, send_with_headers)
+
+    def _refuse(self, scope: Scope, headers: Headers) -> Response | None:
+        hosts = headers.getlist("host")
+        if len(hosts) != 1 or not self._rules.is_our_host(hosts[0]):
+            return failed(403, "this server is not addressed by that host name")
+        if scope["method"] not in _SAFE_METHODS:
+            refused = _refuse_write(headers, f"http://{hosts[0].lower()}")
+            if refused is not None:
+                return refused
+        return None if self._rules.token is None else self._ask_token(scope, headers)
+
+    def _ask_token(self, scope: Scope, headers: Headers) -> Response | None:
+        if scope["path"] == "/" and scope["method"] == "GET":
+            query = parse_qs(scope["query_string"].decode("latin-1"))
+            if any(self._rules.is_token(given) for given in query.get("token", [])):
+                answer = RedirectResponse("/", status_code=303)
+                answer.set_cookie(
+                    self._rules.cookie, self._rules.cookie_value, httponly=True, samesite="strict"
+                )
+                answer.headers["cache-control"] = "no-store"
+                return answer
+        kind, _, given = headers.get("authorization", "").partition(" ")
+        if kind.lower() == "bearer" and self._rules.is_token(given.strip()):
+            return None
+        if hmac.compare_digest(
+            _cookie(headers, self._rules.cookie).encode(), self._rules.cookie_value.encode()
+        ):
+            return None
+        return failed(401, "this page needs its token: open the address that tokt label printed")
+
+
+def _refuse_write(headers: Headers, own_origin: str) -> Response | None:
+    origin = headers.get("origin")
+    if origin is not None and origin.lower() != own_origin:
+        return failed(403, "a page of another origin may not change anything here")
+    if headers.get("sec-fetch-site", "none") not in _OWN_SITES:
+        return failed(403, "a page of another site may not change anything here")
+    if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
+        return failed(415, "the body must be application/json")
+    length = headers.get("content-length", "")
+    if not length.isascii() or not length.isdigit():
+        return failed(411, "the body's length must be told")
+    if int(length) > MAX_BODY:
+        return failed(413, f"the body is longer than {MAX_BODY} bytes")
+    return None
+
+
+def _cookie(headers: Headers, name: str) -> str:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(name)
+    except CookieError:
+        return ""
+    return found.value if found else ""

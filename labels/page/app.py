@@ -1,0 +1,124 @@
+"""The web application: all routes, and the page's own files."""
+
+from __future__ import annotations
+
+import asyncio
+import mimetypes
+import os
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Scope
+
+from ...features.errors import ToktError
+from . import (
+    agreement_routes,
+    label_routes,
+    live_routes,
+    mission_routes,
+    picture_routes,
+    queue_routes,
+    sheet_routes,
+)
+from .access import Access, AccessRules
+from .answers import add_error_answers
+from .session import Session
+
+_ROUTES = (
+    agreement_routes,
+    label_routes,
+    live_routes,
+    mission_routes,
+    picture_routes,
+    queue_routes,
+    sheet_routes,
+)
+LOOK_S = 0.25
+"""How often the store is looked at for what other processes wrote."""
+CHECK_S, CHECK_FAULT_S = 5.0, 1.0
+"""How often it is tried whether something could be saved, and how often while it cannot."""
+
+# Windows takes these from its registry, where they may be anything; browsers then run no script.
+mimetypes.add_type("text/javascript", ".js")
+mimetypes.add_type("text/css", ".css")
+
+
+class _PageFiles(StaticFiles):
+    """The page's own files. Browsers ask each time whether they changed: tokt may be updated."""
+
+    def file_response(
+        self,
+        full_path: str | os.PathLike[str],
+        stat_result: os.stat_result,
+        scope: Scope,
+        status_code: int = 200,
+    ) -> Response:
+        response = super().file_response(full_path, stat_result, scope, status_code)
+        response.headers["cache-control"] = "no-cache"
+        return response
+
+
+def create_app(session: Session, rules: AccessRules) -> ASGIApp:
+    """The application that serves one session to whom the rules let in."""
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        session.live.start()
+        session.start()
+        watching = asyncio.create_task(watch(session))
+        yield
+        watching.cancel()
+
+    app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
+    app.state.session = session
+    add_error_answers(app)
+    for routes in _ROUTES:
+        app.include_router(routes.router)
+    files = _PageFiles(packages=[(__package__, "static")])
+
+    @app.get("/")
+    async def get_page(request: Request) -> Response:
+        return await files.get_response("index.html", request.scope)
+
+    app.mount("/static", files)
+    return Access(app, rules)
+
+
+async def watch(session: Session) -> None:
+    """Look for what others wrote and for faults, and tell the pages; until cancelled."""
+    told, look = session.status(), _Look(session)
+    while True:
+        await asyncio.sleep(LOOK_S)
+        await run_in_threadpool(look.again)
+        status = session.status()
+        if status != told:
+            told = status
+            session.live.tell_status(status)
+
+
+class _Look:
+    """One look after the other at the store."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._version: int | None = None
+        self._checked_at = time.monotonic()
+
+    def again(self) -> None:
+        """Refresh the board if anybody wrote, and now and then try whether writing works."""
+        wait = CHECK_FAULT_S if self._session.fault else CHECK_S
+        if time.monotonic() - self._checked_at > wait:
+            self._session.find_fault()
+            self._checked_at = time.monotonic()
+        try:
+            version = self._session.store.data_version()
+            if version != self._version:
+                self._session.refresh()
+                self._version = version
+        except ToktError as error:
+            self._session.fault = str(error)

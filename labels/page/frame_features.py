@@ -1,0 +1,148 @@
+"""Texture features of the frames that have labels, computed beside the page and kept in memory."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ...features.extractor import extractor_named
+from ...features.grid import Grid
+from ...features.mission import Mission
+from .background import Background
+from .frames import for_background, read_frame
+
+WHAT = "LBP and Haralick features"
+_EXTRACTOR = extractor_named("lbp_10_5_frame+haralick")
+_FIRST_ROOM = 64  # frames
+
+CellName = tuple[str, int, int]
+_FrameName = tuple[str, int]
+
+
+@dataclass(frozen=True)
+class Located:
+    """Patches as places in `Known`.
+
+    Attributes
+    ----------
+    rows, cells : array of int64, shape (n,)
+        Each one's frame, and its cell in that frame.
+    """
+
+    rows: NDArray[np.int64]
+    cells: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known at one moment; row i of each array is one frame.
+
+    Attributes
+    ----------
+    features : array of float32, shape (at least n, n_patches, dim)
+        Only of frames that are `good`.
+    numbers : array of int64, shape (n,)
+        Frame numbers.
+    good : array of bool, shape (n,)
+        Which frames have been looked at and could be read.
+    done : int
+        How many have been looked at.
+    """
+
+    features: NDArray[np.float32]
+    numbers: NDArray[np.int64]
+    good: NDArray[np.bool_]
+    done: int
+
+
+class _Rows(dict[_FrameName, int]):
+    """Frames and their rows; a frame that is new gets the next row."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: list[_FrameName] = []
+
+    def __missing__(self, name: _FrameName) -> int:
+        self.names.append(name)
+        self[name] = len(self.names) - 1
+        return self[name]
+
+
+class FrameFeatures:
+    """Features of every patch of the frames that were asked for. For any number of threads.
+
+    It needs some 100 bytes a patch.
+
+    Parameters
+    ----------
+    mission : Mission
+    grid : Grid
+    """
+
+    def __init__(self, mission: Mission, grid: Grid) -> None:
+        self._mission = for_background(mission)
+        self._grid = grid
+        self._lock = threading.Lock()
+        self._rows = _Rows()
+        self._good: list[bool] = []
+        self._features = np.zeros((_FIRST_ROOM, grid.n_patches, _EXTRACTOR.dim), np.float32)
+        self.background = Background("tokt-sheet", self._step)
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """How many frames have been looked at, and how many were asked for."""
+        return len(self._good), len(self._rows.names)
+
+    def want(self, frames: Iterable[_FrameName]) -> None:
+        """Ask for frames."""
+        with self._lock:
+            for name in frames:
+                self._rows[name]
+        self.background.wake()
+
+    def locate(self, cells: Sequence[CellName]) -> Located:
+        """Where to find patches in `known`; asks for their frames."""
+        with self._lock:
+            rows = (self._rows[camera, frame] for camera, frame, _ in cells)
+            located = Located(
+                np.fromiter(rows, np.int64, len(cells)),
+                np.fromiter((cell for _, _, cell in cells), np.int64, len(cells)),
+            )
+        self.background.wake()
+        return located
+
+    def known(self) -> Known:
+        """All that is known; what comes later does not change it."""
+        with self._lock:
+            n = len(self._rows.names)
+            good = np.zeros(n, bool)
+            good[: len(self._good)] = self._good
+            numbers = np.fromiter((frame for _, frame in self._rows.names), np.int64, n)
+            return Known(self._features, numbers, good, len(self._good))
+
+    def _step(self) -> bool:
+        row = len(self._good)
+        with self._lock:
+            if row == len(self._rows.names):
+                return False
+            camera, frame = self._rows.names[row]
+        features = self._describe(camera, frame)
+        with self._lock:
+            if row == len(self._features):
+                # A new array: somebody may be reading the old one.
+                self._features = np.concatenate([self._features, np.zeros_like(self._features)])
+            if features is not None:
+                self._features[row] = features
+            self._good.append(features is not None)
+        return True
+
+    def _describe(self, camera: str, frame: int) -> NDArray[np.float64] | None:
+        try:
+            return _EXTRACTOR.describe(read_frame(self._mission, camera, frame), self._grid)
+        except (ToktError, ValueError):  # unreadable, or too small for the grid
+            return None

@@ -1,0 +1,204 @@
+"""What a model said of each frame of a mission, kept in a file between runs of the server."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.mission import Mission
+
+FORMAT = 1
+_TO_DO, _JUDGED, _FAULTY = range(3)
+_UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+
+
+@dataclass(frozen=True)
+class Suggestions:
+    """What a model suggests for one frame.
+
+    Attributes
+    ----------
+    classes : array of int, shape (n_patches,)
+        Index into the model's classes.
+    values : array of float64, shape (n_patches,)
+        How far the decision is on the side of that class, 0 and more: with two classes the
+        distance to the threshold, with more the lead over the second best.
+    obstacle : array of bool, shape (n_patches,)
+        Whether that class is an obstacle.
+    fault : str
+        Why there are no suggestions, the arrays being empty; or an empty string.
+    """
+
+    classes: NDArray[np.int64]
+    values: NDArray[np.float64]
+    obstacle: NDArray[np.bool_]
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """All frames that a model has judged so far; row i of each array is frame i.
+
+    Attributes
+    ----------
+    cameras : array of str, shape (n,)
+    frames : array of int64, shape (n,)
+    values : array of float64, shape (n, n_patches)
+        As in `Suggestions`.
+    features : array of float32, shape (n, 2 * dim)
+        Mean and standard deviation of each feature over the frame's patches.
+    several : bool
+        Whether the model has more than two classes.
+    """
+
+    cameras: NDArray[np.str_]
+    frames: NDArray[np.int64]
+    values: NDArray[np.float64]
+    features: NDArray[np.float32]
+    several: bool = False
+
+
+class JudgedTable:
+    """Suggestions of all frames of a mission, as far as they are known. Not for several threads.
+
+    Parameters
+    ----------
+    mission : Mission
+    n_patches, dim : int
+        Patches of a frame and features of a patch.
+    """
+
+    def __init__(self, mission: Mission, n_patches: int, dim: int) -> None:
+        every = [(camera, frame) for camera in mission.cameras for frame in mission.frames(camera)]
+        self.names = every
+        self.position = {name: index for index, name in enumerate(every)}
+        self.cameras = np.array([camera for camera, _ in every])
+        self.frames = np.array([frame for _, frame in every], np.int64)
+        self.done = 0
+        self._states = np.full(len(every), _TO_DO, np.uint8)
+        self._classes = np.zeros((len(every), n_patches), np.int16)
+        self._values = np.zeros((len(every), n_patches))
+        self._features = np.zeros((len(every), 2 * dim), np.float32)
+        self._faults: dict[int, str] = {}
+
+    @property
+    def to_do(self) -> NDArray[np.bool_]:
+        """Which frames are not known yet."""
+        return np.asarray(self._states == _TO_DO)
+
+    def knows(self, index: int) -> bool:
+        """Whether a frame is known, by its place in `names`."""
+        return bool(self._states[index] != _TO_DO)
+
+    def put(self, index: int, found: Suggestions, features: NDArray[np.float64] | None) -> None:
+        """Keep what the model said of a frame; `features` of its patches, unless it is faulty."""
+        self.done += not self.knows(index)
+        if found.fault or features is None:
+            self._faults[index] = found.fault
+            self._states[index] = _FAULTY
+            return
+        self._classes[index], self._values[index] = found.classes, found.values
+        self._features[index] = np.concatenate([features.mean(axis=0), features.std(axis=0)])
+        self._states[index] = _JUDGED
+
+    def get(self, index: int, obstacle: tuple[bool, ...]) -> Suggestions:
+        """The suggestions of a frame that is known."""
+        if self._states[index] == _FAULTY:
+            return no_suggestions(self._faults[index])
+        classes = self._classes[index].astype(np.int64)
+        return Suggestions(classes, self._values[index].copy(), np.asarray(obstacle, bool)[classes])
+
+    def judged(self, several: bool) -> Judged:
+        """A copy of everything known, without faulty frames."""
+        known = self._states == _JUDGED
+        return Judged(
+            self.cameras[known],
+            self.frames[known],
+            self._values[known],
+            self._features[known],
+            several,
+        )
+
+    def to_bytes(self, key: str) -> bytes:
+        """Everything known, as a file that `load` reads with the same key."""
+        faults = {str(index): fault for index, fault in self._faults.items()}
+        texts = json.dumps({"format": FORMAT, "key": key, "faults": faults}).encode("utf-8")
+        buffer = io.BytesIO()
+        np.savez(buffer, texts=np.frombuffer(texts, np.uint8), **self._arrays())
+        return buffer.getvalue()
+
+    def load(self, path: Path, key: str) -> bool:
+        """Take over what `to_bytes` wrote with the same key; False where there is no such thing.
+
+        Any other content, or a damaged file, is as good as none: all of it can be computed.
+        """
+        own = self._arrays()
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in ("texts", *own)}
+            texts = json.loads(arrays.pop("texts").tobytes())
+            faults = {int(index): str(fault) for index, fault in texts["faults"].items()}
+            if (texts["format"], texts["key"]) != (FORMAT, key):
+                return False
+        except (*_UNREADABLE, TypeError, AttributeError):
+            return False
+        fits = all(
+            (array.shape, array.dtype) == (own[name].shape, own[name].dtype)
+            for name, array in arrays.items()
+        )
+        if not fits or set(faults) != set(np.flatnonzero(arrays["states"] == _FAULTY).tolist()):
+            return False
+        for name, array in arrays.items():
+            own[name][...] = array
+        self._faults = faults
+        self.done = int((self._states != _TO_DO).sum())
+        return True
+
+    def _arrays(self) -> dict[str, Any]:
+        return {
+            "states": self._states,
+            "classes": self._classes,
+            "values": self._values,
+            "features": self._features,
+        }
+
+
+def no_suggestions(fault: str) -> Suggestions:
+    """Of a frame that cannot be judged, and why."""
+    return Suggestions(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), fault)
+
+
+def mission_stamp(mission: Mission) -> str:
+    """A hash of the names, sizes and times of a mission's files: other files, other stamp.
+
+    Raises
+    ------
+    OSError
+        If the mission's folder cannot be read.
+    """
+    stamps = sorted(
+        f"{file.relative_to(mission.path)}\0{stat.st_size}\0{stat.st_mtime_ns}"
+        for file, stat in _files(mission.path)
+    )
+    return hashlib.sha256("\n".join(stamps).encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def _files(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """A file, or the files of a folder and of the folders in it."""
+    if path.is_file():
+        yield path, path.stat()
+        return
+    folders = [path, *(child for child in path.iterdir() if child.is_dir())]
+    for folder in folders:
+        with os.scandir(folder) as entries:
+            yield from ((Path(entry.path), entry.stat()) for entry in entries if entry.is_file())

@@ -1,0 +1,185 @@
+"""Labels of frames, and the actions that change them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from fastapi import APIRouter
+from starlette.responses import Response
+
+from ...features.errors import ToktError
+from ...features.mission import parse_frames
+from ..action import Action, Applied, Change
+from ..record import SETTLED, Cell
+from .answers import answered, refuse
+from .bodies import ActionBody, Camera, StepBody
+from .queries import Blind, Frame, SessionOf, Who, check_frame, refuse_blind
+from .session import Session
+from .suggested import suggestions_of
+
+router = APIRouter(prefix="/api")
+MOST_FRAMES = 60
+
+
+@router.get("/labels")
+def get_labels(
+    session: SessionOf,
+    camera: Camera,
+    frames: str,
+    who: Who | None = None,
+    blind: Blind = False,
+    suggest: bool = False,
+) -> Response:
+    """Labels of up to `MOST_FRAMES` frames, as ``17,18,19`` or ``17-19``."""
+    numbers = _frame_numbers(frames)
+    for number in numbers:
+        check_frame(session, camera, number)
+    found = []
+    event = session.board.event
+    for number in numbers:
+        said = _labels(session, who or session.annotator, blind, camera, number)
+        suggestions = suggestions_of(session, camera, number) if suggest and not blind else None
+        found.append({**said, "suggestions": suggestions})
+    return answered({"event": event, "frames": found})
+
+
+@router.post("/actions")
+def post_action(session: SessionOf, body: ActionBody) -> Response:
+    """Do what a person did: on disk when this answers."""
+    _check_addressee(session, body)
+    action = _action(session, body)
+    return answered(_applied(session, body, session.store.apply(action)))
+
+
+@router.post("/undo")
+def post_undo(session: SessionOf, body: StepBody) -> Response:
+    """Take back a person's last action."""
+    return _step(session, body, session.store.undo)
+
+
+@router.post("/redo")
+def post_redo(session: SessionOf, body: StepBody) -> Response:
+    """Do again what was taken back last."""
+    return _step(session, body, session.store.redo)
+
+
+@router.get("/history")
+def get_history(
+    session: SessionOf, camera: Camera, frame: Frame, cell: int, blind: Blind = False
+) -> Response:
+    """Everything ever said of one patch."""
+    refuse_blind(blind)
+    check_frame(session, camera, frame)
+    if not 0 <= cell < session.grid.n_patches:
+        raise refuse(400, f"cell {cell} is outside the grid {session.grid}")
+    row, col = divmod(cell, session.grid.cols)
+    patch = Cell(session.mission.name, camera, frame, session.grid, row, col)
+    fields = ("label", "annotator", "time", "source", "model_version")
+    return answered(
+        {
+            "events": [
+                {name: getattr(said, name) for name in fields}
+                for said in session.store.history(patch)
+            ]
+        }
+    )
+
+
+def _frame_numbers(text: str) -> list[int]:
+    try:
+        numbers = parse_frames(text)
+    except ToktError as error:
+        raise refuse(400, str(error)) from None
+    if len(numbers) > MOST_FRAMES:
+        raise refuse(400, f"{len(numbers)} frames at once; the most is {MOST_FRAMES}")
+    return numbers
+
+
+def _labels(session: Session, who: str, blind: bool, camera: str, frame: int) -> dict[str, Any]:
+    board = session.board
+    return {
+        "camera": camera,
+        "frame": frame,
+        "mine": board.labels(who, camera, frame),
+        "models": board.versions(who, camera, frame),
+        "others": {} if blind else board.others(who, camera, frame),
+        "settled": ([None] * session.grid.n_patches if blind else board.settled(camera, frame)),
+    }
+
+
+def _check_addressee(session: Session, body: ActionBody | StepBody) -> None:
+    here, grid = session.mission.name, [session.grid.rows, session.grid.cols]
+    if (body.mission or here) != here or (body.grid or grid) != grid:
+        rows, cols = body.grid or grid
+        raise refuse(
+            421,
+            f"this server shows mission {here} ({session.grid}); the action is for"
+            f" {body.mission or here} ({rows}x{cols})",
+        )
+
+
+def _action(session: Session, body: ActionBody) -> Action:
+    if body.source == SETTLED:
+        refuse_blind(body.blind)
+    known = session.names(body.who, body.blind)
+    changes = []
+    for change in body.changes:
+        check_frame(session, change.camera, change.frame)
+        if change.label is not None and change.label not in known:
+            raise refuse(400, f"unknown class {change.label!r}; known: {', '.join(known)}")
+        for cell, base in zip(change.cells, change.base, strict=True):
+            if cell >= session.grid.n_patches:
+                raise refuse(400, f"cell {cell} is outside the grid {session.grid}")
+            row, col = divmod(cell, session.grid.cols)
+            changes.append(
+                Change(change.camera, change.frame, row, col, change.label, base, change.model)
+            )
+    try:
+        return Action(
+            body.key,
+            body.who,
+            session.mission.name,
+            session.grid,
+            body.kind,
+            body.time,
+            tuple(changes),
+            body.source,
+            body.blind,
+        )
+    except ToktError as error:
+        raise refuse(400, str(error)) from None
+
+
+def _step(session: Session, body: StepBody, reverse: Callable[..., Applied | None]) -> Response:
+    _check_addressee(session, body)
+    applied = reverse(
+        body.who, session.mission.name, session.grid, body.key, body.time, body.target
+    )
+    if applied is None:
+        return answered({"nothing": True})
+    frames = [list(frame) for frame in applied.frames]
+    answer = _applied(session, body, applied)
+    return answered({**answer, "kind": applied.kind, "frames": frames})
+
+
+def _applied(session: Session, body: ActionBody | StepBody, applied: Applied) -> dict[str, Any]:
+    session.refresh()
+    cols = session.grid.cols
+    return {
+        "key": applied.key,
+        "event": applied.event,
+        "changed": applied.changed,
+        "repeated": applied.repeated,
+        "conflicts": [
+            {
+                "camera": conflict.camera,
+                "frame": conflict.frame,
+                "cell": conflict.row * cols + conflict.col,
+                "theirs": conflict.theirs,
+                "yours": conflict.yours,
+            }
+            for conflict in applied.conflicts
+        ],
+        **session.state_after(body.who, body.blind, set(applied.frames)),
+    }

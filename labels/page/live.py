@@ -1,0 +1,98 @@
+"""Server-sent events: every open page hears what changed, whoever changed it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from .changed import Changed
+
+ALIVE_S = 2.0  # a comment that often, so that either side notices when the other is gone
+ALIVE = ": alive\n\n"
+"""A comment, which pages do not see."""
+
+
+@dataclass(eq=False)
+class Listener:
+    """One open stream and what it has not been told yet."""
+
+    changed: Changed | None = None
+    status: dict[str, Any] | None = None
+    wake: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def add_change(self, changed: Changed) -> None:
+        """Something was said; a slow page gets several changes as one."""
+        self.changed = changed if self.changed is None else self.changed.merged(changed)
+        self.wake.set()
+
+    def set_status(self, status: dict[str, Any]) -> None:
+        """The server's own state; only the newest counts."""
+        self.status = status
+        self.wake.set()
+
+    def take(self) -> tuple[Changed | None, dict[str, Any] | None]:
+        """What is to be told now."""
+        taken = self.changed, self.status
+        self.changed = self.status = None
+        self.wake.clear()
+        return taken
+
+
+class Live:
+    """All open streams. `tell` and `tell_status` may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._listeners: set[Listener] = set()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closed = False
+
+    def start(self) -> None:
+        """Belong to the running event loop from now on."""
+        self._loop = asyncio.get_running_loop()
+
+    def close(self) -> None:
+        """End every stream; to be called in the event loop."""
+        self._closed = True
+        for listener in self._listeners:
+            listener.wake.set()
+
+    def tell(self, changed: Changed) -> None:
+        """Send a change to every page."""
+        self._to_all(lambda listener: listener.add_change(changed))
+
+    def tell_status(self, status: dict[str, Any]) -> None:
+        """Send the server's own state to every page."""
+        self._to_all(lambda listener: listener.set_status(status))
+
+    async def listen(self) -> AsyncIterator[tuple[Changed | None, dict[str, Any] | None]]:
+        """Yield what is to be told, or (None, None) every `ALIVE_S`, until the server ends."""
+        listener = Listener()
+        self._listeners.add(listener)
+        try:
+            yield None, None  # from here on nothing is missed
+            while not self._closed:
+                try:
+                    await asyncio.wait_for(listener.wake.wait(), ALIVE_S)
+                except TimeoutError:
+                    yield None, None
+                    continue
+                if not self._closed:
+                    yield listener.take()
+        finally:
+            self._listeners.discard(listener)
+
+    def _to_all(self, send: Callable[[Listener], None]) -> None:
+        def deliver() -> None:
+            for listener in self._listeners:
+                send(listener)
+
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(deliver)
+
+
+def event_text(name: str, value: dict[str, Any]) -> str:
+    """One event as it goes over the wire."""
+    return f"event: {name}\ndata: {json.dumps(value, allow_nan=False)}\n\n"

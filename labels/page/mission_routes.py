@@ -1,0 +1,94 @@
+"""What a page loads first: the mission, its classes, the state of every frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+from starlette.responses import Response
+
+from ...features.mission import format_frames
+from ..taxonomy import UNSURE, UNSURE_KEY
+from .answers import answered, refuse
+from .bodies import SeenBody
+from .queries import Blind, SessionOf, Who, check_frame
+from .session import Session
+
+router = APIRouter(prefix="/api")
+_NO_CLASS_COLOR = "#b0b0b0"
+
+
+@router.get("/mission")
+def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False) -> Response:
+    """Everything but the labels themselves."""
+    who = who or session.annotator
+    board = session.board
+    session.refresh()
+    board.reload_seen(who)
+    return answered(
+        {
+            "mission": session.mission.name,
+            "version": session.version,
+            "pictures": session.pictures_version,
+            "grid": session.grid.to_json(),
+            "cameras": {camera: _ranges(frames) for camera, frames in board.frames.items()},
+            "classes": _classes(session, who, blind),
+            "annotator": session.annotator,
+            "annotators": [who] if blind else sorted({*board.annotators, who}),
+            "model": None if blind else session.model_state(),
+            "fault": session.fault,
+            "event": board.event,
+            "states": board.states(who, blind),
+            "counts": board.counts(who),
+            "undo": session.undo_heads(who),
+            "other_grids": session.other_grids,
+        }
+    )
+
+
+@router.get("/labelled")
+def get_labelled(session: SessionOf, of: Who) -> Response:
+    """Frames in which somebody labelled something; not how, so it may be asked blind."""
+    cameras: dict[str, list[int]] = {camera: [] for camera in session.board.frames}
+    for camera, frame in session.board.labelled_frames(of):
+        cameras[camera].append(frame)
+    if not any(cameras.values()):
+        raise refuse(404, f"{of} labelled nothing in mission {session.mission.name}")
+    return answered({"of": of, "cameras": cameras})
+
+
+@router.post("/seen")
+def post_seen(session: SessionOf, body: SeenBody) -> Response:
+    """Note that a person opened a frame."""
+    check_frame(session, body.camera, body.frame)
+    session.shown(body.camera, body.frame)
+    session.mark_seen(body.who, body.camera, body.frame)
+    frames = [(body.camera, body.frame)]
+    return answered({"states": session.board.states_of(body.who, body.blind, frames)})
+
+
+def _ranges(frames: list[int]) -> dict[str, Any]:
+    runs = [part.split("-") for part in format_frames(frames).split(",")] if frames else []
+    return {"ranges": [[int(run[0]), int(run[-1])] for run in runs], "count": len(frames)}
+
+
+def _classes(session: Session, who: str, blind: bool) -> list[dict[str, Any]]:
+    classes: list[dict[str, Any]] = [vars(known) for known in session.taxonomy.classes]
+    known = {*session.taxonomy.names, UNSURE}
+    classes.append(_no_class(UNSURE, UNSURE_KEY, "Looked at, and could not be decided."))
+    classes.extend(
+        _no_class(name, "", "Not in the taxonomy; labels of this name are in the store.")
+        for name in session.names(who, blind)
+        if name not in known
+    )
+    return classes
+
+
+def _no_class(name: str, key: str, description: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "obstacle": None,
+        "color": _NO_CLASS_COLOR,
+        "key": key,
+        "description": description,
+    }

@@ -1,0 +1,94 @@
+"""Pictures of frames and of patches."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query
+from starlette.responses import Response
+
+from ...features.errors import ToktError
+from .answers import refuse
+from .bodies import MAX_NAME, Camera
+from .pictures import frame_picture
+from .queries import SessionOf, check_frame
+from .session import Session
+
+router = APIRouter(prefix="/api")
+_KEEP = {"cache-control": "private, max-age=31536000, immutable"}
+_KEEP_NOT = {"cache-control": "no-store"}
+MOST_PATCHES = 400
+_CELL = re.compile(r"(left|right):(\d{1,10}):(\d{1,10})", re.ASCII)
+
+CameraPart = Annotated[Camera, Path()]
+FramePart = Annotated[int, Path(ge=0, le=2**31 - 1)]
+Enhance = Annotated[int, Query(ge=0, le=100)]
+Version = Annotated[str, Query(alias="v", max_length=MAX_NAME)]
+"""Which mission's pictures a page means: another one may be served on this port tomorrow."""
+
+
+@router.get("/picture/{camera}/{frame}")
+def get_picture(
+    session: SessionOf,
+    camera: CameraPart,
+    frame: FramePart,
+    enhance: Enhance = 0,
+    version: Version = "",
+) -> Response:
+    """One frame, with its contrast raised by `enhance` per cent."""
+    check_frame(session, camera, frame)
+    return _picture(session, version, frame_picture(session.mission, camera, frame, enhance))
+
+
+@router.get("/thumb/{camera}/{frame}")
+def get_thumb(
+    session: SessionOf,
+    camera: CameraPart,
+    frame: FramePart,
+    width: Annotated[int, Query(ge=16, le=2000)] = 240,
+    enhance: Enhance = 0,
+    version: Version = "",
+) -> Response:
+    """One frame made smaller."""
+    check_frame(session, camera, frame)
+    made = frame_picture(session.mission, camera, frame, enhance, width)
+    return _picture(session, version, made)
+
+
+@router.get("/patches")
+def get_patches(
+    session: SessionOf,
+    cells: Annotated[str, Query(max_length=MOST_PATCHES * 30)],
+    size: Annotated[int, Query(ge=16, le=256)] = 72,
+    margin: Annotated[float, Query(ge=0, le=1)] = 0.25,
+    enhance: Enhance = 0,
+    version: Version = "",
+) -> Response:
+    """Patches side by side in one picture, ten in a row, from ``left:17:34,left:17:35``."""
+    wanted = _cells(cells)
+    for camera, frame, _ in wanted:
+        check_frame(session, camera, frame)
+    try:
+        made = session.pictures.sprite(wanted, size, margin, enhance)
+    except ToktError as error:
+        raise refuse(400, str(error)) from None
+    return _picture(session, version, made)
+
+
+def _cells(text: str) -> list[tuple[str, int, int]]:
+    found = []
+    for part in text.split(","):
+        match = _CELL.fullmatch(part)
+        if match is None:
+            raise refuse(400, f"not a patch: {part!r} (write CAMERA:FRAME:CELL)")
+        found.append((match[1], int(match[2]), int(match[3])))
+    if len(found) > MOST_PATCHES:
+        raise refuse(400, f"{len(found)} patches at once; the most is {MOST_PATCHES}")
+    return found
+
+
+def _picture(session: Session, version: str, made: tuple[bytes, str]) -> Response:
+    data, media_type = made
+    headers = _KEEP if version == session.pictures_version else _KEEP_NOT
+    return Response(data, media_type=media_type, headers=headers)

@@ -1,0 +1,229 @@
+"""Which frames to label next: those the model is unsure of, and not the same thing twice.
+
+A frame's score is its uncertainty times how far it is from everything that is labelled or comes
+before it in the queue (greedy farthest-point traversal weighted by uncertainty). Neighbour frames
+of a dive are near copies: labelling one tells the model almost all about the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .judged import Judged
+
+_NEAR_SHARE = 0.25  # a patch is near the threshold below this share of the median distance to it
+_HALF_UNSURE = 3.0  # patches on the threshold that make a frame half as unsure as can be
+_LEAST_UNSURE = 0.02  # so that frames the model is sure of come too, later and far apart
+_ALIKE = 0.5  # standard deviations a feature, where two frames count as half the same and more
+_AT_ONCE = 5.0  # frames, within which the camera still sees the same
+_UNLIKE = 1.0  # standard deviations a feature; two frames of a dive taken at random: 1.4
+_MOST_CANDIDATES = 3000  # the most unsure ones; what is compared with each labelled frame
+_SPREAD = 2654435761  # an odd number far from simple fractions of 2**32: spreads equal ones out
+
+_Name = tuple[str, int]
+_Float = NDArray[np.float32]
+
+
+class HasJudged(Protocol):
+    """A `Suggester`."""
+
+    def judged(self) -> Judged:
+        """All frames known so far."""
+
+
+@dataclass(frozen=True)
+class QueueEntry:
+    """A frame to label.
+
+    Attributes
+    ----------
+    camera : str
+    frame : int
+    score : float
+        0 to 1; never more than that of the entry before.
+    why : str
+        What speaks for it, in one sentence.
+    """
+
+    camera: str
+    frame: int
+    score: float
+    why: str
+
+
+def order(
+    suggester: HasJudged,
+    labelled: Mapping[_Name, bool],
+    n: int,
+    now: _Name | None = None,
+    camera: str | None = None,
+) -> list[QueueEntry]:
+    """The next frames to label, best first; the same input gives the same queue.
+
+    Parameters
+    ----------
+    suggester : Suggester
+        Frames that it does not know yet, or that are faulty, are left out.
+    labelled : mapping of (camera, frame) to bool
+        Frames with True are left out.
+    n : int
+        How many at most.
+    now : (camera, frame), optional
+        The frame that is shown: it is left out, and its near copies come late.
+    camera : str, optional
+        Only frames of this camera.
+    """
+    judged = suggester.judged()
+    names = list(zip(judged.cameras.tolist(), judged.frames.tolist(), strict=True))
+    seen = [name for name, is_labelled in labelled.items() if is_labelled]
+    known = set(seen) | ({now} if now else set())
+    is_known = np.fromiter((name in known for name in names), bool, len(names))
+    free = ~is_known if camera is None else ~is_known & (judged.cameras == camera)
+    if not free.any():
+        return []
+    uncertainty = _Uncertainty.of(judged)
+    queue = _Queue(judged, uncertainty, _candidates(uncertainty.unsure, free))
+    queue.leave(np.flatnonzero(is_known), [frame for _, frame in known])
+    entries = []
+    for _ in range(min(n, len(queue.candidates))):
+        entries.append(queue.take())
+    return entries
+
+
+@dataclass(frozen=True)
+class _Uncertainty:
+    """How unsure the model is of each frame.
+
+    Attributes
+    ----------
+    near : float
+        Decision values so far from the threshold, and less, count.
+    patches : array of int, shape (n,)
+        How many such patches each frame has.
+    unsure : array of float, shape (n,)
+        0 to 1.
+    """
+
+    near: float
+    patches: NDArray[np.int64]
+    unsure: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, judged: Judged) -> _Uncertainty:
+        # Two digits, as the reason given says them.
+        near = float(f"{_NEAR_SHARE * float(np.median(judged.values)):.2g}")
+        share = 1 - judged.values / max(near, 1e-300)
+        sums = share.clip(0, None).sum(axis=1)
+        unsure = _LEAST_UNSURE + (1 - _LEAST_UNSURE) * sums / (sums + _HALF_UNSURE)
+        return cls(near, (judged.values <= near).sum(axis=1), unsure)
+
+
+def _candidates(unsure: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Places of the most unsure free frames, in order; of equal ones some from everywhere."""
+    places = np.flatnonzero(free)
+    if len(places) > _MOST_CANDIDATES:
+        spread = places * _SPREAD % 2**32
+        places = np.sort(places[np.lexsort((spread, -unsure[places]))][:_MOST_CANDIDATES])
+    return places
+
+
+class _Queue:
+    """Candidates, and how alike each is to the frames that are known or taken."""
+
+    def __init__(
+        self, judged: Judged, uncertainty: _Uncertainty, candidates: NDArray[np.int64]
+    ) -> None:
+        self.candidates = candidates
+        self._judged = judged
+        self._uncertainty = uncertainty
+        self._looks = looks(judged.features)
+        self._own_looks = self._looks[candidates]
+        self._own_frames = judged.frames[candidates]
+        self._unsure = uncertainty.unsure[candidates]
+        self._distance = np.full(len(candidates), np.inf, np.float32)
+        self._nearest = np.full(len(candidates), -1)
+        self._gap = np.full(len(candidates), np.inf)
+        self._free = np.ones(len(candidates), bool)
+        self._taken: set[int] = set()
+
+    def leave(self, places: NDArray[np.int64], frames: list[int]) -> None:
+        """What looks like these known frames, or was seen at the same time, comes late."""
+        if frames:
+            self._gap = np.minimum(self._gap, _gaps(self._own_frames, np.sort(frames)))
+        if len(places):
+            nearest = _nearest(self._own_looks, self._looks[places])
+            self._come_near(places[nearest])
+
+    def take(self) -> QueueEntry:
+        """The best candidate left."""
+        alike = np.exp(-0.5 * (self._distance / _ALIKE) ** 2)
+        at_once = np.exp(-((self._gap / _AT_ONCE) ** 2))
+        scores = self._unsure * (1 - np.maximum(alike, at_once))
+        best = int(np.where(self._free, scores, -1.0).argmax())
+        place = int(self.candidates[best])
+        entry = QueueEntry(
+            str(self._judged.cameras[place]),
+            int(self._judged.frames[place]),
+            float(scores[best]),
+            self._why(place, best),
+        )
+        self._free[best] = False
+        self._taken.add(place)
+        self._come_near(np.full(len(self.candidates), place))
+        self._gap = np.minimum(self._gap, np.abs(self._own_frames - entry.frame))
+        return entry
+
+    def _come_near(self, places: NDArray[np.int64]) -> None:
+        distance = np.linalg.norm(self._own_looks - self._looks[places], axis=1)
+        nearer = distance < self._distance
+        self._distance[nearer], self._nearest[nearer] = distance[nearer], places[nearer]
+
+    def _why(self, place: int, candidate: int) -> str:
+        patches, near = self._uncertainty.patches[place], self._uncertainty.near
+        number = f"{patches or 'no'} patch{'' if patches == 1 else 'es'}"
+        of_what = "of a second class" if self._judged.several else "of the threshold"
+        unsure = f"{number} within {near:g} {of_what}"
+        nearest = int(self._nearest[candidate])
+        if nearest < 0:
+            return f"{unsure}; nothing to compare it with is labelled yet"
+        if self._distance[candidate] < _UNLIKE:
+            return f"{unsure}; looks most like {self._named(nearest)}"
+        what = "anything labelled or before it here" if self._taken else "anything labelled"
+        return f"{unsure}; looks unlike {what} (nearest: {self._named(nearest)})"
+
+    def _named(self, place: int) -> str:
+        frame = f"frame {self._judged.frames[place]}"
+        several = len(set(self._judged.cameras.tolist())) > 1
+        return f"{self._judged.cameras[place]} {frame}" if several else frame
+
+
+def looks(features: _Float) -> _Float:
+    """Frames as points: the distance of two is in standard deviations, a mean over features."""
+    spread = features.std(axis=0, dtype=np.float64)
+    varied = spread > 1e-9
+    points = (features[:, varied] - features[:, varied].mean(axis=0)) / spread[varied]
+    return np.asarray(points / np.sqrt(max(1, varied.sum())), np.float32)
+
+
+def _nearest(points: _Float, others: _Float) -> NDArray[np.int64]:
+    """For each point the index of the nearest of the others."""
+    lengths = 0.5 * (others * others).sum(axis=1)
+    rows = max(1, 4_000_000 // len(others))
+    parts = [
+        (points[start : start + rows] @ others.T - lengths).argmax(axis=1)
+        for start in range(0, len(points), rows)
+    ]
+    return np.concatenate(parts)
+
+
+def _gaps(frames: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float64]:
+    """For each frame number how far the nearest of the others, which are sorted, is."""
+    after = np.searchsorted(others, frames).clip(0, len(others) - 1)
+    before = (after - 1).clip(0, None)
+    gaps = np.minimum(np.abs(others[after] - frames), np.abs(others[before] - frames))
+    return np.asarray(gaps, np.float64)

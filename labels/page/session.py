@@ -1,0 +1,193 @@
+"""What one running server holds: the mission, its labels, and what is computed of them."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...features.errors import ToktError
+from ...features.grid import Grid
+from ...features.mission import Mission
+from ..action import ActionHead
+from ..record import utc_now
+from ..store import LabelStore
+from ..taxonomy import Taxonomy
+from .board import Board
+from .changed import FrameName
+from .label_sheet import LabelSheet
+from .live import Live
+from .pictures import PatchPictures
+
+if TYPE_CHECKING:
+    from .suggestions import Suggester
+
+LITTLE_BYTES = 20_000_000
+
+
+@dataclass
+class Session:
+    """One mission on one workspace, served to any number of pages.
+
+    Attributes
+    ----------
+    mission : Mission
+    taxonomy : Taxonomy
+    store : LabelStore
+    board : Board
+    annotator : str
+        Who labels unless a page says otherwise.
+    version : str
+        Of tokt.
+    suggester : Suggester or None
+        The model in the loop.
+    other_grids : int
+        Number of other grids in which this mission is labelled.
+    pictures_version : str
+        Changes with the mission's files and with tokt: the same one, the same pictures.
+    live : Live
+    fault : str
+        Why nothing can be saved at present, or an empty string.
+    """
+
+    mission: Mission
+    taxonomy: Taxonomy
+    store: LabelStore
+    board: Board
+    annotator: str
+    version: str
+    suggester: Suggester | None = None
+    other_grids: int = 0
+    pictures_version: str = ""
+    live: Live = field(default_factory=Live)
+    fault: str = ""
+    _refreshing: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        self.pictures = PatchPictures(self.mission, self.grid)
+        self.sheet = LabelSheet(self.mission, self.board)
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that is labelled in."""
+        return self.board.grid
+
+    def refresh(self) -> None:
+        """Bring the board up to date and tell all pages what changed.
+
+        Raises
+        ------
+        ToktError
+            If the store cannot be read.
+        """
+        # Within one lock, so that pages hear of events in their order.
+        with self._refreshing:
+            changed = self.board.refresh()
+            if changed:
+                self.live.tell(changed)
+
+    def find_fault(self) -> str:
+        """Try whether something could be saved; sets and returns `fault`."""
+        try:
+            self.store.check_writable()
+            free = shutil.disk_usage(self.store.path.parent).free
+        except ToktError as error:
+            self.fault = str(error)
+        except OSError as error:
+            self.fault = f"{self.store.path.parent}: {error.strerror or error}"
+        else:
+            self.fault = _little_space(self.store.path, free)
+        return self.fault
+
+    def status(self) -> dict[str, Any]:
+        """The server's own state, as pages get it."""
+        return {"fault": self.fault, "model": self.progress()}
+
+    def progress(self) -> dict[str, int] | None:
+        """How many frames the model has been asked about; None without a model."""
+        if self.suggester is None:
+            return None
+        done, total = self.suggester.progress
+        return {"done": done, "total": total}
+
+    def model_state(self) -> dict[str, Any] | None:
+        """The model as pages get it; None without one."""
+        if self.suggester is None:
+            return None
+        bundle = self.suggester.bundle
+        classes = bundle.model.classes
+        return {
+            "label": bundle.label,
+            "classes": list(classes),
+            "obstacle": list(bundle.model.obstacle),
+            **(self.progress() or {}),
+        }
+
+    def mark_seen(self, who: str, camera: str, frame: int) -> None:
+        """Keep that `who` opened a frame.
+
+        Raises
+        ------
+        ToktError
+            If the store cannot be written.
+        """
+        if not self.board.is_seen(who, camera, frame):
+            self.store.mark_seen(self.mission.name, camera, frame, who, utc_now())
+            self.board.mark_seen(who, camera, frame)
+
+    def start(self) -> None:
+        """Begin what is computed beside the page."""
+        if self.suggester is not None:
+            self.suggester.start()
+
+    def give_way(self) -> None:
+        """Let what is computed beside the page wait a moment: somebody asks something."""
+        if self.suggester is not None:
+            self.suggester.give_way()
+        self.sheet.give_way()
+
+    def shown(self, camera: str, frame: int) -> None:
+        """Compute what is near this frame first: somebody looks at it."""
+        if self.suggester is not None:
+            self.suggester.prefer(camera, frame)
+
+    def close(self) -> None:
+        """End what is computed, and close the store."""
+        if self.suggester is not None:
+            self.suggester.close()
+        self.sheet.close()
+        self.store.close()
+
+    def undo_heads(self, who: str) -> dict[str, Any]:
+        """What undo and redo would act on, as pages get it."""
+        undo, redo = self.store.history_top(who, self.mission.name, self.grid)
+        return {"undo": _head(undo), "redo": _head(redo)}
+
+    def names(self, who: str, blind: bool) -> list[str]:
+        """Labels that `who` may give: classes, ``unsure``, and what the store has beside them.
+
+        What only others used is theirs: somebody who labels blind does not hear of it.
+        """
+        if blind:
+            return list(self.board.counts(who))
+        return self.board.names
+
+    def state_after(self, who: str, blind: bool, frames: set[FrameName]) -> dict[str, Any]:
+        """What a page must know after a change: states of these frames, counts, undo."""
+        return {
+            "states": self.board.states_of(who, blind, frames),
+            "counts": self.board.counts(who),
+            "undo": self.undo_heads(who),
+        }
+
+
+def _little_space(file: Path, free: int) -> str:
+    if free >= LITTLE_BYTES:
+        return ""
+    return f"label store {file}: the disk is almost full, {free / 1e6:.0f} MB are left"
+
+
+def _head(head: ActionHead | None) -> dict[str, Any] | None:
+    return None if head is None else vars(head)

@@ -1,0 +1,265 @@
+"""All patches that were given a label, those that look least like it first."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ...features.grid import Grid
+from ...features.mission import Mission
+from ..taxonomy import UNSURE
+from .frame_features import WHAT, CellName, FrameFeatures, Known, Located
+
+BLOCK = 20
+"""Frames that are kept together, of both cameras: neighbours are near copies of each other."""
+
+MOST_TRAINED = 20_000
+"""Patches a classifier learns from at most, half of each side."""
+
+_FOLDS = 5
+_SEED = 42
+
+
+class Patch(NamedTuple):
+    """A labelled patch; `value` is lower the less it looks like its label."""
+
+    camera: str
+    frame: int
+    cell: int
+    value: float
+
+
+class Patches(Sequence[Patch]):
+    """Patches in order, made when they are looked at: there may be a million."""
+
+    def __init__(
+        self,
+        cells: Sequence[CellName],
+        values: NDArray[np.float64],
+        order: NDArray[np.int64],
+    ) -> None:
+        self._cells, self._values, self._order = cells, values, order
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    @overload
+    def __getitem__(self, index: int) -> Patch: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Patch]: ...
+    def __getitem__(self, index: int | slice) -> Patch | list[Patch]:
+        if isinstance(index, slice):
+            return [self._patch(place) for place in self._order[index].tolist()]
+        return self._patch(int(self._order[index]))
+
+    def _patch(self, place: int) -> Patch:
+        return Patch(*self._cells[place], float(self._values[place]))
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A class's patches.
+
+    Attributes
+    ----------
+    patches : Patches
+        A sequence of `Patch`, odd ones first; last, with a value that is not a number, those
+        whose frame has not been looked at yet or cannot be read.
+    by : str
+        What the order goes by and how that was computed, in words.
+    done, of : int
+        Labelled frames that have been looked at, and all of them.
+    """
+
+    patches: Patches
+    by: str
+    done: int
+    of: int
+
+    @property
+    def ready(self) -> bool:
+        """Whether all frames have been looked at."""
+        return self.done == self.of
+
+
+class Sheet:
+    """Ranks labelled patches by how they look. For any number of threads.
+
+    Parameters
+    ----------
+    mission : Mission
+    grid : Grid
+    """
+
+    def __init__(self, mission: Mission, grid: Grid) -> None:
+        self._features = FrameFeatures(mission, grid)
+        self._lock = threading.Lock()
+        self._last: tuple[Hashable, str, Ranked] | None = None
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """How many frames with labels have been looked at, and of how many."""
+        return self._features.progress
+
+    def start(self) -> None:
+        """Begin to look at the frames that are wanted; once."""
+        self._features.background.start()
+
+    def close(self) -> None:
+        """Stop."""
+        self._features.background.close()
+
+    def give_way(self) -> None:
+        """Say that a request is being served; call it as often as there are requests."""
+        self._features.background.give_way()
+
+    def want(self, frames: Iterable[tuple[str, int]]) -> None:
+        """Name frames (camera, frame) with labels, to be looked at before a sheet is asked for."""
+        self._features.want(frames)
+
+    def patches(
+        self,
+        cells_by_class: Mapping[str, Sequence[CellName]],
+        label: str,
+        version: Hashable = None,
+    ) -> Ranked:
+        """The patches of a label, odd ones first.
+
+        Parameters
+        ----------
+        cells_by_class : mapping of str to sequence of (camera, frame, cell)
+            All labelled patches, by label.
+        label : str
+            One of these labels.
+        version : hashable, optional
+            Names this state of the labels: asked for again with the same one, the same ranking
+            is answered at once, without a look at `cells_by_class`.
+
+        Raises
+        ------
+        ToktError
+            If scikit-learn is not installed.
+        """
+        # One at a time: the next one mostly asks for the following page of the same ranking.
+        with self._lock:
+            last = self._last
+            if version is not None and last and last[:2] == (version, label) and last[2].ready:
+                return last[2]
+            located = {name: self._features.locate(c) for name, c in cells_by_class.items()}
+            known = self._features.known()
+            own = located.get(label, self._features.locate([]))
+            # What nobody was sure of is no example of anything.
+            names = [name for name in located if name not in (label, UNSURE)]
+            others = [located[name] for name in names] if label != UNSURE else []
+            values, by = _values(known, own, others)
+            order = np.argsort(values, kind="stable")  # what is not a number comes last
+            patches = Patches(cells_by_class.get(label, ()), values, order)
+            ranked = Ranked(patches, by, known.done, len(known.numbers))
+            self._last = (version, label, ranked)
+            return ranked
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """How patches look: their features, and the block of frames each is from."""
+
+    features: NDArray[np.float32]
+    blocks: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, known: Known, located: Located, chosen: NDArray[np.int64]) -> _Looks:
+        rows = located.rows[chosen]
+        return cls(known.features[rows, located.cells[chosen]], known.numbers[rows] // BLOCK)
+
+
+def _values(known: Known, own: Located, others: list[Located]) -> tuple[NDArray[np.float64], str]:
+    """A value a patch, the odder the lower, and what it is."""
+    values = np.full(len(own.rows), np.nan)
+    places = np.flatnonzero(known.good[own.rows])
+    if not len(places):
+        return values, "in the order of the frames: none has been looked at so far"
+    looks = _Looks.of(known, own, places)
+    rest = [_sample(known, other, MOST_TRAINED // len(others)) for other in others]
+    rest = [part for part in rest if len(part.blocks)]
+    found = None
+    if rest:
+        found = _cross_validated(
+            looks,
+            _Looks(
+                np.concatenate([part.features for part in rest]),
+                np.concatenate([part.blocks for part in rest]),
+            ),
+        )
+    if found is None:
+        why = f"patches in two blocks of {BLOCK} frames" if rest else "a second class"
+        values[places] = -_distances(looks.features)
+        by = f"distance from the class's median in {WHAT}; for cross-validation it needs {why}"
+        return values, by
+    values[places], folds = found
+    return values, (
+        f"decision value against the other classes, cross-validated: {folds} folds of whole"
+        f" blocks of {BLOCK} frames, linear SVM on {WHAT}"
+    )
+
+
+def _sample(known: Known, located: Located, most: int) -> _Looks:
+    """Some of the patches, drawn at random, the same ones each time."""
+    places = np.flatnonzero(known.good[located.rows])
+    if len(places) > most:
+        places = np.random.default_rng(_SEED).choice(places, most, replace=False)
+    return _Looks.of(known, located, places)
+
+
+def _cross_validated(own: _Looks, rest: _Looks) -> tuple[NDArray[np.float64], int] | None:
+    """Decision values of one class's patches by classifiers that did not see their blocks.
+
+    None where a classifier would see one class only. Also returns the number of folds.
+    """
+    try:
+        from sklearn.model_selection import StratifiedGroupKFold
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+        from sklearn.svm import LinearSVC
+    except ModuleNotFoundError:
+        raise ToktError("the review sheet needs scikit-learn: pip install tokt[label]") from None
+    n = len(own.blocks)
+    blocks = np.concatenate([own.blocks, rest.blocks])
+    is_own = np.arange(len(blocks)) < n
+    folds = min(_FOLDS, len(np.unique(blocks)), n, len(rest.blocks))
+    if folds < 2:
+        return None
+    random = np.random.default_rng(_SEED)
+    values = np.full(n, np.nan)
+    for train, test in StratifiedGroupKFold(folds).split(blocks, is_own, blocks):
+        test, trained = test[test < n], _some(random, train[train < n])
+        against = _some(random, train[train >= n]) - n
+        if not len(test):
+            continue
+        if not len(trained) or not len(against):
+            return None
+        classifier = make_pipeline(
+            StandardScaler(), LinearSVC(dual=False, class_weight="balanced", random_state=_SEED)
+        )
+        features = np.concatenate([own.features[trained], rest.features[against]])
+        classifier.fit(features.astype(np.float64), np.repeat([1, 0], [len(trained), len(against)]))
+        values[test] = classifier.decision_function(own.features[test])
+    return values, folds
+
+
+def _some(random: np.random.Generator, places: NDArray[np.int64]) -> NDArray[np.int64]:
+    most = MOST_TRAINED // 2
+    return random.choice(places, most, replace=False) if len(places) > most else places
+
+
+def _distances(features: NDArray[np.float32]) -> NDArray[np.float64]:
+    """How far each row is from the median of all, in mean absolute deviations a feature."""
+    from_median = np.abs(features - np.median(features, axis=0))
+    spread = from_median.mean(axis=0, dtype=np.float64)
+    varied = spread > 0
+    return np.asarray(np.linalg.norm(from_median[:, varied] / spread[varied], axis=1), np.float64)

@@ -1,0 +1,191 @@
+"""What a model suggests for the frames of a mission, computed beside the page."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.atomic import write_bytes
+from ...features.errors import ToktError
+from ...features.grid import Grid
+from ...features.mission import Mission, VideoMission
+from ...models.bundle import Bundle
+from ...models.linear import LinearModel
+from .background import Background
+from .frames import for_background, read_frame
+from .judged import Judged, JudgedTable, Suggestions, mission_stamp, no_suggestions
+
+_ASPECT_TOLERANCE = 0.02  # of width over height; a row more or less is a crop of the same picture
+_OTHER_CAMERA = 50  # frames; so much nearer the shown camera's frames are computed first
+_SAVE_EVERY_S = 60.0
+
+
+class Suggester:
+    """A model's suggestions, frame by frame. For any number of threads.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    mission : Mission
+    grid : Grid
+        That is labelled in.
+    cache : Path
+        Folder where suggestions are kept for the next time: valid for this bundle and these
+        files, by their size and time. One that cannot be written only costs time.
+
+    Raises
+    ------
+    ToktError
+        If the model looks at frames through another grid.
+    """
+
+    def __init__(self, bundle: Bundle, mission: Mission, grid: Grid, cache: Path) -> None:
+        if bundle.grid != grid:
+            raise ToktError(
+                f"model {bundle.label} has the grid {bundle.grid}, labelled is {grid}: its"
+                " suggestions would be of other patches"
+            )
+        self.bundle = bundle
+        self._mission = mission
+        self._own_mission = for_background(mission)
+        self._table = JudgedTable(mission, grid.n_patches, bundle.extractor.dim)
+        self._lock = threading.Lock()
+        self._near: NDArray[np.float64] = np.arange(len(self._table.names), dtype=np.float64)
+        place = hashlib.sha256(f"{bundle.sha256}\n{mission.path.resolve()}".encode()).hexdigest()
+        self._file = cache / f"suggestions-{place[:16]}.npz"
+        self._key: str | None = None
+        self._saved, self._saved_at = -1, 0.0
+        self._background = Background("tokt-suggestions", self._step)
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """How many frames are known, and of how many."""
+        return self._table.done, len(self._table.names)
+
+    @property
+    def ready(self) -> bool:
+        """Whether all frames are known."""
+        return self._table.done == len(self._table.names)
+
+    def start(self) -> None:
+        """Begin to compute all frames, those near the one shown first; once."""
+        self._background.start()
+
+    def close(self) -> None:
+        """Stop, and keep what is known."""
+        self._background.close()
+        self._save()
+
+    def give_way(self) -> None:
+        """Say that a request is being served; call it as often as there are requests."""
+        self._background.give_way()
+
+    def prefer(self, camera: str, frame: int) -> None:
+        """Say which frame is shown."""
+        distance = np.asarray(self._table.frames - float(frame))
+        if isinstance(self._mission, VideoMission):
+            # A step back would read the file from its start again.
+            distance[distance < 0] += 2.0**32
+        self._near = np.abs(distance) + _OTHER_CAMERA * (self._table.cameras != camera)
+
+    def of(self, camera: str, frame: int) -> Suggestions | None:
+        """The suggestions of a frame, computed now if need be; None for a frame that is not."""
+        index = self._table.position.get((camera, frame))
+        if index is None:
+            return None
+        with self._lock:
+            if self._table.knows(index):
+                return self._table.get(index, self.bundle.model.obstacle)
+        return self._compute(index, self._mission)
+
+    def judged(self) -> Judged:
+        """Everything known so far."""
+        with self._lock:
+            return self._table.judged(len(self.bundle.model.classes) > 2)
+
+    def _step(self) -> bool:
+        if self._saved < 0:
+            self._load()
+        to_do = self._table.to_do
+        if not to_do.any():
+            self._save()
+            return False
+        self._compute(int(np.where(to_do, self._near, np.inf).argmin()), self._own_mission)
+        if time.monotonic() > self._saved_at + _SAVE_EVERY_S:
+            self._save()
+        return True
+
+    def _compute(self, index: int, mission: Mission) -> Suggestions:
+        camera, frame = self._table.names[index]
+        features = None
+        try:
+            image = read_frame(mission, camera, frame)
+            found = no_suggestions(self._size_fault(*image.shape[:2]))
+            if not found.fault:
+                features = self.bundle.extractor.describe(image, self.bundle.grid)
+                found = suggestions(self.bundle.model, features)
+        except (ToktError, ValueError) as error:  # unreadable, or nothing the model can judge
+            found, features = no_suggestions(str(error)), None
+        with self._lock:
+            self._table.put(index, found, features)
+        return found
+
+    def _size_fault(self, height: int, width: int) -> str:
+        """Why a frame is of another shape than all that the model learnt from, or nothing."""
+        learnt = self.bundle.frame_sizes
+        if any(abs(width * h / (height * w) - 1) <= _ASPECT_TOLERANCE for h, w in learnt):
+            return ""
+        sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
+        return f"the frame is {width}x{height}, the model learnt from {sizes}"
+
+    def _load(self) -> None:
+        self._saved, self._saved_at = 0, time.monotonic()
+        try:
+            self._key = f"{self.bundle.sha256} {mission_stamp(self._mission)}"
+        except OSError:
+            return  # what is computed could not be told from another dive's: nothing is kept
+        with self._lock:
+            # What a page asked for meanwhile is in the file or will be computed again.
+            if self._table.load(self._file, self._key):
+                self._saved = self._table.done
+
+    def _save(self) -> None:
+        self._saved_at = time.monotonic()
+        with self._lock:
+            if self._key is None or self._table.done == self._saved:
+                return
+            self._saved = self._table.done
+            data = self._table.to_bytes(self._key)
+        try:
+            write_bytes(self._file, data)
+        except OSError:
+            self._key = None  # no space or no permission: computed again next time
+
+
+def suggestions(model: LinearModel, features: NDArray[np.float64]) -> Suggestions:
+    """A model's classes and margins for the patches of one frame.
+
+    Parameters
+    ----------
+    model : LinearModel
+    features : array of float64, shape (n_patches, dim)
+
+    Raises
+    ------
+    ValueError
+        If a feature is not finite.
+    """
+    values = model.decision_values(features)
+    classes = model.predicted(values)
+    excess = values - model.thresholds
+    if excess.shape[1] == 1:
+        margins = np.abs(excess[:, 0])
+    else:
+        best = np.sort(excess, axis=1)[:, -2:]
+        margins = best[:, 1] - best[:, 0]
+    return Suggestions(classes, margins, np.asarray(model.obstacle, bool)[classes])

@@ -1,0 +1,329 @@
+"""Real servers of the labelling page, in processes of their own, and a real browser."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlencode, urlsplit
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request
+
+ANSWERS_S = 20.0
+TIME = "2016-04-20T10:00:00Z"
+_TOKT = (sys.executable, "-c", "from tokt.cli import main; main()")
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+_BROWSER_ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the server answered."""
+
+    status: int
+    headers: http.client.HTTPMessage
+    body: bytes
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+
+@dataclass
+class PageServer:
+    """A `tokt label` process and how to reach it."""
+
+    mission: Path
+    workspace: Path
+    arguments: tuple[str, ...] = ()
+    port: int = 0
+    url: str = ""
+    process: subprocess.Popen[str] = field(init=False, repr=False)
+
+    def start(self) -> PageServer:
+        """Start the process, on the port it had before if it had one, and wait until it answers."""
+        command = [*_TOKT, "label", str(self.mission), "--no-browser"]
+        command += ["--port", str(self.port), "--workspace", str(self.workspace), *self.arguments]
+        self.process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        assert self.process.stdout is not None and self.process.stderr is not None
+        line = self.process.stdout.readline()
+        found = re.search(r"http://\S+", line)
+        if found is None:
+            raise AssertionError(f"tokt label: {line}{self.process.stderr.read()}")
+        self.url = found[0]
+        self.port = urlsplit(self.url).port or 80
+        return self
+
+    def kill(self) -> None:
+        """End it at once, as a crash would."""
+        self.process.kill()
+        self._ended()
+
+    def interrupt(self) -> int:
+        """Ctrl-C; the exit code."""
+        self.process.send_signal(signal.SIGINT)
+        return self._ended()
+
+    def _ended(self) -> int:
+        code = self.process.wait(ANSWERS_S)
+        for stream in (self.process.stdout, self.process.stderr):
+            if stream is not None:
+                stream.close()
+        return code
+
+    def connect(self) -> http.client.HTTPConnection:
+        """A connection of its own."""
+        return http.client.HTTPConnection("127.0.0.1", self.port, timeout=ANSWERS_S)
+
+    def request(
+        self,
+        method: str,
+        target: str,
+        body: bytes | None = None,
+        headers: dict[str, str] | None = None,
+    ) -> Answer:
+        """One request, sent as it is given."""
+        with closing(self.connect()) as connection:
+            connection.request(method, target, body, headers or {})
+            answer = connection.getresponse()
+            return Answer(answer.status, answer.headers, answer.read())
+
+    def get(self, path: str, **query: Any) -> Any:
+        """JSON of a GET that must succeed."""
+        answer = self.request("GET", f"{path}?{urlencode(query)}")
+        assert answer.status == 200, answer.body
+        return answer.json
+
+    def send(self, path: str, body: Any) -> Answer:
+        """A POST of JSON."""
+        headers = {"Content-Type": "application/json"}
+        return self.request("POST", path, json.dumps(body).encode(), headers)
+
+    def post(self, path: str, **body: Any) -> Any:
+        """JSON of a POST that must succeed."""
+        answer = self.send(path, body)
+        assert answer.status == 200, answer.body
+        return answer.json
+
+    def events(self, **query: Any) -> EventStream:
+        """Listen to ``/api/events``."""
+        return EventStream(self, query)
+
+    def paint(
+        self,
+        key: str,
+        frame: int,
+        cells: list[int],
+        label: str | None,
+        *,
+        base: str | None = None,
+        who: str = "anna",
+        camera: str = "left",
+        **more: Any,
+    ) -> Any:
+        """An action on one frame that must be accepted."""
+        change = {"camera": camera, "frame": frame, "label": label, "cells": cells}
+        change["base"] = [base] * len(cells)
+        body = {"key": key, "who": who, "kind": "paint", "time": TIME, "changes": [change]}
+        return self.post("/api/actions", **{**body, **more})
+
+
+class EventStream:
+    """An open stream of server-sent events."""
+
+    def __init__(self, server: PageServer, query: dict[str, Any]) -> None:
+        self._connection = server.connect()
+        self._connection.request("GET", f"/api/events?{urlencode(query)}")
+        self._answer = self._connection.getresponse()
+        assert self._answer.status == 200
+
+    def __enter__(self) -> EventStream:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._connection.close()
+
+    def next(self, wanted: str) -> Any:
+        """Data of the next event of that name; comments are the events of name ``""``."""
+        name, data = "", None
+        while line := self._answer.readline().decode():
+            field_name, _, text = line.rstrip("\n").partition(": ")
+            if field_name == "event":
+                name = text
+            elif field_name == "data":
+                data = json.loads(text)
+            elif not line.strip():
+                if name == wanted:
+                    return data
+                name, data = "", None
+        raise EOFError("the stream ended")
+
+    def rest(self) -> list[tuple[str, Any]]:
+        """All events up to the end of the stream, which the server has to end."""
+        found = []
+        name = ""
+        for line in self._answer.read().decode().splitlines():
+            field_name, _, text = line.partition(": ")
+            if field_name == "event":
+                name = text
+            elif field_name == "data":
+                found.append((name, json.loads(text)))
+        return found
+
+
+@pytest.fixture(scope="module")
+def page_server(
+    tiny: Any, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., PageServer]]:
+    """Start `tokt label` on a free port: ``page_server("--annotator", "anna", mission=..., ...)``.
+
+    Without `mission` it shows the tiny one; without `workspace` it gets an empty one. Whatever is
+    still running at the end of the module is killed.
+    """
+    started: list[PageServer] = []
+
+    def start(
+        *arguments: object, mission: Path | None = None, workspace: Path | None = None
+    ) -> PageServer:
+        folder = workspace or tmp_path_factory.mktemp("page") / ".tokt"
+        server = PageServer(mission or tiny.path, folder, tuple(map(str, arguments)))
+        started.append(server)
+        return server.start()
+
+    yield start
+    for server in started:
+        if hasattr(server, "process") and server.process.poll() is None:
+            server.kill()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Chromium without a window.
+
+    For one module: as long as Playwright's event loop runs in this thread, no other can.
+    """
+    try:
+        from playwright.sync_api import sync_playwright
+    except ModuleNotFoundError:
+        pytest.skip("Playwright is not installed (pip install playwright)")
+    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser found (looked for {', '.join(_BROWSERS)})")
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path, args=list(_BROWSER_ARGUMENTS))
+        yield started
+        started.close()
+
+
+class Watched:
+    """What pages of one browser context did that they should not."""
+
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        self._own = (f"{parts.scheme}://{parts.netloc}/", "data:", "blob:")
+        self._allowed: list[str] = []
+        self._faults: list[str] = []
+
+    def allow(self, pattern: str) -> None:
+        """Expect console errors that this regular expression finds, before they come."""
+        self._allowed.append(pattern)
+
+    def context(self, context: BrowserContext) -> None:
+        """Watch all pages of a context."""
+        context.on("request", self._request)
+        context.on("console", self._console)
+        context.on("weberror", lambda error: self._faults.append(f"uncaught: {error.error}"))
+
+    def check(self) -> None:
+        """Fail if anything was wrong."""
+        wrong = [
+            fault
+            for fault in self._faults
+            if not any(re.search(pattern, fault) for pattern in self._allowed)
+        ]
+        assert not wrong, "\n".join(wrong)
+
+    def _request(self, request: Request) -> None:
+        if not request.url.startswith(self._own):
+            self._faults.append(f"request to somebody else: {request.url}")
+
+    def _console(self, message: ConsoleMessage) -> None:
+        if message.type == "error":
+            where = message.location
+            self._faults.append(f"console: {message.text} ({where['url']}:{where['lineNumber']})")
+
+
+OFFLINE = r"Failed to load resource|ERR_CONNECTION|ERR_INTERNET|ERR_INCOMPLETE|ERR_EMPTY"
+"""Console errors of a browser whose server is away; for ``browse(..., allow=OFFLINE)``."""
+
+
+@pytest.fixture(scope="session")
+def offline_errors() -> str:
+    """`OFFLINE`."""
+    return OFFLINE
+
+
+@pytest.fixture
+def browse(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Open the page of a server: ``browse(server, "#/label/left/17", allow=..., width=1280)``.
+
+    ``context=page.context`` opens another tab of the same browser. Any console error that `allow`
+    (a regular expression) does not find, and any request to anybody but the server, fails the
+    test when it ends. The page's address is opened and its `load` event awaited.
+    """
+    contexts: list[tuple[BrowserContext, Watched]] = []
+
+    def start(
+        server: PageServer,
+        place: str = "",
+        *,
+        context: BrowserContext | None = None,
+        allow: str | None = None,
+        width: int = 1280,
+        height: int = 720,
+        **options: Any,
+    ) -> Page:
+        if context is None:
+            viewport = {"width": width, "height": height}
+            context = browser.new_context(viewport=viewport, **options)  # type: ignore[arg-type]
+            context.set_default_timeout(ANSWERS_S * 500)
+            watched = Watched(server.url)
+            watched.context(context)
+            contexts.append((context, watched))
+        watched = next(watched for known, watched in contexts if known is context)
+        if allow is not None:
+            watched.allow(allow)
+        page = context.new_page()
+        page.goto(server.url + place)
+        return page
+
+    yield start
+    for context, _ in contexts:
+        context.close()
+    for _, watched in contexts:
+        watched.check()

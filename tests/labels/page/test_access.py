@@ -1,0 +1,241 @@
+"""What the server refuses, asked over real sockets as an attacker's page would."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+from contextlib import closing
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+CSP = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+SEEN = json.dumps({"who": "anna", "camera": "left", "frame": 1}).encode()
+JSON = {"Content-Type": "application/json"}
+
+
+@pytest.fixture(scope="module")
+def server(page_server):
+    return page_server()
+
+
+@pytest.fixture(scope="module")
+def guarded(page_server):
+    """A server that needs a token with signs that neither a URL nor a cookie can hold as is."""
+    return page_server("--host", "0.0.0.0", "--token", 's&cret; "1"')
+
+
+def _raw(server: Any, text: str) -> tuple[int, http.client.HTTPMessage, bytes]:
+    """Send bytes that http.client would not."""
+    with closing(socket.create_connection(("127.0.0.1", server.port), 10)) as connection:
+        connection.sendall(text.encode("latin-1"))
+        answer = http.client.HTTPResponse(connection)
+        answer.begin()
+        return answer.status, answer.headers, answer.read()
+
+
+def _safe(headers: http.client.HTTPMessage) -> bool:
+    return (
+        headers["Content-Security-Policy"] == CSP
+        and headers["X-Content-Type-Options"] == "nosniff"
+        and headers["Referrer-Policy"] == "no-referrer"
+        and headers["Cross-Origin-Resource-Policy"] == "same-origin"
+        and headers["Access-Control-Allow-Origin"] is None
+        and headers["Server"] is None
+    )
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "attacker.example",
+        "attacker.example:{port}",
+        "127.0.0.1.attacker.example:{port}",
+        "localhost:{port}.attacker.example",
+        "localhost.:{port}",
+        "127.0.0.1",
+        "127.0.0.1:1",
+        "127.0.0.2:{port}",
+        "[::2]:{port}",
+        "",
+        "127.0.0.1:{port}, attacker.example",
+        "user@127.0.0.1:{port}",
+    ],
+)
+def test_other_host_names_are_refused(server, host: str) -> None:
+    for path in ("/", "/api/mission", "/static/index.html", "/nothing"):
+        answer = server.request("GET", path, headers={"Host": host.format(port=server.port)})
+        assert answer.status in (400, 403), path
+        assert b"ocean" not in answer.body and b"<html" not in answer.body
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST", "[::1]"])
+def test_own_host_names(server, host: str) -> None:
+    answer = server.request("GET", "/api/mission", headers={"Host": f"{host}:{server.port}"})
+    assert answer.status == 200
+
+
+def test_no_host_and_two_hosts_are_refused(server) -> None:
+    own = f"Host: 127.0.0.1:{server.port}\r\n"
+    assert _raw(server, "GET /api/mission HTTP/1.0\r\n\r\n")[0] in (400, 403)
+    two = f"GET /api/mission HTTP/1.1\r\n{own}Host: attacker.example\r\n\r\n"
+    assert _raw(server, two)[0] in (400, 403)
+    absolute = f"GET http://attacker.example/api/mission HTTP/1.1\r\n{own}\r\n"
+    assert b"ocean" not in _raw(server, absolute)[2]
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Content-Type": "application/json"}, 200),
+        ({"Content-Type": "application/json; charset=utf-8"}, 200),
+        ({"Content-Type": "application/json", "Origin": "http://127.0.0.1:{port}"}, 200),
+        ({"Content-Type": "application/json", "Sec-Fetch-Site": "same-origin"}, 200),
+        ({"Content-Type": "application/json", "Origin": "http://attacker.example"}, 403),
+        ({"Content-Type": "application/json", "Origin": "https://127.0.0.1:{port}"}, 403),
+        ({"Content-Type": "application/json", "Origin": "http://127.0.0.1:1"}, 403),
+        ({"Content-Type": "application/json", "Origin": "http://localhost:{port}"}, 403),
+        ({"Content-Type": "application/json", "Origin": "null"}, 403),
+        ({"Content-Type": "application/json", "Sec-Fetch-Site": "cross-site"}, 403),
+        ({"Content-Type": "application/json", "Sec-Fetch-Site": "same-site"}, 403),
+        ({"Content-Type": "text/plain"}, 415),
+        ({"Content-Type": "application/x-www-form-urlencoded"}, 415),
+        ({"Content-Type": "text/plain; application/json"}, 415),
+        ({}, 415),
+    ],
+)
+def test_only_our_own_page_may_write(server, headers: dict[str, str], status: int) -> None:
+    sent = {name: text.format(port=server.port) for name, text in headers.items()}
+    answer = server.request("POST", "/api/seen", SEEN, sent)
+    assert answer.status == status, answer.body
+    assert _safe(answer.headers)
+    if status != 200:
+        assert list(answer.json) == ["error"]
+
+
+@pytest.mark.parametrize("method", ["PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "BREW"])
+def test_other_methods_do_nothing(server, method: str) -> None:
+    headers = {**JSON, "Origin": "http://attacker.example"}
+    assert server.request(method, "/api/seen", SEEN, headers).status == 403
+    answer = server.request(method, "/api/seen", SEEN, JSON)
+    assert answer.status == 405 and _safe(answer.headers)
+
+
+def test_large_and_endless_bodies_are_refused(server) -> None:
+    own = f"Host: 127.0.0.1:{server.port}\r\nContent-Type: application/json\r\n"
+    start = f"POST /api/actions HTTP/1.1\r\n{own}"
+    for length, status in (("1000001", 413), ("9" * 18, 413), ("-1", 400), ("1e3", 400)):
+        assert _raw(server, f"{start}Content-Length: {length}\r\n\r\n")[0] == status
+    assert _raw(server, f"{start}Transfer-Encoding: chunked\r\n\r\n5\r\n")[0] == 411
+    assert _raw(server, f"{start}\r\n")[0] == 411
+    body = json.dumps({"kind": "x" * 990_000}).encode()
+    assert server.request("POST", "/api/actions", body, JSON).status == 400
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../app.py",
+        "/static/%2e%2e/app.py",
+        "/static/..%2fapp.py",
+        "/static/..%5capp.py",
+        "/static//etc/passwd",
+        "/static/%2fetc%2fpasswd",
+        "/static/....//app.py",
+        "/static/index.html%00.js",
+        "/static/" + "a/" * 3000,
+        "/static/",
+        "/static",
+        "/../../etc/passwd",
+        "/api/picture/left/../../../etc/passwd",
+        "/api/picture/left/..%2f..%2fetc%2fpasswd",
+        "/api/picture/..%2fleft/1",
+        "/api/picture/left/1%00",
+        "/api/picture/left/-1",
+        "/api/picture/left/99999999999999999999",
+        "/api/picture/left/9999",
+        "/api/picture/right/1",
+        "/api/thumb/left/%2e%2e",
+        "/api/patches?cells=left:1:0,../../etc/passwd",
+        "/api/patches?cells=left:1:100",
+        "/api/labels?camera=left&frames=../1",
+        "/docs",
+        "/redoc",
+        "/openapi.json",
+    ],
+)
+def test_nothing_outside_is_served(server, path: str) -> None:
+    answer = server.request("GET", path)
+    assert answer.status in (307, 400, 404), answer.body
+    assert b"root:" not in answer.body and b"FastAPI" not in answer.body
+    assert _safe(answer.headers)
+    if answer.status != 307:
+        assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
+
+
+def test_every_answer_has_the_headers(server) -> None:
+    for path in ("/", "/static/main.js", "/api/mission", "/api/picture/left/1"):
+        answer = server.request("GET", path)
+        assert answer.status == 200 and _safe(answer.headers), path
+    assert server.request("GET", "/api/mission").headers["Cache-Control"] == "no-store"
+
+
+def test_pictures_of_another_mission_are_never_taken_for_these(server) -> None:
+    version = server.get("/api/mission")["pictures"]
+    for path in ("picture/left/1?", "thumb/left/1?", "patches?cells=left:1:0&"):
+        for given, kept in ((f"v={version}", True), ("v=0", False), ("", False)):
+            answer = server.request("GET", f"/api/{path}{given}")
+            assert ("immutable" in answer.headers["Cache-Control"]) is kept
+            assert ("no-store" in answer.headers["Cache-Control"]) is not kept
+
+
+def test_page_files_are_asked_for_each_time(server) -> None:
+    first = server.request("GET", "/static/main.js")
+    assert first.headers["Content-Type"].startswith("text/javascript")
+    assert first.headers["Cache-Control"] == "no-cache"
+    known = {"If-None-Match": first.headers["ETag"]}
+    for path, status in (("/static/main.js", 304), ("/static/api.js", 200), ("/", 200)):
+        assert server.request("GET", path, headers=known).status == status, path
+
+
+def test_token(guarded) -> None:
+    parts = urlsplit(guarded.url)
+    assert parts.query == "token=s%26cret%3B%20%221%22"
+    for path in ("/", "/?token=secret", "/?token=", "/static/main.js", "/api/mission?token=s"):
+        answer = guarded.request("GET", path)
+        assert answer.status == 401 and _safe(answer.headers), path
+        assert list(answer.json) == ["error"]
+    assert guarded.request("POST", "/api/seen", SEEN, JSON).status == 401
+    for wrong in ("Bearer", "Bearer ", "Bearer x", 'Basic s&cret; "1"', "Bearer \xff"):
+        headers = {"Authorization": wrong}
+        assert guarded.request("GET", "/api/mission", headers=headers).status == 401
+    right = {"Authorization": 'Bearer s&cret; "1"'}
+    assert guarded.request("GET", "/api/mission", headers=right).status == 200
+
+
+def test_token_becomes_a_cookie(guarded) -> None:
+    answer = guarded.request("GET", f"/?{urlsplit(guarded.url).query}")
+    assert (answer.status, answer.headers["Location"]) == (303, "/")
+    cookie, *attributes = answer.headers["Set-Cookie"].split("; ")
+    assert {"httponly", "samesite=strict"} <= {attribute.lower() for attribute in attributes}
+    assert "cret" not in cookie and str(guarded.port) in cookie
+    assert guarded.request("GET", "/", headers={"Cookie": cookie}).status == 200
+    assert guarded.request("POST", "/api/seen", SEEN, {**JSON, "Cookie": cookie}).status == 200
+    for wrong in (cookie[:-1], cookie + "0", "a=b", cookie.replace("=", "x="), ";;\x01="):
+        assert guarded.request("GET", "/", headers={"Cookie": wrong}).status == 401, wrong
+
+
+def test_an_open_server_answers_to_addresses_and_its_own_name(guarded) -> None:
+    right = {"Authorization": 'Bearer s&cret; "1"'}
+    port = guarded.port
+    for host in ("192.0.2.7", "[2001:db8::1]", "localhost", socket.gethostname()):
+        headers = {**right, "Host": f"{host}:{port}"}
+        assert guarded.request("GET", "/api/mission", headers=headers).status == 200, host
+    for host in ("attacker.example", "192.0.2.7.attacker.example"):
+        headers = {**right, "Host": f"{host}:{port}"}
+        assert guarded.request("GET", "/api/mission", headers=headers).status == 403, host

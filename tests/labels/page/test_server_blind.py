@@ -1,0 +1,176 @@
+"""Who labels blind gets nothing that tells what others say: not in any field of any answer."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+OTHERS = "benedikt"
+THEIRS = "reef"
+ONLY_THEIRS = "kelp_forest"
+MODEL = "tiny-lbp/1"
+
+
+@pytest.fixture(scope="module")
+def server(page_server, tiny_bundle, tmp_path_factory):
+    """Frame 1: both said something; 2: only the other; 3: both, and it is settled."""
+    folder = tmp_path_factory.mktemp("blind") / ".tokt"
+    folder.mkdir()
+    classes = ["ocean", THEIRS, ONLY_THEIRS]
+    (folder / "taxonomy.toml").write_text(_taxonomy(classes))
+    server = page_server("--model", tiny_bundle, "--annotator", "anna", workspace=folder)
+    server.paint("b1", 1, [0, 1], THEIRS, who=OTHERS)
+    server.paint("b2", 2, [0], ONLY_THEIRS, who=OTHERS)
+    server.paint("b3", 3, [0], THEIRS, who=OTHERS)
+    server.paint("a1", 1, [0, 2], "ocean", blind=True)
+    server.paint("a3", 3, [0], "ocean", blind=True)
+    server.paint("s3", 3, [0], THEIRS, who="carl", source="settled")
+    server.interrupt()
+    # The class that only the other one used is in no taxonomy any more.
+    (folder / "taxonomy.toml").write_text(_taxonomy(classes[:2]))
+    return server.start()
+
+
+def _taxonomy(names: list[str]) -> str:
+    return "format = 1\n" + "".join(
+        f'[[classes]]\nname = "{name}"\nobstacle = {"false" if n == 0 else "true"}\n'
+        f'color = "#00000{n}"\nkey = "{n}"\n'
+        for n, name in enumerate(names)
+    )
+
+
+def _texts(value: Any) -> set[str]:
+    """Every string and key in a JSON value."""
+    if isinstance(value, dict):
+        return set(value) | set().union(*map(_texts, value.values()), set())
+    if isinstance(value, list):
+        return set().union(*map(_texts, value), set())
+    return {value} if isinstance(value, str) else set()
+
+
+def _check(answer: Any) -> None:
+    text = json.dumps(answer)
+    for secret in (OTHERS, "carl", ONLY_THEIRS, "tiny-lbp"):
+        assert secret not in text, secret
+
+
+def test_mission(server) -> None:
+    seeing = server.get("/api/mission", who="anna", blind=0)
+    assert seeing["states"]["left"][:3] == "xup"  # the third one is settled
+    assert OTHERS in seeing["annotators"] and seeing["model"]["label"] == MODEL
+    assert ONLY_THEIRS in _texts(seeing["classes"])
+    blind = server.get("/api/mission", who="anna", blind=1)
+    _check(blind)
+    assert blind["states"]["left"][:3] == "pup"
+    assert blind["annotators"] == ["anna"] and blind["model"] is None
+    assert blind["counts"] == {**dict.fromkeys(blind["counts"], 0), "ocean": 3}
+    assert {known["name"] for known in blind["classes"]} == {"ocean", THEIRS, "unsure"}
+
+
+def test_labels(server) -> None:
+    query = {"camera": "left", "frames": "1-3", "who": "anna", "suggest": 1}
+    seeing = server.get("/api/labels", blind=0, **query)["frames"]
+    assert [list(frame["others"]) for frame in seeing] == [[OTHERS]] * 3
+    assert seeing[2]["settled"][0] == THEIRS
+    assert all(len(frame["suggestions"]["classes"]) == 100 for frame in seeing)
+    blind = server.get("/api/labels", blind=1, **query)["frames"]
+    _check(blind)
+    for frame in blind:
+        assert frame["others"] == {} and frame["suggestions"] is None
+        assert frame["settled"] == [None] * 100 and frame["models"] == {}
+    assert [frame["mine"][0] for frame in blind] == ["ocean", None, "ocean"]
+    assert _texts([frame["mine"] for frame in blind]) == {"ocean"}
+
+
+def test_what_is_only_for_the_seeing_is_refused(server) -> None:
+    for query in (
+        f"agreement?a=anna&b={OTHERS}&blind=1",
+        "history?camera=left&frame=1&cell=0&blind=1",
+    ):
+        answer = server.request("GET", f"/api/{query}&who=anna")
+        assert answer.status == 403
+        _check(answer.json)
+        assert (
+            server.request("GET", f"/api/{query}&who=anna".replace("blind=1", "blind=0")).status
+            == 200
+        )
+    queue = server.get("/api/queue", who="anna", blind=1)
+    assert queue["frames"] == [] and queue["done"] == queue["total"] == 0 and queue["why_not"]
+    assert server.get("/api/queue", who="anna", blind=0)["total"] == 40
+
+
+def test_the_sheet_holds_only_ones_own(server) -> None:
+    for label, total in (("ocean", 3), (THEIRS, 0)):
+        sheet = server.get("/api/sheet", **{"class": label}, who="anna", blind=1)
+        assert sheet["total"] == total
+        _check(sheet)
+
+
+def test_an_error_names_no_class_that_only_others_used(server) -> None:
+    change = {"camera": "left", "frame": 9, "label": "kelp", "cells": [0], "base": [None]}
+    body = {"key": "e9", "who": "anna", "kind": "paint", "time": "2016-04-20T10:00:00Z"}
+    answer = server.send("/api/actions", {**body, "blind": True, "changes": [change]})
+    assert answer.status == 400
+    _check(answer.json)
+
+
+def test_which_frames_somebody_labelled_may_be_asked(server) -> None:
+    found = server.get("/api/labelled", of=OTHERS, blind=1)
+    assert found == {"of": OTHERS, "cameras": {"left": [1, 2, 3]}}
+
+
+def test_actions_undo_and_seen(server) -> None:
+    base = {"who": "anna", "blind": True, "time": "2016-04-20T10:00:00Z"}
+    done = server.paint("a4", 1, [1], "ocean", blind=True)
+    assert done["changed"] == 1 and done["states"] == {"left": {"1": "p"}}
+    undone = server.post("/api/undo", key="u4", **base)
+    redone = server.post("/api/redo", key="r4", **base)
+    undone_again = server.post("/api/undo", key="u5", **base)
+    seen = server.post("/api/seen", who="anna", blind=True, camera="left", frame=2)
+    assert seen == {"states": {"left": {"2": "s"}}}
+    for answer in (done, undone, redone, undone_again, seen):
+        _check(answer)
+    assert server.post("/api/seen", who="anna", camera="left", frame=1)["states"]["left"] == {
+        "1": "x"
+    }
+
+
+def test_events(server) -> None:
+    with (
+        server.events(who="anna", blind=1) as blind,
+        server.events(who="anna", blind=0) as seeing,
+    ):
+        assert blind.next("status")["model"] is None
+        assert seeing.next("status")["model"]["total"] == 40
+        server.paint("e1", 5, [0], THEIRS, who=OTHERS)
+        server.paint("e2", 5, [1], THEIRS, who="carl", source="settled")
+        server.paint("e3", 6, [0], "ocean", who="anna", blind=True)
+        heard = [blind.next("change")]
+        frames = [tuple(frame) for frame in heard[0]["frames"]]
+        assert frames == [("left", 6)] and heard[0]["by"] == []
+        assert heard[0]["states"] == {"left": {"6": "p"}}
+        _check(heard)
+        told = seeing.next("change")
+        assert (told["frames"], told["by"]) == ([["left", 5]], [OTHERS])
+        server.process.send_signal(2)
+        for name, data in blind.rest():
+            _check(data)
+            assert name == "status", data
+    server.interrupt()
+    server.start()
+
+
+def test_events_since(server) -> None:
+    before = server.get("/api/mission", who="anna")["event"]
+    server.paint("f1", 7, [0], THEIRS, who=OTHERS)
+    server.paint("f2", 8, [0], "ocean", who="anna", blind=True)
+    with server.events(who="anna", blind=1, since=before) as blind:
+        heard = blind.next("change")
+        assert heard["frames"] == [["left", 8]] and heard["by"] == []
+        _check(heard)
+    with server.events(who="anna", blind=0, since=before) as seeing:
+        heard = seeing.next("change")
+        assert heard["frames"] == [["left", 7], ["left", 8]]
+        assert heard["by"] == ["anna", OTHERS]

@@ -1,0 +1,81 @@
+"""Open pages hear of what anybody does, in this process or another one."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from tokt.features.grid import Grid
+from tokt.labels.record import LabelRecord, utc_now
+from tokt.labels.store import FILE_NAME, LabelStore
+
+SOON_S = 2.0
+
+
+@pytest.fixture(scope="module")
+def server(page_server):
+    return page_server("--annotator", "anna")
+
+
+def test_two_people_hear_of_each_other(server) -> None:
+    with server.events(who="anna") as anna, server.events(who="ben") as ben:
+        assert anna.next("status") == ben.next("status") == {"fault": "", "model": None}
+        done = server.paint("two-1", 1, [3], "ocean", who="anna")
+        for stream, letter, n in ((anna, "p", 1), (ben, "u", 0)):
+            heard = stream.next("change")
+            assert heard["event"] == done["event"]
+            assert (heard["frames"], heard["by"]) == ([["left", 1]], ["anna"])
+            assert heard["states"] == {"left": {"1": letter}}
+            assert heard["counts"]["ocean"] == n
+            assert (heard["undo"]["undo"] is not None) == (n == 1)
+
+
+def test_another_process_writes(server) -> None:
+    record = LabelRecord("tiny", "left", 9, Grid(), 2, 5, "reef", "import", utc_now())
+    with server.events(who="anna") as stream:
+        stream.next("status")
+        with LabelStore(server.workspace / FILE_NAME) as store:
+            store.add([record])
+        written = time.monotonic()
+        heard = stream.next("change")
+        assert time.monotonic() - written < SOON_S
+    assert (heard["frames"], heard["by"]) == ([["left", 9]], ["import"])
+    found = server.get("/api/labels", camera="left", frames=9, who="anna")["frames"][0]
+    assert found["others"]["import"][25] == "reef"
+
+
+def test_a_page_that_was_away_hears_what_it_missed(server) -> None:
+    event = server.get("/api/mission")["event"]
+    server.paint("away-1", 11, [0], "ocean", who="ben")
+    server.paint("away-2", 12, [0], "ocean", who="carl")
+    with server.events(who="anna", since=event) as stream:
+        heard = stream.next("change")
+        assert heard["frames"] == [["left", 11], ["left", 12]] and heard["by"] == ["ben", "carl"]
+        last = heard["event"]
+        server.paint("away-3", 13, [0], "ocean", who="ben")
+        assert stream.next("change")["frames"] == [["left", 13]]
+    assert last == server.get("/api/mission")["event"] - 1
+
+
+def test_an_idle_stream_says_it_is_alive(server) -> None:
+    with server.events(who="anna") as stream:
+        stream.next("status")
+        stream.next("")  # at once: the stream is open
+        start = time.monotonic()
+        stream.next("")
+        assert time.monotonic() - start < 5
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+def test_pages_that_went_away_leave_nothing(server) -> None:
+    files = Path(f"/proc/{server.process.pid}/fd")
+    before = len(list(files.iterdir()))
+    for _ in range(20):
+        with server.events(who="anna") as stream:
+            stream.next("status")
+    end = time.monotonic() + 5
+    while len(list(files.iterdir())) > before:
+        assert time.monotonic() < end
+        time.sleep(0.05)

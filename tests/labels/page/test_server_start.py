@@ -1,0 +1,159 @@
+"""How `tokt label` starts, refuses to start, and ends."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+from tokt.features.grid import Grid
+from tokt.features.mission import open_mission
+from tokt.labels.page.start import open_session
+from tokt.labels.record import LabelRecord, utc_now
+from tokt.labels.store import LabelStore
+
+ENDS_S = 5.0  # half a second, and what a busy machine adds
+
+
+def test_ctrl_c_ends_it_though_pages_listen(page_server) -> None:
+    server = page_server("--annotator", "anna")
+    assert server.url == f"http://127.0.0.1:{server.port}/"
+    _check_nothing_heavy_is_loaded(server.process.pid)
+    with ExitStack() as opened:
+        streams = [opened.enter_context(server.events(who="anna")) for _ in range(5)]
+        for stream in streams:
+            stream.next("status")
+        start = time.monotonic()
+        server.process.send_signal(signal.SIGINT)
+        assert server.process.wait(10) == 0
+        assert time.monotonic() - start < ENDS_S
+        assert all(name == "status" for stream in streams for name, _ in stream.rest())
+    assert server.process.stdout.read() == "" == server.process.stderr.read()
+    server.start()  # the port is free again
+    server.process.send_signal(signal.SIGTERM)
+    assert server.process.wait(10) == 0
+
+
+def _check_nothing_heavy_is_loaded(process: int) -> None:
+    maps = Path(f"/proc/{process}/maps")
+    if maps.exists():  # on Linux
+        loaded = {part for line in maps.read_text().splitlines() for part in line.split("/")}
+        assert "numpy" in loaded
+        assert not loaded & {"sklearn", "pandas", "pyarrow", "matplotlib", "scipy", "skimage"}
+
+
+def test_port_that_is_taken(run_tokt, tiny, tmp_path: Path) -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        port = taken.getsockname()[1]
+        ran = run_tokt("label", tiny.path, "--port", port, "--no-browser", "--workspace", tmp_path)
+    assert ran.code == 2 and ran.out == ""
+    assert ran.err.startswith(f"tokt: error: port {port} is taken")
+    assert ran.err.endswith("choose another with --port\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--host", "192.0.2.1"], "192.0.2.1 is not an address of this computer"),
+        (["--host", "no.such.host.invalid"], "no.such.host.invalid"),
+        (["--annotator", " x"], "annotator ' x'"),
+        (["--grid", "10"], "not a grid"),
+        (["--grid", "100x100@360"], "the least is 3x3"),
+        (["--token", ""], "--token is empty"),
+        (["--model", "missing.tokt"], "missing.tokt"),
+        (["--taxonomy", "missing.toml"], "missing.toml"),
+    ],
+)
+def test_options_that_cannot_be_used(
+    run_tokt, tiny, tmp_path: Path, options: list[str], said: str
+) -> None:
+    fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / ".tokt")
+    ran = run_tokt("label", tiny.path, *fixed, *options)
+    assert ran.code == 2 and said in ran.err and ran.err.count("\n") == 1, ran.err
+
+
+def test_missions_that_cannot_be_used(run_tokt, tiny, tmp_path: Path) -> None:
+    picture = next((tiny.path / "Left").iterdir())
+    for folder, file in ((" blanks ", "a_1.png"), ("late", "a_9999999999.png"), ("empty", "a.txt")):
+        (tmp_path / folder).mkdir()
+        shutil.copy(picture, tmp_path / folder / file)
+        ran = run_tokt(
+            "label", tmp_path / folder, "--port", 0, "--no-browser", "--workspace", tmp_path / "w"
+        )
+        assert ran.code == 2 and ran.err.count("\n") == 1, (folder, ran.err)
+
+
+def test_a_model_of_another_grid(run_tokt, tiny, tiny_bundle, tmp_path: Path) -> None:
+    fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / ".tokt")
+    ran = run_tokt("label", tiny.path, *fixed, "--grid", "5x5", "--model", tiny_bundle)
+    assert ran.code == 2 and "10x10@360" in ran.err and "5x5@360" in ran.err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit on the size of files")
+def test_a_store_that_cannot_be_written(tiny, tmp_path: Path) -> None:
+    LabelStore(tmp_path / "labels.db").close()
+    options = ["--port", "0", "--no-browser", "--workspace", str(tmp_path)]
+    ran = subprocess.run(
+        [sys.executable, "-c", _LIMITED, "label", str(tiny.path), *options],
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+    assert ran.returncode == 2 and ran.stdout == "", ran.stderr
+    assert ran.stderr.startswith(f"tokt: error: label store {tmp_path / 'labels.db'}: ")
+    assert ran.stderr.count("\n") == 1
+
+
+_LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+from tokt.cli import main
+main()
+"""
+
+
+def test_other_grids_are_other_labels(page_server, tmp_path: Path) -> None:
+    with LabelStore(tmp_path / "labels.db") as store:
+        for grid in (Grid(), Grid(2, 2)):
+            store.add([LabelRecord("tiny", "left", 1, grid, 1, 1, "reef", "anna", utc_now())])
+    server = page_server("--grid", "5x4@360", workspace=tmp_path)
+    mission = server.get("/api/mission", who="anna")
+    assert mission["grid"] == {"rows": 5, "cols": 4, "width": 360}
+    assert mission["counts"]["reef"] == 0 and mission["other_grids"] == 2
+    server.paint("g-1", 1, [19], "ocean")
+
+
+def test_little_space_is_said(tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mission = open_mission(tiny.path)
+    with closing(open_session(mission, tmp_path, Grid(), "anna", "1")) as session:
+        assert session.fault == "" == session.status()["fault"]
+        monkeypatch.setattr("tokt.labels.page.session.LITTLE_BYTES", 10**18)
+        assert str(tmp_path / "labels.db") in session.find_fault()
+        assert "almost full" in session.status()["fault"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell script")
+def test_the_browser_is_opened(tiny, tmp_path: Path) -> None:
+    script, opened = tmp_path / "browser", tmp_path / "opened"
+    script.write_text(f'#!/bin/sh\necho "$1" > {opened}.part && mv {opened}.part {opened}\n')
+    script.chmod(0o755)
+    command = [sys.executable, "-c", "from tokt.cli import main; main()", "label", str(tiny.path)]
+    command += ["--port", "0", "--workspace", str(tmp_path / "w"), "--token", "t&t"]
+    environment = {**os.environ, "BROWSER": f"{script} %s"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        line = process.stdout.readline()
+        end = time.monotonic() + 10
+        while not opened.exists():
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0
+    url = opened.read_text().strip()
+    assert url in line.split() and url.endswith("/?token=t%26t")

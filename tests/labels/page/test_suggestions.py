@@ -1,0 +1,228 @@
+"""What a model suggests for the frames of a mission."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.features.mission import open_mission
+from tokt.labels.page.suggestions import Suggester, suggestions
+from tokt.models.bundle import Bundle, read_bundle
+from tokt.models.linear import LinearModel
+
+
+@pytest.fixture(scope="module")
+def bundle(tiny_bundle: Path) -> Bundle:
+    return read_bundle(tiny_bundle)
+
+
+def eventually(condition: Callable[[], bool], seconds: float = 20) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def finished(suggester: Suggester) -> Suggester:
+    suggester.start()
+    eventually(lambda: suggester.ready)
+    suggester.close()
+    return suggester
+
+
+def test_suggestions_are_what_the_bundle_computes(
+    tiny: Any, bundle: Bundle, tmp_path: Path
+) -> None:
+    mission = open_mission(tiny.path)
+    suggester = finished(Suggester(bundle, mission, Grid(), tmp_path))
+    assert suggester.progress == (40, 40)
+    for frame in mission.frames():
+        values = bundle.decision_values(mission.read(frame))
+        found = suggester.of("left", frame)
+        assert found is not None and found.fault == ""
+        assert np.array_equal(found.classes, bundle.model.predicted(values))
+        assert np.array_equal(found.obstacle, bundle.model.obstacle_patches(values))
+        assert np.array_equal(found.values, np.abs(values[:, 0] - bundle.model.thresholds[0]))
+    assert {int(c) for c in found.classes} <= {0, 1} and (found.values >= 0).all()
+
+
+def test_a_frame_that_is_not_known_yet_is_computed_at_once(
+    tiny: Any, bundle: Bundle, tmp_path: Path
+) -> None:
+    suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
+    found = suggester.of("left", 33)
+    assert found is not None and len(found.classes) == 100 and suggester.progress == (1, 40)
+    assert suggester.of("left", 99) is None and suggester.of("right", 1) is None
+    suggester.close()
+
+
+def test_with_several_classes_the_margin_is_the_lead_over_the_second() -> None:
+    model = LinearModel(
+        np.eye(3), np.zeros(3), np.array([0.0, 0.0, 1.0]), ("a", "b", "c"), (False, True, True)
+    )
+    found = suggestions(model, np.array([[2.0, 1.5, 0.0], [-3.0, -2.0, 1.5], [0.0, 0.0, 0.0]]))
+    assert found.classes.tolist() == [0, 2, 0]
+    assert found.values.tolist() == [0.5, 2.5, 0.0]
+    assert found.obstacle.tolist() == [False, True, False]
+
+
+def test_another_grid_is_refused(tiny: Any, bundle: Bundle, tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match=r"10x10@360.*5x5@360"):
+        Suggester(bundle, open_mission(tiny.path), Grid(5, 5), tmp_path)
+
+
+def test_faulty_frames_have_a_fault_and_no_suggestions(
+    own_tiny: Any, bundle: Bundle, tmp_path: Path
+) -> None:
+    left = own_tiny.path / "Left"
+    whole = (left / "tiny_L_7.png").read_bytes()
+    (left / "tiny_L_7.png").write_bytes(whole[: len(whole) // 2])
+    cv2.imwrite(str(left / "tiny_L_8.png"), np.full((272, 272), 20, np.uint8))
+    cv2.imwrite(str(left / "tiny_L_9.png"), np.full((544, 720), 20, np.uint8))
+    for _ in range(2):  # computed, then read from the file
+        suggester = finished(Suggester(bundle, open_mission(own_tiny.path), Grid(), tmp_path))
+        seven, eight, nine = (suggester.of("left", frame) for frame in (7, 8, 9))
+        assert seven and eight and nine
+        assert "truncated" in seven.fault and seven.classes.size == seven.values.size == 0
+        assert eight.fault == "the frame is 272x272, the model learnt from 360x272"
+        assert nine.fault == "" and nine.classes.size == 100
+        assert suggester.ready and len(suggester.judged().frames) == 38
+        assert not {7, 8} & set(suggester.judged().frames.tolist())
+
+
+def test_a_restart_computes_nothing_again(
+    tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = finished(Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path))
+    mission = open_mission(tiny.path)
+    monkeypatch.setattr(mission, "read", lambda *frame: pytest.fail("computed again"))
+    second = finished(Suggester(bundle, mission, Grid(), tmp_path))
+    for frame in mission.frames():
+        one, two = first.of("left", frame), second.of("left", frame)
+        assert one and two and np.array_equal(one.classes, two.classes)
+        assert np.array_equal(one.values, two.values)
+    assert np.array_equal(first.judged().features, second.judged().features)
+
+
+def counted(mission: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    reads: list[int] = []
+    read = mission.read
+    monkeypatch.setattr(
+        mission, "read", lambda frame, camera: reads.append(frame) or read(frame, camera)
+    )
+    return reads
+
+
+@pytest.mark.parametrize("change", ["frame", "bundle", "damage", "garbage"])
+def test_what_is_kept_of_other_files_or_models_is_not_used(
+    change: str, own_tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache = tmp_path / "cache"
+    before = finished(Suggester(bundle, open_mission(own_tiny.path), Grid(), cache)).of("left", 1)
+    (file,) = cache.iterdir()
+    frame = own_tiny.path / "Left" / "tiny_L_1.png"
+    if change == "frame":
+        shutil.copy(own_tiny.path / "Left" / "tiny_L_5.png", frame)
+    elif change == "bundle":
+        bundle = replace(bundle, sha256="0" * 64)
+    elif change == "damage":
+        data = bytearray(file.read_bytes())
+        data[len(data) // 2] ^= 1
+        file.write_bytes(data)
+    else:
+        file.write_bytes(b"PK no zip")
+    mission = open_mission(own_tiny.path)
+    reads = counted(mission, monkeypatch)
+    after = finished(Suggester(bundle, mission, Grid(), cache)).of("left", 1)
+    assert sorted(reads) == list(range(1, 41)) and before and after
+    assert np.array_equal(before.values, after.values) == (change != "frame")
+
+
+def test_a_stop_in_the_middle_keeps_what_was_computed(
+    tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
+    first.start()
+    eventually(lambda: first.progress[0] >= 3)
+    first.close()
+    done = first.progress[0]
+    mission = open_mission(tiny.path)
+    reads = counted(mission, monkeypatch)
+    finished(Suggester(bundle, mission, Grid(), tmp_path))
+    assert len(reads) == 40 - done
+
+
+@pytest.mark.skipif(os.name == "nt", reason="folder permissions work otherwise on Windows")
+def test_a_cache_that_cannot_be_written_costs_only_time(
+    tiny: Any, bundle: Bundle, tmp_path: Path
+) -> None:
+    (tmp_path / "cache").write_text("a file where the folder should be")
+    suggester = finished(Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path / "cache"))
+    assert suggester.ready
+
+
+def test_frames_near_the_one_shown_come_first(
+    tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = open_mission(tiny.path)
+    reads = counted(mission, monkeypatch)
+    suggester = Suggester(bundle, mission, Grid(), tmp_path)
+    suggester.prefer("left", 30)
+    finished(suggester)
+    assert reads[0] == 30 and set(reads[:7]) == set(range(27, 34))
+
+
+def test_many_threads_ask_while_all_is_computed(tiny: Any, bundle: Bundle, tmp_path: Path) -> None:
+    mission = open_mission(tiny.path)
+    suggester = Suggester(bundle, mission, Grid(), tmp_path)
+    suggester.start()
+
+    def ask(frame: int) -> bool:
+        suggester.give_way()
+        suggester.prefer("left", frame)
+        found = suggester.of("left", frame)
+        expected = bundle.model.predicted(bundle.decision_values(mission.read(frame)))
+        return found is not None and np.array_equal(found.classes, expected)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(ask, [*range(40, 0, -1)] * 3))
+    eventually(lambda: suggester.ready)
+    suggester.close()
+
+
+def test_requests_do_not_stop_the_computing(tiny: Any, bundle: Bundle, tmp_path: Path) -> None:
+    suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
+    suggester.start()
+    deadline = time.monotonic() + 20
+    while suggester.progress[0] < 5:
+        suggester.give_way()
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+    suggester.close()
+
+
+def test_a_video_is_read_forwards(bundle: Bundle, tiny_truth: Any, tmp_path: Path) -> None:
+    path = tmp_path / "dive.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (360, 272))
+    for frame in range(1, 13):
+        writer.write(cv2.cvtColor(tiny_truth.draw(frame), cv2.COLOR_GRAY2BGR))
+    writer.release()
+    mission = open_mission(path)
+    suggester = Suggester(bundle, mission, Grid(), tmp_path)
+    suggester.prefer("left", 9)
+    finished(suggester)
+    for frame in (3, 9):
+        found = suggester.of("left", frame)
+        expected = bundle.model.predicted(bundle.decision_values(open_mission(path).read(frame)))
+        assert found is not None and np.array_equal(found.classes, expected)
