@@ -7,20 +7,14 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tokt.labels.synthetic.mission import simulate_mission
 
 ROOT = Path(__file__).resolve().parents[1]
 MISSION = Path(os.environ.get("TOKT_MISSION", ROOT.parent / "shared" / "mission" / "approach"))
-
-
-def _demo(*arguments: object) -> dict:
-    command = [sys.executable, "-m", "tokt", "demo", "--json", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
 
 
 def _check(result: dict, out: Path) -> None:
@@ -44,7 +38,11 @@ def _check(result: dict, out: Path) -> None:
 @pytest.mark.slow
 def test_rendered_demo(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = _demo("--out", out, "--frames", 60, "--width", 680)
+    command = [sys.executable, "-m", "tokt", "demo", "--json", "--out", str(out)]
+    small = ["--frames", "60", "--width", "360"]
+    done = subprocess.run([*command, *small], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
     _check(result, out)
     assert result["rendered"]
     champion = result["held_back"][result["champion"]]
@@ -52,50 +50,55 @@ def test_rendered_demo(tmp_path: Path) -> None:
     assert "A rendered mission" in (out / "report.html").read_text("utf-8")
 
 
-def test_demo_empties_only_its_own_folder(tmp_path: Path) -> None:
+@pytest.fixture
+def refused(run_tokt: Callable[..., Any]) -> Callable[..., str]:
+    def run(*arguments: object) -> str:
+        ran = run_tokt("demo", *arguments)
+        assert ran.code == 2
+        assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+        return ran.err
+
+    return run
+
+
+def test_demo_empties_only_its_own_folder(tmp_path: Path, refused: Callable[..., str]) -> None:
     precious = tmp_path / "precious.txt"
     precious.write_text("keep me")
-    command = [sys.executable, "-m", "tokt", "demo", "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.startswith("tokt: error: ") and done.stderr.count("\n") == 1
+    refused("--out", tmp_path)
     assert precious.read_text() == "keep me"
 
 
-def _refused(*arguments: object) -> str:
-    command = [sys.executable, "-m", "tokt", "demo", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.startswith("tokt: error: ") and done.stderr.count("\n") == 1
-    return done.stderr
-
-
-def test_an_earlier_demo_survives_a_wrong_command(tmp_path: Path) -> None:
+def test_an_earlier_demo_survives_a_wrong_command(
+    own_tiny: Any, tmp_path: Path, refused: Callable[..., str]
+) -> None:
     out = tmp_path / "out"
     mission = out / "synthetic"
-    simulate_mission(mission, n_frames=40, width=160)
+    out.mkdir()
+    own_tiny.path.rename(mission)
     (out / "made-by-tokt-demo").write_text("")
     (out / "report.html").write_text("earlier")
     labels = mission / "labels.csv"
-    assert "lies in" in _refused("--mission", mission, "--labels", labels, "--out", out)
+    assert "lies in" in refused("--mission", mission, "--labels", labels, "--out", out)
     elsewhere = tmp_path / "sea"
     mission.rename(elsewhere)
     given = ("--mission", elsewhere, "--out", out)
-    assert "does not exist" in _refused(*given, "--labels", tmp_path / "none.csv")
+    assert "does not exist" in refused(*given, "--labels", tmp_path / "none.csv")
     assert (out / "report.html").read_text() == "earlier"
 
 
 @pytest.mark.slow
 @pytest.mark.mission
 @pytest.mark.skipif(not MISSION.is_dir(), reason=f"no real mission at {MISSION} (TOKT_MISSION)")
-def test_real_demo(tmp_path: Path) -> None:
+def test_real_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
     out = tmp_path / "out"
     # Half of the labelled frames: water, the first sight of the tower, its closest view.
     labels = tmp_path / "labels.csv"
     lines = (MISSION / "labels.csv").read_text().splitlines(keepends=True)
     wanted = {*range(60, 100), *range(132, 192)}
     labels.write_text("".join(x for x in lines if x[:3] == "mis" or int(x.split(",")[2]) in wanted))
-    result = _demo("--mission", MISSION, "--labels", labels, "--out", out)
+    ran = run_tokt("demo", "--json", "--mission", MISSION, "--labels", labels, "--out", out)
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)
     _check(result, out)
     assert not result["rendered"]
     champion = result["held_back"][result["champion"]]

@@ -7,12 +7,13 @@ import subprocess
 import sys
 import tempfile
 import venv
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tokt.features.kernels import KERNELS
 from tokt.features.mission import open_mission
-from tokt.labels.synthetic.mission import simulate_mission
 
 ROOT = Path(__file__).resolve().parents[1]
 TRAINING_TOOLS = (
@@ -35,13 +36,14 @@ def _run(*command: object) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def slim_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("slim") / "venv"
-    venv.create(home, with_pip=True)
+    venv.create(home)
     python = home / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
-    pip = (python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    ours = (sys.executable, "-m", "pip", "--disable-pip-version-check")
     wheel = home.parent / "wheel"
-    built = _run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", wheel, ROOT)
+    built = _run(*ours, "wheel", "--no-deps", "-q", "-w", wheel, ROOT)
     assert built.returncode == 0, built.stderr
-    done = _run(*pip, "-c", ROOT / "constraints.txt", next(wheel.glob("tokt-*.whl")))
+    pip = (*ours, "--python", python, "install", "--quiet", "-c", ROOT / "constraints.txt")
+    done = _run(*pip, next(wheel.glob("tokt-*.whl")))
     if done.returncode != 0 and "No matching distribution" in done.stderr:
         pytest.skip("no package index can be reached to make a fresh environment")
     assert done.returncode == 0, done.stderr
@@ -49,7 +51,13 @@ def slim_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_plain_install_runs_a_bundle(slim_python: Path, tmp_path: Path) -> None:
+def test_plain_install_runs_a_bundle(
+    slim_python: Path,
+    workspace: Path,
+    tiny: Any,
+    run_tokt: Callable[..., Any],
+    tmp_path: Path,
+) -> None:
     present = _run(
         slim_python,
         "-c",
@@ -58,18 +66,13 @@ def test_plain_install_runs_a_bundle(slim_python: Path, tmp_path: Path) -> None:
     )
     assert json.loads(present.stdout) == []
 
-    mission = tmp_path / "sea"
-    simulate_mission(mission, n_frames=40, width=360)
-    full = (sys.executable, "-m", "tokt")
-    space = ("--workspace", tmp_path / "ws")
-    labels = mission / "labels.csv"
+    mission, space = tiny.path, ("--workspace", workspace)
     for command in (
-        ("dataset", "build", "d", "--mission", mission, "--labels", labels, "--block", 4, *space),
-        ("train", "d", "--extractor", "haralick", "--embargo", 1, "--name", "m", *space),
+        ("train", "tiny", "--extractor", "haralick", "--embargo", 1, "--name", "m", *space),
         ("export", "m", "-o", tmp_path / "m.tokt", *space),
     ):
-        done = _run(*full, *command)
-        assert done.returncode == 0, done.stderr
+        ran = run_tokt(*command)
+        assert ran.code == 0, ran.err
 
     log = tmp_path / "log.jsonl"
     done = _run(
@@ -83,7 +86,7 @@ def test_plain_install_runs_a_bundle(slim_python: Path, tmp_path: Path) -> None:
 
     again = tmp_path / "full.jsonl"
     done = _run(
-        *full, "run", "--bundle", tmp_path / "m.tokt", "--source", mission,
+        sys.executable, "-m", "tokt", "run", "--bundle", tmp_path / "m.tokt", "--source", mission,
         "--log", again, "--log-values", "--format", "v2",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -93,7 +96,7 @@ def test_plain_install_runs_a_bundle(slim_python: Path, tmp_path: Path) -> None:
     ]
 
     for missing in (
-        ("train", "d", "--extractor", "lbp", *space),
+        ("train", "tiny", "--extractor", "lbp", *space),
         ("evaluate", "m", "--mission", mission, *space),
         ("bench",),
     ):

@@ -144,25 +144,28 @@ def mahotas_is_accurate(patch: Image, ignore_zeros: bool) -> bool:
     )
 
 
-@fast
 @examples(100)
 @given(drawn=pictures(8_000), ignore_zeros=st.booleans())
-def test_haralick_equals_mahotas(
-    kernels: Kernels, drawn: tuple[Image, Grid], ignore_zeros: bool
-) -> None:
+def test_haralick_equals_mahotas(drawn: tuple[Image, Grid], ignore_zeros: bool) -> None:
     """To 1e-9 of the feature; of 1 for the correlation, which may be 0.
 
     Besides, mahotas gives 1e-16 for an entropy of 0, and the information measures magnify its
-    rounding where neighbours tell nothing about each other.
+    rounding where neighbours tell nothing about each other. All kernels on each example: mahotas
+    takes most of the time.
     """
     gray, grid = drawn
-    found = kernels.haralick_features(gray, grid, ignore_zeros)
+    here = [kernels for kernels in (COMPILED_KERNELS, NUMPY_KERNELS) if kernels]
+    found = [kernels.haralick_features(gray, grid, ignore_zeros) for kernels in here]
     expected = reference.haralick_features(gray, grid, ignore_zeros)
-    for patch, one, two in zip(grid.cells(gray), found, expected, strict=True):
-        if mahotas_is_accurate(patch, ignore_zeros):
-            _, rounding = exact_haralick(patch, ignore_zeros, ROUNDING)
-            allowed = 1e-9 * np.abs(two) + rounding + ROUNDING
+    for patch, two, *ones in zip(grid.cells(gray), expected, *found, strict=True):
+        if not mahotas_is_accurate(patch, ignore_zeros):
+            continue
+        for one in ones:
+            allowed = 1e-9 * np.abs(two) + ROUNDING
             allowed[2] = 1e-9
+            if not (np.abs(one - two) <= allowed).all():  # the 50 digits take their time
+                allowed += exact_haralick(patch, ignore_zeros, ROUNDING)[1]
+                allowed[2] = 1e-9
             assert (np.abs(one - two) <= allowed).all(), (one, two, allowed)
 
 

@@ -131,13 +131,17 @@ def test_ctrl_c_ends_cleanly(
     ],
 )
 def test_mistakes_are_one_line(
-    make_mission: Callable[..., Path], bundle_file: Path, arguments: list[str], message: str
+    make_mission: Callable[..., Path],
+    bundle_file: Path,
+    run_tokt: Callable[..., Any],
+    arguments: list[str],
+    message: str,
 ) -> None:
     given = [str(bundle_file) if word == "B" else word for word in arguments]
-    done = tokt("run", "--source", make_mission([[]]), *given)
-    assert done.returncode == 2
-    assert done.stderr.startswith("tokt: error: ") and len(done.stderr.splitlines()) == 1
-    assert message in done.stderr and done.stdout == ""
+    ran = run_tokt("run", "--source", make_mission([[]]), *given)
+    assert ran.code == 2
+    assert ran.err.startswith("tokt: error: ") and len(ran.err.splitlines()) == 1
+    assert message in ran.err and ran.out == ""
 
 
 def test_threads_change_no_verdict(
