@@ -1,0 +1,133 @@
+// The numbers of an agreement between two annotators, as labels/agreement.py computes them.
+
+import { classTag, swatch } from "./class_buttons.js";
+import { button, el } from "./dom.js";
+
+const NONE = "–";
+
+/** A share as people read it: "96.2 %". */
+function percent(share) {
+  return share === null ? NONE : `${(100 * share).toFixed(1)} %`;
+}
+
+function count(value) {
+  return value.toLocaleString("en");
+}
+
+/** Kappa with three digits; a dash where it is not defined. */
+export function kappaText(kappa) {
+  return kappa === null ? NONE : kappa.toFixed(3);
+}
+
+/**
+ * The main figures.
+ * @param {Object} found Answer of /api/agreement.
+ * @returns {HTMLElement}
+ */
+export function figures(found) {
+  const { a, b, blind } = found;
+  const unsure = [percent(found.agreement_with_unsure), kappaText(found.kappa_with_unsure)];
+  const rows = [
+    ["Patches labelled", `${a}: ${count(found.n_a)} · ${b}: ${count(found.n_b)}`],
+    ["Of these blind", `${a}: ${count(blind.a)} · ${b}: ${count(blind.b)}`],
+    ["Labelled by both", count(found.n_both)],
+    ["Same class", `${percent(found.agreement)} of ${count(found.n_both_sure)} both are sure of`],
+    ["With unsure as a class", unsure.join(", κ ")],
+    ["Obstacle or not, F1", percent(found.obstacle.f1)],
+  ];
+  return el(
+    "div",
+    { class: "figures" },
+    el(
+      "p",
+      { class: "kappa" },
+      el("span", { text: "Cohen's κ " }),
+      el("strong", { text: kappaText(found.kappa) }),
+      el("small", { text: kappaMeaning(found) }),
+    ),
+    el("dl", {}, ...rows.flatMap(([name, text]) => [el("dt", { text: name }), el("dd", { text })])),
+  );
+}
+
+function kappaMeaning({ kappa, n_both_sure: sure }) {
+  if (sure === 0) return " there is no patch that both are sure of";
+  if (kappa === null) return " not defined: all patches are of one class";
+  return " 1: always the same; 0: no better than by chance";
+}
+
+/**
+ * Figures class by class.
+ * @param {Object} found
+ * @returns {HTMLElement}
+ */
+export function classTable(found) {
+  const heads = ["class", found.a, found.b, "both", "F1"];
+  return el(
+    "table",
+    { class: "numbers" },
+    el("caption", { text: "Patches by class" }),
+    el("thead", {}, el("tr", {}, ...heads.map(columnHead))),
+    el(
+      "tbody",
+      {},
+      ...Object.entries(found.per_class).map(([name, one]) =>
+        el(
+          "tr",
+          {},
+          el("th", { attrs: { scope: "row" } }, classTag(name)),
+          ...[count(one.n_a), count(one.n_b), count(one.n_both), percent(one.f1)].map((text) =>
+            el("td", { text }),
+          ),
+        ),
+      ),
+    ),
+  );
+}
+
+function columnHead(text) {
+  return el("th", { text, attrs: { scope: "col" } });
+}
+
+/**
+ * Who said what where: each pair of labels and how often; a pair that differs is a button.
+ * @param {Object} found
+ * @param {?{a: string, b: string}} chosen The pair whose conflicts are shown.
+ * @param {(pair: {a: string, b: string}) => void} choose
+ * @returns {HTMLElement}
+ */
+export function confusionTable(found, chosen, choose) {
+  const { labels, confusion } = found;
+  const unseen = (name) => el("span", { class: "unseen", text: name });
+  const head = (name) =>
+    el("th", { attrs: { scope: "col", title: name } }, swatch(name), unseen(name));
+  const row = (a, i) =>
+    el(
+      "tr",
+      {},
+      el("th", { attrs: { scope: "row" } }, classTag(a)),
+      ...labels.map((b, j) => confusionCell({ a, b }, confusion[i][j], found, chosen, choose)),
+    );
+  return el(
+    "table",
+    { class: "numbers confusion" },
+    el("caption", { text: `${found.a} (rows) against ${found.b} (columns)` }),
+    el("thead", {}, el("tr", {}, el("td"), ...labels.map(head))),
+    el("tbody", {}, ...labels.map(row)),
+  );
+}
+
+function confusionCell({ a, b }, number, found, chosen, choose) {
+  if (a === b) return el("td", { class: "same", text: count(number) });
+  if (number === 0) return el("td", { class: "nil", text: "0" });
+  const pressed = chosen?.a === a && chosen?.b === b;
+  const title = `${found.a}: ${a}, ${found.b}: ${b}`;
+  return el(
+    "td",
+    {},
+    button(count(number), () => choose({ a, b }), {
+      class: "pair",
+      title: `show the patches that are ${title}`,
+      attrs: { "aria-pressed": String(pressed), "aria-label": `${number} patches ${title}` },
+    }),
+  );
+}

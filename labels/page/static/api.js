@@ -1,0 +1,96 @@
+// Requests to the server: JSON there and back, errors as one sentence.
+
+import { blind, who } from "./settings.js";
+
+const TIMEOUT_MS = 20000;
+
+/** A request that failed. `status` 0: the server was not reached. */
+export class ApiError extends Error {
+  constructor(status, message) {
+    super(message);
+    this.name = "ApiError";
+    this.status = status;
+  }
+}
+
+/**
+ * The address of an API path with its parameters, `who` and `blind`.
+ * @param {string} path
+ * @param {Object} [params] Those that are null or undefined are left out.
+ * @returns {string}
+ */
+export function address(path, params = {}) {
+  const query = new URLSearchParams();
+  const all = { who: who() || null, blind: blind() ? 1 : 0, ...params };
+  for (const [name, value] of Object.entries(all)) {
+    if (value !== null && value !== undefined) query.set(name, value);
+  }
+  return `${path}?${query}`;
+}
+
+/**
+ * GET a path.
+ * @param {string} path
+ * @param {Object} [params]
+ * @param {{signal?: AbortSignal}} [options]
+ * @returns {Promise<*>}
+ * @throws {ApiError}
+ */
+export async function get(path, params = {}, { signal } = {}) {
+  return request(address(path, params), { signal });
+}
+
+/**
+ * POST a body to a path; `who` and `blind` are filled in where the body has none.
+ * @param {string} path
+ * @param {Object} body
+ * @returns {Promise<*>}
+ * @throws {ApiError}
+ */
+export async function post(path, body) {
+  return request(path, {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify({ who: who(), blind: blind(), ...body }),
+  });
+}
+
+/**
+ * Fetch an address as it is.
+ * @param {string} url
+ * @param {RequestInit} options
+ * @returns {Promise<Response>} A successful one.
+ * @throws {ApiError}
+ */
+export async function fetchOk(url, options = {}) {
+  const timeout = AbortSignal.timeout(TIMEOUT_MS);
+  const signal = options.signal ? AbortSignal.any([options.signal, timeout]) : timeout;
+  let response;
+  try {
+    response = await fetch(url, { credentials: "same-origin", ...options, signal });
+  } catch (error) {
+    if (options.signal?.aborted) throw error;
+    throw new ApiError(0, "the server does not answer");
+  }
+  if (!response.ok) throw new ApiError(response.status, await sentence(response));
+  return response;
+}
+
+async function request(url, options) {
+  const response = await fetchOk(url, options);
+  try {
+    return await response.json();
+  } catch {
+    throw new ApiError(0, "the server's answer broke off");
+  }
+}
+
+async function sentence(response) {
+  try {
+    const { error } = await response.json();
+    if (error) return error;
+  } catch {
+    // Not ours: a proxy's page, or cut off. The status says what there is to say.
+  }
+  return `the server answered ${response.status} ${response.statusText}`.trim();
+}

@@ -1,0 +1,148 @@
+// Labelling a second time without seeing the first: beginning, going on, and comparing.
+
+import { blindFrames, loadBlindList, nextBlindFrame } from "./blind_list.js";
+import { button, el, say } from "./dom.js";
+import { listenAnew } from "./live.js";
+import { mission, setBlind, setSetting, setWho, setting, stateOf, who } from "./mission.js";
+import { go } from "./router.js";
+
+const SIGNS = {
+  u: { sign: "○", text: "unseen" },
+  s: { sign: "◔", text: "seen" },
+  p: { sign: "◑", text: "part labelled" },
+  d: { sign: "●", text: "done" },
+};
+
+/**
+ * The form that begins a blind labelling.
+ * @param {{of: string, onCancel: ?Function}} options `of`: whose frames are proposed.
+ * @returns {HTMLElement}
+ */
+export function blindForm({ of, onCancel }) {
+  const whose = el(
+    "select",
+    { attrs: { id: "blind-of" } },
+    ...mission.annotators.map((name) =>
+      el("option", { text: name, attrs: { value: name, selected: name === of } }),
+    ),
+  );
+  const name = el("input", {
+    attrs: { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" },
+  });
+  if (who() !== of) name.value = who();
+  const begin = (event) => {
+    event.preventDefault();
+    beginBlind(whose.value, name.value.trim());
+  };
+  return el(
+    "form",
+    { class: "blind-form", on: { submit: begin } },
+    el("h2", { text: "Label a second time, blind" }),
+    el("p", {
+      text:
+        "A second person labels the same frames without seeing the first one's labels or any " +
+        "suggestion. Only then does agreement say something about the labels.",
+    }),
+    el("label", { text: "Frames that were labelled by", attrs: { for: "blind-of" } }),
+    whose,
+    el("label", { text: "Your name (another one)", attrs: { for: "blind-who" } }),
+    name,
+    el(
+      "div",
+      { class: "bar" },
+      el("button", { class: "main", text: "Begin, or go on", attrs: { type: "submit" } }),
+      onCancel ? button("Cancel", onCancel) : null,
+    ),
+  );
+}
+
+/**
+ * Work blind from now on, as `name`, on the frames of `of`.
+ * @param {string} of
+ * @param {string} name
+ */
+async function beginBlind(of, name) {
+  if (!name) return;
+  if (name === of) {
+    say(`${of} labelled these frames first; the second labelling needs another person's name.`, {
+      bad: true,
+    });
+    return;
+  }
+  setSetting("blindOf", of);
+  await changePerson(async () => {
+    await setBlind(true);
+    if (name !== who()) await setWho(name);
+    await loadBlindList();
+    continueBlind();
+  });
+}
+
+/** Open the next frame of the list that is not done. */
+export function continueBlind() {
+  const next = nextBlindFrame();
+  if (next) go(`#/label/${next.camera}/${next.frame}`);
+  else say("All frames of the list are done.");
+}
+
+/** Show everything again and compare. */
+export async function endBlind() {
+  const pair = [setting("blindOf"), who()].map(encodeURIComponent);
+  await changePerson(async () => {
+    await setBlind(false);
+    go(`#/agreement/${pair.join("/")}`);
+  });
+}
+
+async function changePerson(change) {
+  try {
+    await change();
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+    say(`That did not work: ${error.message}.`, { bad: true });
+  } finally {
+    listenAnew();
+  }
+}
+
+/**
+ * How far a blind labelling is.
+ * @param {string} fault Why there is no list; "" where there is.
+ * @returns {HTMLElement}
+ */
+export function blindProgress(fault) {
+  const list = blindFrames();
+  const done = list.filter(({ camera, frame }) => stateOf(camera, frame) === "d").length;
+  const of = setting("blindOf");
+  const words = list.length
+    ? `${who()} labels the frames that ${of} labelled: ${done} of ${list.length} are done.`
+    : fault || "No list of frames was chosen: label any frame.";
+  const more = list.length > done;
+  const end = of && of !== who() ? "End blind labelling and compare" : "End blind labelling";
+  return el(
+    "section",
+    { class: "blind-progress" },
+    el("h2", { text: "Blind labelling" }),
+    el("p", { text: words, attrs: { role: "status" } }),
+    el("p", { text: "What others said and what the model suggests is hidden until you end this." }),
+    el(
+      "div",
+      { class: "bar" },
+      more ? withKey(button("Continue", continueBlind, { class: "main" }), "Enter") : null,
+      button(end, endBlind),
+    ),
+    el("div", { class: "blind-frames" }, ...list.map(frameLink)),
+  );
+}
+
+function withKey(element, key) {
+  element.append(" ", el("kbd", { text: key }));
+  return element;
+}
+
+function frameLink({ camera, frame }) {
+  const { sign, text } = SIGNS[stateOf(camera, frame)] ?? SIGNS.u;
+  const href = `#/label/${camera}/${frame}`;
+  const attrs = { href, title: text, "aria-label": `${camera} ${frame}, ${text}` };
+  return el("a", { text: `${sign} ${camera} ${frame}`, attrs });
+}

@@ -1,0 +1,251 @@
+// Drawing what is known of patches onto a canvas: outlines inside their borders, signs, values.
+// The texture in the middle of a patch stays free.
+
+import { colourOf, mission, signOf } from "./mission.js";
+import { rowCol } from "./patch_grid.js";
+
+const HINT_DASH = { strong: [8, 4], kept: [2, 3], weak: [2, 8] };
+const TEXT_FROM = 34; // CSS pixels of patch width from which text fits
+const MARK_FROM = 16;
+
+/**
+ * @typedef {Object} CellPlan
+ * @property {CanvasRenderingContext2D} ctx Scaled so that one unit is one CSS pixel.
+ * @property {(cell: number) => {x: number, y: number, width: number, height: number}} boxOf
+ */
+
+/**
+ * Outline regions of equal labels: solid, with a dark rim so that they show on any ground.
+ * @param {CellPlan} plan
+ * @param {(?string)[]} labels
+ */
+export function drawLabels(plan, labels) {
+  const paths = new Map();
+  labels.forEach((label, cell) => {
+    if (label === null) return;
+    const path = paths.get(label) ?? new Path2D();
+    addEdges(path, plan.boxOf(cell), cell, labels, 2.5);
+    paths.set(label, path);
+  });
+  for (const [label, path] of paths) {
+    strokeTwice(plan.ctx, path, colourOf(label), label === "unsure" ? [2, 3] : []);
+  }
+  labels.forEach((label, cell) => label !== null && drawSign(plan, cell, label, true));
+}
+
+/**
+ * Outline unconfirmed labels: dashed, those from the frame before dotted, the less sure ones thinly
+ * so; with the value or a word in each patch.
+ * @param {CellPlan} plan
+ * @param {(?{label: string, text: string, strong: boolean, kept: boolean})[]} hints
+ */
+export function drawHints(plan, hints) {
+  const groups = hints.map((hint) => hint && `${hint.label}/${styleOf(hint)}`);
+  const paths = new Map();
+  hints.forEach((hint, cell) => {
+    if (!hint) return;
+    const path = paths.get(groups[cell]) ?? new Path2D();
+    addEdges(path, plan.boxOf(cell), cell, groups, 3.5);
+    paths.set(groups[cell], path);
+  });
+  for (const [group, path] of paths) {
+    const [label, style] = group.split("/");
+    strokeTwice(plan.ctx, path, colourOf(label), HINT_DASH[style], 1.75);
+  }
+  hints.forEach((hint, cell) => {
+    if (!hint) return;
+    const { x, y, width } = plan.boxOf(cell);
+    plan.ctx.globalAlpha = hint.strong ? 1 : 0.7;
+    drawSign(plan, cell, hint.label, false);
+    if (width >= TEXT_FROM) smallText(plan.ctx, hint.text, x + width - 5, y + 5, "right");
+    plan.ctx.globalAlpha = 1;
+  });
+}
+
+function styleOf({ strong, kept }) {
+  if (kept) return "kept";
+  return strong ? "strong" : "weak";
+}
+
+/**
+ * Mark patches that the server has not acknowledged.
+ * @param {CellPlan} plan
+ * @param {Iterable<number>} cells
+ */
+export function drawPending({ ctx, boxOf }, cells) {
+  for (const cell of cells) {
+    const { x, y, width, height } = boxOf(cell);
+    ctx.fillStyle = "#ffb000";
+    ctx.strokeStyle = "#000";
+    ctx.lineWidth = 1;
+    ctx.beginPath();
+    ctx.arc(x + width - 9, y + height - 9, 3.5, 0, 2 * Math.PI);
+    ctx.fill();
+    ctx.stroke();
+  }
+}
+
+/**
+ * What others said: an initial and the class's sign in the lower left corner, a mark in the right
+ * one where two people are sure of different classes; a settled patch shows a tick.
+ * @param {CellPlan} plan
+ * @param {{mine: (?string)[], others: Object, settled: (?string)[]}} labels
+ */
+export function drawOthers(plan, { mine, others, settled }) {
+  const people = Object.entries(others);
+  for (let cell = 0; cell < mine.length; cell += 1) {
+    const said = people.filter(([, theirs]) => theirs[cell] !== null);
+    const decided = settled[cell];
+    if (!said.length && decided === null) continue;
+    const box = plan.boxOf(cell);
+    if (box.width < MARK_FROM) continue;
+    const differ = decided === null && disagree([mine[cell], ...said.map(([, all]) => all[cell])]);
+    if (differ) drawDisagreement(plan, box);
+    if (box.width < TEXT_FROM) continue;
+    const words = said.slice(0, 2).map(([name, all]) => name.slice(0, 1) + signOf(all[cell]));
+    if (said.length > 2) words.push("+");
+    if (decided !== null) words.push(`✓${signOf(decided)}`);
+    smallText(plan.ctx, words.join(" "), box.x + 5, box.y + box.height - 15, "left");
+  }
+}
+
+/** Whether two of these labels are sure and different. */
+export function disagree(labels) {
+  const sure = new Set(labels.filter((label) => label !== null && label !== "unsure"));
+  return sure.size > 1;
+}
+
+function drawDisagreement({ ctx }, { x, y, width, height }) {
+  ctx.font = "700 18px system-ui, sans-serif";
+  ctx.textAlign = "right";
+  ctx.textBaseline = "bottom";
+  ctx.lineWidth = 4;
+  ctx.lineJoin = "round";
+  ctx.strokeStyle = "#000000";
+  ctx.strokeText("≠", x + width - 5, y + height - 3);
+  ctx.fillStyle = "#ff7aa2";
+  ctx.fillText("≠", x + width - 5, y + height - 3);
+}
+
+/**
+ * Show the cursor and the selected rectangle.
+ * @param {CellPlan} plan
+ * @param {?number} cursor
+ * @param {number[]} selection
+ */
+export function drawCursor(plan, cursor, selection) {
+  const { ctx, boxOf } = plan;
+  for (const cell of selection) {
+    const { x, y, width, height } = boxOf(cell);
+    ctx.fillStyle = "rgb(255 255 255 / 14%)";
+    ctx.fillRect(x, y, width, height);
+  }
+  if (cursor === null) return;
+  const { x, y, width, height } = boxOf(cursor);
+  const path = new Path2D();
+  path.rect(x - 0.5, y - 0.5, width + 1, height + 1);
+  strokeTwice(ctx, path, "#ffffff", [], 2);
+}
+
+/**
+ * Fill patches faintly: the stroke that is being drawn.
+ * @param {CellPlan} plan
+ * @param {Iterable<number>} cells
+ * @param {?string} label Null takes labels back.
+ */
+export function drawStroke({ ctx, boxOf }, cells, label) {
+  ctx.globalAlpha = 0.35;
+  ctx.fillStyle = label === null ? "#000000" : colourOf(label);
+  for (const cell of cells) {
+    const { x, y, width, height } = boxOf(cell);
+    ctx.fillRect(x + 1, y + 1, width - 2, height - 2);
+  }
+  ctx.globalAlpha = 1;
+}
+
+// Edges towards a patch with another label; `inset` keeps them inside the patch.
+function addEdges(path, { x, y, width, height }, cell, labels, inset) {
+  const { rows, cols } = mission.grid;
+  const [row, col] = rowCol(cell);
+  const same = (r, c) =>
+    r >= 0 && c >= 0 && r < rows && c < cols && labels[r * cols + c] === labels[cell];
+  const up = same(row - 1, col);
+  const down = same(row + 1, col);
+  const left = same(row, col - 1);
+  const right = same(row, col + 1);
+  const x0 = x + (left ? 0 : inset);
+  const x1 = x + width - (right ? 0 : inset);
+  const y0 = y + (up ? 0 : inset);
+  const y1 = y + height - (down ? 0 : inset);
+  const edges = [
+    [up, x0, y + inset, x1, y + inset],
+    [down, x0, y + height - inset, x1, y + height - inset],
+    [left, x + inset, y0, x + inset, y1],
+    [right, x + width - inset, y0, x + width - inset, y1],
+  ];
+  for (const [joined, fromX, fromY, toX, toY] of edges) {
+    if (joined) continue;
+    path.moveTo(fromX, fromY);
+    path.lineTo(toX, toY);
+  }
+}
+
+function strokeTwice(ctx, path, colour, dash, width = 2) {
+  ctx.lineCap = "butt";
+  ctx.setLineDash([]);
+  ctx.lineWidth = width + 1.5;
+  ctx.strokeStyle = "rgb(0 0 0 / 55%)";
+  ctx.stroke(path);
+  ctx.setLineDash(dash);
+  ctx.lineWidth = width;
+  ctx.strokeStyle = colour;
+  ctx.stroke(path);
+  ctx.setLineDash([]);
+}
+
+function drawSign({ ctx, boxOf }, cell, label, sure) {
+  const { x, y, width } = boxOf(cell);
+  if (width < MARK_FROM) return;
+  const size = width < TEXT_FROM ? 9 : 13;
+  const left = x + 4;
+  const top = y + 4;
+  const colour = colourOf(label);
+  ctx.fillStyle = sure ? colour : "rgb(0 0 0 / 60%)";
+  ctx.fillRect(left, top, size, size);
+  ctx.fillStyle = sure ? inkOn(colour) : lighter(colour);
+  ctx.font = `600 ${size - 2}px system-ui, sans-serif`;
+  ctx.textAlign = "center";
+  ctx.textBaseline = "middle";
+  ctx.fillText(signOf(label), left + size / 2, top + size / 2 + 0.5);
+}
+
+function smallText(ctx, text, x, y, align) {
+  ctx.font = "10px system-ui, sans-serif";
+  ctx.textAlign = align;
+  ctx.textBaseline = "top";
+  ctx.lineWidth = 3;
+  ctx.lineJoin = "round";
+  ctx.strokeStyle = "rgb(0 0 0 / 75%)";
+  ctx.strokeText(text, x, y);
+  ctx.fillStyle = "#f2f2f2";
+  ctx.fillText(text, x, y);
+}
+
+function channels(colour) {
+  return [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+}
+
+/** Black or white: what reads better on a colour. */
+export function inkOn(colour) {
+  const [r, g, b] = channels(colour).map((value) => {
+    const part = value / 255;
+    return part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4;
+  });
+  const luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  return luminance > 0.179 ? "#000000" : "#ffffff";
+}
+
+function lighter(colour) {
+  const [r, g, b] = channels(colour).map((value) => Math.round(value + (255 - value) * 0.45));
+  return `rgb(${r} ${g} ${b})`;
+}

@@ -1,0 +1,80 @@
+// Making elements without markup in strings, and saying things to screen readers.
+
+/**
+ * Make an element.
+ * @param {string} tag
+ * @param {{class?: string, text?: string, attrs?: Object, on?: Object<string, Function>}} [options]
+ *   `attrs`: true gives an empty attribute, false, null and undefined give none.
+ * @param {...(Node|string|null|undefined)} children
+ * @returns {HTMLElement}
+ */
+export function el(tag, { class: className, text, attrs = {}, on = {} } = {}, ...children) {
+  const node = document.createElement(tag);
+  if (className) node.className = className;
+  if (text !== undefined) node.textContent = text;
+  for (const [name, value] of Object.entries(attrs)) setAttribute(node, name, value);
+  for (const [type, listener] of Object.entries(on)) node.addEventListener(type, listener);
+  node.append(...children.filter((child) => child !== null && child !== undefined));
+  return node;
+}
+
+/**
+ * Set, or with false, null or undefined remove, an attribute.
+ * @param {Element} node
+ * @param {string} name
+ * @param {*} value
+ */
+export function setAttribute(node, name, value) {
+  if (value === false || value === null || value === undefined) node.removeAttribute(name);
+  else node.setAttribute(name, value === true ? "" : String(value));
+}
+
+/**
+ * A button that gives the keyboard back to the view after a click with the mouse, so that the
+ * next Enter or Space is the view's and does not press the button again.
+ * @param {string} text
+ * @param {Function} run
+ * @param {{class?: string, title?: string, attrs?: Object}} [options]
+ * @returns {HTMLButtonElement}
+ */
+export function button(text, run, { class: className = "", title, attrs = {} } = {}) {
+  const click = (event) => {
+    run(event);
+    if (event.detail > 0) focusView();
+  };
+  return el("button", {
+    class: className,
+    text,
+    attrs: { type: "button", title, ...attrs },
+    on: { click },
+  });
+}
+
+/** Put the keyboard where the view wants it: its element with `data-home`. */
+export function focusView() {
+  document.querySelector("#view [data-home]")?.focus({ preventScroll: true });
+}
+
+/**
+ * Read a text out (polite live region), without showing it.
+ * @param {string} text
+ */
+export function announce(text) {
+  document.getElementById("announcer").textContent = text;
+}
+
+let toastTimer = 0;
+
+/**
+ * Show a sentence for some seconds, and read it out.
+ * @param {string} text
+ * @param {{bad?: boolean}} [options] `bad`: something was not done.
+ */
+export function say(text, { bad = false } = {}) {
+  const toast = document.getElementById("toast");
+  toast.textContent = text;
+  toast.classList.toggle("bad", bad);
+  toast.classList.add("shown");
+  clearTimeout(toastTimer);
+  toastTimer = setTimeout(() => toast.classList.remove("shown"), bad ? 8000 : 4000);
+}

@@ -1,0 +1,233 @@
+// The canvas of one frame: picture, grid, labels, hints, cursor, and row and column heads.
+
+import {
+  drawCursor,
+  drawHints,
+  drawLabels,
+  drawOthers,
+  drawPending,
+  drawStroke,
+} from "./cell_drawing.js";
+import { mission, setting } from "./mission.js";
+import { cellAt, patchSize, rowCol } from "./patch_grid.js";
+import { Viewport } from "./viewport.js";
+
+const PIXELS_FROM = 3; // screen pixels a frame pixel from which they are shown as squares
+const HEAD_EVERY = 14; // least CSS pixels between two heads
+
+/** Draws what `content` says, once a screen refresh at most. */
+export class FrameCanvas {
+  /** @param {HTMLCanvasElement} canvas */
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.ctx = canvas.getContext("2d", { alpha: false });
+    this.viewport = new Viewport();
+    /** What to draw; see `set`. */
+    this.content = { bitmap: null, labels: null, hints: [], message: "", badge: "" };
+    this.onDrawn = () => {};
+    this.requested = 0;
+    this.observer = new ResizeObserver(() => this.resize());
+    this.observer.observe(canvas);
+  }
+
+  /** Stop drawing: the canvas leaves the page. */
+  close() {
+    this.observer.disconnect();
+    cancelAnimationFrame(this.requested);
+  }
+
+  /**
+   * Change some of what is drawn.
+   * @param {{bitmap?: ?ImageBitmap, dim?: boolean, labels?: ?Object, hints?: Object[],
+   *   message?: string, badge?: string, cursor?: ?number, selection?: number[],
+   *   stroke?: ?{cells: Iterable<number>, label: ?string}, plain?: boolean, tag?: *}} content
+   *   `plain`: the picture and grid only. `tag` is handed to `onDrawn`.
+   */
+  set(content) {
+    Object.assign(this.content, content);
+    const { bitmap } = this.content;
+    if (bitmap) this.viewport.frame = { width: bitmap.width, height: bitmap.height };
+    this.invalidate();
+  }
+
+  /** Draw again at the next screen refresh. */
+  invalidate() {
+    if (this.requested) return;
+    this.requested = requestAnimationFrame(() => {
+      this.requested = 0;
+      this.draw();
+    });
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = this.canvas;
+    const ratio = window.devicePixelRatio || 1;
+    this.canvas.width = Math.max(1, Math.round(clientWidth * ratio));
+    this.canvas.height = Math.max(1, Math.round(clientHeight * ratio));
+    this.viewport.canvas = { width: clientWidth, height: clientHeight };
+    this.viewport.pan(0, 0);
+    this.draw();
+  }
+
+  /** Where a cell lies on the canvas, in CSS pixels. */
+  boxOf(cell) {
+    const [row, col] = rowCol(cell);
+    const { origin, scale, frame } = this.viewport;
+    const { width, height } = patchSize(frame.width, frame.height);
+    return {
+      x: origin.x + col * width * scale,
+      y: origin.y + row * height * scale,
+      width: width * scale,
+      height: height * scale,
+    };
+  }
+
+  /**
+   * A point of the canvas in patches.
+   * @returns {{x: number, y: number, cell: number, head: ?{row?: number, col?: number}}}
+   *   `cell` -1 outside of all; `head` where a row's or column's head was hit.
+   */
+  hit(clientX, clientY) {
+    const { left, top } = this.canvas.getBoundingClientRect();
+    const inFrame = this.viewport.toFrame(clientX - left, clientY - top);
+    const { frame } = this.viewport;
+    const { width, height } = patchSize(frame.width, frame.height);
+    const x = inFrame.x / width;
+    const y = inFrame.y / height;
+    const [row, col] = [Math.floor(y), Math.floor(x)];
+    let head = null;
+    if (clientX - left < 24 && cellAt(row, 0) >= 0) head = { row };
+    else if (clientY - top < 18 && cellAt(0, col) >= 0) head = { col };
+    return { x, y, cell: head ? -1 : cellAt(row, col), head };
+  }
+
+  /** Move the picture so that a cell is in sight. */
+  reveal(cell) {
+    const [row, col] = rowCol(cell);
+    const { frame } = this.viewport;
+    const { width, height } = patchSize(frame.width, frame.height);
+    this.viewport.reveal({ x: col * width, y: row * height, width, height });
+    this.invalidate();
+  }
+
+  draw() {
+    const { ctx, content } = this;
+    const ratio = window.devicePixelRatio || 1;
+    ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const { width, height } = this.viewport.canvas;
+    ctx.fillStyle = "#0b0e11";
+    ctx.fillRect(0, 0, width, height);
+    if (content.bitmap) this.drawPicture(ratio);
+    if (setting("grid") && (content.bitmap || content.message)) this.drawGrid();
+    const plan = { ctx, boxOf: (cell) => this.boxOf(cell) };
+    if (content.labels && !content.plain) this.drawContent(plan);
+    this.drawHeads();
+    if (content.message) this.drawMessage();
+    if (content.badge) this.drawBadge();
+    if (content.bitmap) this.onDrawn(content.tag);
+  }
+
+  drawPicture(ratio) {
+    const { ctx } = this;
+    const { origin, scale, frame } = this.viewport;
+    ctx.imageSmoothingEnabled = scale * ratio < PIXELS_FROM;
+    ctx.imageSmoothingQuality = "high";
+    ctx.globalAlpha = this.content.dim ? 0.35 : 1;
+    const { bitmap } = this.content;
+    ctx.drawImage(bitmap, origin.x, origin.y, frame.width * scale, frame.height * scale);
+    ctx.globalAlpha = 1;
+  }
+
+  drawContent(plan) {
+    const { labels, hints, cursor, selection, stroke } = this.content;
+    if (setting("outlines")) {
+      drawHints(plan, hints);
+      drawLabels(plan, labels.mine);
+      drawOthers(plan, labels);
+      drawPending(plan, this.content.pending ?? []);
+    }
+    if (stroke) drawStroke(plan, stroke.cells, stroke.label);
+    drawCursor(plan, cursor ?? null, selection ?? []);
+  }
+
+  drawGrid() {
+    const { ctx } = this;
+    const { rows, cols } = mission.grid;
+    const first = this.boxOf(0);
+    const last = this.boxOf(rows * cols - 1);
+    ctx.strokeStyle = "rgb(255 255 255 / 18%)";
+    ctx.lineWidth = 1;
+    ctx.beginPath();
+    for (let col = 0; col <= cols; col += 1) {
+      const x = Math.round(first.x + col * first.width) + 0.5;
+      ctx.moveTo(x, first.y);
+      ctx.lineTo(x, last.y + last.height);
+    }
+    for (let row = 0; row <= rows; row += 1) {
+      const y = Math.round(first.y + row * first.height) + 0.5;
+      ctx.moveTo(first.x, y);
+      ctx.lineTo(last.x + last.width, y);
+    }
+    ctx.stroke();
+  }
+
+  drawHeads() {
+    const { ctx } = this;
+    const { rows, cols } = mission.grid;
+    const { width, height } = this.viewport.canvas;
+    const box = this.boxOf(0);
+    ctx.fillStyle = "#12171c";
+    ctx.fillRect(0, 0, 24, height);
+    ctx.fillRect(0, 0, width, 18);
+    ctx.fillStyle = "#9fb0bf";
+    ctx.font = "11px system-ui, sans-serif";
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    const downs = Math.ceil(HEAD_EVERY / box.height);
+    for (let row = 0; row < rows; row += downs) {
+      const y = box.y + (row + 0.5) * box.height;
+      if (y > 20) ctx.fillText(String(row), 12, y);
+    }
+    const across = Math.ceil((HEAD_EVERY + 6) / box.width);
+    for (let col = 0; col < cols; col += across) {
+      const x = box.x + (col + 0.5) * box.width;
+      if (x > 26) ctx.fillText(String(col), x, 9);
+    }
+  }
+
+  drawMessage() {
+    const { ctx } = this;
+    const { width, height } = this.viewport.canvas;
+    ctx.font = "15px system-ui, sans-serif";
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    const lines = wrap(ctx, this.content.message, width * 0.7);
+    const top = height / 2 - lines.length * 11;
+    ctx.fillStyle = "rgb(11 14 17 / 85%)";
+    ctx.fillRect(width * 0.12, top - 16, width * 0.76, lines.length * 22 + 20);
+    ctx.fillStyle = "#f2f2f2";
+    lines.forEach((line, at) => ctx.fillText(line, width / 2, top + at * 22 + 5));
+  }
+
+  drawBadge() {
+    const { ctx } = this;
+    ctx.font = "600 13px system-ui, sans-serif";
+    ctx.textAlign = "left";
+    ctx.textBaseline = "middle";
+    const { width } = ctx.measureText(this.content.badge);
+    ctx.fillStyle = "#ffd166";
+    ctx.fillRect(30, 24, width + 16, 22);
+    ctx.fillStyle = "#000000";
+    ctx.fillText(this.content.badge, 38, 35.5);
+  }
+}
+
+function wrap(ctx, text, width) {
+  const lines = [""];
+  for (const word of text.split(" ")) {
+    const line = `${lines.at(-1)} ${word}`.trim();
+    if (ctx.measureText(line).width <= width || !lines.at(-1)) lines[lines.length - 1] = line;
+    else lines.push(word);
+  }
+  return lines;
+}

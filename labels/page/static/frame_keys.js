@@ -1,0 +1,96 @@
+// The table of the frame view's keys: what dispatches them, the overlay and the buttons read it.
+
+import { reachable } from "./keys.js";
+
+const NEXT = "Frames";
+const PAINT = "Painting";
+const SEE = "Seeing";
+
+/** Command, keys, group and what it does; commands with a release are held or tapped. */
+const TABLE = [
+  ["next", ["d", ".", "PageDown"], NEXT, "next frame (of the filter)"],
+  ["previous", ["a", ",", "PageUp"], NEXT, "frame before"],
+  ["next10", ["D", "Shift+PageDown"], NEXT, "ten frames on"],
+  ["previous10", ["A", "Shift+PageUp"], NEXT, "ten frames back"],
+  ["first", ["Home"], NEXT, "first frame"],
+  ["last", ["End"], NEXT, "last frame"],
+  ["unlabelled", ["n"], NEXT, "next frame without a label of mine"],
+  ["unlabelledBack", ["N"], NEXT, "the one before without a label"],
+  ["uncertain", ["q"], NEXT, "next uncertain frame: the model's queue"],
+  ["disagreement", ["x"], NEXT, "next frame with a disagreement"],
+  ["type", ["f"], NEXT, "type a frame number"],
+  ["camera", ["s"], NEXT, "left or right camera"],
+  ["paint", ["Space"], PAINT, "paint the cursor's patch or the rectangle"],
+  ["move", ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"], PAINT, "move the cursor"],
+  [
+    "extend",
+    ["Shift+ArrowLeft", "Shift+ArrowRight", "Shift+ArrowUp", "Shift+ArrowDown"],
+    PAINT,
+    "span a rectangle; a class key then paints it",
+  ],
+  ["row", ["r"], PAINT, "paint the cursor's row"],
+  ["rest", ["o"], PAINT, "the rest of this frame is clear (the class that is no obstacle)"],
+  ["copy", ["p"], PAINT, "copy the labels of the frame before, to be accepted"],
+  ["accept", ["Enter"], PAINT, "accept the copies and confident suggestions"],
+  ["acceptAll", ["Shift+Enter"], PAINT, "accept all suggestions"],
+  ["acceptNext", ["g", "Ctrl+Enter"], PAINT, "accept as Enter does; next frame not done"],
+  ["confirm", ["c"], PAINT, "tool: painting accepts single suggestions (also Alt+click)"],
+  ["erase", ["e"], PAINT, "tool: painting takes my labels back"],
+  ["takeBack", ["Delete", "Backspace"], PAINT, "take back the label at the cursor"],
+  ["escape", ["Escape"], PAINT, "give up: stroke, rectangle, then copies"],
+  ["raw", ["h"], SEE, "raw frame: tap to switch, hold to look"],
+  ["blink", ["b"], SEE, "frame before: hold to look, tap to blink"],
+  ["grid", ["l"], SEE, "grid lines"],
+  ["outlines", ["v"], SEE, "labels and suggestions"],
+  ["suggestions", ["m"], SEE, "suggestions of the model"],
+  ["less", ["["], SEE, "less contrast"],
+  ["more", ["]"], SEE, "more contrast"],
+  ["unsurer", ["<"], SEE, "confident from a lower value"],
+  ["surer", [">"], SEE, "confident from a higher value"],
+  ["zoomIn", ["+", "="], SEE, "zoom in (also the wheel)"],
+  ["zoomOut", ["-"], SEE, "zoom out"],
+  ["fit", ["0"], SEE, "whole frame"],
+  [
+    "pan",
+    ["Ctrl+ArrowLeft", "Ctrl+ArrowRight", "Ctrl+ArrowUp", "Ctrl+ArrowDown"],
+    SEE,
+    "move the picture (also Space+drag, middle button)",
+  ],
+  ["palette", ["k"], SEE, "colours: taxonomy, or high contrast"],
+];
+
+// For the overlay only.
+const POINTER_HELP = [
+  ["Click, drag", "paint patches"],
+  ["Shift+drag", "paint a rectangle"],
+  ["Row or column head", "paint the row or column"],
+  ["Right click", "unsure, whatever class is chosen"],
+  ["Alt+click", "accept a single suggestion or copy"],
+];
+
+/**
+ * The table of keys for the router.
+ * @param {Object<string, Function>} commands By name; a function may carry a `release`.
+ * @returns {KeyEntry[]}
+ */
+export function frameKeys(commands) {
+  const rows = TABLE.map(([name, keys, group, does]) => ({
+    keys,
+    group,
+    does,
+    run: commands[name],
+    release: commands[name].release,
+  }));
+  const pointer = POINTER_HELP.map(([what, does]) => ({ keys: [what], group: "Pointer", does }));
+  return [...rows, ...pointer];
+}
+
+/**
+ * The key to show on a button.
+ * @param {string} command
+ * @returns {string}
+ */
+export function keyForCommand(command) {
+  const [, keys] = TABLE.find(([name]) => name === command);
+  return keys.find((key) => reachable(key) === key) ?? reachable(keys[0]);
+}

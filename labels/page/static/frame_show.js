@@ -1,0 +1,277 @@
+// Which frame is shown and how: its picture (enhanced, raw, or the frame before), its labels, and
+// the neighbours fetched ahead.
+
+import { post } from "./api.js";
+import { labelsOf, prefetch } from "./labels.js";
+import { frameIndex, frames, mission, setting, stateOf, takeNews } from "./mission.js";
+import { forgetFailed, picture, pictureNow, prefetchPictures } from "./pictures.js";
+import { stepFrom } from "./steps.js";
+import { framesFollowed } from "./suggest.js";
+
+const AHEAD = 3;
+const BEHIND = 1;
+const SLOW_MS = 250;
+const SEEN_MS = 400;
+const TAP_MS = 300;
+const BLINK_MS = 450; // under three changes a second: no flicker that could harm anybody
+
+/** Shows one frame at a time on a FrameCanvas. */
+export class FrameShow {
+  /**
+   * @param {FrameCanvas} canvas
+   * @param {Function} changed Called when another frame, or another picture of it, is shown.
+   */
+  constructor(canvas, changed) {
+    this.canvas = canvas;
+    this.changed = changed;
+    this.camera = "";
+    this.frame = null;
+    this.fault = "";
+    this.retriable = false;
+    this.ready = false;
+    this.raw = false;
+    this.blinking = 0;
+    this.showsBefore = false;
+    this.turn = 0;
+    this.direction = 1;
+    this.started = null;
+    this.pressed = 0;
+    this.first = true;
+    canvas.onDrawn = (tag) => this.drawn(tag);
+  }
+
+  /** Stop all that goes on by itself. */
+  close() {
+    this.turn += 1;
+    this.endBlink();
+    clearTimeout(this.seenTimer);
+    clearTimeout(this.slowTimer);
+    prefetchPictures([], []);
+    this.canvas.close();
+  }
+
+  /** The contrast that is shown. */
+  get enhance() {
+    return this.raw ? 0 : setting("enhance");
+  }
+
+  /** The frame before this one in the mission, whatever the filter; null at its start. */
+  get before() {
+    return frames(this.camera)[frameIndex(this.camera, this.frame) - 1] ?? null;
+  }
+
+  /** Whether the frame can be painted on: its picture is what is on the screen. */
+  get paintable() {
+    return (
+      this.ready && !this.fault && !this.showsBefore && labelsOf(this.camera, this.frame) !== null
+    );
+  }
+
+  /**
+   * Show a frame.
+   * @param {string} camera
+   * @param {number} frame
+   */
+  go(camera, frame) {
+    this.started = performance.now();
+    this.endBlink();
+    if (camera === this.camera) this.direction = frame < this.frame ? -1 : 1;
+    this.camera = camera;
+    this.frame = frame;
+    this.retriable = false;
+    this.fault = frameIndex(camera, frame) < 0 ? absent(camera, frame) : "";
+    prefetch(camera, this.fault ? [] : this.neighbours(frame));
+    this.loadPicture();
+    this.noteSeen();
+  }
+
+  // The frames that will be wanted: this one, more in the direction of travel than behind.
+  neighbours(frame) {
+    const list = [frame];
+    for (const [count, direction] of [
+      [AHEAD, this.direction],
+      [BEHIND, -this.direction],
+    ]) {
+      let at = frame;
+      for (let step = 0; step < count; step += 1) {
+        at = stepFrom(this.camera, at, direction);
+        if (at === null) break;
+        list.push(at);
+      }
+    }
+    return this.before === null ? list : [...new Set([...list, this.before])];
+  }
+
+  /** Fetch and show the picture anew: other contrast, or the server is back. */
+  async loadPicture() {
+    const { camera, frame, enhance } = this;
+    this.turn += 1;
+    const { turn } = this;
+    clearTimeout(this.slowTimer);
+    this.ready = false;
+    if (this.fault && !this.retriable) {
+      this.show(null, this.fault);
+      return;
+    }
+    this.fault = "";
+    let bitmap = pictureNow(camera, frame, enhance);
+    if (!bitmap) {
+      this.canvas.set({ dim: true, labels: null, message: "" });
+      this.slowTimer = setTimeout(
+        () => this.canvas.set({ message: `Loading frame ${frame}…` }),
+        SLOW_MS,
+      );
+      bitmap = await this.fetchPicture(camera, frame, enhance, turn);
+    }
+    if (turn !== this.turn) return;
+    clearTimeout(this.slowTimer);
+    this.ready = bitmap !== null;
+    this.show(bitmap, this.fault);
+    this.prefetch();
+    // What suggestions follow from may come later than what is on the screen.
+    prefetch(camera, framesFollowed(camera, frame));
+  }
+
+  async fetchPicture(camera, frame, enhance, turn) {
+    try {
+      return await picture(camera, frame, enhance);
+    } catch (error) {
+      if (turn !== this.turn) return null;
+      this.retriable = error.status === 0;
+      this.fault =
+        error.status === 0
+          ? `Frame ${frame} cannot be shown now: the server does not answer.`
+          : `Frame ${frame} cannot be shown: ${error.message || "not a picture"}.`;
+      return null;
+    }
+  }
+
+  show(bitmap, message) {
+    if (bitmap) this.canvas.set({ bitmap });
+    else this.canvas.content.bitmap = null;
+    const tag = bitmap ? `${this.camera}/${this.frame}` : null;
+    this.canvas.set({ dim: false, plain: false, message, badge: this.badge(), tag });
+    this.changed();
+  }
+
+  prefetch() {
+    const { camera, frame, enhance } = this;
+    const kept = [{ camera, frame, enhance }];
+    if (this.raw) kept.push({ camera, frame, enhance: setting("enhance") });
+    const near = this.neighbours(frame).filter((other) => other !== frame);
+    prefetchPictures(near.map((other) => ({ camera, frame: other, enhance })), kept);
+  }
+
+  badge() {
+    if (this.showsBefore) return `frame ${this.before} (the one before)`;
+    if (this.blinking) return `frame ${this.frame}`;
+    if (this.raw) return "RAW: as the camera gave it";
+    return "";
+  }
+
+  /** The server is back: try again what failed. */
+  retry() {
+    forgetFailed();
+    if (this.fault && this.retriable) this.loadPicture();
+    if (frameIndex(this.camera, this.frame) >= 0) prefetch(this.camera, [this.frame]);
+  }
+
+  drawn(tag) {
+    const { dim, labels } = this.canvas.content;
+    if (tag !== `${this.camera}/${this.frame}` || dim || !labels || this.started === null) return;
+    if (this.first) performance.mark("tokt:first");
+    this.first = false;
+    const detail = { camera: this.camera, frame: this.frame };
+    performance.measure("tokt:frame", { start: this.started, end: performance.now(), detail });
+    this.started = null;
+  }
+
+  // A frame that was only passed on the way to another one was not seen.
+  noteSeen() {
+    clearTimeout(this.seenTimer);
+    const { camera, frame } = this;
+    if (stateOf(camera, frame) !== "u") return;
+    this.seenTimer = setTimeout(async () => {
+      try {
+        takeNews(await post("/api/seen", { camera, frame }));
+      } catch (error) {
+        if (error.name !== "ApiError") throw error;
+        // Not worth a message: the frame counts as unseen until it is opened again.
+      }
+    }, SEEN_MS);
+  }
+
+  /** The raw key goes down: show the frame as it is, or enhanced again. */
+  pressRaw() {
+    this.pressed = performance.now();
+    this.toggleRaw();
+  }
+
+  /** The raw key comes up: a short press stays, a long one was only a look. */
+  releaseRaw() {
+    if (performance.now() - this.pressed > TAP_MS) this.toggleRaw();
+  }
+
+  toggleRaw() {
+    this.raw = !this.raw;
+    this.endBlink();
+    this.loadPicture();
+  }
+
+  /** The blink key goes down: show the frame before, or end the blinking. */
+  pressBlink() {
+    this.pressed = performance.now();
+    if (this.blinking || this.showsBefore) {
+      this.endBlink();
+      this.pressed = null;
+    } else {
+      this.showBefore(true);
+    }
+  }
+
+  /** The blink key comes up: after a short press it goes on blinking. */
+  releaseBlink() {
+    if (this.pressed === null || !this.showsBefore) return;
+    if (performance.now() - this.pressed > TAP_MS) this.endBlink();
+    else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      this.blinking = setInterval(() => this.showBefore(!this.showsBefore), BLINK_MS);
+    }
+  }
+
+  showBefore(on) {
+    const frame = on ? this.before : this.frame;
+    if (frame === null) return;
+    this.showsBefore = on;
+    const bitmap = pictureNow(this.camera, frame, this.enhance);
+    this.canvas.set({ dim: !bitmap, plain: on, badge: this.badge(), tag: null });
+    if (bitmap) this.canvas.set({ bitmap });
+    else if (on) this.fetchBefore(frame);
+    this.changed();
+  }
+
+  async fetchBefore(frame) {
+    const { turn } = this;
+    try {
+      await picture(this.camera, frame, this.enhance);
+    } catch {
+      // Not readable, or given up: there is nothing to compare with.
+      if (turn === this.turn) this.endBlink();
+      return;
+    }
+    if (turn === this.turn && this.showsBefore) this.showBefore(true);
+  }
+
+  endBlink() {
+    clearInterval(this.blinking);
+    const was = this.blinking || this.showsBefore;
+    this.blinking = 0;
+    if (was) this.showBefore(false);
+  }
+}
+
+function absent(camera, frame) {
+  const list = frames(camera);
+  if (!list.length) return `This mission has no ${camera} camera.`;
+  const range = `${list[0]} to ${list.at(-1)}`;
+  return `There is no frame ${frame} of the ${camera} camera in ${mission.mission} (${range}).`;
+}

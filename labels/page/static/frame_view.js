@@ -1,0 +1,514 @@
+// The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
+
+import { nextBlindFrame } from "./blind_list.js";
+import { announce, el, focusView, say } from "./dom.js";
+import { buildBar } from "./frame_bar.js";
+import { FrameCanvas } from "./frame_canvas.js";
+import { frameKeys, keyForCommand } from "./frame_keys.js";
+import { FrameShow } from "./frame_show.js";
+import { describeCell, describeFrame } from "./frame_words.js";
+import { listenToPointer } from "./gestures.js";
+import { labelsOf, onLabels, prefetch } from "./labels.js";
+import {
+  blind,
+  frames,
+  mission,
+  onChange,
+  onSetting,
+  selectClass,
+  selectedClass,
+  setSetting,
+  setting,
+} from "./mission.js";
+import { accept, copyFrom, dropAllCopies, paint, paintRest } from "./painting.js";
+import { PatchCursor } from "./patch_cursor.js";
+import { cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+import { addView, noteAddress } from "./router.js";
+import { onState, pending, state } from "./saver.js";
+import { endFrame, nextIn, nextUncertain, stepFrom } from "./steps.js";
+import { suggestionFault } from "./suggest.js";
+import { Timeline } from "./timeline.js";
+import { buildTools, showSettings } from "./tool_column.js";
+import { hintsOf } from "./unconfirmed.js";
+
+const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
+const PICTURE_SETTING_MS = 120;
+const READ_OUT_MS = 500; // a frame that was only passed is not read out
+const PAN_STEP = 60;
+const PENDING_MS = 300;
+
+/** What is on the page while the view is shown; null otherwise. */
+let page = null;
+/** "paint", "erase" or "confirm": what the chosen tool does. */
+let tool = "paint";
+let why = "";
+let space = null; // while the space bar is down: {panned}
+const cursor = new PatchCursor();
+
+function build(root) {
+  const element = el("canvas", {
+    class: "frame-canvas",
+    attrs: { tabindex: 0, role: "application", "data-home": true, "aria-describedby": "status" },
+  });
+  const status = el("div", { class: "status", attrs: { id: "status" } });
+  const strip = el("canvas", {
+    class: "timeline",
+    attrs: { tabindex: 0, role: "slider", "aria-label": "Frame of the mission" },
+  });
+  const tools = buildTools(commands, keyForCommand);
+  const bar = buildBar(commands, keyForCommand);
+  root.replaceChildren(
+    el(
+      "div",
+      { class: "frame-view" },
+      tools.root,
+      el("div", { class: "stage" }, status, element),
+      bar.root,
+      strip,
+    ),
+  );
+  const canvas = new FrameCanvas(element);
+  page = { canvas, element, status, tools, bar, hovered: -1, timers: {} };
+  page.show = new FrameShow(canvas, showAll);
+  page.timeline = new Timeline(strip, goTo);
+  page.pointer = listenToPointer(canvas, pointerHost);
+  // Who comes by Tab works by keyboard: show where the cursor is.
+  element.addEventListener("keyup", ({ key }) => key === "Tab" && moveCursor(0, 0, false));
+  page.stops = [
+    onLabels(labelsArrived),
+    onChange(showChanged),
+    onSetting(showSetting),
+    onState(showSaving),
+  ];
+}
+
+function isHere(camera, frame) {
+  return camera === null || (camera === page.show.camera && frame === page.show.frame);
+}
+
+function labelsArrived(camera, frame) {
+  if (isHere(camera, frame)) showLabels();
+  else if (camera === page.show.camera && frame < page.show.frame) showFollowed();
+}
+
+// Suggestions follow from frames before: a whole chain of them arrives at once.
+function showFollowed() {
+  clearTimeout(page.timers.followed);
+  page.timers.followed = setTimeout(() => page && showLabels());
+}
+
+const pointerHost = {
+  canPaint: () => mayPaint(),
+  panning: () => space !== null,
+  panned: () => space && (space.panned = true),
+  labelOf: (how) => {
+    if (how === "unsure") return "unsure";
+    return tool === "paint" && how === "chosen" ? selectedClass() : null;
+  },
+  finish: (cells, how, kind) => {
+    if (cells.length === 1) cursor.put(cells[0], false);
+    else cursor.collapse();
+    apply(cells, how === "chosen" ? tool : how, kind);
+  },
+  hover: (cell) => {
+    if (cell === page.hovered) return;
+    if (cell >= 0) why = "";
+    page.hovered = cell;
+    showStatus();
+  },
+};
+
+function mayPaint() {
+  if (page.show.paintable) return true;
+  if (page.show.fault) say("There is no picture to label here; step on.", { bad: true });
+  else if (page.show.showsBefore) say("This is the frame before: end the blinking first.");
+  else say("The frame is not loaded yet.");
+  return false;
+}
+
+function apply(cells, how, kind = "paint") {
+  const { camera, frame } = page.show;
+  if (how === "confirm") {
+    if (!accept(camera, frame, { cells })) say("Nothing is proposed there.");
+  } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
+  else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
+  showLabels();
+}
+
+function goTo(frame) {
+  if (frame === null || Number.isNaN(frame)) return;
+  why = "";
+  show(page.show.camera, frame);
+}
+
+function show(camera, frame) {
+  cursor.collapse();
+  page.show.go(camera, frame);
+  page.timeline.set(camera, frame);
+  noteAddressSoon(`#/label/${camera}/${frame}`);
+  clearTimeout(page.timers.announce);
+  page.timers.announce = setTimeout(readOut, READ_OUT_MS);
+  showLabels();
+}
+
+function noteAddressSoon(hash) {
+  clearTimeout(page.timers.address);
+  const note = () => {
+    page.noted = performance.now();
+    noteAddress(hash);
+  };
+  if (performance.now() - (page.noted ?? -ADDRESS_MS) >= ADDRESS_MS) note();
+  else page.timers.address = setTimeout(note, ADDRESS_MS);
+}
+
+function readOut() {
+  const { camera, frame, fault } = page.show;
+  announce(why || fault || describeFrame(camera, frame, page.canvas.content.labels));
+}
+
+/** Another frame or picture is shown. */
+function showAll() {
+  page.timeline.set(page.show.camera, page.show.frame);
+  showLabels();
+}
+
+function showLabels() {
+  const { camera, frame, fault, ready } = page.show;
+  const labels = ready && !fault ? labelsOf(camera, frame) : null;
+  page.hints = labels ? hintsOf(camera, frame) : [];
+  page.canvas.set({ labels, hints: page.hints });
+  if (!labels && ready && !fault) prefetch(camera, [frame]);
+  showCursor();
+  showSaving();
+  showTools();
+}
+
+function showCursor() {
+  page.canvas.set({
+    cursor: cursor.visible ? cursor.cell : null,
+    selection: cursor.spans ? cursor.cells : [],
+  });
+  showStatus();
+}
+
+// A mark on each patch would flash with every stroke: only what takes longer is marked.
+function showSaving() {
+  const cells = page.canvas.content.labels?.pending ?? [];
+  clearTimeout(page.timers.pending);
+  if (!pending() || state() !== "saving") page.canvas.set({ pending: cells });
+  else {
+    page.timers.pending = setTimeout(() => page?.canvas.set({ pending: cells }), PENDING_MS);
+  }
+  if (page.savedState === "offline" && state() !== "offline") page.show.retry();
+  page.savedState = state();
+}
+
+function showStatus() {
+  const { camera, frame, fault } = page.show;
+  const cell = page.hovered >= 0 ? page.hovered : cursor.visible ? cursor.cell : -1;
+  const labels = page.canvas.content.labels;
+  const first = fault || describeFrame(camera, frame, labels);
+  const said = labels && cell >= 0 ? describeCell(cell, labels, page.hints[cell]) : "";
+  const words = why
+    ? [el("span", { class: "why", text: why })]
+    : [el("span", { text: said, attrs: { title: said } })];
+  page.status.replaceChildren(el("b", { text: first }), ...words);
+  page.element.setAttribute(
+    "aria-label",
+    `Patches of ${camera} frame ${frame}. Arrow keys move, Space paints ${selectedClass()}.`,
+  );
+}
+
+function showTools() {
+  const { camera, frame, raw, showsBefore, blinking } = page.show;
+  const proposed = page.hints.filter(Boolean);
+  page.tools.show(tool, {
+    proposed: proposed.length,
+    confident: proposed.filter((hint) => hint.strong).length,
+    fault: suggestionFault(camera, frame),
+  });
+  page.bar.show(camera, frame);
+  showSettings(page.tools.root, {
+    raw,
+    blink: Boolean(blinking || showsBefore),
+    grid: setting("grid"),
+    outlines: setting("outlines"),
+  });
+}
+
+function showChanged(what) {
+  if (what === "all") prefetch(page.show.camera, [page.show.frame]);
+  page.timeline.set(page.show.camera, page.show.frame);
+  showStatus();
+  showTools();
+}
+
+function showSetting(name) {
+  if (name === "enhance") {
+    clearTimeout(page.timers.picture);
+    page.timers.picture = setTimeout(() => page?.show.loadPicture(), PICTURE_SETTING_MS);
+  }
+  if (name === "filter") page.timeline.invalidate();
+  showLabels();
+}
+
+function step(count) {
+  const { camera, frame } = page.show;
+  const next = stepFrom(camera, frame, count);
+  if (next === null) say(count > 0 ? "No further frame (of this filter)." : "No frame before.");
+  goTo(next);
+}
+
+function jump(states, words, direction = 1) {
+  const { camera, frame } = page.show;
+  const next = nextIn(camera, frame, states, direction);
+  if (next === null) say(`There is no other frame ${words}.`);
+  goTo(next);
+}
+
+function unlabelled(direction) {
+  const { camera, frame } = page.show;
+  const listed = blind() && direction > 0 ? nextBlindFrame(camera, frame) : null;
+  if (listed) {
+    why = "";
+    show(listed.camera, listed.frame);
+  } else jump("us", "without a label of yours", direction);
+}
+
+async function uncertain() {
+  const { camera, frame } = page.show;
+  try {
+    const next = await nextUncertain(camera, frame);
+    if (!page) return;
+    if (next.frame === undefined) {
+      say(next.why);
+      return;
+    }
+    why = `Why this frame: ${next.why}`;
+    show(next.camera, next.frame);
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+    say(`The queue cannot be had: ${error.message}`, { bad: true });
+  }
+}
+
+function switchCamera() {
+  const cameras = Object.keys(mission.cameras);
+  const { camera, frame } = page.show;
+  const other = cameras[(cameras.indexOf(camera) + 1) % cameras.length];
+  if (other === camera) say("This mission has one camera.");
+  else if (frames(other).includes(frame)) show(other, frame);
+  else say(`The ${other} camera has no frame ${frame}.`);
+}
+
+function acceptHere(options) {
+  if (!mayPaint()) return 0;
+  const { camera, frame } = page.show;
+  return accept(camera, frame, options);
+}
+
+function moveCursor(rows, cols, extend) {
+  why = "";
+  cursor.move(rows, cols, extend);
+  page.canvas.reveal(cursor.cell);
+  showCursor();
+  const labels = page.canvas.content.labels;
+  if (labels) announce(describeCell(cursor.cell, labels, page.hints[cursor.cell]));
+}
+
+function chooseTool(next) {
+  tool = next;
+  announce(next === "erase" ? "Painting takes labels back." : "Painting accepts proposals.");
+  showTools();
+}
+
+/** A class key: chooses the class, and paints the rectangle if there is one. */
+function choose(name) {
+  tool = "paint";
+  selectClass(name);
+  if (cursor.spans && mayPaint()) apply(cursor.cells, "paint", "rectangle");
+  else announce(`Painting ${name}`);
+  showTools();
+}
+
+function toggle(name) {
+  setSetting(name, !setting(name));
+}
+
+function change(name, by, low, high) {
+  const value = Math.round((setting(name) + by) * 100) / 100;
+  setSetting(name, Math.min(high, Math.max(low, value)));
+}
+
+function arrows(act) {
+  return (event) => {
+    const [rows, cols] = {
+      ArrowLeft: [0, -1],
+      ArrowRight: [0, 1],
+      ArrowUp: [-1, 0],
+      ArrowDown: [1, 0],
+    }[event.key];
+    act(rows, cols);
+  };
+}
+
+function escape() {
+  if (page.pointer.busy()) page.pointer.cancel();
+  else if (cursor.collapse()) showCursor();
+  else if (!dropAllCopies(page.show.camera, page.show.frame)) {
+    cursor.visible = false;
+    showCursor();
+  }
+  focusView();
+}
+
+// The space bar paints when it comes up, unless the picture was dragged with it meanwhile.
+function pressSpace(event) {
+  if (!event.repeat) space = { panned: false };
+}
+
+function releaseSpace(event) {
+  const paints = space && !space.panned && event.type === "keyup";
+  space = null;
+  if (!paints || !page) return;
+  if (!cursor.visible) moveCursor(0, 0, false);
+  else if (mayPaint()) apply(cursor.cells, tool, cursor.spans ? "rectangle" : "paint");
+}
+
+function held(press, release) {
+  return Object.assign((event) => event?.repeat || press(event), { release });
+}
+
+// From a button there is no key to come up: a press with a mouse is a tap.
+function tapped(press, release) {
+  return held(
+    (event) => {
+      press();
+      if (event?.type === "click") release();
+      showTools();
+    },
+    () => {
+      release();
+      showTools();
+    },
+  );
+}
+
+const commands = {
+  choose,
+  goTo,
+  next: () => step(1),
+  previous: () => step(-1),
+  next10: () => step(10),
+  previous10: () => step(-10),
+  first: () => goTo(endFrame(page.show.camera, false)),
+  last: () => goTo(endFrame(page.show.camera, true)),
+  unlabelled: () => unlabelled(1),
+  unlabelledBack: () => unlabelled(-1),
+  uncertain,
+  disagreement: () => jump("x", "with a disagreement"),
+  type: () => page.bar.root.querySelector(".frame-number").select(),
+  camera: switchCamera,
+  paint: Object.assign(pressSpace, { release: releaseSpace }),
+  move: arrows((rows, cols) => moveCursor(rows, cols, false)),
+  extend: arrows((rows, cols) => moveCursor(rows, cols, true)),
+  row: () => mayPaint() && apply(cellsOfRow(rowCol(cursor.cell)[0]), tool, "row"),
+  rest: () => mayPaint() && paintRest(page.show.camera, page.show.frame),
+  copy: copyPrevious,
+  accept: () => acceptHere() || say("No copies and no confident suggestions to accept here."),
+  acceptAll: () => acceptHere({ all: true }) || say("No suggestions to accept here."),
+  acceptNext: () => {
+    if (page.show.paintable) acceptHere();
+    jumpToOpen();
+  },
+  confirm: () => chooseTool("confirm"),
+  erase: () => chooseTool("erase"),
+  takeBack: () => mayPaint() && apply(cursor.cells, "erase"),
+  escape,
+  raw: tapped(
+    () => page.show.pressRaw(),
+    () => page?.show.releaseRaw(),
+  ),
+  blink: tapped(
+    () => page.show.pressBlink(),
+    () => page?.show.releaseBlink(),
+  ),
+  grid: () => toggle("grid"),
+  outlines: () => toggle("outlines"),
+  suggestions: () => toggle("suggestions"),
+  less: () => change("enhance", -10, 0, 100),
+  more: () => change("enhance", 10, 0, 100),
+  unsurer: () => change("confidence", -0.1, 0, 3),
+  surer: () => change("confidence", 0.1, 0, 3),
+  zoomIn: () => zoom(1.25),
+  zoomOut: () => zoom(0.8),
+  fit: () => {
+    page.canvas.viewport.fit();
+    page.canvas.invalidate();
+  },
+  pan: arrows((rows, cols) => {
+    page.canvas.viewport.pan(-cols * PAN_STEP, -rows * PAN_STEP);
+    page.canvas.invalidate();
+  }),
+  palette: () => setSetting("palette", setting("palette") === "taxonomy" ? "contrast" : "taxonomy"),
+};
+
+function zoom(factor) {
+  page.canvas.viewport.zoomMiddle(factor);
+  page.canvas.invalidate();
+}
+
+async function copyPrevious() {
+  if (!mayPaint()) return;
+  const { camera, frame, before } = page.show;
+  if (before === null) {
+    say("This is the first frame.");
+    return;
+  }
+  await prefetch(camera, [before]);
+  if (page && isHere(camera, frame)) copyFrom(camera, before, frame);
+}
+
+// Accepting may have made this frame done already: it is passed in any case.
+function jumpToOpen() {
+  const { camera, frame } = page.show;
+  const filtered = setting("filter") !== "all";
+  const next = filtered ? stepFrom(camera, frame, 1) : nextIn(camera, frame, "usp");
+  if (next === null) say("All other frames are done.");
+  goTo(next);
+}
+
+addView("label", {
+  title: "Label",
+  keys: frameKeys(commands),
+  classKeys: choose,
+  link: () => (page ? location.hash : `#/label/${last.camera}/${last.frame}`),
+  show(root, [camera = "", number = "", cell]) {
+    const cameras = Object.keys(mission.cameras);
+    if (!page) build(root);
+    const frame = /^\d+$/.test(number) ? Number(number) : number;
+    if (!isHere(camera, frame) || page.show.frame === null) {
+      why = "";
+      const known = cameras.includes(camera);
+      if (!known) say(`This mission has no camera “${camera}”.`, { bad: true });
+      show(known ? camera : cameras[0], frame);
+    }
+    if (cell !== undefined && Number(cell) < mission.grid.rows * mission.grid.cols) {
+      cursor.put(Number(cell), true);
+      page.canvas.reveal(cursor.cell);
+      announce(cellName(cursor.cell));
+    }
+    showCursor();
+    focusView();
+  },
+  hide() {
+    last = { camera: page.show.camera, frame: page.show.frame };
+    for (const stop of page.stops) stop();
+    Object.values(page.timers).forEach(clearTimeout);
+    page.show.close();
+    page.timeline.close();
+    page = null;
+  },
+});
+
+let last = { camera: "left", frame: 1 };

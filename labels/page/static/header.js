@@ -1,0 +1,110 @@
+// The header: mission, who works here, and whether everything is saved.
+
+import { announce, button, el, say } from "./dom.js";
+import { blind, mission, onChange, setBlind, setWho, who } from "./mission.js";
+import { listenAnew } from "./live.js";
+import { onState, pending, state, stateReason, tryNow } from "./saver.js";
+
+const WORDS = {
+  saved: () => "All saved",
+  saving: (n) => `Saving ${n}…`,
+  offline: (n) => `Offline: ${n} waiting`,
+  refused: (n) => `Not saved: ${n} waiting`,
+};
+// A number that changes with every stroke is not worth reading out; a lasting state is.
+const READ_OUT_MS = 700;
+
+let readTimer = 0;
+let lastRead = "saved";
+
+/** Fill the header and keep it up to date. */
+export function startHeader() {
+  byId("try-now").addEventListener("click", tryNow);
+  byId("person").addEventListener("click", openPersonDialog);
+  onState(showState);
+  onChange(showMission);
+  showMission();
+  showState();
+}
+
+function byId(id) {
+  return document.getElementById(id);
+}
+
+function showMission() {
+  byId("mission-name").textContent = mission.mission;
+  byId("mission-name").title = `${mission.grid.rows}×${mission.grid.cols} patches a frame`;
+  byId("person").textContent = who();
+  byId("person").setAttribute("aria-label", `Annotator ${who()}: change`);
+  byId("blind-badge").hidden = !blind();
+  document.title = `${mission.mission} · tokt`;
+}
+
+function showState() {
+  const now = state();
+  const box = byId("save-state");
+  const text = WORDS[now](pending());
+  if (box.textContent !== text) box.textContent = text;
+  box.dataset.state = now;
+  box.title = stateReason() || "Every action is on the server's disk.";
+  byId("try-now").hidden = now === "saved" || now === "saving";
+  clearTimeout(readTimer);
+  readTimer = setTimeout(readOut, READ_OUT_MS);
+}
+
+function readOut() {
+  if (state() === lastRead) return;
+  lastRead = state();
+  announce(`${WORDS[lastRead](pending())}. ${stateReason()}`);
+}
+
+function openPersonDialog() {
+  const dialog = byId("person-dialog");
+  const name = el("input", {
+    attrs: { id: "person-name", value: who(), list: "person-names", maxlength: 60, required: true },
+  });
+  const hides = el("input", { attrs: { id: "person-blind", type: "checkbox", checked: blind() } });
+  const choose = async (event) => {
+    event.preventDefault();
+    const chosen = name.value.trim();
+    if (!chosen) return;
+    dialog.close();
+    await become(chosen, hides.checked);
+  };
+  dialog.replaceChildren(
+    el(
+      "form",
+      { on: { submit: choose } },
+      el("h2", { text: "Who works here" }),
+      el("label", { text: "Annotator ", attrs: { for: "person-name" } }),
+      name,
+      el(
+        "datalist",
+        { attrs: { id: "person-names" } },
+        ...mission.annotators.map((value) => el("option", { attrs: { value } })),
+      ),
+      el("label", { class: "check" }, hides, " Blind: hide what others and the model said"),
+      el(
+        "div",
+        { class: "row" },
+        el("button", { class: "main", text: "Work as this", attrs: { type: "submit" } }),
+        button("Cancel", () => dialog.close()),
+      ),
+    ),
+  );
+  dialog.showModal();
+  name.select();
+}
+
+async function become(name, isBlind) {
+  try {
+    if (isBlind !== blind()) await setBlind(isBlind);
+    if (name !== who()) await setWho(name);
+    announce(`Working as ${who()}${blind() ? ", blind" : ""}`);
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+    say(`Not loaded anew: ${error.message}`, { bad: true });
+  } finally {
+    listenAnew();
+  }
+}

@@ -1,0 +1,190 @@
+// Keys: one set of tables that dispatches them and that the ? overlay shows.
+// Class keys come from the taxonomy and may be any character: they win. Each page key that is a
+// single character therefore also answers to Alt with it.
+
+import { el } from "./dom.js";
+import { classes, selectClass } from "./mission.js";
+
+/**
+ * @typedef {Object} KeyEntry
+ * @property {string[]} keys "n", "N", "?", "Enter", "Shift+Enter", "Ctrl+Z", "PageDown", "Space".
+ * @property {string} does   For the overlay.
+ * @property {Function} run  (event, key); returning false leaves the event to the browser.
+ * @property {Function} [release] (event) when the key comes up again.
+ * @property {string} [group] Heading in the overlay.
+ */
+
+let viewKeys = [];
+let viewTitle = "";
+let viewClassKeys = null;
+const globalKeys = [];
+const held = new Map();
+
+/**
+ * Set the table of the view that is shown.
+ * @param {{title: string, keys?: KeyEntry[], classKeys?: (name: string) => void}} view
+ */
+export function setViewKeys({ title, keys = [], classKeys = null }) {
+  viewTitle = title;
+  viewKeys = keys;
+  viewClassKeys = classKeys;
+  held.clear();
+}
+
+/**
+ * Add keys that answer in every view, after the view's own.
+ * @param {KeyEntry[]} entries
+ */
+export function addGlobalKeys(entries) {
+  globalKeys.push(...entries);
+}
+
+/** Begin to listen. */
+export function listen() {
+  document.addEventListener("keydown", onKeyDown);
+  document.addEventListener("keyup", onKeyUp);
+  window.addEventListener("blur", releaseAll);
+  addGlobalKeys([{ keys: ["?", "F1"], does: "these keys, and back", run: toggleHelp }]);
+}
+
+function onKeyDown(event) {
+  if (document.querySelector("dialog[open]") || ownsKey(event.target, event)) return;
+  const entry = entryFor(event);
+  if (!entry) return;
+  if (entry.run(event, nameOf(event)) === false) return;
+  event.preventDefault();
+  if (entry.release) held.set(event.code, entry);
+}
+
+function onKeyUp(event) {
+  held.get(event.code)?.release(event);
+  held.delete(event.code);
+}
+
+function releaseAll(event) {
+  for (const entry of held.values()) entry.release(event);
+  held.clear();
+}
+
+function entryFor(event) {
+  const known = classFor(event);
+  if (known) return { run: () => (viewClassKeys ?? selectClass)(known.name) };
+  const name = nameOf(event);
+  const table = [...viewKeys, ...globalKeys];
+  const plain = name.replace(/^Alt\+(?=.$)/u, "");
+  return (
+    table.find(({ keys }) => keys.includes(name)) ?? table.find(({ keys }) => keys.includes(plain))
+  );
+}
+
+function classFor(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey) return null;
+  return classes().find(({ key }) => key && key === event.key) ?? null;
+}
+
+// Shift is part of a character ("N", "?") and said only with named keys and Ctrl.
+function nameOf(event) {
+  let key = event.key === " " ? "Space" : event.key;
+  if (event.altKey && /^(Key|Digit)/.test(event.code)) key = layoutKey(event);
+  const character = [...key].length === 1;
+  const ctrl = event.ctrlKey || event.metaKey;
+  if (ctrl && character) key = key.toUpperCase();
+  const parts = [
+    ctrl && "Ctrl",
+    event.altKey && "Alt",
+    event.shiftKey && (!character || ctrl) && "Shift",
+    key,
+  ];
+  return parts.filter(Boolean).join("+");
+}
+
+// Alt makes other characters on some keyboards: what is printed on the key counts.
+function layoutKey({ key, code, shiftKey }) {
+  if (/^[\x20-\x7e]$/.test(key)) return key;
+  const letter = code.replace(/^(Key|Digit)/, "");
+  return shiftKey ? letter : letter.toLowerCase();
+}
+
+// What a control does with a key by itself stays its own.
+function ownsKey(target, { key, ctrlKey, altKey }) {
+  if (!(target instanceof HTMLElement)) return false;
+  if (target instanceof HTMLInputElement) {
+    if (target.type === "range") return /^(Arrow|Page|Home|End)/.test(key);
+    if (target.type === "checkbox" || target.type === "radio") return key === " ";
+    return key !== "Escape";
+  }
+  if (target instanceof HTMLTextAreaElement) return key !== "Escape";
+  if (target instanceof HTMLSelectElement) return !ctrlKey && !altKey && key !== "Escape";
+  if (target.getAttribute("role") === "slider") return /^(Arrow|Page|Home|End)/.test(key);
+  if (target instanceof HTMLButtonElement || target instanceof HTMLAnchorElement) {
+    return key === "Enter" || (key === " " && target instanceof HTMLButtonElement);
+  }
+  return false;
+}
+
+/** Open the overlay of keys, or close it. */
+export function toggleHelp() {
+  const dialog = document.getElementById("help");
+  if (dialog.open) {
+    dialog.close();
+    return;
+  }
+  dialog.replaceChildren(
+    el("button", {
+      class: "close",
+      text: "Close (Esc)",
+      attrs: { type: "button" },
+      on: { click: toggleHelp },
+    }),
+    el("h2", { text: "Keys" }),
+    el("p", {
+      text: "Class keys go before page keys; a one-character page key also answers to Alt with it.",
+    }),
+    el("div", { class: "help-columns" }, ...tables()),
+  );
+  dialog.onkeydown = (event) => {
+    if (event.key !== "?" && event.key !== "F1") return;
+    event.preventDefault();
+    dialog.close();
+  };
+  dialog.showModal();
+}
+
+function tables() {
+  const classRows = [];
+  const groups = new Map([["Classes", classRows]]);
+  const add = (group, keys, does) => {
+    groups.set(group, [...(groups.get(group) ?? []), [keys.map(reachable), does]]);
+  };
+  for (const { key, name } of classes()) if (key) classRows.push([[key], name]);
+  for (const { keys, does, group } of viewKeys) add(group ?? viewTitle, keys, does);
+  for (const { keys, does, group } of globalKeys) add(group ?? "Everywhere", keys, does);
+  return [...groups].map(([title, rows]) =>
+    el(
+      "section",
+      {},
+      el("h3", { text: title }),
+      el("table", {}, ...rows.map(([keys, does]) => keyRow(keys, does))),
+    ),
+  );
+}
+
+function keyRow(keys, does) {
+  const marks = keys.flatMap((key, at) => [at ? " " : null, el("kbd", { text: printed(key) })]);
+  return el("tr", {}, el("td", {}, ...marks), el("td", { text: does }));
+}
+
+const ARROWS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" };
+
+function printed(key) {
+  return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
+}
+
+/**
+ * The form in which a page key can be pressed: with Alt where a class takes it.
+ * @param {string} key
+ * @returns {string}
+ */
+export function reachable(key) {
+  return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
+}

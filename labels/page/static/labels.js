@@ -1,0 +1,241 @@
+// The labels of frames: what the server said last, with the actions that still wait on top.
+
+import { get } from "./api.js";
+import { framesOf, frameKey, waitingFor } from "./pending.js";
+import { blind, cellCount, mission, onChange, onReload, who } from "./mission.js";
+
+const MOST_A_REQUEST = 60;
+const KEPT = 400;
+
+// frame key -> {event, place, mine, models, others, settled, suggestions}; least recently used
+// first.
+const truths = new Map();
+const stale = new Set();
+const loading = new Map();
+const listeners = new Set();
+let wanted = new Map();
+let generation = 0;
+
+/**
+ * Be told of frames whose labels changed.
+ * @param {(camera: ?string, frame: ?number) => void} listener Nulls: all frames.
+ * @returns {Function} Stops it.
+ */
+export function onLabels(listener) {
+  listeners.add(listener);
+  return () => listeners.delete(listener);
+}
+
+/**
+ * Tell the listeners that a frame's labels changed.
+ * @param {?string} camera
+ * @param {?number} frame
+ */
+export function labelsChanged(camera, frame) {
+  for (const listener of [...listeners]) listener(camera, frame);
+}
+
+/**
+ * The labels of a frame as they shall be shown.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {?{mine: (?string)[], models: Object, others: Object, settled: (?string)[],
+ *   suggestions: ?Object, pending: Set<number>}} Null while they are not loaded; `pending`: cells
+ *   that the server has not acknowledged.
+ */
+export function labelsOf(camera, frame) {
+  const key = frameKey(camera, frame);
+  const truth = truths.get(key);
+  if (!truth) return null;
+  truths.delete(key);
+  truths.set(key, truth);
+  const waits = waitingFor(camera, frame);
+  const shown = { ...truth, pending: new Set() };
+  if (!waits.length) return shown;
+  shown.mine = [...truth.mine];
+  shown.settled = [...truth.settled];
+  shown.models = { ...truth.models };
+  for (const entry of waits) {
+    for (const change of entry.changes) {
+      if (change.camera !== camera || change.frame !== frame) continue;
+      applyChange(shown, entry, change, () => true);
+      for (const cell of change.cells) shown.pending.add(cell);
+    }
+  }
+  return shown;
+}
+
+function applyChange(labels, entry, change, holds) {
+  if (entry.who !== who()) return;
+  for (const cell of change.cells) {
+    if (!holds(cell)) continue;
+    if (entry.source === "settled") {
+      labels.settled[cell] = change.label;
+      continue;
+    }
+    labels.mine[cell] = change.label;
+    if (change.model) labels.models[cell] = change.model;
+    else delete labels.models[cell];
+  }
+}
+
+/**
+ * Load the labels of frames that are not there yet.
+ * @param {string} camera
+ * @param {number[]} frames
+ * @returns {Promise<void>} Done when all of them are there (or could not be had).
+ */
+export function prefetch(camera, frames) {
+  const waits = frames.map((frame) => {
+    const key = frameKey(camera, frame);
+    if (truths.has(key) && !stale.has(key)) return null;
+    return loading.get(key) ?? want(key, camera, frame);
+  });
+  return Promise.all(waits.filter(Boolean)).then(() => undefined);
+}
+
+// Frames asked for in one turn of the event loop travel in one request.
+function want(key, camera, frame) {
+  if (!wanted.size) queueMicrotask(fetchWanted);
+  const batch = wanted.get(camera) ?? { frames: [], ...promiseParts() };
+  batch.frames.push(frame);
+  wanted.set(camera, batch);
+  loading.set(key, batch.promise);
+  return batch.promise;
+}
+
+function promiseParts() {
+  let done;
+  const promise = new Promise((resolve) => (done = resolve));
+  return { promise, done };
+}
+
+function fetchWanted() {
+  const batches = wanted;
+  wanted = new Map();
+  for (const [camera, batch] of batches) {
+    const parts = [];
+    for (let from = 0; from < batch.frames.length; from += MOST_A_REQUEST) {
+      parts.push(fetchFrames(camera, batch.frames.slice(from, from + MOST_A_REQUEST)));
+    }
+    Promise.all(parts).then(batch.done);
+  }
+}
+
+async function fetchFrames(camera, frames) {
+  const asked = generation;
+  try {
+    const answer = await get("/api/labels", {
+      camera,
+      frames: frames.join(","),
+      suggest: mission.model && !blind() ? 1 : null,
+    });
+    if (asked !== generation) return;
+    // Before they are taken in: one that is out of date already is asked for again.
+    for (const frame of frames) loading.delete(frameKey(camera, frame));
+    for (const labels of answer.frames) takeTruth(answer.event, labels);
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+    // Not loaded: the frame says so, and it is asked for again when the server is back.
+  } finally {
+    for (const frame of frames) loading.delete(frameKey(camera, frame));
+  }
+}
+
+function takeTruth(event, labels) {
+  const { camera, frame } = labels;
+  const key = frameKey(camera, frame);
+  const known = truths.get(key);
+  if (known && known.event > event) {
+    // Read before our last action was written: ask again instead of showing an older state.
+    labelsAreStale([[camera, frame]]);
+    return;
+  }
+  const none = Array(cellCount()).fill(null);
+  truths.delete(key);
+  truths.set(key, {
+    event,
+    place: [camera, frame],
+    mine: labels.mine ?? none,
+    models: labels.models ?? {},
+    others: labels.others ?? {},
+    settled: labels.settled ?? none,
+    suggestions: labels.suggestions ?? null,
+  });
+  stale.delete(key);
+  while (truths.size > KEPT) truths.delete(truths.keys().next().value);
+  labelsChanged(camera, frame);
+}
+
+/**
+ * Take an acknowledged action into what the server said.
+ * @param {Entry} entry
+ * @param {{event: number, conflicts: Object[]}} answer
+ */
+export function acknowledge(entry, answer) {
+  const refused = new Map(
+    (answer.conflicts ?? []).map((c) => [`${frameKey(c.camera, c.frame)}/${c.cell}`, c.theirs]),
+  );
+  for (const change of entry.changes) {
+    const key = frameKey(change.camera, change.frame);
+    const truth = truths.get(key);
+    if (!truth) continue;
+    const next = {
+      ...truth,
+      event: Math.max(truth.event, answer.event),
+      mine: [...truth.mine],
+      settled: [...truth.settled],
+      models: { ...truth.models },
+    };
+    applyChange(next, entry, change, (cell) => !refused.has(`${key}/${cell}`));
+    truths.set(key, next);
+  }
+  const reread = refused.size ? framesOf(entry) : [];
+  if (entry.path !== "/api/actions") reread.push(...(answer.frames ?? []));
+  labelsAreStale(reread);
+}
+
+/**
+ * Ask anew for frames that somebody else changed; those not in memory are asked for when shown.
+ * @param {[string, number][]} frames
+ */
+export function labelsAreStale(frames) {
+  const cameras = new Map();
+  for (const [camera, frame] of frames) {
+    const key = frameKey(camera, frame);
+    if (!truths.has(key)) continue;
+    stale.add(key);
+    cameras.set(camera, [...(cameras.get(camera) ?? []), frame]);
+  }
+  for (const [camera, list] of cameras) prefetch(camera, list);
+}
+
+// Another person works here: nothing that was read is for their eyes or counts for them.
+function forgetLabels() {
+  generation += 1;
+  truths.clear();
+  stale.clear();
+  loading.clear();
+  wanted = new Map();
+  labelsChanged(null, null);
+}
+
+onReload(forgetLabels);
+
+let modelDone = 0;
+onChange((what) => {
+  // The server was away: what happened meanwhile is not known, and its events may count anew.
+  if (what === "all") {
+    for (const [key, truth] of truths) {
+      truth.event = 0;
+      stale.add(key);
+    }
+  }
+  // Suggestions that were not there when a frame was read are there at the end.
+  const done = mission.model?.done ?? 0;
+  if (what === "status" && done !== modelDone && done === mission.model?.total) {
+    const without = [...truths.values()].filter(({ suggestions }) => !suggestions);
+    labelsAreStale(without.map(({ place }) => place));
+  }
+  modelDone = done;
+});

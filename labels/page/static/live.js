@@ -1,0 +1,78 @@
+// What happens elsewhere: the server's events, heard again by itself after a break.
+
+import { address } from "./api.js";
+import { labelsAreStale } from "./labels.js";
+import { loadMission, mission, onReload, takeNews } from "./mission.js";
+import { setConnected, takeEventHeads } from "./saver.js";
+
+const RETRY_MS = [200, 400, 800, 1500];
+// A browser opens six connections to a server: hidden tabs give theirs back.
+const HIDDEN_MS = 5000;
+
+let source = null;
+let tries = 0;
+let timer = 0;
+let opened = false;
+
+/** Begin to listen. The mission must be loaded. */
+export function startListening() {
+  open();
+  onReload(() => close());
+  document.addEventListener("visibilitychange", () => {
+    clearTimeout(timer);
+    if (document.hidden) timer = setTimeout(close, HIDDEN_MS);
+    else if (!source) open();
+  });
+  window.addEventListener("online", () => source || open());
+}
+
+/** Listen anew, as the person who works here now. */
+export function listenAnew() {
+  close();
+  open();
+}
+
+function close() {
+  clearTimeout(timer);
+  source?.close();
+  source = null;
+}
+
+function open() {
+  close();
+  source = new EventSource(address("/api/events", { since: mission.event }));
+  source.addEventListener("open", heard);
+  source.addEventListener("change", (event) => takeChange(JSON.parse(event.data)));
+  source.addEventListener("status", (event) => takeNews(JSON.parse(event.data)));
+  source.addEventListener("error", broken);
+}
+
+function heard() {
+  tries = 0;
+  setConnected(true);
+  // After a break the server may be another one: classes, model and faults may be new.
+  if (opened) loadAgain();
+  opened = true;
+}
+
+async function loadAgain() {
+  try {
+    await loadMission();
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+    // It is gone again already: the next event tells.
+  }
+}
+
+function broken() {
+  close();
+  setConnected(false);
+  timer = setTimeout(open, RETRY_MS[Math.min(tries, RETRY_MS.length - 1)]);
+  tries += 1;
+}
+
+function takeChange(news) {
+  takeNews(news);
+  takeEventHeads(news);
+  labelsAreStale(news.frames);
+}

@@ -1,0 +1,63 @@
+// Starts the page: the mission first, then the views, the keys and what keeps everything saved.
+
+import "./frame_view.js";
+import { el, say } from "./dom.js";
+import { startHeader } from "./header.js";
+import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
+import { startListening } from "./live.js";
+import { frames, loadMission, mission } from "./mission.js";
+import { startNotices } from "./notices.js";
+import { addLaterView, currentView, go, startRouting } from "./router.js";
+import { redo, startSaving, undo } from "./saver.js";
+
+const RETRY_MS = 1000;
+
+async function start() {
+  try {
+    await loadMission();
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+    const text = `The mission cannot be shown: ${error.message}. Trying again…`;
+    document.getElementById("view").replaceChildren(el("p", { class: "loading", text }));
+    setTimeout(start, RETRY_MS);
+    return;
+  }
+  startSaving();
+  startHeader();
+  startNotices();
+  startListening();
+  addGlobalKeys([
+    { keys: ["Ctrl+Z", "z"], does: "undo, and go to the frame it changed", run: stepBack },
+    { keys: ["Ctrl+Shift+Z", "Ctrl+Y", "Z"], does: "redo", run: stepForward },
+  ]);
+  document.getElementById("help-button").addEventListener("click", toggleHelp);
+  listen();
+  // Only what most visits begin with is loaded at once.
+  addLaterView("overview", "Overview", () => import("./overview_view.js"));
+  addLaterView("sheet", "Review sheet", () => import("./sheet_view.js"));
+  addLaterView("agreement", "Agreement", () => import("./agreement_view.js"));
+  startRouting(home());
+}
+
+function home() {
+  const camera = Object.keys(mission.cameras)[0];
+  return `#/label/${camera}/${frames(camera)[0]}`;
+}
+
+async function stepBack() {
+  tell("Undone", await undo());
+}
+
+async function stepForward() {
+  tell("Done again", await redo());
+}
+
+function tell(what, head) {
+  if (!head) return;
+  const { kind, changed, camera, frame } = head;
+  const patches = changed === 1 ? "1 patch" : `${changed} patches`;
+  say(`${what}: ${kind}, ${patches}, ${camera} frame ${frame}.`);
+  if (currentView() === "label") go(`#/label/${camera}/${frame}`, { replace: true });
+}
+
+start();

@@ -1,0 +1,232 @@
+// The mission as the server describes it, kept up to date: classes, frames, states, counts.
+
+import { get } from "./api.js";
+import { adoptPreset, setIdentity, setSetting, setting } from "./settings.js";
+
+export { blind, onSetting, setSetting, setting, who } from "./settings.js";
+
+/** The last /api/mission; `states` holds one array of characters a camera. */
+export const mission = { loaded: false, classes: [], cameras: {}, states: {}, counts: {} };
+
+const listeners = new Set();
+let byName = new Map();
+let frameLists = {};
+
+/**
+ * Be told that something of the mission changed.
+ * @param {(what: string) => void} listener `what`: "all", "states", "status", "selected".
+ * @returns {Function} Stops it.
+ */
+export function onChange(listener) {
+  listeners.add(listener);
+  return () => listeners.delete(listener);
+}
+
+function changed(what) {
+  for (const listener of [...listeners]) listener(what);
+}
+
+/**
+ * Ask the server for everything about the mission.
+ * @throws {ApiError}
+ */
+export async function loadMission() {
+  let answer = await get("/api/mission");
+  if (adoptPreset(answer.annotator)) answer = await get("/api/mission");
+  if (!mission.loaded || sameMission(answer)) takeMission(answer);
+  return answer;
+}
+
+/**
+ * Whether an /api/mission answer is about the mission this page was opened on: another server may
+ * have been started on the same port.
+ * @param {Object} answer
+ * @returns {boolean}
+ */
+export function sameMission(answer) {
+  const { rows, cols } = answer.grid;
+  return (
+    answer.mission === mission.mission && rows === mission.grid.rows && cols === mission.grid.cols
+  );
+}
+
+function takeMission(answer) {
+  const states = {};
+  for (const [camera, text] of Object.entries(answer.states)) states[camera] = [...text];
+  Object.assign(mission, answer, { states, loaded: true });
+  byName = new Map(answer.classes.map((known) => [known.name, known]));
+  frameLists = {};
+  changed("all");
+}
+
+/**
+ * Take in what an acknowledgement or an event says of states, counts and faults.
+ * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object}} news
+ */
+export function takeNews(news) {
+  if (news.event > mission.event) mission.event = news.event;
+  for (const [camera, frames_] of Object.entries(news.states ?? {})) {
+    for (const [frame, state] of Object.entries(frames_)) setState(camera, Number(frame), state);
+  }
+  if (news.counts) mission.counts = news.counts;
+  if (news.states || news.counts) changed("states");
+  if (news.fault !== undefined) mission.fault = news.fault;
+  if (news.model) mission.model = { ...mission.model, ...news.model };
+  if (news.fault !== undefined || news.model) changed("status");
+}
+
+function setState(camera, frame, state) {
+  const index = frameIndex(camera, frame);
+  if (index >= 0) mission.states[camera][index] = state;
+}
+
+/**
+ * Work as somebody else; everything is loaded anew.
+ * @param {string} name
+ */
+export async function setWho(name) {
+  setIdentity({ who: name });
+  await reload();
+}
+
+/**
+ * Hide, or show again, what others and the model said; everything is loaded anew.
+ * @param {boolean} value
+ */
+export async function setBlind(value) {
+  setIdentity({ blind: value });
+  await reload();
+}
+
+async function reload() {
+  for (const listener of [...reloads]) listener();
+  await loadMission();
+}
+
+const reloads = new Set();
+
+/**
+ * Be told that another person works here from now on, before the mission is loaded anew.
+ * @param {Function} listener
+ */
+export function onReload(listener) {
+  reloads.add(listener);
+}
+
+/** All classes in the taxonomy's order, then unsure, then names only found in the store. */
+export function classes() {
+  return mission.classes;
+}
+
+/**
+ * A class by its name; also for names that the taxonomy does not have.
+ * @param {string} name
+ * @returns {{name: string, obstacle: ?boolean, color: string, key: string, description: string}}
+ */
+export function classOf(name) {
+  return byName.get(name) ?? { name, obstacle: null, color: "#b0b0b0", key: "", description: "" };
+}
+
+// Light, and apart in brightness as well as in hue, for colour-blind eyes and dark frames.
+const HIGH_CONTRAST = [
+  "#57b8ff",
+  "#ff8a3d",
+  "#fff27a",
+  "#2fd6a0",
+  "#ffb3e2",
+  "#c9b1ff",
+  "#ffffff",
+  "#c3e84d",
+];
+
+/**
+ * The colour of a class in the chosen palette.
+ * @param {?string} name
+ * @returns {string} #rrggbb
+ */
+export function colourOf(name) {
+  const known = classOf(name);
+  if (setting("palette") === "taxonomy" || known.obstacle === null) return known.color;
+  return HIGH_CONTRAST[mission.classes.indexOf(known) % HIGH_CONTRAST.length];
+}
+
+/** The sign that stands for a class besides its colour: its key, else its first letter. */
+export function signOf(name) {
+  return classOf(name).key || name.slice(0, 1);
+}
+
+/** The class that painting puts on patches. */
+export function selectedClass() {
+  const name = setting("selected");
+  return byName.has(name) ? name : (mission.classes[0]?.name ?? "");
+}
+
+/**
+ * Choose the class to paint with.
+ * @param {string} name
+ */
+export function selectClass(name) {
+  setSetting("selected", name);
+  changed("selected");
+}
+
+/**
+ * The frame numbers of a camera, ascending.
+ * @param {string} camera
+ * @returns {number[]}
+ */
+export function frames(camera) {
+  frameLists[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
+    Array.from({ length: last - first + 1 }, (_, index) => first + index),
+  );
+  return frameLists[camera];
+}
+
+/**
+ * Where a frame stands in `frames(camera)`; -1 if it is not there.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {number}
+ */
+export function frameIndex(camera, frame) {
+  const at = indexFrom(camera, frame);
+  return frames(camera)[at] === frame ? at : -1;
+}
+
+/**
+ * Where the first frame with this or a higher number stands; the count of frames if there is none.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {number}
+ */
+export function indexFrom(camera, frame) {
+  const list = frames(camera);
+  let low = 0;
+  let high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (list[middle] < frame) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+/**
+ * The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if it is not there.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {string}
+ */
+export function stateOf(camera, frame) {
+  return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";
+}
+
+/** The first class of the taxonomy that is no obstacle. */
+export function clearClass() {
+  return mission.classes.find((known) => known.obstacle === false).name;
+}
+
+/** How many patches a frame has. */
+export function cellCount() {
+  return mission.grid.rows * mission.grid.cols;
+}

@@ -1,0 +1,430 @@
+// The overview: a contact sheet of frames, on which many frames are labelled at once.
+
+import { blindFrames, tryBlindList } from "./blind_list.js";
+import { el, say } from "./dom.js";
+import { frameAspect, lookAtShapes, thumbAddress } from "./frame_shape.js";
+import { framesBefore, framesFrom, pageSize } from "./frame_pages.js";
+import { labelsOf, onLabels, prefetch } from "./labels.js";
+import { lookKeys } from "./look_keys.js";
+import {
+  clearClass,
+  frames,
+  indexFrom,
+  mission,
+  onChange,
+  onSetting,
+  selectedClass,
+  setSetting,
+  setting,
+} from "./mission.js";
+import { OverviewBar } from "./overview_bar.js";
+import { actOn, patchesAre } from "./relabel.js";
+import { addView, go } from "./router.js";
+import { soon } from "./soon.js";
+import { FILTERS, passes } from "./steps.js";
+import { framesFollowed } from "./suggest.js";
+import { Thumb, contentOf } from "./thumb.js";
+import { paintOver } from "./thumb_painting.js";
+
+const GAP = 6;
+const CAPTION = 20;
+const COLUMNS = { least: 2, most: 10, usual: 7 };
+const CONFIDENCE = { step: 0.1, most: 3 };
+const MOST_BEFORE = 120; // frames fetched only because suggestions depend on them
+const UNSURE = "unsure";
+
+let parts = null; // the elements on show; null while another view is
+let page = null; // {camera, first, thumbs, excluded, focus, cell, stroke, touched}
+let last = null; // {camera, first}: where the person was, to come back to
+
+async function show(root, [camera, first]) {
+  const known = camera in mission.cameras ? camera : Object.keys(mission.cameras)[0];
+  const wanted = { camera: known, first: Number(first) || frames(known)[0] };
+  last = wanted;
+  if (!parts) {
+    parts = { ...build(), host: root };
+    root.replaceChildren(parts.root);
+    parts.resized.observe(parts.list);
+  }
+  parts.list.focus({ preventScroll: true });
+  await Promise.all([lookAtShapes(), tryBlindList()]);
+  if (!parts || last !== wanted) return;
+  page = wanted;
+  layOut();
+}
+
+/** Another person works here, or blind, or the mission was loaded anew. */
+function showAnew() {
+  const { host } = parts;
+  hide();
+  show(host, [last.camera, last.first]);
+}
+
+function hide() {
+  parts.resized.disconnect();
+  parts = null;
+  page = null;
+}
+
+function build() {
+  const list = el("div", {
+    class: "thumbs",
+    attrs: { role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true },
+  });
+  list.addEventListener("click", clicked);
+  list.addEventListener("dblclick", doubleClicked);
+  paintOver(list, { thumbAt, allThumbs, onStroke, onPainted });
+  const does = { accept: accepting, rest: restOfAll, turn, resize, otherCamera };
+  const bar = new OverviewBar(does);
+  const attrs = { "aria-label": "overview of frames" };
+  const root = el("section", { class: "overview", attrs }, bar.element, list);
+  return { root, list, bar, resized: new ResizeObserver(soon(relayOut)) };
+}
+
+// ---- Which frames
+
+/** Blind, and asked to label what somebody labelled: only those frames. */
+function keeps(frame) {
+  const { camera } = page;
+  const listed = blindFrames();
+  const here = (one) => one.camera === camera && one.frame === frame;
+  return (listed.length === 0 || listed.some(here)) && passes(camera, frame);
+}
+
+function columns() {
+  return setting("overviewColumns") || COLUMNS.usual;
+}
+
+function size() {
+  const style = getComputedStyle(parts.list);
+  const inner = (side) => parseFloat(style[`padding${side}`]);
+  const width = parts.list.clientWidth - inner("Left") - inner("Right");
+  const height = parts.list.clientHeight - inner("Top") - inner("Bottom");
+  const plan = { columns: columns(), aspect: frameAspect(page.camera), gap: GAP, caption: CAPTION };
+  return pageSize({ width, height }, plan);
+}
+
+function layOut() {
+  const { camera, first } = page;
+  const { count, width, height } = size();
+  const list = frames(camera);
+  const shown = framesFrom(list, indexFrom(camera, first), count, keeps);
+  Object.assign(page, { count, width, excluded: new Set(), focus: 0, cell: null });
+  Object.assign(page, { stroke: null, touched: new Set() });
+  page.thumbs = shown.map(
+    (frame, index) =>
+      new Thumb(camera, frame, { id: `thumb-${index}`, width, height, onShape: layOutSoon }),
+  );
+  parts.list.replaceChildren(...page.thumbs.map((thumb) => thumb.element));
+  if (shown.length === 0) parts.list.append(el("p", { class: "empty-state", text: nothing() }));
+  draw();
+  prefetch(camera, needed(shown)).then(readAhead);
+}
+
+/** These frames, and those before them that their suggestions depend on. */
+function needed(shown) {
+  const before = shown.flatMap((frame) => framesFollowed(page.camera, frame));
+  return [...new Set([...before.slice(0, MOST_BEFORE), ...shown])];
+}
+
+function nothing() {
+  const { words } = FILTERS[setting("filter")] ?? FILTERS.all;
+  return `From frame ${page.first} on there is nothing: ${words}. / filters, Page Up goes back.`;
+}
+
+function relayOut() {
+  if (!page) return;
+  const { count, width } = size();
+  if (count !== page.count || width !== page.width) layOut();
+}
+
+const layOutSoon = soon(() => page && layOut());
+
+/** The next page's labels and pictures, so that going on is instant. */
+function readAhead() {
+  if (!page || page.thumbs.length === 0) return;
+  const next = nextFrames();
+  prefetch(page.camera, needed(next));
+  for (const frame of next) {
+    new Image().src = thumbAddress(page.camera, frame, page.width);
+  }
+}
+
+function nextFrames() {
+  const { camera, thumbs, count } = page;
+  return framesFrom(frames(camera), indexFrom(camera, thumbs.at(-1).frame + 1), count, keeps);
+}
+
+// ---- What is shown
+
+function draw() {
+  if (!page) return;
+  // What was forgotten, or could not be had when it was asked for.
+  const missing = page.thumbs.filter(({ camera, frame }) => !labelsOf(camera, frame));
+  if (missing.length > 0) prefetch(page.camera, missing.map(({ frame }) => frame));
+  page.thumbs.forEach(drawThumb);
+  if (page.thumbs.length > 0) {
+    parts.list.setAttribute("aria-activedescendant", `thumb-${page.focus}`);
+  } else parts.list.removeAttribute("aria-activedescendant");
+  showWords();
+}
+
+const drawSoon = soon(draw);
+
+function drawThumb(thumb) {
+  const { stroke, excluded, cell } = page;
+  const focus = thumb === focused();
+  const cells = stroke?.cells.get(thumb);
+  thumb.draw({
+    excluded: excluded.has(thumb.frame),
+    painted: cells ? new Map([...cells].map((one) => [one, stroke.label])) : null,
+    cursor: focus ? cell : null,
+  });
+  thumb.element.setAttribute("aria-selected", String(focus));
+}
+
+/** A stroke goes on: only the thumbnails that it has touched change. */
+const drawStrokeSoon = soon(() => page?.touched.forEach(drawThumb));
+
+function showWords() {
+  const { camera, thumbs } = page;
+  const range = thumbs.length
+    ? `${camera} ${thumbs[0].frame}–${thumbs.at(-1).frame} of ${frames(camera).length}`
+    : `${camera}: no frame`;
+  parts.bar.show(range, tally((thumb) => thumb.content));
+}
+
+/** Patches of the frames that Enter works on, by what would happen to them. */
+function tally(contentFor) {
+  const sum = { strong: 0, weak: 0, open: 0, waiting: 0 };
+  for (const thumb of worked()) {
+    const content = contentFor(thumb);
+    if (!content || content.waits) sum.waiting += 1;
+    sum.open += content?.mine.filter((own) => own === null).length ?? 0;
+    for (const hint of content?.hints ?? []) if (hint) sum[hint.strong ? "strong" : "weak"] += 1;
+  }
+  return sum;
+}
+
+/** The frames shown that are not left out. */
+function worked() {
+  return page.thumbs.filter((thumb) => !page.excluded.has(thumb.frame));
+}
+
+// ---- What a person does
+
+function accepting(all) {
+  if (page.thumbs.length === 0) return;
+  const { waiting, open } = tally(({ camera, frame }) => contentOf(camera, frame));
+  if (waiting > 0) {
+    return say(`${waiting} of the frames shown are still being loaded.`, { bad: true });
+  }
+  const patches = worked().flatMap((thumb) => suggestedPatches(thumb, all));
+  const count = actOn("accept", patches);
+  const left = open - count;
+  if (count > 0 && left > 0) {
+    return say(`${patchesAre(count)} accepted; ${left} wait for you. Enter again goes on.`);
+  }
+  goOn(count > 0 ? `${patchesAre(count)} accepted; Ctrl+Z undoes.` : "Nothing to accept here.");
+}
+
+function suggestedPatches({ camera, frame }, all) {
+  return contentOf(camera, frame).hints.flatMap((hint, cell) => {
+    if (!hint || !(all || hint.strong)) return [];
+    return [{ camera, frame, cell, label: hint.label, base: null, model: hint.model }];
+  });
+}
+
+function restOfAll() {
+  const patches = worked().flatMap(({ camera, frame }) =>
+    (contentOf(camera, frame)?.mine ?? []).flatMap((own, cell) =>
+      own === null ? [{ camera, frame, cell, label: clearClass(), base: null }] : [],
+    ),
+  );
+  const count = actOn("rest", patches);
+  goOn(count > 0 ? `${patchesAre(count)} now ${clearClass()}; Ctrl+Z undoes.` : "All labelled.");
+}
+
+function goOn(words) {
+  const more = nextFrames().length > 0;
+  say(more ? words : `${words} This is the last page.`);
+  if (more) turn(1);
+}
+
+function turn(step) {
+  const list = frames(page.camera);
+  const found =
+    step > 0
+      ? page.thumbs.length > 0 && nextFrames()
+      : framesBefore(list, indexFrom(page.camera, page.first), page.count, keeps);
+  if (!found || found.length === 0) {
+    return say(step > 0 ? "This is the last page." : "This is the first page.");
+  }
+  go(`#/overview/${page.camera}/${found[0]}`);
+}
+
+function resize(step) {
+  setSetting(
+    "overviewColumns",
+    Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)),
+  );
+}
+
+function changeConfidence(by) {
+  const value = Math.max(0, Math.min(CONFIDENCE.most, setting("confidence") + by));
+  setSetting("confidence", Number(value.toFixed(2)));
+}
+
+function otherCamera() {
+  const names = Object.keys(mission.cameras);
+  const next = names[(names.indexOf(page.camera) + 1) % names.length];
+  go(`#/overview/${next}/${page.first}`);
+}
+
+function exclude(thumb) {
+  if (!thumb) return;
+  if (!page.excluded.delete(thumb.frame)) page.excluded.add(thumb.frame);
+  draw();
+}
+
+function focused() {
+  return page?.thumbs[page.focus];
+}
+
+function open(thumb) {
+  if (thumb) go(`#/label/${thumb.camera}/${thumb.frame}`);
+}
+
+function moveFrame(event) {
+  const across = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -columns(), ArrowDown: columns() };
+  const next = page.focus + across[event.key];
+  if (next < 0 || next >= page.thumbs.length) return;
+  page.focus = next;
+  draw();
+  focused().element.scrollIntoView({ block: "nearest" });
+}
+
+function moveCell(event) {
+  const { rows, cols } = mission.grid;
+  const [row, col] = [Math.floor((page.cell ?? 0) / cols), (page.cell ?? 0) % cols];
+  const [down, right] = {
+    ArrowLeft: [0, -1],
+    ArrowRight: [0, 1],
+    ArrowUp: [-1, 0],
+    ArrowDown: [1, 0],
+  }[event.key];
+  const clamp = (value, count) => Math.max(0, Math.min(count - 1, value));
+  page.cell =
+    page.cell === null
+      ? Math.floor(rows / 2) * cols + Math.floor(cols / 2)
+      : clamp(row + down, rows) * cols + clamp(col + right, cols);
+  draw();
+}
+
+function paintCell() {
+  if (!focused() || page.cell === null) return;
+  onPainted(new Map([[focused(), new Set([page.cell])]]), 0);
+}
+
+// ---- Painting with the mouse
+
+function thumbAt(x, y) {
+  const picture = document.elementFromPoint(x, y)?.closest(".thumb-picture");
+  return page.thumbs.find((thumb) => thumb.picture === picture) ?? null;
+}
+
+function allThumbs(start) {
+  return page.thumbs.filter((thumb) => thumb === start || !page.excluded.has(thumb.frame));
+}
+
+function labelOf(mouseButton) {
+  return mouseButton === 2 ? UNSURE : selectedClass();
+}
+
+function onStroke(cells, mouseButton) {
+  if (!page) return;
+  page.stroke = cells && { cells, label: labelOf(mouseButton) };
+  for (const thumb of cells?.keys() ?? []) page.touched.add(thumb);
+  drawStrokeSoon();
+}
+
+function onPainted(cells, mouseButton) {
+  if (!page) return;
+  const patches = [];
+  for (const [thumb, some] of cells) {
+    const mine = contentOf(thumb.camera, thumb.frame)?.mine;
+    if (!mine) continue;
+    for (const cell of some) {
+      const { camera, frame } = thumb;
+      patches.push({ camera, frame, cell, label: labelOf(mouseButton), base: mine[cell] });
+    }
+  }
+  actOn("paint", patches);
+  drawSoon();
+}
+
+function clicked(event) {
+  const thumb = page.thumbs.find(({ element }) => element.contains(event.target));
+  if (!thumb) return;
+  if (event.target === thumb.leave) return exclude(thumb);
+  page.focus = page.thumbs.indexOf(thumb);
+  draw();
+}
+
+function doubleClicked(event) {
+  const caption = event.target.closest(".thumb-caption");
+  open(page.thumbs.find(({ element }) => caption && element.contains(caption)));
+}
+
+const ARROWS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
+
+const row = (keys, does, run) => ({ keys, does, run });
+const once = (run) => (event) => event.repeat || run();
+
+const view = {
+  title: "Overview",
+  show,
+  hide,
+  link: () => (last ? `#/overview/${last.camera}/${last.first}` : "#/overview"),
+  keys: [
+    row(
+      ["Enter"],
+      "accept the confident suggestions of all frames shown; go on when nothing is left",
+      once(() => accepting(false)),
+    ),
+    row(
+      ["Shift+Enter"],
+      "accept all suggestions of all frames shown, and go on",
+      once(() => accepting(true)),
+    ),
+    row(["o"], "all patches shown without a label are open water, and go on", once(restOfAll)),
+    row(["x"], "leave this frame out of these three, or no longer", () => exclude(focused())),
+    row(["d", ".", "PageDown"], "next page", () => turn(1)),
+    row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
+    row(ARROWS, "move from frame to frame", moveFrame),
+    row(["w"], "open this frame as a whole", () => open(focused())),
+    row(ARROWS.map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
+    row(["Space"], "paint the patch under the cursor", paintCell),
+    row(["Drag"], "paint; also over several frames; right button: unsure"),
+    row(["Shift+Drag"], "paint a rectangle"),
+    row(["Ctrl+Drag"], "paint the same patches in all frames shown"),
+    row(["/"], "filter: which frames are shown", () => parts.bar.nextFilter()),
+    row(["s"], "the other camera", otherCamera),
+    row(["<"], "confident from a lower value", () => changeConfidence(-CONFIDENCE.step)),
+    row([">"], "confident from a higher value", () => changeConfidence(CONFIDENCE.step)),
+    row(["+", "-"], "larger, smaller pictures", (_, key) => resize(key === "+" ? 1 : -1)),
+    ...lookKeys,
+  ],
+};
+
+onLabels(drawSoon);
+onChange((what) => {
+  if (what === "all" && parts) showAnew();
+  else drawSoon();
+});
+onSetting((name) => {
+  if (["overviewColumns", "filter", "enhance"].includes(name)) layOutSoon();
+  else drawSoon();
+});
+
+addView("overview", view);

@@ -1,0 +1,94 @@
+// Where patches lie on a frame, and which of them a pointer crosses.
+
+import { mission } from "./mission.js";
+
+/**
+ * The part of a frame that patches cover: their size is rounded down, as in features/grid.py.
+ * @param {number} width  Of the frame, in pixels.
+ * @param {number} height
+ * @returns {{width: number, height: number}} Size of one patch in frame pixels.
+ */
+export function patchSize(width, height) {
+  const { rows, cols, width: resized } = mission.grid;
+  const w = resized ?? width;
+  const h = resized ? Math.floor((height * resized) / width) : height;
+  return {
+    width: (Math.floor(w / cols) * width) / w,
+    height: (Math.floor(h / rows) * height) / h,
+  };
+}
+
+/** Row and column of a cell. */
+export function rowCol(cell) {
+  return [Math.floor(cell / mission.grid.cols), cell % mission.grid.cols];
+}
+
+/** "row 3, column 4", counted from 0 as in label files. */
+export function cellName(cell) {
+  const [row, col] = rowCol(cell);
+  return `row ${row}, column ${col}`;
+}
+
+/** The cell at a row and column, or -1. */
+export function cellAt(row, col) {
+  const { rows, cols } = mission.grid;
+  return row >= 0 && col >= 0 && row < rows && col < cols ? row * cols + col : -1;
+}
+
+/**
+ * All cells that a straight line crosses, none left out however long it is.
+ * @param {{x: number, y: number}} from In patches: x in columns, y in rows.
+ * @param {{x: number, y: number}} to
+ * @returns {number[]} In the order in which they are met.
+ */
+export function cellsOnLine(from, to) {
+  const cells = [];
+  const cuts = [0, 1, ...crossings(from.x, to.x), ...crossings(from.y, to.y)].sort((a, b) => a - b);
+  for (let at = 0; at + 1 < cuts.length; at += 1) {
+    const t = (cuts[at] + cuts[at + 1]) / 2;
+    const row = Math.floor(from.y + (to.y - from.y) * t);
+    const col = Math.floor(from.x + (to.x - from.x) * t);
+    const cell = cellAt(row, col);
+    if (cell >= 0 && cell !== cells.at(-1)) cells.push(cell);
+  }
+  return cells;
+}
+
+// Where, from 0 to 1 along the way, a coordinate passes whole numbers.
+function crossings(from, to) {
+  const cuts = [];
+  const low = Math.min(from, to);
+  const high = Math.max(from, to);
+  for (let whole = Math.floor(low) + 1; whole < high; whole += 1) {
+    cuts.push((whole - from) / (to - from));
+  }
+  return cuts;
+}
+
+/**
+ * The cells of the rectangle between two of them.
+ * @param {number} one
+ * @param {number} other
+ * @returns {number[]}
+ */
+export function cellsBetween(one, other) {
+  const [row1, col1] = rowCol(one);
+  const [row2, col2] = rowCol(other);
+  const cells = [];
+  for (let row = Math.min(row1, row2); row <= Math.max(row1, row2); row += 1) {
+    for (let col = Math.min(col1, col2); col <= Math.max(col1, col2); col += 1) {
+      cells.push(cellAt(row, col));
+    }
+  }
+  return cells;
+}
+
+/** The cells of a row. */
+export function cellsOfRow(row) {
+  return cellsBetween(cellAt(row, 0), cellAt(row, mission.grid.cols - 1));
+}
+
+/** The cells of a column. */
+export function cellsOfColumn(col) {
+  return cellsBetween(cellAt(0, col), cellAt(mission.grid.rows - 1, col));
+}

@@ -1,0 +1,124 @@
+// The page's address says what is shown: #/label/left/17. Views register under the first word.
+
+import { el, say } from "./dom.js";
+import { setViewKeys } from "./keys.js";
+
+const views = new Map();
+let current = null;
+let first = "";
+
+/**
+ * Register a view.
+ * @param {string} name First word of its addresses.
+ * @param {{title: string, show: Function, hide: Function, keys?: KeyEntry[],
+ *   classKeys?: Function, link?: () => string}} view
+ *   `show(root, parts)` is called with the address's further words, and again when they change
+ *   while the view stays; `root` is emptied when another view takes over.
+ */
+export function addView(name, view) {
+  views.set(name, view);
+}
+
+/**
+ * Register a view whose module is loaded when it is first shown, and registers itself then.
+ * @param {string} name
+ * @param {string} title
+ * @param {() => Promise} load
+ */
+export function addLaterView(name, title, load) {
+  views.set(name, { title, load });
+}
+
+/**
+ * Go to an address.
+ * @param {string} hash "#/label/left/17"
+ * @param {{replace?: boolean}} [options] `replace`: no new entry for the Back button.
+ */
+export function go(hash, { replace = false } = {}) {
+  if (hash !== location.hash) history[replace ? "replaceState" : "pushState"](null, "", hash);
+  route();
+}
+
+/**
+ * Show another address without going anywhere: what is shown moved on by itself.
+ * @param {string} hash
+ */
+export function noteAddress(hash) {
+  if (hash !== location.hash) history.replaceState(null, "", hash);
+}
+
+/** The name of the view that is shown. */
+export function currentView() {
+  return current;
+}
+
+/**
+ * Begin to follow the address.
+ * @param {string} home Address for an empty or unknown one.
+ */
+export function startRouting(home) {
+  first = home;
+  window.addEventListener("popstate", route);
+  buildLinks();
+  route();
+}
+
+function route() {
+  const [name, ...parts] = location.hash.replace(/^#\/?/, "").split("/").map(decode);
+  if (!views.has(name)) {
+    noteAddress(first);
+    return void (views.has(first.split("/")[1]) && route());
+  }
+  const view = views.get(name);
+  if (view.load) {
+    loadView(name, view.load);
+    return;
+  }
+  const root = document.getElementById("view");
+  if (name !== current) {
+    if (current) views.get(current).hide();
+    root.replaceChildren();
+    current = name;
+    setViewKeys(view);
+    markLink();
+  }
+  view.show(root, parts);
+}
+
+async function loadView(name, load) {
+  try {
+    await load();
+  } catch (error) {
+    say("This view cannot be loaded now; choose it again when the server answers.", { bad: true });
+    throw error;
+  }
+  // Another address may have been asked for meanwhile.
+  if (location.hash.startsWith(`#/${name}`)) route();
+}
+
+function decode(word) {
+  try {
+    return decodeURIComponent(word);
+  } catch {
+    return word;
+  }
+}
+
+function buildLinks() {
+  const links = [...views].map(([name, view]) => {
+    const follow = (event) => {
+      event.preventDefault();
+      go(views.get(name).link?.() ?? `#/${name}`);
+    };
+    const attrs = { href: `#/${name}`, "data-view": name };
+    return el("a", { text: view.title, attrs, on: { click: follow } });
+  });
+  document.getElementById("views").replaceChildren(...links);
+}
+
+function markLink() {
+  for (const link of document.querySelectorAll("#views a")) {
+    if (link.dataset.view === current) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+}

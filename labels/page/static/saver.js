@@ -1,0 +1,389 @@
+// Saving: each action is kept in the browser before it shows, sent in order, one at a time, and
+// sent again until the server acknowledged it. The server counts an action's key once.
+
+import { get, post } from "./api.js";
+import { say } from "./dom.js";
+import { forget, holdPage, keep, leftovers, uniqueKey } from "./journal.js";
+import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
+import { blind, mission, onChange, onReload, sameMission, takeNews, who } from "./mission.js";
+import { dequeue, enqueue, framesOf, waiting } from "./pending.js";
+import {
+  noteConflicts,
+  readConflicts,
+  setAside,
+  setAsideEntries,
+  setForeign,
+  takeBack,
+} from "./refused.js";
+import {
+  didOf,
+  forgetChanges,
+  forgetLine,
+  nextRedo,
+  nextUndo,
+  noteAction,
+  noteRedo,
+  noteUndo,
+  opposite,
+  takeHeads,
+} from "./undo_line.js";
+
+const RETRY_MS = [250, 500, 1000, 2000, 4000];
+const LOOK_FOR_LEFTOVERS_MS = 5000;
+// The server or the disk is in trouble, not the action: it stays in the queue.
+const KEEP_STATUS = new Set([401, 403, 408, 421, 429, 507]);
+// A server that fails this often on one action fails because of it: later ones must go on.
+const MOST_FAILURES = 5;
+
+const listeners = new Set();
+const idleWaiters = [];
+let running = false;
+let connected = true;
+let trouble = null; // {state: "offline"|"refused", text}
+let tries = 0;
+let retryTimer = 0;
+
+/**
+ * Be told when `state()` or `pending()` may have changed.
+ * @param {Function} listener
+ * @returns {Function} Stops it.
+ */
+export function onState(listener) {
+  listeners.add(listener);
+  return () => listeners.delete(listener);
+}
+
+function stateChanged() {
+  for (const listener of [...listeners]) listener();
+}
+
+/**
+ * @returns {"saved"|"saving"|"offline"|"refused"} "saved" only when the server acknowledged all
+ *   actions of this page and can take further ones.
+ */
+export function state() {
+  if (trouble) return trouble.state;
+  if (!connected) return "offline";
+  if (mission.fault) return "refused";
+  return waiting().length ? "saving" : "saved";
+}
+
+/** Why the state is what it is, in one sentence; "" when all is well. */
+export function stateReason() {
+  return trouble?.text || (connected ? mission.fault || "" : "the server does not answer");
+}
+
+/** How many actions wait for their acknowledgement. */
+export function pending() {
+  return waiting().length;
+}
+
+/** Whether an action waits that only this page's memory holds. */
+function wouldLoseOnClose() {
+  return waiting().some((entry) => !entry.stored);
+}
+
+/** @returns {Promise<void>} When nothing waits any more. */
+function whenIdle() {
+  if (!waiting().length) return Promise.resolve();
+  return new Promise((resolve) => idleWaiters.push(resolve));
+}
+
+/**
+ * Do something to labels.
+ * @param {string} kind What the person did, for messages.
+ * @param {{camera: string, frame: number, label: ?string, model?: string, cells: number[],
+ *   base?: (?string)[]}[]} changes Labels of the frames must be loaded where `base` is missing.
+ * @param {{source?: string}} [options]
+ * @returns {?string} The action's key; null if it would change nothing or could not be kept.
+ */
+export function act(kind, changes, { source = "human" } = {}) {
+  const filled = changes.map((change) => withBase(change, source)).filter((c) => c.cells.length);
+  if (!filled.length) return null;
+  const entry = newEntry({ path: "/api/actions", kind, source, changes: filled });
+  if (!take(entry)) return null;
+  const [{ camera, frame }] = filled;
+  const changed = filled.reduce((sum, change) => sum + change.cells.length, 0);
+  noteAction({ key: entry.key, kind, camera, frame, changed }, filled, source);
+  return entry.key;
+}
+
+function withBase(change, source) {
+  const { camera, frame, label, model = null, cells } = change;
+  const known = change.base ? null : labelsOf(camera, frame);
+  if (!change.base && !known) throw new Error(`labels of ${camera} ${frame} are not loaded`);
+  const field = source === "settled" ? "settled" : "mine";
+  const base = change.base ?? cells.map((cell) => known[field][cell]);
+  const kept = cells.map((_, at) => at).filter((at) => base[at] !== label);
+  return {
+    camera,
+    frame,
+    label,
+    model,
+    cells: kept.map((at) => cells[at]),
+    base: kept.map((at) => base[at]),
+  };
+}
+
+function newEntry(parts) {
+  const { rows, cols } = mission.grid;
+  return {
+    key: uniqueKey(),
+    who: who(),
+    blind: blind(),
+    mission: mission.mission,
+    grid: [rows, cols],
+    source: "human",
+    time: new Date().toISOString(),
+    target: null,
+    refusal: null,
+    ...parts,
+  };
+}
+
+// Kept in the browser first, so that what is shown survives a crash of the page; then on its way,
+// before the page is busy with drawing.
+function take(entry) {
+  if (!keep(entry)) {
+    entry.stored = null;
+    if (trouble || !connected) {
+      say("Not done: the server is away and this browser cannot keep actions (its storage is " +
+        "full or switched off).", { bad: true });
+      return false;
+    }
+  }
+  starts.set(entry.key, performance.now());
+  enqueue(entry);
+  pump();
+  showFrames(entry);
+  stateChanged();
+  return true;
+}
+
+const starts = new Map();
+
+function showFrames(entry) {
+  for (const [camera, frame] of framesOf(entry)) labelsChanged(camera, frame);
+}
+
+/**
+ * Take the newest action back.
+ * @returns {Promise<?Object>} The head {kind, camera, frame, changed} of what is undone; null if
+ *   there is nothing, or it cannot be done now (that was said).
+ */
+export function undo() {
+  return step("/api/undo", nextUndo, noteUndo, opposite, "Nothing to undo.");
+}
+
+/**
+ * Do again what was undone last.
+ * @returns {Promise<?Object>} As for `undo`.
+ */
+export function redo() {
+  return step("/api/redo", nextRedo, noteRedo, (changes) => changes, "Nothing to redo.");
+}
+
+let steps = Promise.resolve();
+
+// One after the other: what the second of two quick presses acts on depends on the first.
+function step(...parts) {
+  steps = steps.then(() => oneStep(...parts));
+  return steps;
+}
+
+async function oneStep(path, next, note, turn, nothing) {
+  if (!next() && state() === "saving") await whenIdle();
+  const head = next();
+  if (!head) {
+    const away = "The server is away: only actions of this page can be undone until it is back.";
+    say(waiting().length ? away : nothing);
+    return null;
+  }
+  const did = didOf(head.key);
+  if (!did && (trouble || !connected)) {
+    say("The server is away: only actions of this page can be undone until it is back.");
+    return null;
+  }
+  const kind = path === "/api/undo" ? "undo" : "redo";
+  const { changes, source } = did ?? { changes: [], source: "human" };
+  const entry = newEntry({ path, kind, source, target: head.key, changes: turn(changes) });
+  if (!take(entry)) return null;
+  note();
+  return head;
+}
+
+/**
+ * Send an action again that the server refused.
+ * @param {Entry} entry
+ */
+export function sendAgain(entry) {
+  takeBack(entry);
+  entry.refusal = null;
+  if (entry.stored) keep(entry);
+  enqueue(entry);
+  showFrames(entry);
+  stateChanged();
+  pump();
+}
+
+/** Send what waits now, without waiting for the next try. */
+export function tryNow() {
+  tries = 0;
+  pump();
+}
+
+async function pump() {
+  clearTimeout(retryTimer);
+  if (running) return;
+  running = true;
+  while (waiting().length && (await send(waiting()[0])));
+  running = false;
+  stateChanged();
+  if (!waiting().length) for (const resolve of idleWaiters.splice(0)) resolve();
+}
+
+async function send(entry) {
+  let answer;
+  try {
+    if (trouble) await checkServer();
+    answer = await post(entry.path, wire(entry));
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+    return failed(entry, error);
+  }
+  trouble = null;
+  tries = 0;
+  acknowledged(entry, answer);
+  return true;
+}
+
+function wire({ path, key, who: annotator, blind: isBlind, mission: name, grid, ...rest }) {
+  const { kind, source, time, target, changes } = rest;
+  const common = { key, who: annotator, blind: isBlind, mission: name, grid, time };
+  if (path !== "/api/actions") return { ...common, target };
+  return { ...common, kind, source, changes };
+}
+
+// After a failure another server may have been started on this port, for another mission.
+async function checkServer() {
+  const answer = await get("/api/mission");
+  if (sameMission(answer)) return;
+  const error = new Error(
+    `the server now shows mission ${answer.mission}; start it with ${mission.mission} again`,
+  );
+  throw Object.assign(error, { name: "ApiError", status: 421 });
+}
+
+function acknowledged(entry, answer) {
+  const start = starts.get(entry.key);
+  if (start !== undefined) performance.measure("tokt:ack", { start, end: performance.now() });
+  starts.delete(entry.key);
+  forget(entry);
+  acknowledge(entry, answer);
+  dequeue(entry);
+  if (entry.who === who() && entry.blind === blind()) takeNews(answer);
+  if (answer.conflicts?.length) {
+    forgetChanges(entry.target ?? entry.key);
+    noteConflicts(entry, answer.conflicts);
+  }
+  if (answer.undo && !waiting().length && entry.who === who()) takeHeads(answer.undo);
+  showFrames(entry);
+  stateChanged();
+}
+
+function failed(entry, { status, message }) {
+  const bad = status >= 400 && status < 500 && !KEEP_STATUS.has(status);
+  if (bad || (status === 500 && tries >= MOST_FAILURES)) {
+    trouble = null;
+    tries = 0;
+    dequeue(entry);
+    forgetLine();
+    setAside(entry, message);
+    showFrames(entry);
+    refreshHeads();
+    return true;
+  }
+  const offline = status === 0 || (status >= 500 && status !== 507);
+  trouble = { state: offline ? "offline" : "refused", text: message };
+  retryTimer = setTimeout(pump, RETRY_MS[Math.min(tries, RETRY_MS.length - 1)]);
+  tries += 1;
+  return false;
+}
+
+async function refreshHeads() {
+  try {
+    const answer = await get("/api/mission");
+    if (sameMission(answer) && !waiting().length) takeHeads(answer.undo);
+  } catch (error) {
+    if (error.name !== "ApiError") throw error;
+  }
+}
+
+/**
+ * Note whether the server is heard.
+ * @param {boolean} value
+ */
+export function setConnected(value) {
+  if (value === connected) return;
+  connected = value;
+  if (value) tryNow();
+  stateChanged();
+}
+
+/**
+ * Take in what an event says, unless actions of ours that it cannot know of wait.
+ * @param {{undo: ?Object}} news
+ */
+export function takeEventHeads({ undo: heads }) {
+  if (heads && !waiting().length) takeHeads(heads);
+}
+
+/** Begin: take over what earlier pages left, and go on doing so. The mission must be loaded. */
+export function startSaving() {
+  holdPage();
+  begin();
+  onReload(forgetLine);
+  onChange((what) => {
+    if (what === "all") begin();
+    if (what === "status") stateChanged();
+  });
+  window.addEventListener("online", tryNow);
+  window.addEventListener("beforeunload", (event) => {
+    if (wouldLoseOnClose()) event.preventDefault();
+  });
+  setInterval(takeLeftovers, LOOK_FOR_LEFTOVERS_MS);
+}
+
+function begin() {
+  if (!waiting().length) takeHeads(mission.undo);
+  readConflicts(mission.mission, who());
+  takeLeftovers();
+  stateChanged();
+}
+
+async function takeLeftovers() {
+  const known = new Set([...waiting(), ...setAsideEntries()].map((entry) => entry.key));
+  const left = (await leftovers()).filter((entry) => !known.has(entry.key));
+  const mine = left.filter(isMine);
+  setForeign(left.filter((entry) => !isMine(entry)));
+  for (const entry of mine.filter(({ refusal }) => refusal)) setAside(entry, entry.refusal);
+  const unsent = mine.filter(({ refusal }) => !refusal);
+  if (!unsent.length) return;
+  for (const entry of [...unsent].reverse()) enqueue(entry, { first: true });
+  forgetLine();
+  unsent.forEach(showFrames);
+  const were = unsent.length === 1 ? "action" : "actions";
+  say(`${unsent.length} ${were} of an earlier page were not saved yet and are sent now.`);
+  stateChanged();
+  pump();
+}
+
+function isMine(entry) {
+  const { rows, cols } = mission.grid;
+  return (
+    entry.mission === mission.mission &&
+    entry.who === who() &&
+    entry.grid[0] === rows &&
+    entry.grid[1] === cols
+  );
+}

@@ -1,0 +1,127 @@
+// One frame of the overview: its picture, its labels and suggestions, and its state in words.
+
+import { el } from "./dom.js";
+import { labelsOf } from "./labels.js";
+import { blind, mission, setting, stateOf } from "./mission.js";
+import { cellAt, patchSize } from "./patch_grid.js";
+import { learnShape, thumbAddress } from "./frame_shape.js";
+import { suggestionFault } from "./suggest.js";
+import { drawAreas } from "./thumb_drawing.js";
+import { hintsOf } from "./unconfirmed.js";
+
+const STATES = { u: "unseen", s: "seen", p: "part", d: "done", x: "disagreement" };
+
+/**
+ * What a frame shows and what of it waits for a decision.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string}}
+ *   Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the model has not come
+ *   to this frame.
+ */
+export function contentOf(camera, frame) {
+  const labels = labelsOf(camera, frame);
+  if (!labels) return null;
+  const waits = suggesting() && labels.suggestions === null;
+  const fault = suggestionFault(camera, frame);
+  return { mine: labels.mine, hints: hintsOf(camera, frame), waits, fault };
+}
+
+/** Whether a model's suggestions are shown. */
+export function suggesting() {
+  return Boolean(mission.model) && !blind() && setting("suggestions");
+}
+
+/** A thumbnail. */
+export class Thumb {
+  /**
+   * @param {string} camera
+   * @param {number} frame
+   * @param {{id: string, width: number, height: number, onShape: Function}} plan Size in CSS
+   *   pixels; `onShape`: the picture has another shape than was believed.
+   */
+  constructor(camera, frame, { id, width, height, onShape }) {
+    Object.assign(this, { camera, frame, size: { width, height } });
+    this.image = el("img", { attrs: { alt: "", draggable: "false" } });
+    this.canvas = el("canvas", { attrs: { "aria-hidden": "true" } });
+    this.number = el("span", { class: "thumb-number", text: String(frame) });
+    this.state = el("span", { class: "thumb-state" });
+    const attrs = { title: "leave this frame out, or no longer (x)" };
+    this.leave = el("span", { class: "thumb-leave", text: "×", attrs });
+    this.picture = el("div", { class: "thumb-picture" }, this.image, this.canvas);
+    this.element = el(
+      "div",
+      { class: "thumb", attrs: { role: "option", id, "data-camera": camera, "data-frame": frame } },
+      this.picture,
+      el("div", { class: "thumb-caption" }, this.number, this.state, this.leave),
+    );
+    this.element.style.width = `${width}px`;
+    this.picture.style.height = `${height}px`;
+    this.image.addEventListener("load", () => learnShape(camera, this.image) && onShape());
+    this.image.addEventListener("error", () => this.#unreadable());
+    this.load(width);
+  }
+
+  /** Fetch the picture, enhanced as the person set it. */
+  load(width) {
+    this.image.src = thumbAddress(this.camera, this.frame, width);
+  }
+
+  /** The cell under a point of the window; -1 if it is not over the picture. */
+  cellAt(x, y) {
+    const box = this.canvas.getBoundingClientRect();
+    const { width, height } = patchSize(box.width, box.height);
+    return cellAt(Math.floor((y - box.top) / height), Math.floor((x - box.left) / width));
+  }
+
+  /**
+   * Draw labels and suggestions, and say the state.
+   * @param {{excluded: boolean, painted: ?Map<number, ?string>, cursor: ?number}} marks
+   *   `painted`: cells of a stroke that goes on; `cursor`: cell of the keyboard's cursor.
+   */
+  draw({ excluded, painted, cursor }) {
+    const content = contentOf(this.camera, this.frame);
+    this.content = content;
+    this.element.classList.toggle("left-out", excluded);
+    this.element.classList.toggle("loading", !content);
+    this.#drawOnce(content ? shownCells(content, painted) : [], cursor);
+    this.#say(content, excluded);
+  }
+
+  // Drawing takes much longer than finding out that nothing is to be drawn.
+  #drawOnce(cells, cursor) {
+    const look = [setting("palette"), cursor];
+    for (const cell of cells) look.push(cell ? cell.line + cell.label : "");
+    const drawn = look.join();
+    if (drawn === this.drawn) return;
+    this.drawn = drawn;
+    drawAreas(this.canvas, this.size, cells, cursor);
+  }
+
+  #say(content, excluded) {
+    const state = STATES[stateOf(this.camera, this.frame)] ?? "";
+    const words = excluded ? "left out" : content ? content.fault || state : "loading";
+    const proposed = content?.hints.filter(Boolean).length ?? 0;
+    const more = proposed ? `, ${proposed} patches suggested` : "";
+    const name = `${this.camera} ${this.frame}, ${words}${more}`;
+    if (name === this.name) return;
+    this.name = name;
+    this.state.textContent = words;
+    this.state.title = words;
+    this.element.setAttribute("aria-label", name);
+  }
+
+  #unreadable() {
+    this.picture.classList.add("unreadable");
+    this.picture.dataset.words = "This frame cannot be read.";
+  }
+}
+
+function shownCells({ mine, hints }, painted) {
+  return mine.map((own, cell) => {
+    const label = painted?.has(cell) ? painted.get(cell) : own;
+    if (label !== null) return { label, line: "solid" };
+    const hint = hints[cell];
+    return hint ? { label: hint.label, line: hint.strong ? "dashed" : "dotted" } : null;
+  });
+}

@@ -1,0 +1,266 @@
+// A scrolling grid of patch tiles, selected by mouse, by rectangle or by keyboard.
+
+import { el } from "./dom.js";
+import { patchAspect } from "./frame_shape.js";
+import { putAt } from "./patch_preview.js";
+import { TilePictures, patchInTile } from "./tile_pictures.js";
+import { TileSelection } from "./tile_selection.js";
+
+const DRAG_STARTS = 5; // CSS pixels
+let grids = 0;
+
+/** Grid of tiles; a tile is anything with `camera`, `frame` and `cell`. */
+export class TileGrid {
+  /**
+   * @param {object} options
+   * @param {string} options.label what the grid holds, for screen readers
+   * @param {(tile: object) => {name: string, lines: Node[], faded?: boolean}} options.describe
+   *   the tile in words, and what stands under its picture
+   * @param {number} options.captionLines lines kept free under each picture; 0: the caption
+   *   stands over it
+   * @param {() => void} options.onChange the selection or the cursor changed
+   * @param {(tile: object) => void} options.onOpen a tile was double clicked
+   */
+  constructor({ label, describe, captionLines, onChange, onOpen }) {
+    this.describe = describe;
+    this.onChange = onChange;
+    this.onOpen = onOpen;
+    this.prefix = `tiles-${(grids += 1)}`;
+    this.tiles = [];
+    this.elements = [];
+    this.selection = new TileSelection();
+    this.list = el("div", {
+      class: "tiles",
+      attrs: {
+        role: "listbox",
+        "aria-multiselectable": "true",
+        "aria-label": label,
+        tabindex: 0,
+        "data-home": true,
+      },
+    });
+    this.list.dataset.captionLines = captionLines;
+    this.band = el("div", { class: "tile-band", attrs: { "aria-hidden": "true" } });
+    this.band.hidden = true;
+    this.element = el("div", { class: "tile-scroller" }, this.list, this.band);
+    this.pictures = new TilePictures(this.element);
+    this.list.addEventListener("pointerdown", (event) => this.#press(event));
+    this.list.addEventListener("dblclick", (event) => this.#open(event));
+  }
+
+  /**
+   * Show these tiles.
+   * @param {object[]} tiles
+   * @param {{width: number, margin: number}} look Width in CSS pixels, margin around each patch in
+   *   patches.
+   */
+  show(tiles, look) {
+    this.tiles = tiles;
+    this.selection = new TileSelection(tiles.length);
+    this.#build(look);
+  }
+
+  /** Show the same tiles at another size; selection and cursor stay. */
+  resize(look) {
+    this.#build(look);
+  }
+
+  /** Describe all tiles anew: labels changed. */
+  refresh() {
+    this.elements.forEach((element, index) => {
+      const { name, lines, faded } = this.describe(this.tiles[index]);
+      element.setAttribute("aria-label", name);
+      element.classList.toggle("faded", Boolean(faded));
+      element.lastElementChild.replaceChildren(...lines);
+    });
+    this.#mark();
+  }
+
+  /** The tile under the cursor, if there is one. */
+  current() {
+    return this.tiles[this.selection.cursor];
+  }
+
+  /** The selected tiles; if there are none, the one under the cursor. */
+  targets() {
+    return this.selection.targets().map((index) => this.tiles[index]);
+  }
+
+  /** Change the selection by `change(selection)` and show it. */
+  select(change) {
+    change(this.selection);
+    this.#mark();
+    this.elements[this.selection.cursor]?.scrollIntoView({ block: "nearest" });
+    this.onChange();
+  }
+
+  /** Let the keyboard's next key go here. */
+  focus() {
+    this.list.focus({ preventScroll: true });
+  }
+
+  /** Tiles in one row, as laid out now. */
+  columns() {
+    const top = this.elements[0]?.offsetTop;
+    const second = this.elements.findIndex((element) => element.offsetTop > top);
+    return second < 0 ? Math.max(1, this.elements.length) : second;
+  }
+
+  /** Rows that fit the window, at least one. */
+  rowsShown() {
+    const height = this.elements[0]?.offsetHeight || 1;
+    return Math.max(1, Math.floor(this.element.clientHeight / height));
+  }
+
+  /** Forget the tiles; the view is left. */
+  close() {
+    this.pictures.stop();
+  }
+
+  #build({ width, margin }) {
+    this.list.style.setProperty("--tile-width", `${width}px`);
+    this.elements = this.tiles.map((tile, index) => this.#tile(tile, index, width, margin));
+    this.list.replaceChildren(...this.elements);
+    const pictures = this.elements.map((element) => element.firstElementChild);
+    this.pictures.show(this.tiles, pictures, { width, height: this.height, margin });
+    this.refresh();
+    this.onChange();
+  }
+
+  #tile(tile, index, width, margin) {
+    this.height = Math.round(width * patchAspect(tile.camera));
+    const picture = el("div", { class: "tile-picture" });
+    picture.style.height = `${this.height}px`;
+    if (margin > 0) {
+      const mark = el("div", { class: "tile-mark" });
+      putAt(mark, patchInTile(tile, width, this.height, margin));
+      picture.append(mark);
+    }
+    return el(
+      "div",
+      { class: "tile", attrs: { role: "option", id: `${this.prefix}-${index}` } },
+      picture,
+      el("div", { class: "tile-caption" }),
+    );
+  }
+
+  #mark() {
+    const { chosen, cursor } = this.selection;
+    this.elements.forEach((element, index) => {
+      element.setAttribute("aria-selected", String(chosen.has(index)));
+      element.classList.toggle("at-cursor", index === cursor);
+    });
+    if (this.tiles.length > 0) {
+      this.list.setAttribute("aria-activedescendant", `${this.prefix}-${cursor}`);
+    } else this.list.removeAttribute("aria-activedescendant");
+  }
+
+  #indexOf(event) {
+    return this.elements.indexOf(event.target.closest(".tile"));
+  }
+
+  #open(event) {
+    const tile = this.tiles[this.#indexOf(event)];
+    if (tile) this.onOpen(tile);
+  }
+
+  #press(event) {
+    if (event.button !== 0) return;
+    const pressed = this.#indexOf(event);
+    const start = this.#point(event);
+    const earlier = new Set(this.selection.chosen);
+    let band = null;
+    const moved = (move) => {
+      const rectangle = rectangleOf(start, this.#point(move));
+      if (!band && Math.max(rectangle.width, rectangle.height) < DRAG_STARTS) return;
+      band = rectangle;
+      this.#sweep(band, earlier, move.ctrlKey);
+    };
+    const ended = (end) => {
+      window.removeEventListener("pointermove", moved);
+      window.removeEventListener("pointerup", ended);
+      window.removeEventListener("pointercancel", ended);
+      this.band.hidden = true;
+      if (!band && end.type === "pointerup" && pressed >= 0) this.#click(pressed, end.shiftKey);
+    };
+    window.addEventListener("pointermove", moved);
+    window.addEventListener("pointerup", ended);
+    window.addEventListener("pointercancel", ended);
+  }
+
+  #click(index, extend) {
+    this.select((selection) => (extend ? selection.extendTo(index) : selection.toggle(index)));
+  }
+
+  #point(event) {
+    const box = this.element.getBoundingClientRect();
+    return {
+      x: event.clientX - box.left + this.element.scrollLeft,
+      y: event.clientY - box.top + this.element.scrollTop,
+    };
+  }
+
+  #sweep(band, earlier, remove) {
+    const hit = this.elements
+      .map((element, index) => [element, index])
+      .filter(([element]) => overlaps(band, element))
+      .map(([, index]) => index);
+    this.band.hidden = false;
+    putAt(this.band, band);
+    this.selection.sweep(earlier, hit, remove);
+    this.#mark();
+    this.onChange();
+  }
+}
+
+const STEPS = {
+  ArrowLeft: () => -1,
+  ArrowRight: () => 1,
+  ArrowUp: (grid) => -grid.columns(),
+  ArrowDown: (grid) => grid.columns(),
+};
+
+/**
+ * Rows of a view's table of keys that move the cursor of its grid and select.
+ * @param {() => TileGrid} gridOf
+ * @returns {KeyEntry[]}
+ */
+export function selectionKeys(gridOf) {
+  const select = (change) => gridOf()?.select(change);
+  const move = (event) => {
+    const grid = gridOf();
+    grid?.select((selection) => selection.move(STEPS[event.key](grid), event.shiftKey));
+  };
+  const row = (keys, does, run) => ({ keys, does, run, group: "Selecting patches" });
+  const arrows = Object.keys(STEPS);
+  return [
+    row(arrows, "move the cursor", move),
+    row(arrows.map((key) => `Shift+${key}`), "select what the cursor passes", move),
+    row(["Home", "End"], "first, last patch of the page", (event) =>
+      select((selection) => selection.place(event.key === "Home" ? 0 : selection.count - 1)),
+    ),
+    row(["Space"], "select the patch under the cursor, or no longer", () =>
+      select((selection) => selection.count && selection.toggle(selection.cursor)),
+    ),
+    row(["Ctrl+A"], "select all patches of the page", () =>
+      select((selection) => selection.all()),
+    ),
+    row(["Escape"], "select nothing", () => select((selection) => selection.clear())),
+  ];
+}
+
+function rectangleOf(a, b) {
+  return {
+    left: Math.min(a.x, b.x),
+    top: Math.min(a.y, b.y),
+    width: Math.abs(a.x - b.x),
+    height: Math.abs(a.y - b.y),
+  };
+}
+
+function overlaps({ left, top, width, height }, element) {
+  const { offsetLeft: x, offsetTop: y, offsetWidth, offsetHeight } = element;
+  return (
+    left < x + offsetWidth && left + width > x && top < y + offsetHeight && top + height > y
+  );
+}

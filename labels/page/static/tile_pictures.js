@@ -1,0 +1,138 @@
+// Pictures of patches: many in one image (a sprite), fetched when they come into view.
+
+import { address } from "./api.js";
+import { patchAspect } from "./frame_shape.js";
+import { mission, setting } from "./mission.js";
+import { rowCol } from "./patch_grid.js";
+
+const COLUMNS = 10;
+const CHUNK = 20;
+const LARGEST = 256; // pixels; the server makes no larger tile
+
+/** Margins around a patch that a person can choose, in patches. */
+export const MARGINS = [0, 0.25, 1];
+
+/**
+ * Address of one image with these patches, ten square tiles to a row.
+ * @param {{camera: string, frame: number, cell: number}[]} tiles
+ * @param {number} width Of a tile, in CSS pixels.
+ * @param {number} margin Around each patch, in patches.
+ * @returns {string}
+ */
+export function patchesAddress(tiles, width, margin) {
+  const pixels = Math.round(width * Math.min(2, window.devicePixelRatio || 1));
+  return address("/api/patches", {
+    cells: tiles.map(({ camera, frame, cell }) => `${camera}:${frame}:${cell}`).join(","),
+    size: Math.min(LARGEST, pixels),
+    margin,
+    enhance: setting("enhance"),
+    v: mission.pictures,
+    who: null,
+    blind: null,
+  });
+}
+
+/**
+ * Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
+ * @param {HTMLElement} element
+ * @param {string} sprite
+ * @param {number} position
+ * @param {number} width
+ * @param {number} height
+ */
+export function placeTile(element, sprite, position, width, height) {
+  const [column, row] = [position % COLUMNS, Math.floor(position / COLUMNS)];
+  // Tiles are square with the patch in their middle: what is above and below it is cut off.
+  const top = row * width + (width - height) / 2;
+  element.style.backgroundImage = `url("${sprite}")`;
+  element.style.backgroundSize = `${COLUMNS * width}px auto`;
+  element.style.backgroundPosition = `${-column * width}px ${-top}px`;
+}
+
+/**
+ * Where the patch itself lies within its tile, which at a frame's edge is not the middle.
+ * @param {{camera: string, cell: number}} tile
+ * @param {number} width
+ * @param {number} height
+ * @param {number} margin
+ * @returns {{left: number, top: number, width: number, height: number}} In pixels.
+ */
+export function patchInTile({ camera, cell }, width, height, margin) {
+  const { rows, cols } = mission.grid;
+  const [row, col] = rowCol(cell);
+  const [left, right] = [Math.min(margin, col), Math.min(margin, cols - 1 - col)];
+  const [above, below] = [Math.min(margin, row), Math.min(margin, rows - 1 - row)];
+  const aspect = patchAspect(camera);
+  const [across, down] = [1 + left + right, (1 + above + below) * aspect];
+  const scale = width / Math.max(across, down); // pixels for the width of a patch
+  return {
+    left: (width - across * scale) / 2 + left * scale,
+    top: (height - down * scale) / 2 + above * aspect * scale,
+    width: scale,
+    height: aspect * scale,
+  };
+}
+
+/** Fills elements with the pictures of their patches as they scroll into view. */
+export class TilePictures {
+  /** @param {Element} scroller The element that scrolls. */
+  constructor(scroller) {
+    this.chunkOf = new Map();
+    this.observer = new IntersectionObserver((entries) => this.#seen(entries), {
+      root: scroller,
+      rootMargin: "300px",
+    });
+  }
+
+  /**
+   * Show these patches.
+   * @param {{camera: string, frame: number, cell: number}[]} tiles
+   * @param {HTMLElement[]} elements One for each tile.
+   * @param {{width: number, height: number, margin: number}} look Size in CSS pixels, margin
+   *   around each patch in patches.
+   */
+  show(tiles, elements, look) {
+    this.stop();
+    for (let first = 0; first < tiles.length; first += CHUNK) {
+      const chunk = {
+        sprite: patchesAddress(tiles.slice(first, first + CHUNK), look.width, look.margin),
+        elements: elements.slice(first, first + CHUNK),
+        look,
+        image: null,
+      };
+      for (const element of chunk.elements) {
+        this.chunkOf.set(element, chunk);
+        this.observer.observe(element);
+      }
+    }
+  }
+
+  /** Forget the tiles shown. */
+  stop() {
+    this.observer.disconnect();
+    for (const { image } of this.chunkOf.values()) if (image) image.src = "";
+    this.chunkOf.clear();
+  }
+
+  #seen(entries) {
+    for (const entry of entries) {
+      const chunk = this.chunkOf.get(entry.target);
+      if (entry.isIntersecting && chunk && !chunk.image) load(chunk);
+    }
+  }
+}
+
+function load(chunk) {
+  const { sprite, elements, look } = chunk;
+  const image = (chunk.image = new Image());
+  image.addEventListener("load", () => {
+    elements.forEach((element, position) =>
+      placeTile(element, sprite, position, look.width, look.height),
+    );
+  });
+  image.addEventListener("error", () => {
+    if (image.src !== new URL(sprite, location).href) return; // no longer wanted
+    for (const element of elements) element.classList.add("no-picture");
+  });
+  image.src = sprite;
+}

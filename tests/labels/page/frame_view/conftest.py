@@ -1,0 +1,128 @@
+"""One frame's page in a real browser, and what the store holds of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tokt.features.grid import Grid
+from tokt.labels.record import LabelRecord
+from tokt.labels.store import LabelStore
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+GRID = Grid(10, 10, 360)
+HEADS = (26, 20)  # CSS pixels that row and column heads take
+MARGINS = (32, 26)  # the heads and the opposite edges
+PATCH = (36, 27)
+FRAME = (360, 272)
+
+
+class FramePage:
+    """The page of one frame, and where its patches lie on the screen."""
+
+    def __init__(self, page: Page, frame: int) -> None:
+        self.page = page
+        self.wait(frame)
+
+    def wait(self, frame: int) -> None:
+        """Wait until the frame's picture and labels are there."""
+        self.page.wait_for_function(
+            "text => document.querySelector('#status')?.textContent.includes(text)"
+            " && document.querySelector('#status').textContent.includes('of 100')",
+            arg=f"left frame {frame} ",
+        )
+
+    def open(self, frame: int) -> None:
+        """Go to a frame as a link does."""
+        self.page.goto(self.page.url.split("#")[0] + f"#/label/left/{frame}")
+        self.wait(frame)
+
+    def at(self, cell: int) -> tuple[float, float]:
+        """The middle of a patch on the screen."""
+        box = self.page.locator(".frame-canvas").bounding_box()
+        assert box is not None
+        room = box["width"] - MARGINS[0], box["height"] - MARGINS[1]
+        scale = min(room[0] / FRAME[0], room[1] / FRAME[1])
+        row, col = divmod(cell, GRID.cols)
+        x = (room[0] - FRAME[0] * scale) / 2 + (col + 0.5) * PATCH[0] * scale
+        y = (room[1] - FRAME[1] * scale) / 2 + (row + 0.5) * PATCH[1] * scale
+        return box["x"] + HEADS[0] + x, box["y"] + HEADS[1] + y
+
+    def row_head(self, row: int) -> tuple[float, float]:
+        """The head of a row on the screen."""
+        box = self.page.locator(".frame-canvas").bounding_box()
+        assert box is not None
+        return box["x"] + HEADS[0] / 3, self.at(row * GRID.cols)[1]
+
+    def point(self, cell: int) -> None:
+        """Put the pointer on a patch, coming from another one."""
+        self.page.mouse.move(*self.at((cell + 37) % GRID.n_patches))
+        self.page.mouse.move(*self.at(cell))
+
+    def click(self, *cells: int, button: Any = "left") -> None:
+        for cell in cells:
+            self.page.mouse.click(*self.at(cell), button=button)
+
+    def drag(self, *cells: int) -> None:
+        """Press on the first patch, jump to each other one in a single step, release."""
+        self.page.mouse.move(*self.at(cells[0]))
+        self.page.mouse.down()
+        for cell in cells[1:]:
+            self.page.mouse.move(*self.at(cell))
+        self.page.mouse.up()
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def state(self, state: str) -> None:
+        """Wait until the header shows a state."""
+        self.page.wait_for_selector(f'#save-state[data-state="{state}"]')
+
+    def saved(self) -> None:
+        """Wait until the page says that all is saved."""
+        self.state("saved")
+
+    def shows(self, selector: str, text: str, seconds: float = 10) -> None:
+        """Wait until an element contains a text."""
+        self.page.wait_for_function(
+            "([where, what]) => document.querySelector(where)?.textContent.includes(what)",
+            arg=[selector, text],
+            timeout=seconds * 1000,
+        )
+
+    def text(self, selector: str) -> str:
+        return self.page.locator(selector).text_content() or ""
+
+
+def store_records(server: Any, frame: int, who: str = "anna") -> list[LabelRecord]:
+    """The labels of a frame, read from the store's file."""
+    with LabelStore(server.workspace / "labels.db") as store:
+        return store.current("tiny", who, GRID, frame=frame)
+
+
+def store_labels(server: Any, frame: int, who: str = "anna") -> dict[int, str | None]:
+    """The labels of a frame by cell, read from the store's file."""
+    found = store_records(server, frame, who)
+    return {one.row * GRID.cols + one.col: one.label for one in found}
+
+
+@pytest.fixture(scope="session")
+def frame_page() -> type[FramePage]:
+    """`FramePage`."""
+    return FramePage
+
+
+@pytest.fixture(scope="session")
+def records() -> Callable[..., list[LabelRecord]]:
+    """`store_records`."""
+    return store_records
+
+
+@pytest.fixture(scope="session")
+def stored() -> Callable[..., dict[int, str | None]]:
+    """`store_labels`."""
+    return store_labels

@@ -1,0 +1,343 @@
+"""The frame view in a real browser: what is painted is what the store holds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+
+@pytest.fixture(scope="module")
+def server(page_server: Callable[..., Any], tiny_bundle: Path) -> Any:
+    return page_server("--annotator", "anna", "--model", tiny_bundle)
+
+
+@pytest.fixture
+def view(server: Any, browse: Callable[..., Page], frame_page: Any) -> Any:
+    return frame_page(browse(server), 1)
+
+
+def test_click_drag_rectangle_row_and_rest_are_stored(
+    view: Any, server: Any, stored: Callable[..., Any]
+) -> None:
+    view.open(3)
+    view.press("5")
+    view.click(44)
+    view.drag(0, 7, 77)  # two long jumps: none of the patches between may be left out
+    view.page.keyboard.down("Shift")
+    view.press("3")
+    view.drag(81, 92)
+    view.page.keyboard.up("Shift")
+    view.click(99, button="right")
+    view.press("4")
+    view.page.mouse.click(*view.row_head(5))
+    view.saved()
+    expected = {44: "subsea_installation", 99: "unsure"}
+    expected |= dict.fromkeys(range(8), "subsea_installation")
+    expected |= dict.fromkeys(range(17, 78, 10), "subsea_installation")
+    expected |= dict.fromkeys((81, 82, 91, 92), "sand")
+    expected |= dict.fromkeys(range(50, 60), "reef")
+    assert stored(server, 3) == expected
+    view.press("o")
+    view.saved()
+    rest = dict.fromkeys(set(range(100)) - set(expected), "ocean")
+    assert stored(server, 3) == expected | rest
+    assert view.text("#status").endswith("done") or "done" in view.text("#status")
+
+
+def test_undo_and_redo_reach_back_over_a_reload(
+    view: Any, server: Any, stored: Callable[..., Any]
+) -> None:
+    view.open(5)
+    view.press("2")
+    view.click(10)
+    view.click(11)
+    view.press("e")
+    view.click(10)
+    view.press("1")
+    view.open(6)
+    view.click(20)
+    view.saved()
+    assert stored(server, 5) == {11: "other"} and stored(server, 6) == {20: "ocean"}
+    view.page.reload()
+    view.wait(6)
+    view.press("Control+z")
+    view.shows("#toast", "paint")
+    view.saved()
+    assert stored(server, 6) == {}
+    view.press("d")
+    view.wait(7)
+    view.press("Control+z")
+    view.wait(5)
+    assert "erase" in view.text("#toast") and "frame 5" in view.text("#toast")
+    view.press("Control+z", "Control+Shift+z", "Control+y")
+    view.saved()
+    assert stored(server, 5) == {11: "other"}
+    view.press("Control+z", "Control+z", "Control+z")
+    view.saved()
+    assert stored(server, 5) == {}
+
+
+def test_a_frame_is_labelled_by_keyboard_alone(
+    view: Any, server: Any, stored: Callable[..., Any]
+) -> None:
+    view.page.keyboard.type("f8\n")
+    view.wait(8)
+    view.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
+    view.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowDown", "5")
+    view.press("Escape", "ArrowDown", "ArrowDown", "4", "r")
+    view.press("ArrowDown", "u", "Space", "o")
+    view.saved()
+    expected = dict.fromkeys(range(100), "ocean")
+    expected |= {11: "sand", 53: "unsure"}
+    expected |= dict.fromkeys((12, 13, 22, 23), "subsea_installation")
+    expected |= dict.fromkeys(range(40, 50), "reef")
+    assert stored(server, 8) == expected
+    view.press("n")
+    assert "frame 8 " not in view.text("#status")
+    view.press("?")
+    overlay = view.page.locator("#help")
+    assert overlay.is_visible()
+    text = overlay.text_content() or ""
+    for word in ("subsea_installation", "next frame", "undo", "Alt+click", "raw frame"):
+        assert word.lower() in text.lower()
+    view.press("Escape")
+    assert not overlay.is_visible()
+
+
+def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(
+    page_server: Callable[..., Any],
+    browse: Callable[..., Page],
+    tmp_path: Path,
+    stored: Callable[..., Any],
+    frame_page: Any,
+) -> None:
+    taxonomy = tmp_path / "taxonomy.toml"
+    lines = ["format = 1"]
+    for name, key, obstacle in (("water", "d", "false"), ("coral", "?", "true")):
+        lines += ["[[classes]]", f'name = "{name}"', f'key = "{key}"', f"obstacle = {obstacle}"]
+        lines += ['color = "#123456"']
+    taxonomy.write_text("\n".join(lines))
+    server = page_server("--annotator", "anna", "--taxonomy", taxonomy)
+    view = frame_page(browse(server, "#/label/left/4"), 4)
+    view.press("d")
+    view.click(3)
+    view.press("?")
+    view.click(4)
+    view.saved()
+    assert stored(server, 4) == {3: "water", 4: "coral"}
+    view.press("Alt+d")
+    view.wait(5)
+    view.press("Alt+?")
+    text = view.page.locator("#help").text_content() or ""
+    assert "Alt+d" in text and "Alt+?" in text
+
+
+def test_suggestions_are_labels_only_when_accepted(
+    view: Any, server: Any, stored: Callable[..., Any], records: Callable[..., Any]
+) -> None:
+    view.open(14)
+    view.page.wait_for_function(
+        "() => /of 100 open patches/.test(document.querySelector('.model-said').textContent)"
+    )
+    assert stored(server, 14) == {}
+    view.press("2")
+    view.click(0)
+    view.page.keyboard.down("Alt")
+    view.click(1)
+    view.page.keyboard.up("Alt")
+    view.saved()
+    [suggested] = server.get("/api/labels", who="anna", camera="left", frames=14, suggest=1)[
+        "frames"
+    ]
+    assert set(stored(server, 14)) == {0, 1} and list(suggested["models"]) == ["1"]
+    values = suggested["suggestions"]["values"]
+    view.press(*">" * 25, "Enter")
+    view.saved()
+    confident = {cell for cell in range(2, 100) if values[cell] >= 3}
+    assert 10 < len(confident) < 90
+    assert set(stored(server, 14)) == {0, 1} | confident
+    assert stored(server, 14)[0] == "other"
+    view.press("Shift+Enter")
+    view.saved()
+    confirmed = records(server, 14)
+    assert len(confirmed) == 100 and {one.source for one in confirmed} == {"human"}
+    versions = {one.model_version for one in confirmed if (one.row, one.col) != (0, 0)}
+    assert len(versions) == 1 and None not in versions
+    view.press("Control+z")
+    view.saved()
+    assert set(stored(server, 14)) == {0, 1} | confident
+
+
+def test_suggestions_follow_the_frame_before(
+    view: Any, server: Any, records: Callable[..., Any]
+) -> None:
+    view.open(25)
+    view.press("4")
+    view.click(0)
+    view.click(1, button="right")
+    view.saved()
+    view.press(*">" * 30, "d")
+    view.wait(26)
+    x, y = view.at(0)
+    for slider, expected in (("5", "reef kept from the frame before"), ("0", "suggests ocean")):
+        view.page.evaluate(
+            """value => {
+              const input = document.querySelector("[data-setting=follow]");
+              input.value = value;
+              input.dispatchEvent(new Event("input"));
+            }""",
+            slider,
+        )
+        view.page.mouse.move(*view.at(55))
+        view.page.mouse.move(x, y)
+        assert expected in view.text("#status")
+        if slider == "5":
+            view.press("Enter")
+            view.saved()
+            kept = {one.col: one for one in records(server, 26) if one.row == 0}
+            assert kept[0].label == "reef" and kept[1].label == "unsure"
+            assert kept[0].model_version is None
+            view.press("Control+z")
+            view.saved()
+
+
+def test_the_queue_says_why(view: Any) -> None:
+    view.open(1)
+    view.press("q")
+    view.page.wait_for_selector(".why")
+    assert "frame 1 " not in view.text("#status") and "Why this frame" in view.text("#status")
+
+
+def test_copies_wait_for_acceptance_and_outlive_a_reload(
+    view: Any, server: Any, stored: Callable[..., Any]
+) -> None:
+    view.open(20)
+    view.press("5")
+    view.drag(33, 53)
+    view.saved()
+    view.press("d")
+    view.wait(21)
+    view.press("p")
+    view.shows("#toast", "copied")
+    view.page.reload()
+    view.wait(21)
+    view.saved()
+    assert stored(server, 21) == {}
+    view.page.keyboard.down("Alt")
+    view.click(43)
+    view.page.keyboard.up("Alt")
+    view.saved()
+    assert stored(server, 21) == {43: "subsea_installation"}
+    view.press("Escape", "Escape")
+    assert "dropped" in view.text("#toast")
+    view.press("p")
+    view.shows("#toast", "copied")
+    view.press("m", "Enter", "m")  # without the suggestions, so that Enter takes the copies only
+    view.saved()
+    assert stored(server, 21) == dict.fromkeys((33, 43, 53), "subsea_installation")
+
+
+def test_the_address_names_the_frame(view: Any) -> None:
+    view.open(30)
+    view.press("d", "d", "a")
+    view.page.wait_for_url(re.compile("#/label/left/31$"))
+    view.page.reload()
+    view.wait(31)
+    view.page.goto(view.page.url.split("#")[0] + "#/label/left/999")
+    view.shows("#status", "no frame 999")
+    strip = view.page.locator(".timeline")
+    strip.focus()
+    view.press("Home")
+    view.wait(1)
+    view.press("End")
+    view.wait(40)
+    assert strip.get_attribute("aria-valuenow") == "40"
+
+
+def test_filters_lead_the_steps(view: Any) -> None:
+    view.open(36)
+    view.press("o")
+    view.saved()
+    view.open(1)
+    view.page.locator(".filter").select_option("d")
+    view.page.locator(".frame-canvas").focus()
+    assert "match" in (view.page.locator(".matches").text_content() or "")
+    view.press("End")
+    view.wait(36)
+
+
+def test_an_unreadable_frame_says_so_and_is_passed(
+    own_tiny: Any,
+    page_server: Callable[..., Any],
+    browse: Callable[..., Page],
+    stored: Callable[..., Any],
+    frame_page: Any,
+) -> None:
+    (own_tiny.path / "Left" / "tiny_L_2.png").write_bytes(b"no picture")
+    server = page_server("--annotator", "anna", mission=own_tiny.path)
+    view = frame_page(browse(server, "#/label/left/1", allow="422"), 1)
+    view.press("d")
+    view.shows("#status", "cannot be shown")
+    view.click(5)
+    view.press("d")
+    view.wait(3)
+    view.click(5)
+    view.saved()
+    assert stored(server, 2) == {} and stored(server, 3) == {5: "ocean"}
+
+
+def test_blind_hides_what_others_and_the_model_said(view: Any, server: Any) -> None:
+    server.paint("by-ben", 38, [0, 1], "reef", who="ben")
+    view.open(38)
+    view.page.wait_for_timeout(100)
+    x, y = view.at(0)
+    view.page.mouse.move(x, y)
+    assert "ben: reef" in view.text("#status")
+    view.page.locator("#person").click()
+    view.page.locator("#person-blind").check()
+    view.page.get_by_text("Work as this").click()
+    view.page.wait_for_selector("#blind-badge:visible")
+    view.wait(38)
+    view.page.mouse.move(*view.at(5))
+    view.page.mouse.move(x, y)
+    assert "ben" not in view.text("#status") and "suggests" not in view.text("#status")
+    assert not view.page.locator(".model").is_visible()
+
+
+def test_looking_closer_changes_nothing(view: Any, server: Any, stored: Callable[..., Any]) -> None:
+    view.open(33)
+
+    def pressed(name: str) -> str | None:
+        return view.page.locator(f"[data-toggle={name}]").get_attribute("aria-pressed")
+
+    for key, name in (("h", "raw"), ("b", "blink")):
+        view.press(key)
+        assert pressed(name) == "true"
+        view.press(key)
+        assert pressed(name) == "false"
+        view.page.keyboard.down(key)
+        view.page.wait_for_timeout(350)
+        assert pressed(name) == "true"
+        view.page.keyboard.up(key)
+        assert pressed(name) == "false"
+    view.press("l", "v", "]", "k", "+", "+", "Control+ArrowLeft", "s")
+    assert "one camera" in view.text("#toast")
+    assert view.page.locator("[data-setting=enhance]").input_value() == "70"
+    view.press("0")
+    before = view.at(44)
+    view.page.mouse.move(*before)
+    view.page.mouse.wheel(0, -600)
+    view.page.keyboard.down("Space")
+    view.drag(44, 66)
+    view.page.keyboard.up("Space")
+    assert stored(server, 33) == {}
+    view.page.mouse.move(*view.at(66))
+    view.page.wait_for_timeout(100)
+    assert "row 4, column 4" in view.text("#status")  # what was dragged there

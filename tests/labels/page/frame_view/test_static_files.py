@@ -1,0 +1,36 @@
+"""What the page is made of: its start is fetched at once, and nothing runs from the markup."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from tokt.labels import page
+
+STATIC = Path(page.__file__).parent / "static"
+_IMPORT = re.compile(r"""^(?:import|export|\})[^;"]*"\./([\w.]+)";""", re.MULTILINE)
+
+
+def imported(module: str, found: set[str]) -> set[str]:
+    """All modules that one loads before it runs."""
+    found.add(module)
+    for other in _IMPORT.findall((STATIC / module).read_text("utf-8")):
+        if other not in found:
+            imported(other, found)
+    return found
+
+
+def test_all_modules_of_the_start_are_preloaded() -> None:
+    index = (STATIC / "index.html").read_text("utf-8")
+    preloaded = re.findall(r'rel="modulepreload" href="/static/([\w.]+)"', index)
+    needed = imported("main.js", set()) - {"main.js"}
+    assert len(needed) > 20
+    assert sorted(preloaded) == sorted(needed)
+
+
+def test_markup_and_modules_keep_to_the_content_security_policy() -> None:
+    index = (STATIC / "index.html").read_text("utf-8")
+    assert not re.search(r"<style|style=|\son\w+=|<script>", index)
+    for module in STATIC.glob("*.js"):
+        text = module.read_text("utf-8")
+        assert not re.search(r"innerHTML|insertAdjacentHTML|\beval\(|new Function", text), module

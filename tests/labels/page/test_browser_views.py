@@ -1,0 +1,367 @@
+"""Review sheet, overview and agreement in a real browser, checked in the store's file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tokt.features.grid import Grid
+from tokt.labels.agreement import agreement
+from tokt.labels.record import LabelRecord
+from tokt.labels.store import LabelStore
+from tokt.labels.taxonomy import Taxonomy
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+GRID = Grid(10, 10, 360)
+TIME = "2016-04-20T10:00:00Z"
+TOWER = "subsea_installation"
+ANNAS, BENS = range(1, 21), range(5, 9)
+PLANTED = {(5, 0): "sand", (5, 1): "sand", (6, 50): "reef", (7, 99): "reef", (8, 3): "unsure"}
+"""Patches (frame, cell) of ocean that ben says something else of."""
+SURE = len(PLANTED) - 1
+
+Key = tuple[int, int]
+Server = Any
+
+
+def record(frame: int, cell: int, label: str, who: str) -> LabelRecord:
+    row, col = divmod(cell, GRID.cols)
+    return LabelRecord("tiny", "left", frame, GRID, row, col, label, who, TIME)
+
+
+@pytest.fixture(scope="module")
+def server(
+    page_server: Callable[..., Server],
+    tiny_truth: Any,
+    tiny_bundle: Any,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Server:
+    """Anna labelled half the tiny mission, ben four of her frames; there is a model."""
+    workspace = tmp_path_factory.mktemp("views") / ".tokt"
+    workspace.mkdir()
+    rows = [(frame, 10 * row + col, label) for _, _, frame, row, col, label in tiny_truth.labels()]
+    truth = {(frame, cell): label for frame, cell, label in rows}
+    records = [record(*at, label, "anna") for at, label in truth.items() if at[0] in ANNAS]
+    records += [
+        record(*at, PLANTED.get(at, label), "ben") for at, label in truth.items() if at[0] in BENS
+    ]
+    with LabelStore(workspace / "labels.db") as store:
+        store.add(records)
+    return page_server("--annotator", "anna", "--model", tiny_bundle, workspace=workspace)
+
+
+@pytest.fixture
+def open_page(browse: Callable[..., Page], server: Server) -> Callable[..., Page]:
+    """Open a place of the page, and wait for something that is there when it can be used."""
+
+    def start(place: str, ready: str, **options: Any) -> Page:
+        page = browse(server, place, **options)
+        page.wait_for_selector(ready)
+        return page
+
+    return start
+
+
+@pytest.fixture
+def changes(server: Server) -> Iterator[Callable[..., dict[Key, str | None]]]:
+    """What a person's labels have become since the test began: {(frame, cell): label}."""
+    before = in_store(server)
+
+    def since(who: str = "anna") -> dict[Key, str | None]:
+        now = in_store(server)
+        keys = {at[1:] for at in before | now if at[0] == who}
+        return {
+            at: now.get((who, *at)) for at in keys if now.get((who, *at)) != before.get((who, *at))
+        }
+
+    yield since
+
+
+def in_store(server: Server) -> dict[tuple[str, int, int], str | None]:
+    with LabelStore(server.workspace / "labels.db") as store:
+        return {
+            (one.annotator, one.frame, one.row * GRID.cols + one.col): one.label
+            for one in store.current("tiny", grid=GRID)
+        }
+
+
+def saved(page: Page) -> None:
+    """Wait until the page says that all is saved."""
+    page.wait_for_function("() => document.querySelector('#save-state').dataset.state === 'saved'")
+
+
+def undo(page: Page) -> None:
+    page.keyboard.press("Control+z")
+    page.wait_for_function("() => document.querySelector('#toast').textContent.includes('Undone')")
+    saved(page)
+
+
+def toast(page: Page, text: str) -> None:
+    """Wait until the page says this."""
+    page.wait_for_function(
+        "text => document.querySelector('#toast').textContent.includes(text)", arg=text
+    )
+
+
+def patches(page: Page, which: str = "") -> list[Key]:
+    """The tiles shown that `which` (CSS) chooses."""
+    names = page.locator(f".tile{which}").evaluate_all(
+        "tiles => tiles.map((tile) => tile.getAttribute('aria-label'))"
+    )
+    return [patch_of(name) for name in names]
+
+
+def selected(page: Page) -> list[Key]:
+    """The selected patches."""
+    return patches(page, "[aria-selected=true]")
+
+
+def patch_of(name: str) -> Key:
+    found = re.match(r"left (\d+), row (\d+), column (\d+)", name)
+    assert found, name
+    frame, row, col = map(int, found.groups())
+    return frame, (row - 1) * GRID.cols + col - 1
+
+
+def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(
+    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+) -> None:
+    page = open_page(f"#/sheet/{TOWER}", ".tile")
+    tiles = page.locator(".tile")
+    tiles.nth(1).click()
+    tiles.nth(4).click(modifiers=["Shift"])
+    tiles.nth(7).click()
+    tiles.nth(2).click()
+    chosen = selected(page)
+    assert len(chosen) == 4
+    page.keyboard.press("4")
+    toast(page, "4 patches are now reef; Ctrl+Z undoes.")
+    saved(page)
+    assert changes() == dict.fromkeys(chosen, "reef")
+    assert tiles.nth(7).locator(".tile-caption").inner_text().split() == ["4", "reef"]
+    assert page.locator(".tab", has_text="reef").locator(".count").inner_text() == "4"
+    undo(page)
+    assert changes() == {}
+    assert tiles.nth(7).locator(".tile-caption").inner_text() == ""
+
+
+def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page: Callable[..., Page]) -> None:
+    page = open_page(f"#/sheet/{TOWER}", ".tile")
+    boxes = [page.locator(".tile").nth(index).bounding_box() for index in (1, 3)]
+    (x0, y0), (x1, y1) = ((box["x"] + 30, box["y"] + 30) for box in boxes if box)
+    page.mouse.move(x0, y0)
+    page.mouse.down()
+    page.mouse.move(x1, y1 + 5, steps=3)
+    page.mouse.up()
+    assert len(selected(page)) == 3
+    page.keyboard.press("Escape")
+    assert selected(page) == []
+    page.keyboard.press("Home")
+    for key in ("Shift+ArrowRight", "Shift+ArrowRight", "ArrowRight", "ArrowRight", "Space"):
+        page.keyboard.press(key)
+    assert len(selected(page)) == 4
+    page.keyboard.press("Control+a")
+    assert len(selected(page)) == page.locator(".tile").count()
+
+
+def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(
+    open_page: Callable[..., Page],
+) -> None:
+    page = open_page("#/sheet/ocean", ".tile")
+    page.keyboard.press("PageDown")
+    page.wait_for_function(
+        "() => document.querySelector('.sheet-range').textContent.startsWith('201–400')"
+    )
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowRight")
+    name = page.locator(".tile.at-cursor").get_attribute("aria-label")
+    frame, cell = patch_of(name or "")
+    page.keyboard.press("Enter")
+    page.wait_for_url(re.compile(rf"#/label/left/{frame}(/{cell})?$"))
+    row, col = divmod(cell, GRID.cols)
+    cursor = f"row {row + 1}, column {col + 1}: ocean"
+    page.wait_for_function(
+        "text => document.querySelector('#view').innerText.includes(text)", arg=cursor
+    )
+    page.go_back()
+    page.wait_for_selector(".tile.at-cursor")
+    assert page.locator(".sheet-range").inner_text().startswith("201–400")
+    assert page.locator(".tile.at-cursor").get_attribute("aria-label") == name
+
+
+def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
+    open_page: Callable[..., Page],
+    server: Server,
+    changes: Callable[..., dict[Key, str | None]],
+) -> None:
+    page = open_page("#/overview/left/21", ".thumb:not(.loading)")
+    # What is kept from the frame before is not the model's and carries no version.
+    page.evaluate(
+        "() => localStorage.setItem("
+        "'tokt.settings', JSON.stringify({follow: 0, overviewColumns: 5}))"
+    )
+    page.reload()
+    page.wait_for_selector(".thumb:not(.loading)")
+    page.keyboard.press("+")
+    page.wait_for_function("() => document.querySelectorAll('.thumb').length === 8")
+    page.wait_for_function("() => !document.querySelector('.thumb.loading')")
+    page.keyboard.press("x")
+    for key in ("4", "ArrowRight", "Control+ArrowUp", "Control+ArrowUp", "Space"):
+        page.keyboard.press(key)
+    page.wait_for_selector(".thumb.left-out")
+    page.keyboard.press("Shift+Enter")
+    page.wait_for_url("**/#/overview/left/29")
+    saved(page)
+    changed = changes()
+    painted = (22, 45)
+    assert changed[painted] == "reef"
+    assert set(changed) == {(frame, cell) for frame in range(22, 29) for cell in range(100)}
+    with LabelStore(server.workspace / "labels.db") as store:
+        versions = {
+            (one.frame, one.row * GRID.cols + one.col): one.model_version
+            for one in store.current("tiny", grid=GRID)
+            if one.annotator == "anna" and one.frame > max(ANNAS)
+        }
+    assert versions.pop(painted) is None
+    assert set(versions.values()) == {"tiny-lbp/1"}
+    undo(page)
+    assert changes() == {painted: "reef"}
+    undo(page)
+    assert changes() == {}
+
+
+def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(
+    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+) -> None:
+    page = open_page("#/overview/left/31", ".thumb:not(.loading)")
+    page.keyboard.press("3")
+    here = [page.locator(".thumb canvas").nth(index).bounding_box() for index in (0, 1, 2)]
+
+    def drag(first: tuple[int, int], last: tuple[int, int], button: Any = "left") -> None:
+        for step, (thumb, cell) in enumerate((first, last)):
+            box = here[thumb]
+            assert box is not None
+            row, col = divmod(cell, 10)
+            x, y = box["x"] + box["width"] * (col + 0.5) / 10, box["y"] + 12.5 * (row + 0.5)
+            page.mouse.move(x, y, steps=8)
+            if step == 0:
+                page.mouse.down(button=button)
+        page.mouse.up(button=button)
+
+    drag((0, 38), (1, 31))
+    drag((2, 0), (2, 0), button="right")
+    page.keyboard.down("Shift")
+    drag((2, 11), (2, 22))
+    page.keyboard.up("Shift")
+    saved(page)
+    stroke = dict.fromkeys([(31, 38), (31, 39), (32, 30), (32, 31)], "sand")
+    rectangle = dict.fromkeys([(33, 11), (33, 12), (33, 21), (33, 22)], "sand")
+    assert changes() == {**stroke, (33, 0): "unsure", **rectangle}
+    undo(page)
+    assert changes() == {**stroke, (33, 0): "unsure"}
+    for left in (stroke, {}):
+        undo(page)
+        assert changes() == left
+
+
+def expected_kappa(server: Server) -> str:
+    with LabelStore(server.workspace / "labels.db") as store:
+        records = store.current("tiny", grid=GRID)
+    of = {who: [one for one in records if one.annotator == who] for who in ("anna", "ben")}
+    kappa = agreement(of["anna"], of["ben"], Taxonomy.load()).kappa
+    assert kappa is not None and kappa < 1
+    return f"{kappa:.3f}"
+
+
+def settled(server: Server) -> dict[Key, tuple[str | None, str]]:
+    with LabelStore(server.workspace / "labels.db") as store:
+        return {
+            (one.frame, one.row * GRID.cols + one.col): (one.label, one.annotator)
+            for one in store.settled("tiny", GRID)
+        }
+
+
+def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
+    open_page: Callable[..., Page],
+    server: Server,
+    changes: Callable[..., dict[Key, str | None]],
+) -> None:
+    page = open_page("#/agreement/anna/ben", ".conflicts .tile")
+    assert page.locator(".kappa strong").inner_text() == expected_kappa(server)
+    assert page.locator(".conflicts .tile").count() == SURE
+    page.keyboard.press("e")
+    assert set(patches(page)) == set(PLANTED)
+    page.get_by_role("button", name="2 patches anna: ocean, ben: sand").click()
+    assert set(patches(page)) == {(5, 0), (5, 1)}
+    page.keyboard.press("Control+a")
+    page.keyboard.press("3")
+    toast(page, "2 patches are settled as sand")
+    saved(page)
+    assert settled(server) == dict.fromkeys([(5, 0), (5, 1)], ("sand", "anna"))
+    assert changes("anna") == changes("ben") == {}
+    page.keyboard.press("Home")
+    page.keyboard.press("Delete")
+    saved(page)
+    assert list(settled(server)) == [(5, 1)]
+    undo(page)
+    assert len(settled(server)) == 2
+    undo(page)
+    assert settled(server) == {}
+
+
+def test_a_second_labelling_is_blind_and_by_another_person(
+    open_page: Callable[..., Page], server: Server
+) -> None:
+    page = open_page("#/agreement/anna/ben", ".conflicts .tile")
+    page.keyboard.press("b")
+    page.select_option("#blind-of", "ben")
+    page.fill("#blind-who", "ben")
+    page.keyboard.press("Enter")
+    toast(page, "another person's name")
+    page.fill("#blind-who", "carl")
+    answers: list[Any] = []
+    page.on("response", lambda answer: "/api/" in answer.url and answers.append(answer))
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/#/label/left/5")
+    page.goto(server.url + "#/overview/left/1")
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.thumb-number')].map((one) => one.textContent)"
+        ".join() === '5,6,7,8' && !document.querySelector('.thumb.loading')"
+    )
+    assert "Accept 0" in page.locator(".overview button.main").inner_text()
+    page.keyboard.press("o")
+    toast(page, "now ocean")
+    saved(page)
+    page.goto(server.url + "#/agreement")
+    page.wait_for_selector("text=4 of 4 are done")
+    told = [answer for answer in answers if "/api/labels" in answer.url]
+    assert told and all("blind=1" in answer.url for answer in told)
+    for answer in told:
+        for frame in answer.json()["frames"]:
+            assert not frame["others"] and not frame["suggestions"]
+            assert set(frame["mine"]) <= {None, "ocean"} and not any(frame["settled"])
+    assert not any("/api/agreement" in answer.url for answer in answers)
+    page.get_by_role("button", name="End blind labelling and compare").click()
+    page.wait_for_selector(".kappa")
+    assert "carl: 400" in page.locator("dt:text('Of these blind') + dd").inner_text()
+
+
+def test_what_cannot_be_shown_is_said_in_a_sentence(
+    browse: Callable[..., Page], page_server: Callable[..., Server]
+) -> None:
+    lonely = page_server("--annotator", "anna")
+    page = browse(lonely, "#/agreement")
+    page.wait_for_selector("text=Only anna has worked on this mission so far")
+    page.goto(lonely.url + "#/sheet/sand")
+    page.wait_for_selector(".tile-scroller[data-empty='You have labelled no patch sand yet.']")
+    page.goto(lonely.url + "#/overview/left/1")
+    page.wait_for_selector("text=No model: start with --model to get suggestions.")
+    page.wait_for_function("() => !document.querySelector('.thumb.loading')")
+    page.keyboard.press("Enter")
+    toast(page, "Nothing to accept here.")
+    page.keyboard.press("?")
+    page.wait_for_selector("dialog[open] >> text=leave this frame out")
