@@ -86,8 +86,11 @@ class FolderMission:
         self.path = path
         self.name = path.resolve().name
         by_name = {child.name.lower(): child for child in path.iterdir() if child.is_dir()}
+        # An empty Right/ is no camera: whoever takes its first frame would find none.
         self._files = {
-            camera: _numbered(by_name[camera]) for camera in (LEFT, RIGHT) if camera in by_name
+            camera: files
+            for camera in (LEFT, RIGHT)
+            if camera in by_name and (files := _numbered(by_name[camera]))
         }
         if not self._files:
             self._files = {LEFT: _numbered(path)}

@@ -22,23 +22,31 @@ from .store_schema import APPLICATION_ID, CELL, COLUMNS, FORMAT, create, format_
 FILE_NAME = "labels.db"
 
 _BUSY_S = 60.0  # how long to wait for another process that is writing
+_RETRY_S = 0.02  # between two tries to be the one who writes
+_PRIMARY = 0xFF  # of an SQLite error code: the rest tells kinds of it apart
 _CHUNK = 20_000  # events read at once; others use the store between two chunks
 
 _LAST = """SELECT {what} FROM events WHERE mission = {of}mission AND camera = {of}camera
     AND frame = {of}frame AND grid = {of}grid AND row = {of}row AND col = {of}col
     AND annotator = {of}annotator AND source = {of}source {more} ORDER BY id DESC LIMIT 1"""
 
+_AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
+
 # A person who says the same again, or a model version that suggests the same again, adds nothing.
+# Nor does what was said already, in the same words at the same time: an older file must not bring
+# back what has been changed since.
 _ADD = f"""INSERT INTO events ({COLUMNS})
     SELECT :{COLUMNS.replace(", ", ", :")}
     WHERE (:label, CASE :source WHEN 'model' THEN :model_version END) IS NOT (
         {
     _LAST.format(what="label, CASE source WHEN 'model' THEN model_version END", of=":", more="")
-})"""
+})
+    AND NOT EXISTS (SELECT 1 FROM events WHERE {_AT} AND annotator = :annotator
+        AND source = :source AND label IS :label AND time = :time
+        AND model_version IS :model_version)"""
 
 # A settlement that holds already adds nothing, nor does one that was reopened since: its file
 # knows nothing of the newer opinion.
-_AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
 _SETTLE = f"""INSERT INTO events ({COLUMNS})
     SELECT :{COLUMNS.replace(", ", ", :")}
     WHERE :label IS NOT (SELECT CASE source WHEN 'settled' THEN label END FROM events
@@ -181,8 +189,9 @@ class LabelStore:
     def add(self, records: Iterable[LabelRecord]) -> int:
         """Append `records` in one transaction: all of them, or none when it is interrupted.
 
-        Records that say what the annotator's label in force says already are skipped, so
-        importing a file twice changes nothing.
+        Records that say what the annotator's label in force says already are skipped, and so are
+        those that the store has already, with the same time: importing a file again changes
+        nothing, also where its labels have been changed since.
 
         Returns
         -------
@@ -542,8 +551,8 @@ class LabelStore:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with self._lock, self._user_errors():
-            self._connection.execute("BEGIN IMMEDIATE")
+        with self._user_errors():
+            self._begin()
             try:
                 yield
                 self._connection.execute("COMMIT")
@@ -552,6 +561,33 @@ class LabelStore:
                 if self._connection.in_transaction:
                     self._connection.execute("ROLLBACK")
                 raise
+            finally:
+                self._lock.release()
+
+    def _begin(self) -> None:
+        """Take the lock and begin to write.
+
+        While another process writes, such as a long import, other threads must be able to read:
+        SQLite would wait for it with the lock held.
+        """
+        deadline = time.monotonic() + _BUSY_S
+        while not self._has_begun(give_up=time.monotonic() > deadline):
+            time.sleep(_RETRY_S)
+
+    def _has_begun(self, *, give_up: bool) -> bool:
+        """Take the lock and begin to write, or take nothing while another process writes."""
+        with self._lock:
+            self._connection.execute("PRAGMA busy_timeout = 0")
+            try:
+                self._connection.execute("BEGIN IMMEDIATE")
+            except sqlite3.OperationalError as error:
+                if give_up or error.sqlite_errorcode & _PRIMARY != sqlite3.SQLITE_BUSY:
+                    raise
+                return False
+            finally:
+                self._connection.execute(f"PRAGMA busy_timeout = {_BUSY_S * 1000:.0f}")
+            self._lock.acquire()  # once more: held until the transaction ends
+            return True
 
     @contextmanager
     def _user_errors(self) -> Iterator[None]:

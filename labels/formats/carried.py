@@ -1,19 +1,20 @@
 """A label record as attributes of a box, where a format has a place for attributes.
 
 So that files of our own come back without loss, also through a tool that turns the text ``3``
-into the number ``3.0``.
+into the number ``3.0``, and that what people changed there can be told from what they left.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ...features.errors import ToktError
 from ...features.grid import Grid
-from ..record import HUMAN, LabelRecord, utc_text
-from ..taxonomy import UNSURE
+from ..record import HUMAN, MODEL, LabelRecord, utc_now, utc_text
+from .options import label_of
 
 FORMAT = 1
 """Format of the attributes. Raise it when an older `tokt` would misread newer ones."""
@@ -25,7 +26,7 @@ _LARGEST_EXACT = 2**53
 
 
 def to_attributes(record: LabelRecord) -> dict[str, str | int]:
-    """All that a record says besides its label."""
+    """All that a record says."""
     attributes: dict[str, str | int] = {
         _MARK: FORMAT,
         f"{_PREFIX}mission": record.mission,
@@ -34,6 +35,7 @@ def to_attributes(record: LabelRecord) -> dict[str, str | int]:
         f"{_PREFIX}grid": str(record.grid),
         f"{_PREFIX}row": record.row,
         f"{_PREFIX}col": record.col,
+        f"{_PREFIX}label": label_of(record),
         f"{_PREFIX}annotator": record.annotator,
         f"{_PREFIX}time": record.time,
     }
@@ -45,7 +47,7 @@ def to_attributes(record: LabelRecord) -> dict[str, str | int]:
 
 
 def from_attributes(attributes: Mapping[str, Any]) -> LabelRecord | None:
-    """The record that attributes carry, labelled ``unsure``; None where they carry none.
+    """The record that attributes carry, as it was written; None where they carry none.
 
     Raises
     ------
@@ -68,11 +70,29 @@ def from_attributes(attributes: Mapping[str, Any]) -> LabelRecord | None:
         grid=Grid.parse(_text(attributes, "grid")),
         row=_number(attributes, "row"),
         col=_number(attributes, "col"),
-        label=UNSURE,
+        label=_text(attributes, "label"),
         annotator=_text(attributes, "annotator"),
         time=utc_text(_text(attributes, "time")),
         source=source,
         model_version=_text(attributes, "model_version") if with_model else None,
+    )
+
+
+def changed_by_hand(
+    record: LabelRecord, label: str, annotator: str | None, instead: str
+) -> LabelRecord:
+    """What a person made of a record in another tool: said now, and no model's suggestion.
+
+    By `annotator`, else by who said it before, or by `instead` where that was a model.
+    """
+    suggested = record.source == MODEL
+    return replace(
+        record,
+        label=label,
+        annotator=annotator or (instead if suggested else record.annotator),
+        time=utc_now(),
+        source=HUMAN if suggested else record.source,
+        model_version=None,
     )
 
 

@@ -24,8 +24,8 @@ from ...features.atomic import publish_folder, scratch_folder
 from ...features.errors import FrameError, ToktError
 from ...features.grid import Grid
 from ...features.image_file import SUFFIXES
-from ..record import HUMAN, SETTLED, LabelRecord, utc_now
-from .carried import from_attributes, to_attributes
+from ..record import SETTLED, LabelRecord
+from .carried import changed_by_hand, from_attributes, to_attributes
 from .images import FrameKey, MissionImages
 from .options import (
     Exported,
@@ -39,7 +39,7 @@ from .options import (
 )
 from .placing import frames_of
 from .reading import class_names
-from .text_file import parse_json, read_utf8, table, text_in
+from .text_file import parse_json, read_utf8, table
 
 TITLE = "folder of patches"
 
@@ -68,7 +68,7 @@ def write_patch_folder(
     remarks: Remarks = Counter()
     chosen = _one_label_a_patch(records, remarks)
     groups = frames_of(chosen, f"a {TITLE}")
-    patches: dict[str, dict[str, Any]] = {}
+    patches: dict[str, dict[str, str | int]] = {}
     try:
         with scratch_folder(path) as folder:
             for key, mine in options.progress(groups, len(groups), "frames"):
@@ -114,7 +114,7 @@ def _write_frame(
     images: MissionImages,
     key: FrameKey,
     mine: list[LabelRecord],
-    patches: dict[str, dict[str, Any]],
+    patches: dict[str, dict[str, str | int]],
     remarks: Remarks,
 ) -> None:
     if images.file_name(key) is None:
@@ -136,7 +136,7 @@ def _write_frame(
         target = folder / label_of(record) / name
         target.parent.mkdir(exist_ok=True)
         target.write_bytes(data.tobytes())
-        patches[name] = {"label": record.label, **to_attributes(record)}
+        patches[name] = to_attributes(record)
 
 
 def _resized(frame: NDArray[np.uint8], grid: Grid) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
@@ -183,8 +183,8 @@ def read_patch_folder(path: Path, options: ReadOptions) -> Imported:
     return Imported(records, lines(remarks))
 
 
-def _manifest(path: Path) -> dict[str, tuple[str, LabelRecord]]:
-    """By file name: the class as written and the record."""
+def _manifest(path: Path) -> dict[str, LabelRecord]:
+    """The records as written, by file name."""
     file = path / MANIFEST
     if not file.is_file():
         raise ToktError(
@@ -206,7 +206,7 @@ def _manifest(path: Path) -> dict[str, tuple[str, LabelRecord]]:
         raise ToktError(f"{file}: {error}") from None
 
 
-def _listed_patch(name: str, value: Any) -> tuple[str, LabelRecord]:
+def _listed_patch(name: str, value: Any) -> LabelRecord:
     entry = table(value, f"patch {name!r}")
     try:
         record = from_attributes(entry)
@@ -214,7 +214,7 @@ def _listed_patch(name: str, value: Any) -> tuple[str, LabelRecord]:
         raise ToktError(f"patch {name!r}: {error}") from None
     if record is None:
         raise ToktError(f"patch {name!r} is of no frame")
-    return text_in(entry.get("label"), f"patch {name!r}: label"), record
+    return record
 
 
 def _found(path: Path, manifest: dict[str, Any]) -> tuple[dict[str, str], int]:
@@ -233,23 +233,14 @@ def _found(path: Path, manifest: dict[str, Any]) -> tuple[dict[str, str], int]:
 
 
 def _record(
-    entry: tuple[str, LabelRecord],
+    record: LabelRecord,
     folder: str,
     label: str,
     annotator: str | None,
     path: Path,
     remarks: Remarks,
 ) -> LabelRecord:
-    written_as, record = entry
-    if folder == written_as:
+    if folder == record.label:
         return replace(record, label=label)
     remarks["patch", "moved to another class: labels by hand"] += 1
-    of_person = record.annotator if record.source == HUMAN else path.resolve().name
-    return replace(
-        record,
-        label=label,
-        annotator=annotator or of_person,
-        time=utc_now(),
-        source=HUMAN,
-        model_version=None,
-    )
+    return changed_by_hand(record, label, annotator, path.resolve().name)

@@ -17,7 +17,7 @@ from ...features.errors import ToktError
 from ..record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
 from ..taxonomy import UNSURE, Taxonomy
 from .boxes import Box, Size, patch_box, patches_in_box
-from .carried import from_attributes
+from .carried import changed_by_hand, from_attributes
 from .images import FrameKey
 from .options import Imported, ReadOptions, Remarks, count, lines, mission_images
 
@@ -140,16 +140,23 @@ class _Labels:
         if found.box.is_empty:
             self._remarks["box", "left out: without area"] += 1
         elif carried and self._is_in_place(carried, found):
+            if found.label != carried.label:
+                self._remarks["box", "of another class than tokt wrote: labels by hand"] += 1
+                carried = self._by_hand(carried, found, label)
             self._keep(1.0, replace(carried, label=label))
         elif carried:
             self._remarks["box", "moved since tokt wrote the file: read by its new place"] += 1
-            self._spread(found, carried, found.size or self._size(_key(carried)), label)
+            size = found.size or self._size(_key(carried))
+            self._spread(found, self._by_hand(carried, found, label), size, label)
         else:
             self._add_foreign(found, label)
 
     def _is_in_place(self, carried: LabelRecord, found: FoundBox) -> bool:
         size = found.size or self._size(_key(carried))
         return found.box.is_like(patch_box(carried.grid, size, carried.row, carried.col))
+
+    def _by_hand(self, carried: LabelRecord, found: FoundBox, label: str) -> LabelRecord:
+        return changed_by_hand(carried, label, self._options.annotator, found.annotator)
 
     def _size(self, key: FrameKey) -> Size:
         what = "boxes without the size of their frame"

@@ -34,7 +34,8 @@ SECURITY_HEADERS = {
 }
 _SAFE_METHODS = ("GET", "HEAD")
 _OWN_SITES = ("same-origin", "none")
-_HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d+))?")
+_LENGTH = re.compile(r"[0-9]{1,18}")
+_HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d{1,5}))?")
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,9 @@ class Access:
         hosts = headers.getlist("host")
         if len(hosts) != 1 or not self._rules.is_our_host(hosts[0]):
             return failed(403, "this server is not addressed by that host name")
+        # The page itself may be opened by a link anywhere; all else only our own page asks for.
+        if scope["path"] != "/" and headers.get("sec-fetch-site", "none") not in _OWN_SITES:
+            return failed(403, "a page of another site may not ask for anything here")
         if scope["method"] not in _SAFE_METHODS:
             refused = _refuse_write(headers, f"http://{hosts[0].lower()}")
             if refused is not None:
@@ -125,8 +129,10 @@ class Access:
             query = parse_qs(scope["query_string"].decode("latin-1"))
             if any(self._rules.is_token(given) for given in query.get("token", [])):
                 answer = RedirectResponse("/", status_code=303)
+                # Not "strict": a colleague's link, followed from a mail, must find the cookie. What
+                # other sites may ask for is refused by where the request comes from.
                 answer.set_cookie(
-                    self._rules.cookie, self._rules.cookie_value, httponly=True, samesite="strict"
+                    self._rules.cookie, self._rules.cookie_value, httponly=True, samesite="lax"
                 )
                 answer.headers["cache-control"] = "no-store"
                 return answer
@@ -144,12 +150,11 @@ def _refuse_write(headers: Headers, own_origin: str) -> Response | None:
     origin = headers.get("origin")
     if origin is not None and origin.lower() != own_origin:
         return failed(403, "a page of another origin may not change anything here")
-    if headers.get("sec-fetch-site", "none") not in _OWN_SITES:
-        return failed(403, "a page of another site may not change anything here")
     if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         return failed(415, "the body must be application/json")
     length = headers.get("content-length", "")
-    if not length.isascii() or not length.isdigit():
+    # Where both are given the parts of the body count, and nothing limits them.
+    if _LENGTH.fullmatch(length) is None or "transfer-encoding" in headers:
         return failed(411, "the body's length must be told")
     if int(length) > MAX_BODY:
         return failed(413, f"the body is longer than {MAX_BODY} bytes")

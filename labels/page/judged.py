@@ -5,9 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import zipfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.mission import Mission
+from ...features.mission import FolderMission, Mission
 
 FORMAT = 1
 _TO_DO, _JUDGED, _FAULTY = range(3)
@@ -130,11 +128,15 @@ class JudgedTable:
         )
 
     def to_bytes(self, key: str) -> bytes:
-        """Everything known, as a file that `load` reads with the same key."""
-        faults = {str(index): fault for index, fault in self._faults.items()}
-        texts = json.dumps({"format": FORMAT, "key": key, "faults": faults}).encode("utf-8")
+        """Everything judged, as a file that `load` reads with the same key.
+
+        Faulty frames are not in it: what could not be read once may be read the next time.
+        """
+        texts = json.dumps({"format": FORMAT, "key": key}).encode("utf-8")
+        states = np.where(self._states == _JUDGED, self._states, np.uint8(_TO_DO))
+        arrays = {**self._arrays(), "states": states}
         buffer = io.BytesIO()
-        np.savez(buffer, texts=np.frombuffer(texts, np.uint8), **self._arrays())
+        np.savez(buffer, texts=np.frombuffer(texts, np.uint8), **arrays)
         return buffer.getvalue()
 
     def load(self, path: Path, key: str) -> bool:
@@ -147,7 +149,6 @@ class JudgedTable:
             with np.load(path, allow_pickle=False) as file:
                 arrays = {name: file[name] for name in ("texts", *own)}
             texts = json.loads(arrays.pop("texts").tobytes())
-            faults = {int(index): str(fault) for index, fault in texts["faults"].items()}
             if (texts["format"], texts["key"]) != (FORMAT, key):
                 return False
         except (*_UNREADABLE, TypeError, AttributeError):
@@ -156,11 +157,11 @@ class JudgedTable:
             (array.shape, array.dtype) == (own[name].shape, own[name].dtype)
             for name, array in arrays.items()
         )
-        if not fits or set(faults) != set(np.flatnonzero(arrays["states"] == _FAULTY).tolist()):
+        if not fits or not np.isin(arrays["states"], (_TO_DO, _JUDGED)).all():
             return False
         for name, array in arrays.items():
             own[name][...] = array
-        self._faults = faults
+        self._faults.clear()
         self.done = int((self._states != _TO_DO).sum())
         return True
 
@@ -179,26 +180,21 @@ def no_suggestions(fault: str) -> Suggestions:
 
 
 def mission_stamp(mission: Mission) -> str:
-    """A hash of the names, sizes and times of a mission's files: other files, other stamp.
+    """A hash of the names, sizes and times of a mission's frames: other files, other stamp.
 
-    Raises
-    ------
-    OSError
-        If the mission's folder cannot be read.
+    Nothing else in its folder counts: a workspace in it changes with every label.
     """
-    stamps = sorted(
-        f"{file.relative_to(mission.path)}\0{stat.st_size}\0{stat.st_mtime_ns}"
-        for file, stat in _files(mission.path)
-    )
-    return hashlib.sha256("\n".join(stamps).encode("utf-8", "surrogateescape")).hexdigest()
+    files = [mission.path]
+    if isinstance(mission, FolderMission):
+        names = ((frame, camera) for camera in mission.cameras for frame in mission.frames(camera))
+        files = [mission.file(*name) for name in names]
+    stamps = "\n".join(f"{file.relative_to(mission.path)}\0{_state(file)}" for file in files)
+    return hashlib.sha256(stamps.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def _files(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """A file, or the files of a folder and of the folders in it."""
-    if path.is_file():
-        yield path, path.stat()
-        return
-    folders = [path, *(child for child in path.iterdir() if child.is_dir())]
-    for folder in folders:
-        with os.scandir(folder) as entries:
-            yield from ((Path(entry.path), entry.stat()) for entry in entries if entry.is_file())
+def _state(file: Path) -> str:
+    try:
+        stat = file.stat()
+    except OSError:
+        return ""  # a frame that cannot be read, which pages say
+    return f"{stat.st_size}\0{stat.st_mtime_ns}"

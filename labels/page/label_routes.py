@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -10,16 +11,26 @@ from starlette.responses import Response
 
 from ...features.errors import ToktError
 from ...features.mission import parse_frames
-from ..action import Action, Applied, Change
+from ..action import Action, Applied, Change, Conflict
 from ..record import SETTLED, Cell
 from .answers import answered, refuse
 from .bodies import ActionBody, Camera, StepBody
-from .queries import Blind, Frame, SessionOf, Who, check_frame, refuse_blind
+from .queries import (
+    Blind,
+    Frame,
+    SessionOf,
+    Version,
+    Who,
+    check_frame,
+    check_version,
+    refuse_blind,
+)
 from .session import Session
 from .suggested import suggestions_of
 
 router = APIRouter(prefix="/api")
 MOST_FRAMES = 60
+_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
 
 
 @router.get("/labels")
@@ -30,8 +41,10 @@ def get_labels(
     who: Who | None = None,
     blind: Blind = False,
     suggest: bool = False,
+    version: Version = "",
 ) -> Response:
     """Labels of up to `MOST_FRAMES` frames, as ``17,18,19`` or ``17-19``."""
+    check_version(session, version)
     numbers = _frame_numbers(frames)
     for number in numbers:
         check_frame(session, camera, number)
@@ -87,13 +100,20 @@ def get_history(
 
 
 def _frame_numbers(text: str) -> list[int]:
+    # Before they are listed: a few ranges may name more frames than fit into memory.
+    for first, last in _RANGE.findall(text):
+        _check_number(int(last) - int(first) + 1)
     try:
         numbers = parse_frames(text)
     except ToktError as error:
         raise refuse(400, str(error)) from None
-    if len(numbers) > MOST_FRAMES:
-        raise refuse(400, f"{len(numbers)} frames at once; the most is {MOST_FRAMES}")
+    _check_number(len(numbers))
     return numbers
+
+
+def _check_number(n: int) -> None:
+    if n > MOST_FRAMES:
+        raise refuse(400, f"{n} frames at once; the most is {MOST_FRAMES}")
 
 
 def _labels(session: Session, who: str, blind: bool, camera: str, frame: int) -> dict[str, Any]:
@@ -165,21 +185,28 @@ def _step(session: Session, body: StepBody, reverse: Callable[..., Applied | Non
 
 def _applied(session: Session, body: ActionBody | StepBody, applied: Applied) -> dict[str, Any]:
     session.refresh()
-    cols = session.grid.cols
     return {
         "key": applied.key,
         "event": applied.event,
         "changed": applied.changed,
         "repeated": applied.repeated,
-        "conflicts": [
-            {
-                "camera": conflict.camera,
-                "frame": conflict.frame,
-                "cell": conflict.row * cols + conflict.col,
-                "theirs": conflict.theirs,
-                "yours": conflict.yours,
-            }
-            for conflict in applied.conflicts
-        ],
+        "conflicts": [_conflict(session, body, conflict) for conflict in applied.conflicts],
         **session.state_after(body.who, body.blind, set(applied.frames)),
+    }
+
+
+def _conflict(
+    session: Session, body: ActionBody | StepBody, conflict: Conflict
+) -> dict[str, str | int | None]:
+    camera, frame, theirs = conflict.camera, conflict.frame, conflict.theirs
+    cell = conflict.row * session.grid.cols + conflict.col
+    if body.blind:
+        # Where a settlement is undone, what holds may be somebody else's word.
+        theirs = session.board.labels(body.who, camera, frame)[cell]
+    return {
+        "camera": camera,
+        "frame": frame,
+        "cell": cell,
+        "theirs": theirs,
+        "yours": conflict.yours,
     }

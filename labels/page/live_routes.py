@@ -22,7 +22,7 @@ async def get_events(
     session: SessionOf,
     who: Who | None = None,
     blind: Blind = False,
-    since: Annotated[int | None, Query(ge=0)] = None,
+    since: Annotated[int | None, Query(ge=0, le=2**63 - 1)] = None,
 ) -> StreamingResponse:
     """What changes from now on, and first what changed after event `since`."""
     return StreamingResponse(

@@ -10,9 +10,9 @@ from starlette.responses import Response
 
 from ...features.errors import ToktError
 from .answers import refuse
-from .bodies import MAX_NAME, Camera
+from .bodies import Camera
 from .pictures import frame_picture
-from .queries import SessionOf, check_frame
+from .queries import SessionOf, Version, check_frame, check_version
 from .session import Session
 
 router = APIRouter(prefix="/api")
@@ -24,8 +24,6 @@ _CELL = re.compile(r"(left|right):(\d{1,10}):(\d{1,10})", re.ASCII)
 CameraPart = Annotated[Camera, Path()]
 FramePart = Annotated[int, Path(ge=0, le=2**31 - 1)]
 Enhance = Annotated[int, Query(ge=0, le=100)]
-Version = Annotated[str, Query(alias="v", max_length=MAX_NAME)]
-"""Which mission's pictures a page means: another one may be served on this port tomorrow."""
 
 
 @router.get("/picture/{camera}/{frame}")
@@ -37,6 +35,7 @@ def get_picture(
     version: Version = "",
 ) -> Response:
     """One frame, with its contrast raised by `enhance` per cent."""
+    check_version(session, version)
     check_frame(session, camera, frame)
     return _picture(session, version, frame_picture(session.mission, camera, frame, enhance))
 
@@ -51,6 +50,7 @@ def get_thumb(
     version: Version = "",
 ) -> Response:
     """One frame made smaller."""
+    check_version(session, version)
     check_frame(session, camera, frame)
     made = frame_picture(session.mission, camera, frame, enhance, width)
     return _picture(session, version, made)
@@ -66,6 +66,7 @@ def get_patches(
     version: Version = "",
 ) -> Response:
     """Patches side by side in one picture, ten in a row, from ``left:17:34,left:17:35``."""
+    check_version(session, version)
     wanted = _cells(cells)
     for camera, frame, _ in wanted:
         check_frame(session, camera, frame)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
+from ...features.errors import FrameError, ToktError
 from ...features.grid import Grid
 from ...features.image_file import decode_image
 from ...features.mission import Mission
@@ -154,7 +154,10 @@ class PatchPictures:
         y0, y1 = (patch_height * (row + part) for part in (-margin, 1 + margin))
         x0, x1 = (patch_width * (col + part) for part in (-margin, 1 + margin))
         y, x = max(0, round(y0)), max(0, round(x0))
-        return picture[y : max(y + 1, round(y1)), x : max(x + 1, round(x1))]
+        patch = picture[y : max(y + 1, round(y1)), x : max(x + 1, round(x1))]
+        if not patch.size:
+            raise FrameError("the frame has fewer pixels than the grid has patches")
+        return patch
 
     def _picture(self, camera: str, frame: int, enhance: int, width: int) -> NDArray[np.uint8]:
         key = (camera, frame, enhance, width)

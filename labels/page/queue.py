@@ -80,15 +80,20 @@ def order(
     """
     judged = suggester.judged()
     names = list(zip(judged.cameras.tolist(), judged.frames.tolist(), strict=True))
-    seen = [name for name, is_labelled in labelled.items() if is_labelled]
-    known = set(seen) | ({now} if now else set())
-    is_known = np.fromiter((name in known for name in names), bool, len(names))
-    free = ~is_known if camera is None else ~is_known & (judged.cameras == camera)
+    seen = {name for name, is_labelled in labelled.items() if is_labelled}
+    shown = {now} - seen if now else set()
+    is_seen, is_shown = (
+        np.fromiter((name in some for name in names), bool, len(names)) for some in (seen, shown)
+    )
+    free = ~is_seen & ~is_shown
+    if camera is not None:
+        free &= judged.cameras == camera
     if not free.any():
         return []
     uncertainty = _Uncertainty.of(judged)
     queue = _Queue(judged, uncertainty, _candidates(uncertainty.unsure, free))
-    queue.leave(np.flatnonzero(is_known), [frame for _, frame in known])
+    queue.leave(np.flatnonzero(is_seen), [frame for _, frame in seen], "labelled")
+    queue.leave(np.flatnonzero(is_shown), [frame for _, frame in shown], "shown now")
     entries = []
     for _ in range(min(n, len(queue.candidates))):
         entries.append(queue.take())
@@ -149,15 +154,16 @@ class _Queue:
         self._nearest = np.full(len(candidates), -1)
         self._gap = np.full(len(candidates), np.inf)
         self._free = np.ones(len(candidates), bool)
-        self._taken: set[int] = set()
+        self._compared: dict[str, None] = {}
 
-    def leave(self, places: NDArray[np.int64], frames: list[int]) -> None:
-        """What looks like these known frames, or was seen at the same time, comes late."""
+    def leave(self, places: NDArray[np.int64], frames: list[int], what: str) -> None:
+        """What looks like these frames (`what` they are), or was seen with them, comes late."""
         if frames:
             self._gap = np.minimum(self._gap, _gaps(self._own_frames, np.sort(frames)))
         if len(places):
             nearest = _nearest(self._own_looks, self._looks[places])
             self._come_near(places[nearest])
+            self._compared[what] = None
 
     def take(self) -> QueueEntry:
         """The best candidate left."""
@@ -173,7 +179,7 @@ class _Queue:
             self._why(place, best),
         )
         self._free[best] = False
-        self._taken.add(place)
+        self._compared["before it here"] = None
         self._come_near(np.full(len(self.candidates), place))
         self._gap = np.minimum(self._gap, np.abs(self._own_frames - entry.frame))
         return entry
@@ -193,8 +199,8 @@ class _Queue:
             return f"{unsure}; nothing to compare it with is labelled yet"
         if self._distance[candidate] < _UNLIKE:
             return f"{unsure}; looks most like {self._named(nearest)}"
-        what = "anything labelled or before it here" if self._taken else "anything labelled"
-        return f"{unsure}; looks unlike {what} (nearest: {self._named(nearest)})"
+        what = " or ".join(self._compared)
+        return f"{unsure}; looks unlike anything {what} (nearest: {self._named(nearest)})"
 
     def _named(self, place: int) -> str:
         frame = f"frame {self._judged.frames[place]}"

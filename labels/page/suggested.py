@@ -16,9 +16,12 @@ def suggestions_of(session: Session, camera: str, frame: int) -> dict[str, Any] 
     found = session.suggester.of(camera, frame)
     if found is None:
         return None
+    # A page that was opened with another model must not take these for that one's.
+    label = session.suggester.bundle.label
     if found.fault:
-        return {"classes": [], "values": [], "fault": found.fault}
+        return {"model": label, "classes": [], "values": [], "fault": found.fault}
     return {
+        "model": label,
         "classes": found.classes.tolist(),
         "values": found.values.round(_DECIMALS).tolist(),
         "fault": "",

@@ -145,10 +145,7 @@ class Suggester:
 
     def _load(self) -> None:
         self._saved, self._saved_at = 0, time.monotonic()
-        try:
-            self._key = f"{self.bundle.sha256} {mission_stamp(self._mission)}"
-        except OSError:
-            return  # what is computed could not be told from another dive's: nothing is kept
+        self._key = f"{self.bundle.sha256} {mission_stamp(self._mission)}"
         with self._lock:
             # What a page asked for meanwhile is in the file or will be computed again.
             if self._table.load(self._file, self._key):

@@ -75,6 +75,16 @@ def test_annotators_are_kept_apart(folder: Path) -> None:
     assert (folder / "all2.csv").read_bytes() == (folder / "all.csv").read_bytes()
 
 
+def test_an_import_says_how_many_labels_were_settled(folder: Path) -> None:
+    full = HEADER.replace("\n", ",annotator,time,grid,source,model_version\n")
+    more = "2016-04-20T10:00:00Z,10x10@360"
+    rows = f"dive,left,1,0,0,reef,ann,{more},human,\ndive,left,1,0,0,reef,cat,{more},settled,\n"
+    (folder / "settled.csv").write_text(full + rows)
+    assert "1 new, 0 changed, 0 known already, 1 settled" in _good(folder, "import", "settled.csv")
+    again = json.loads(_good(folder, "import", "settled.csv", "--json"))
+    assert (again["new"], again["settled"], again["unchanged"]) == (0, 0, 2)
+
+
 def test_agreement_of_files_and_annotators(folder: Path) -> None:
     by_file = json.loads(_good(folder, "agreement", "ann.csv", "bob.csv", "--json"))
     assert by_file["confusion"] == [[6, 1], [0, 3]]

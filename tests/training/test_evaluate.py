@@ -179,7 +179,7 @@ def test_several_classes_with_an_own_one_end_to_end(
 
 def test_a_frame_the_runtime_cannot_judge_is_no_correct_clear(evaluate, tiny_bundle, own_tiny):
     before, _ = evaluate(tiny_bundle, mission=own_tiny.path, labels=own_tiny.labels)
-    dark = open_mission(own_tiny.path)._file(1, "left")
+    dark = open_mission(own_tiny.path).file(1, "left")
     cv2.imwrite(str(dark), np.zeros_like(open_mission(own_tiny.path).read(1)))
     after, _ = evaluate(tiny_bundle, mission=own_tiny.path, labels=own_tiny.labels)
     assert before["frames"]["unknown"] == 0

@@ -116,14 +116,16 @@ def import_labels(
                 "changed": added.changed,
                 "unchanged": added.unchanged,
                 "suggestions": added.suggestions,
+                "settled": added.settled,
                 "lost": read.lost,
             }
         )
         return
-    suggested = f", {added.suggestions} suggestions" if added.suggestions else ""
+    more = f", {added.suggestions} suggestions" if added.suggestions else ""
+    more += f", {added.settled} settled" if added.settled else ""
     typer.echo(
         f"{file}: {n} labels by {', '.join(annotators)}: {added.new} new,"
-        f" {added.changed} changed, {added.unchanged} known already{suggested}"
+        f" {added.changed} changed, {added.unchanged} known already{more}"
     )
     _say_lost(FORMATS[chosen].title, read.lost)
 
@@ -160,7 +162,7 @@ def export_labels(
     chosen = format_named(file_format) if file_format else format_to_write(file)
     images = _images(mission_dir, mission)
     wanted = _Wanted(
-        mission or (images.name if images and chosen != CSV else None),
+        mission or (images.name if images else None),
         annotator,
         Grid.parse(grid) if grid else None,
         camera,

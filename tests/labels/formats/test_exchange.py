@@ -93,7 +93,7 @@ def test_csv_says_what_six_columns_lose(
 def test_all_that_a_record_says_is_carried() -> None:
     record = said(source="settled", model_version="net/3")
     carried = {name.removeprefix("tokt_") for name in to_attributes(record)} - {"format"}
-    assert carried == {field.name for field in fields(LabelRecord)} - {"label"}
+    assert carried == {field.name for field in fields(LabelRecord)}
 
 
 def test_file_names_of_other_tools(images: MissionImages, dive: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,15 @@ def test_there_and_back(
     assert said_back["annotators"] == ["ann", "bob"]
     with LabelStore(tmp_path / "copy" / "labels.db") as store:
         assert set(store.current()) == set(RECORDS)
+
+
+def test_the_missions_folder_chooses_the_mission_of_a_csv_too(
+    labels: Callable[..., Any], tmp_path: Path, dive: Path
+) -> None:
+    with LabelStore(tmp_path / ".tokt" / "labels.db") as store:
+        store.add([replace(said(), mission="another")])
+    for more, n in ((), 4), (("--mission-dir", dive), 3):
+        assert f"{n} labels" in labels("export", "out.csv", "--full", *more).err
 
 
 def test_viame_and_patches(labels: Callable[..., Any], tmp_path: Path, dive: Path) -> None:

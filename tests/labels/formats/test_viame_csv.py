@@ -159,9 +159,35 @@ def test_a_box_that_was_moved_counts_where_it_is(
     read = read_viame_csv(_file(tmp_path, moved), replace(reading, images=None))
     assert [(r.row, r.col, r.label, r.annotator) for r in read.records] == [(0, 1, "reef", "ann")]
     assert read.lost == ["1 box moved since tokt wrote the file: read by its new place"]
-    relabelled = text.replace(",reef,", ",sand,")
-    read = read_viame_csv(_file(tmp_path, relabelled), reading)
-    assert [(r.row, r.col, r.label) for r in read.records] == [(0, 0, "sand")]
+
+
+@pytest.mark.parametrize(
+    ("source", "by", "comes_back_as"),
+    [
+        ("human", None, ("human", "ann")),
+        ("human", "bob", ("human", "bob")),
+        ("settled", None, ("settled", "ann")),
+        ("model", None, ("human", "boxes")),
+    ],
+)
+def test_another_class_is_a_label_by_hand_and_no_confirmed_suggestion(
+    tmp_path: Path,
+    reading: ReadOptions,
+    writing: WriteOptions,
+    source: str,
+    by: str | None,
+    comes_back_as: tuple[str, str],
+) -> None:
+    written = [said("reef", 0, col, source=source, model_version="net/3") for col in (0, 1)]
+    write_viame_csv(tmp_path / "out.csv", written, writing)
+    text = (tmp_path / "out.csv").read_text().replace(",reef,", ",sand,", 1)
+    read = read_viame_csv(_file(tmp_path, text), replace(reading, annotator=by))
+    by_hand, kept = sorted(read.records, key=lambda record: record.col)
+    assert kept == written[1]
+    assert (by_hand.label, by_hand.model_version) == ("sand", None)
+    assert (by_hand.source, by_hand.annotator) == comes_back_as
+    assert by_hand.time > written[0].time
+    assert read.lost == ["1 box of another class than tokt wrote: labels by hand"]
 
 
 @pytest.mark.parametrize(
@@ -204,7 +230,8 @@ def test_huge_boxes_stay_in_the_frame(tmp_path: Path, reading: ReadOptions) -> N
         f",(atr) tokt_{key} {value}"
         for key, value in {
             "format": 1, "mission": "dive", "camera": "left", "frame": 3, "grid": huge.grid,
-            "row": 0, "col": 0, "annotator": "ann", "time": huge.time, "size": "99999x99999",
+            "row": 0, "col": 0, "label": "reef", "annotator": "ann", "time": huge.time,
+            "size": "99999x99999",
         }.items()
     )  # fmt: skip
     path = _file(tmp_path, f"0,d.png,0,0,0,9e9,9e9,1,-1,reef,1{attributes}\n")

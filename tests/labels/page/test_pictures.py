@@ -223,6 +223,13 @@ def test_an_unreadable_frame_gives_a_crossed_out_tile(tmp_path: Path) -> None:
         assert (part[20, 20] > 140 and abs(int(part[20, 5]) - 70) < 20) == crossed
 
 
+def test_a_frame_of_fewer_pixels_than_patches_gives_crossed_out_tiles(tmp_path: Path) -> None:
+    mission = numbered_patches(tmp_path)
+    cv2.imwrite(str(tmp_path / "m" / "a_2.png"), np.full((1, 1), 200, np.uint8))
+    sheet = decoded(PatchPictures(mission, Grid()).sprite([("left", 2, 99)], 40, 0, 0)[0])[..., 0]
+    assert sheet[20, 20] > 140 and abs(int(sheet[20, 5]) - 70) < 20
+
+
 def test_a_frame_is_decoded_once_for_all_its_patches(tmp_path: Path) -> None:
     mission = numbered_patches(tmp_path)
     reads = []

@@ -122,16 +122,19 @@ def test_when_all_is_labelled_or_nothing_is_known_the_queue_is_empty() -> None:
 
 WHY = re.compile(
     r"(\d+|no) patch(?:es)? within ([\d.]+) of the threshold; "
-    r"(?:looks (most like|unlike anything labelled(?: or before it here)?)"
+    r"(?:looks (most like|unlike anything (?:labelled|shown now|before it here| or )+)"
     r" \(?(?:nearest: )?frame (\d+)\)?|nothing to compare it with is labelled yet)"
 )
 
 
+@pytest.mark.parametrize("now", [None, 60, 88])
 @pytest.mark.parametrize("labelled", [[], [88], [20, 88, 89, 140, 210]])
-def test_the_reasons_are_true(labelled: list[int]) -> None:
+def test_the_reasons_are_true(labelled: list[int], now: int | None) -> None:
     known = dive(300, {30: 1, 50: 15, 51: 14, 150: 9, 250: 7})
-    queue = order(known, {("left", frame): True for frame in labelled}, 60)
-    points, earlier = points_of(known), list(labelled)
+    shown = ("left", now) if now else None
+    queue = order(known, {("left", frame): True for frame in labelled}, 60, shown)
+    also = {now} - {None, *labelled}
+    points, earlier = points_of(known), [*labelled, *also]
     kinds = set()
     for entry in queue:
         said = WHY.fullmatch(entry.why)
@@ -145,7 +148,10 @@ def test_the_reasons_are_true(labelled: list[int]) -> None:
             away = np.linalg.norm(points[np.array(earlier) - 1] - points[entry.frame - 1], axis=1)
             assert away[earlier.index(int(said[4]))] == pytest.approx(away.min(), rel=1e-3)
             assert (said[3] == "most like") == (away.min() < 1.0)
-            assert ("before it" in said[3]) == (said[3] != "most like" and entry != queue[0])
+            unlike = said[3] != "most like"
+            assert ("before it" in said[3]) == (unlike and entry != queue[0])
+            assert ("labelled" in said[3]) == (unlike and bool(labelled))
+            assert ("shown" in said[3]) == (unlike and bool(also))
         earlier.append(entry.frame)
     assert "most like" in kinds and any(kind and "unlike" in kind for kind in kinds)
     ones = [entry for entry in queue if entry.frame == 30]

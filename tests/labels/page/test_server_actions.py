@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 from hypothesis import given, settings
@@ -266,6 +267,7 @@ def test_no_json_is_a_fault_of_the_server(server) -> None:
         "mission?who=",
         "mission?who=" + "x" * 300,
         "events?since=-1",
+        "events?since=9999999999999999999",
         "history?camera=left&frame=1&cell=100",
         "history?camera=left&frame=1&cell=x",
         "queue?n=0",
@@ -285,6 +287,14 @@ def test_wrong_queries_are_refused(server, query: str) -> None:
     answer = server.request("GET", f"/api/{query}")
     assert answer.status == 400, answer.body
     assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
+
+
+def test_ranges_of_millions_of_frames_are_not_listed(server) -> None:
+    begin = time.monotonic()
+    ranges = ",".join(f"{n}0000000 - {n}9999999" for n in range(1, 4))
+    answer = server.request("GET", f"/api/labels?camera=left&frames={quote(ranges)}")
+    assert answer.status == 400 and "10000000 frames at once" in answer.json["error"]
+    assert time.monotonic() - begin < 1
 
 
 def test_pictures(server) -> None:

@@ -174,3 +174,15 @@ def test_events_since(server) -> None:
         heard = seeing.next("change")
         assert heard["frames"] == [["left", 7], ["left", 8]]
         assert heard["by"] == ["anna", OTHERS]
+
+
+def test_undoing_a_settlement_does_not_tell_who_settled_since(server) -> None:
+    server.paint("b6", 6, [0, 1], THEIRS, who=OTHERS)
+    server.paint("a6", 6, [0], "ocean", blind=True)
+    server.paint("s6", 6, [0], "ocean", source="settled")
+    server.paint("s6-again", 6, [0], THEIRS, base="ocean", who="carl", source="settled")
+    time = "2016-04-20T10:00:00Z"
+    undone = server.post("/api/undo", key="u6", who="anna", blind=True, time=time, target="s6")
+    (conflict,) = undone["conflicts"]
+    assert (conflict["cell"], conflict["theirs"]) == (0, "ocean")
+    assert THEIRS not in _texts(undone["conflicts"])

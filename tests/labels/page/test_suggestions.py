@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
+from tokt.features.errors import FrameError, ToktError
 from tokt.features.grid import Grid
 from tokt.features.mission import open_mission
 from tokt.labels.page.suggestions import Suggester, suggestions
@@ -147,6 +147,37 @@ def test_what_is_kept_of_other_files_or_models_is_not_used(
     after = finished(Suggester(bundle, mission, Grid(), cache)).of("left", 1)
     assert sorted(reads) == list(range(1, 41)) and before and after
     assert np.array_equal(before.values, after.values) == (change != "frame")
+
+
+def test_other_files_in_the_missions_folder_do_not_matter(
+    own_tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace = own_tiny.path / ".tokt"
+    finished(Suggester(bundle, open_mission(own_tiny.path), Grid(), workspace))
+    (workspace / "labels.db").write_text("as if somebody had labelled")
+    mission = open_mission(own_tiny.path)
+    reads = counted(mission, monkeypatch)
+    finished(Suggester(bundle, mission, Grid(), workspace))
+    assert not reads
+
+
+def test_a_frame_that_could_not_be_read_is_read_again_the_next_time(
+    own_tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_read(frame: int, camera: str) -> Any:
+        if frame == 3:
+            raise FrameError("the disk was not there for a moment")
+        return read(frame, camera)
+
+    mission = open_mission(own_tiny.path)
+    read = mission.read
+    monkeypatch.setattr(mission, "read", no_read)
+    first = finished(Suggester(bundle, mission, Grid(), tmp_path)).of("left", 3)
+    assert first and "the disk" in first.fault
+    mission = open_mission(own_tiny.path)
+    reads = counted(mission, monkeypatch)
+    then = finished(Suggester(bundle, mission, Grid(), tmp_path)).of("left", 3)
+    assert then and not then.fault and reads == [3]
 
 
 def test_a_stop_in_the_middle_keeps_what_was_computed(
