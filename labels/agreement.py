@@ -50,14 +50,17 @@ class Agreement:
     kappa_with_unsure, agreement_with_unsure : float or None
         The same over all patches labelled by both, ``unsure`` being a class of its own.
     labels : list of str
-        The taxonomy's classes that occur, in its order, then ``unsure`` if it occurs.
+        The taxonomy's classes that occur, in its order, then `unknown`, then ``unsure`` if it
+        occurs.
+    unknown : list of str
+        Classes that occur and are not in the taxonomy (any more), by name.
     confusion : list of list of int
         ``confusion[i][j]``: patches that A labelled ``labels[i]`` and B ``labels[j]``.
     per_class : dict of str to ClassAgreement
         Over all patches labelled by both, by label.
-    obstacle : ClassAgreement
+    obstacle : ClassAgreement or None
         On "is an obstacle", over the patches where A is sure; B's ``unsure`` counts as no
-        obstacle. It depends on who is A.
+        obstacle. It depends on who is A. None where a class is unknown.
     """
 
     n_a: int
@@ -69,9 +72,10 @@ class Agreement:
     kappa_with_unsure: float | None
     agreement_with_unsure: float | None
     labels: list[str]
+    unknown: list[str]
     confusion: list[list[int]]
     per_class: dict[str, ClassAgreement]
-    obstacle: ClassAgreement
+    obstacle: ClassAgreement | None
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""
@@ -93,8 +97,8 @@ def agreement(
     Raises
     ------
     ToktError
-        If a patch is labelled twice on one side, no patch is labelled on both, a class is not in
-        `taxonomy`, or scikit-learn is not installed.
+        If a patch is labelled twice on one side, no patch is labelled on both, or scikit-learn is
+        not installed.
 
     References
     ----------
@@ -128,15 +132,9 @@ def agreement_of_counts(
     if not pairs:
         raise ToktError("no patch is labelled by both (same mission, camera, frame, grid, cell)")
     used = {label for pair in pairs for label in pair}
-    for label in sorted(used):
-        taxonomy.check_label(label)
-    labels = [name for name in (*taxonomy.names, UNSURE) if name in used]
+    unknown = sorted(used - {*taxonomy.names, UNSURE})
+    labels = [name for name in (*taxonomy.names, *unknown, UNSURE) if name in used]
     sure = Counter({pair: n for pair, n in pairs.items() if UNSURE not in pair})
-    obstacles: Counter[tuple[bool, bool]] = Counter()
-    for (of_a, of_b), n in pairs.items():
-        if of_a != UNSURE:
-            b_says = of_b != UNSURE and taxonomy.is_obstacle(of_b)
-            obstacles[taxonomy.is_obstacle(of_a), b_says] += n
     return Agreement(
         n_a=n_a,
         n_b=n_b,
@@ -147,9 +145,10 @@ def agreement_of_counts(
         kappa_with_unsure=_kappa(pairs),
         agreement_with_unsure=_share_equal(pairs),
         labels=labels,
+        unknown=unknown,
         confusion=[[pairs[of_a, of_b] for of_b in labels] for of_a in labels],
         per_class={name: _on_class(_is_one(pairs, name)) for name in labels},
-        obstacle=_on_class(obstacles),
+        obstacle=None if unknown else _on_class(_is_obstacle(pairs, taxonomy)),
     )
 
 
@@ -173,7 +172,7 @@ def _kappa(pairs: Counter[tuple[str, str]]) -> float | None:
     try:
         from sklearn.metrics import cohen_kappa_score
     except ModuleNotFoundError:
-        raise ToktError("agreement needs scikit-learn: pip install tokt[train]") from None
+        raise ToktError("agreement needs scikit-learn: pip install tokt[label]") from None
     if len({label for pair in pairs for label in pair}) < 2:
         return None
     of_a, of_b = zip(*pairs, strict=True)
@@ -189,6 +188,15 @@ def _is_one(pairs: Counter[tuple[str, str]], name: str) -> Counter[tuple[bool, b
     found: Counter[tuple[bool, bool]] = Counter()
     for (of_a, of_b), n in pairs.items():
         found[of_a == name, of_b == name] += n
+    return found
+
+
+def _is_obstacle(pairs: Counter[tuple[str, str]], taxonomy: Taxonomy) -> Counter[tuple[bool, bool]]:
+    found: Counter[tuple[bool, bool]] = Counter()
+    for (of_a, of_b), n in pairs.items():
+        if of_a != UNSURE:
+            b_says = of_b != UNSURE and taxonomy.is_obstacle(of_b)
+            found[taxonomy.is_obstacle(of_a), b_says] += n
     return found
 
 

@@ -103,7 +103,7 @@ class Board:
         with self._lock:
             # Read first: events of other missions up to there need not be looked at again.
             last = self._store.last_event()
-            changed = Changed(self.event)
+            changed = Changed(self.event, since=self.event)
             rows = self._store.rows_after(self.event, self.mission_name, self.grid)
             while chunk := list(islice(rows, _AT_ONCE)):
                 self._take([row for row in chunk if (row[1], row[2]) in self._position], changed)
@@ -114,7 +114,7 @@ class Board:
     def changed_since(self, event: int) -> Changed:
         """What was said after `event` up to now."""
         rows = self._store.rows_after(event, self.mission_name, self.grid)
-        changed = Changed(max(event, self.event))
+        changed = Changed(max(event, self.event), since=event)
         for number, camera, frame, _row, _col, _label, who, source, *_ in rows:
             if (camera, frame) in self._position:
                 changed.add(who, source, [(camera, frame)])
@@ -229,6 +229,15 @@ class Board:
         with self._lock:
             layer = self._said.get(who)
             return [self._every[n] for n in np.flatnonzero(layer.filled)] if layer else []
+
+    def frames_with(self, who: str, label: str) -> list[FrameName]:
+        """Frames in which this annotator gave at least one patch that label, in order."""
+        with self._lock:
+            layer = self._said.get(who)
+            if layer is None or label not in self._labels:
+                return []
+            some = (layer.labels == self._labels[label]).any(axis=1)
+            return [self._every[n] for n in np.flatnonzero(some)]
 
     def pairs(self, a: str, b: str) -> Counter[tuple[str, str]]:
         """How often `a` and `b` gave a patch each pair of labels, over what both labelled."""

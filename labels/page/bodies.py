@@ -62,8 +62,8 @@ class ChangeBody(_Body):
 class _Write(_Body):
     """What an action and an undo have in common.
 
-    A page that replays what it kept names the mission and the grid (rows, columns) it was made
-    for: the server on this port may have been started anew with another one.
+    A page that replays what it kept names the mission and the grid it was made for: the server on
+    this port may have been started anew with another one.
     """
 
     key: Name
@@ -71,7 +71,7 @@ class _Write(_Body):
     blind: Flag = False
     time: Time
     mission: str | None = None
-    grid: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
+    grid: dict[Literal["rows", "cols", "width"], int | None] | None = None
 
 
 class ActionBody(_Write):

@@ -22,11 +22,14 @@ class Changed:
         The last event that is counted in.
     labelled, settled : dict of str to set of (camera, frame)
         Frames in which that annotator labelled, and in which that annotator settled something.
+    since : int
+        Events up to this one are not counted in.
     """
 
     event: int
     labelled: dict[str, set[FrameName]] = field(default_factory=dict)
     settled: dict[str, set[FrameName]] = field(default_factory=dict)
+    since: int = 0
 
     def __bool__(self) -> bool:
         return bool(self.labelled or self.settled)
@@ -46,7 +49,7 @@ class Changed:
         if not blind:
             return self
         mine = {who: self.labelled[who]} if who in self.labelled else {}
-        return Changed(self.event, mine)
+        return Changed(self.event, mine, since=self.since)
 
     def add(self, who: str, source: str, frames: Iterable[FrameName]) -> None:
         """Count in that `who` labelled or settled something in these frames."""
@@ -59,6 +62,7 @@ class Changed:
             max(self.event, other.event),
             _union(self.labelled, other.labelled),
             _union(self.settled, other.settled),
+            min(self.since, other.since),
         )
 
 

@@ -3,40 +3,117 @@
 from __future__ import annotations
 
 import threading
-from contextlib import nullcontext
+from collections import OrderedDict
+from contextlib import suppress
 from weakref import WeakKeyDictionary
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.mission import Mission, VideoMission, open_mission
+from ...features.errors import FrameError
+from ...features.mission import LEFT, Mission, VideoMission
 
-_video_locks: WeakKeyDictionary[VideoMission, threading.Lock] = WeakKeyDictionary()
-_locks_lock = threading.Lock()
+KEPT_BYTES = 256 * 1024 * 1024
+LOOK_BACK = 24
+"""Frames before the wanted one that a step back keeps: going on so reads the file once in 25."""
 
 
 def read_frame(mission: Mission, camera: str, frame: int) -> NDArray[np.uint8]:
-    """`Mission.read`, one thread at a time where the mission is a video. Raises FrameError."""
-    with _lock(mission):
-        return mission.read(frame, camera)
+    """`Mission.read` for any number of threads, which step back fast. Raises FrameError."""
+    if isinstance(mission, VideoMission) and camera == LEFT:
+        return _kept(mission).read(mission, frame)
+    return mission.read(frame, camera)
 
 
 def encoded_frame(mission: Mission, camera: str, frame: int) -> tuple[bytes, str]:
-    """`Mission.encoded`, one thread at a time where the mission is a video. Raises FrameError."""
-    with _lock(mission):
+    """`Mission.encoded` for any number of threads, which step back fast. Raises FrameError."""
+    if not isinstance(mission, VideoMission):
         return mission.encoded(frame, camera)
+    good, data = cv2.imencode(".png", read_frame(mission, camera, frame))
+    if not good:
+        raise FrameError(f"{mission.path}: frame {frame} cannot be stored as PNG")
+    return data.tobytes(), ".png"
 
 
 def for_background(mission: Mission) -> Mission:
     """What a thread that reads many frames in order should read from.
 
-    A video knows one position: two readers of one would send each other back to its start.
+    A video knows one position: two readers of one would send each other back to its start. No
+    frame of it is kept, as none is read twice.
     """
-    return open_mission(mission.path) if isinstance(mission, VideoMission) else mission
-
-
-def _lock(mission: Mission) -> threading.Lock | nullcontext[None]:
     if not isinstance(mission, VideoMission):
-        return nullcontext()
-    with _locks_lock:
-        return _video_locks.setdefault(mission, threading.Lock())
+        return mission
+    own = VideoMission(mission.path)
+    with _kept_lock:
+        _kept_of[own] = _KeptFrames(0)
+    return own
+
+
+class _KeptFrames:
+    """Decoded frames of one video, the last used ones.
+
+    It does not hold the video itself, whose life it would prolong. Frames that are kept are read
+    while another thread waits for the file.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Of all kept frames together.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most_bytes = most_bytes
+        self._frames: OrderedDict[int, NDArray[np.uint8]] = OrderedDict()
+        self._bytes = 0
+        self._frames_lock = threading.Lock()
+        self._last = 0  # that was asked of the file
+        self._look_back = 0
+        self._file_lock = threading.Lock()
+
+    def read(self, video: VideoMission, frame: int) -> NDArray[np.uint8]:
+        """`VideoMission.read`."""
+        image = self._get(frame)
+        if image is None:
+            with self._file_lock:
+                image = self._get(frame)  # another thread may have read it meanwhile
+                if image is None:
+                    image = self._read_on(video, frame)
+        return image.copy()
+
+    def _read_on(self, video: VideoMission, frame: int) -> NDArray[np.uint8]:
+        if frame <= self._last:
+            for before in range(max(1, frame - self._look_back), frame):
+                if self._get(before) is None:
+                    with suppress(FrameError):  # said when somebody asks for that frame
+                        self._put(before, video.read(before))
+        self._last = frame
+        image = video.read(frame)
+        self._put(frame, image)
+        # What is read in one go must not push itself out, nor all of what was there.
+        self._look_back = min(LOOK_BACK, self._most_bytes // image.nbytes // 2)
+        return image
+
+    def _get(self, frame: int) -> NDArray[np.uint8] | None:
+        with self._frames_lock:
+            if frame in self._frames:
+                self._frames.move_to_end(frame)
+            return self._frames.get(frame)
+
+    def _put(self, frame: int, image: NDArray[np.uint8]) -> None:
+        with self._frames_lock:
+            self._frames[frame] = image
+            self._bytes += image.nbytes
+            while self._bytes > self._most_bytes:
+                self._bytes -= self._frames.popitem(last=False)[1].nbytes
+
+
+_kept_of: WeakKeyDictionary[VideoMission, _KeptFrames] = WeakKeyDictionary()
+_kept_lock = threading.Lock()
+
+
+def _kept(video: VideoMission) -> _KeptFrames:
+    with _kept_lock:
+        if video not in _kept_of:
+            _kept_of[video] = _KeptFrames(KEPT_BYTES)
+        return _kept_of[video]

@@ -129,14 +129,12 @@ def _labels(session: Session, who: str, blind: bool, camera: str, frame: int) ->
 
 
 def _check_addressee(session: Session, body: ActionBody | StepBody) -> None:
-    here, grid = session.mission.name, [session.grid.rows, session.grid.cols]
-    if (body.mission or here) != here or (body.grid or grid) != grid:
-        rows, cols = body.grid or grid
-        raise refuse(
-            421,
-            f"this server shows mission {here} ({session.grid}); the action is for"
-            f" {body.mission or here} ({rows}x{cols})",
-        )
+    here, grid = session.mission.name, session.grid.to_json()
+    if body.mission not in (None, here):
+        raise refuse(421, f"this server shows mission {here}; the action is for {body.mission}")
+    if body.grid not in (None, grid):
+        given = ", ".join(f"{name} {value}" for name, value in body.grid.items())
+        raise refuse(421, f"this server shows the grid {session.grid}; the action is for {given}")
 
 
 def _action(session: Session, body: ActionBody) -> Action:

@@ -54,6 +54,7 @@ def _status(status: dict[str, Any], blind: bool) -> dict[str, Any]:
 def _news(session: Session, who: str, blind: bool, changed: Changed) -> dict[str, Any]:
     return {
         "event": changed.event,
+        "since": changed.since,
         "frames": [list(frame) for frame in sorted(changed.frames)],
         "by": [] if blind else sorted(changed.annotators),
         **session.state_after(who, blind, changed.frames),

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from ...features.mission import format_frames
 from ..taxonomy import UNSURE, UNSURE_KEY
 from .answers import answered, refuse
 from .bodies import SeenBody
+from .changed import FrameName
 from .queries import Blind, SessionOf, Who, check_frame
 from .session import Session
 
@@ -49,12 +50,19 @@ def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False
 @router.get("/labelled")
 def get_labelled(session: SessionOf, of: Who) -> Response:
     """Frames in which somebody labelled something; not how, so it may be asked blind."""
-    cameras: dict[str, list[int]] = {camera: [] for camera in session.board.frames}
-    for camera, frame in session.board.labelled_frames(of):
-        cameras[camera].append(frame)
+    cameras = _by_camera(session, session.board.labelled_frames(of))
     if not any(cameras.values()):
         raise refuse(404, f"{of} labelled nothing in mission {session.mission.name}")
     return answered({"of": of, "cameras": cameras})
+
+
+@router.get("/frames_with")
+def get_frames_with(
+    session: SessionOf, label: Annotated[str, Query(alias="class")], who: Who | None = None
+) -> Response:
+    """Frames in which this person gave some patch a label; nobody else's count."""
+    found = session.board.frames_with(who or session.annotator, label)
+    return answered({"cameras": _by_camera(session, found)})
 
 
 @router.post("/seen")
@@ -65,6 +73,13 @@ def post_seen(session: SessionOf, body: SeenBody) -> Response:
     session.mark_seen(body.who, body.camera, body.frame)
     frames = [(body.camera, body.frame)]
     return answered({"states": session.board.states_of(body.who, body.blind, frames)})
+
+
+def _by_camera(session: Session, found: list[FrameName]) -> dict[str, list[int]]:
+    cameras: dict[str, list[int]] = {camera: [] for camera in session.board.frames}
+    for camera, frame in found:
+        cameras[camera].append(frame)
+    return cameras
 
 
 def _ranges(frames: list[int]) -> dict[str, Any]:

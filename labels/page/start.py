@@ -9,6 +9,7 @@ from ...features.errors import FrameError, ToktError
 from ...features.grid import Grid
 from ...features.mission import Mission
 from ...models.bundle import Bundle
+from ..mission_book import note_mission
 from ..record import LabelRecord, utc_now
 from ..store import FILE_NAME, LabelStore
 from ..taxonomy import load_taxonomy
@@ -48,14 +49,15 @@ def open_session(
     Raises
     ------
     ToktError
-        If the store cannot be written, or the mission, the annotator's name, the taxonomy or the
-        model cannot be used.
+        If the store cannot be written, its labels of this name are of another dive, or the
+        mission, the annotator's name, the taxonomy or the model cannot be used.
     """
     _check_frames(mission, grid, annotator)
     classes = load_taxonomy(workspace, taxonomy)
     store = LabelStore(workspace / FILE_NAME)
     try:
         store.check_writable()
+        note_mission(workspace, mission)
         board = Board(mission, grid, classes, store)
         board.refresh()
         session = Session(mission, classes, store, board, annotator, version)
@@ -73,11 +75,7 @@ def open_session(
 
 
 def _pictures_version(mission: Mission, version: str) -> str:
-    try:
-        files = mission_stamp(mission)
-    except OSError as error:
-        raise ToktError(f"mission {mission.path}: {error.strerror or error}") from None
-    text = f"{version}\n{mission.path.resolve()}\n{files}"
+    text = f"{version}\n{mission.path.resolve()}\n{mission_stamp(mission)}"
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()[:16]
 
 

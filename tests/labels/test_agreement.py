@@ -3,14 +3,17 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
-from tokt.labels.agreement import Agreement, agreement
+from tokt.labels.agreement import Agreement, ClassAgreement, agreement
 from tokt.labels.label_csv import read_label_csv
 from tokt.labels.record import LabelRecord
+from tokt.labels.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
 TAXONOMY = Taxonomy.load()
@@ -26,6 +29,11 @@ def _labels(text: str, annotator: str) -> list[LabelRecord]:
         for n, sign in enumerate(text)
         if sign != " "
     ]
+
+
+def _obstacle(found: Agreement) -> ClassAgreement:
+    assert found.obstacle is not None
+    return found.obstacle
 
 
 def _compare(a: str, b: str) -> Agreement:
@@ -50,12 +58,13 @@ def test_figures_by_hand() -> None:
     assert (reef.precision, reef.recall) == (3 / 4, 3 / 5)
     assert reef.f1 == pytest.approx(6 / 9)
     # A sure on 11: obstacles of A 5, of B 4 (its unsure counts as none), both 3
-    assert (found.obstacle.n_a, found.obstacle.n_b, found.obstacle.n_both) == (5, 4, 3)
+    obstacle = _obstacle(found)
+    assert (obstacle.n_a, obstacle.n_b, obstacle.n_both) == (5, 4, 3)
 
 
 def test_two_kinds_of_obstacle_agree_on_being_one() -> None:
     found = _compare("rso", "sro")
-    assert found.obstacle.f1 == 1.0
+    assert _obstacle(found).f1 == 1.0
     assert found.per_class["reef"].f1 == 0.0
 
 
@@ -63,13 +72,43 @@ def test_kappa_is_undefined_on_a_single_class() -> None:
     found = _compare("ooo?", "ooo?")
     assert found.kappa is None and found.agreement == 1.0
     assert found.kappa_with_unsure == 1.0
-    assert found.obstacle.f1 is None and found.obstacle.precision is None
+    assert _obstacle(found).f1 is None and _obstacle(found).precision is None
     nobody_sure = _compare("??", "??")
     assert nobody_sure.agreement is None and nobody_sure.kappa_with_unsure is None
 
 
 def test_opposite_single_classes_are_no_agreement() -> None:
     assert _compare("ooo", "rrr").kappa == 0.0
+
+
+def test_a_class_that_left_the_taxonomy() -> None:
+    first, second = _labels("oorr?", "a"), _labels("orrr?", "b")
+    kelp = [replace(said, label="kelp") if said.label == "reef" else said for said in second]
+    found = agreement(first, kelp, TAXONOMY)
+    assert found.labels == ["ocean", "reef", "kelp", "unsure"] and found.unknown == ["kelp"]
+    assert found.confusion == [[1, 0, 1, 0], [0, 0, 2, 0], [0, 0, 0, 0], [0, 0, 0, 1]]
+    assert found.obstacle is None and found.to_json()["obstacle"] is None
+    # po 1/4; pe (2*1)/16, ocean being all that both have
+    assert found.kappa == pytest.approx((1 / 4 - 1 / 8) / (1 - 1 / 8))
+    assert found.per_class["kelp"].n_b == 3
+    known = agreement(first, second, TAXONOMY)
+    assert known.unknown == [] and known.obstacle is not None
+
+
+def test_the_command_line_says_which_class_is_missing(run_tokt: Any, tmp_path: Path) -> None:
+    with LabelStore(tmp_path / "labels.db") as store:
+        kelp = [replace(said, label="kelp") for said in _labels("oo", "b")]
+        store.add([*_labels("or", "a"), *kelp])
+    ran = run_tokt("labels", "agreement", "a", "b", "--workspace", tmp_path)
+    assert ran.code == 0
+    line = next(line for line in ran.out.splitlines() if line.startswith("obstacle (A sure"))
+    assert line.split()[-6:] == ["-"] * 6
+    note = f"note: class 'kelp' is not in the taxonomy: add it to {tmp_path / 'taxonomy.toml'}\n"
+    assert ran.err == note
+    file = tmp_path / "own.toml"
+    file.write_text((ROOT / "labels" / "taxonomy.toml").read_text().replace('"ocean"', '"kelp"', 1))
+    ran = run_tokt("labels", "agreement", "a", "b", "--workspace", tmp_path, "--taxonomy", file)
+    assert ran.err == f"note: class 'ocean' is not in the taxonomy: add it to {file}\n"
 
 
 def test_suggestions_are_left_out() -> None:
@@ -100,7 +139,7 @@ except ToktError as error:
     print(error)
 """
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "tokt[train]" in ran.stdout
+    assert "tokt[label]" in ran.stdout
 
 
 @pytest.mark.mission
@@ -113,6 +152,6 @@ def test_the_two_annotators_of_the_mission() -> None:
     found = agreement(a, b, TAXONOMY)
     assert found.n_both == 2000
     assert found.kappa == 1.0
-    assert found.obstacle.f1 is not None and round(found.obstacle.f1, 3) == 0.986
+    assert round(_obstacle(found).f1 or 0, 3) == 0.986
     swapped = agreement(b, a, TAXONOMY)
-    assert swapped.obstacle.f1 is not None and round(swapped.obstacle.f1, 3) == 0.982
+    assert round(_obstacle(swapped).f1 or 0, 3) == 0.982

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from .output import print_json, progress, say
 
 if TYPE_CHECKING:
     from ..features.grid import Grid
+    from ..features.mission import Mission
     from ..labels.record import LabelRecord
     from ..labels.taxonomy import Taxonomy
 
@@ -20,15 +22,26 @@ dataset_app = typer.Typer(help="Immutable, content-hashed dataset versions.", no
 
 
 def labels_for(
-    labels: list[Path], workspace: Path, taxonomy: Taxonomy, grid: Grid
+    labels: list[Path],
+    workspace: Path,
+    taxonomy: Taxonomy,
+    grid: Grid,
+    missions: Iterable[Mission] = (),
 ) -> list[LabelRecord]:
-    """The records of the label files given, or else all of the workspace's label store."""
+    """The records of the label files given, or else all of the workspace's label store.
+
+    The store knows missions by name: it is refused where it has labels of another dive of the
+    same name as one of `missions`.
+    """
+    from ..labels.mission_book import check_mission
     from ..labels.store import FILE_NAME, LabelStore
     from ..training.mission_source import read_labels
 
     if labels:
         return read_labels(labels, taxonomy, grid)
     with LabelStore(workspace / FILE_NAME, create=False) as store:
+        for mission in missions:
+            check_mission(workspace, mission)
         return store.current_and_settled(grid=grid)
 
 
@@ -64,7 +77,7 @@ def build(
 ) -> None:
     """Snapshot labelled patches of missions, or a folder of patches, as a dataset version."""
     from ..features.grid import DEFAULT_GRID, Grid
-    from ..features.mission import parse_frames
+    from ..features.mission import open_mission, parse_frames
     from ..labels.taxonomy import load_taxonomy
     from ..training.dataset import build_dataset
     from ..training.mission_source import plan_from_missions, plan_from_patch_folder
@@ -84,7 +97,8 @@ def build(
     else:
         cells = Grid.parse(grid) if grid else DEFAULT_GRID
         wanted = parse_frames(frames) if frames else None
-        records = labels_for(labels or [], workspace, classes, cells)
+        opened = map(open_mission, mission or [])
+        records = labels_for(labels or [], workspace, classes, cells, opened)
         plan, remarks = plan_from_missions(
             name,
             task,

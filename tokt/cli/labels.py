@@ -281,6 +281,7 @@ def show_agreement(
 ) -> None:
     """Compare two annotators: Cohen's kappa, agreement by class, confusion."""
     from ..labels.agreement import agreement
+    from ..labels.taxonomy import FILE_NAME as TAXONOMY_FILE
     from ..labels.taxonomy import load_taxonomy
 
     classes = load_taxonomy(workspace, taxonomy)
@@ -289,6 +290,9 @@ def show_agreement(
         print_json({"a": a, "b": b, **found.to_json()})
     else:
         _print_agreement(a, b, found)
+        for name in found.unknown:
+            file = taxonomy or workspace / TAXONOMY_FILE
+            say(f"note: class {name!r} is not in the taxonomy: add it to {file}")
 
 
 def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
@@ -348,7 +352,9 @@ def _print_agreement(a: str, b: str, found: Agreement) -> None:
     _print_table(confusion)
 
 
-def _class_cells(entry: ClassAgreement) -> list[str]:
+def _class_cells(entry: ClassAgreement | None) -> list[str]:
+    if entry is None:
+        return ["-"] * 6
     shares = (entry.precision, entry.recall, entry.f1)
     return [str(entry.n_a), str(entry.n_b), str(entry.n_both), *map(_number, shares)]
 

@@ -134,7 +134,7 @@ def evaluate(
     opened = open_mission(mission)
     wanted = parse_frames(frames) if frames else None
     bundle = load_model(model, workspace)
-    records = labels_for(labels or [], workspace, classes, bundle.grid)
+    records = labels_for(labels or [], workspace, classes, bundle.grid, [opened])
     mine, remark = labels_of_mission(opened, records, bundle.grid, only=bool(labels))
     if remark:
         say(f"note: {remark}")

@@ -33,7 +33,7 @@ export function figures(found) {
     ["Labelled by both", count(found.n_both)],
     ["Same class", `${percent(found.agreement)} of ${count(found.n_both_sure)} both are sure of`],
     ["With unsure as a class", unsure.join(", κ ")],
-    ["Obstacle or not, F1", percent(found.obstacle.f1)],
+    ["Obstacle or not, F1", obstacleText(found)],
   ];
   return el(
     "div",
@@ -47,6 +47,12 @@ export function figures(found) {
     ),
     el("dl", {}, ...rows.flatMap(([name, text]) => [el("dt", { text: name }), el("dd", { text })])),
   );
+}
+
+/** Which class is an obstacle is only known of classes in the taxonomy. */
+function obstacleText({ obstacle, unknown }) {
+  if (obstacle) return percent(obstacle.f1);
+  return `${NONE} (not in the taxonomy: ${unknown.join(", ")})`;
 }
 
 function kappaMeaning({ kappa, n_both_sure: sure }) {

@@ -235,11 +235,19 @@ addView("agreement", {
 
 onLabels(soon(() => found && parts.sheet.refresh()));
 onChange((what) => {
-  if (root && what === "all") show(root, pair ? [pair.a, pair.b] : []);
+  // Heard again of the server: what is selected stays selected.
+  if (found && what === "all") compare({ anew: false });
+  else if (root && what === "all") show(root, pair ? [pair.a, pair.b] : []);
   else if (root && blind()) showBlind();
   else compareSoon();
 });
-onReload(() => (last = null));
+onReload(() => {
+  if (root) leave();
+  last = null;
+  if (!root) return;
+  if (blind()) showBlind();
+  else root.replaceChildren();
+});
 onSetting((name) => {
   if (!found || !["enhance", "palette"].includes(name)) return;
   parts.sheet.redraw();

@@ -4,6 +4,7 @@ import { get } from "./api.js";
 import { blind, frameIndex, onChange, onReload, setting, stateOf } from "./mission.js";
 
 let list = null; // [{camera, frame}] in the mission's order
+let listed = new Set(); // "camera/frame"
 let ofWhom = "";
 let asking = null;
 
@@ -23,6 +24,17 @@ export async function loadBlindList() {
       .filter((frame) => frameIndex(camera, frame) >= 0)
       .map((frame) => ({ camera, frame })),
   );
+  listed = new Set(list.map(({ camera, frame }) => `${camera}/${frame}`));
+}
+
+/**
+ * Whether a frame is on the list, or there is none.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {boolean}
+ */
+export function passesBlindList(camera, frame) {
+  return blindFrames().length === 0 || listed.has(`${camera}/${frame}`);
 }
 
 /**

@@ -3,7 +3,7 @@
 import { blindFrames, loadBlindList, nextBlindFrame } from "./blind_list.js";
 import { button, el, say } from "./dom.js";
 import { listenAnew } from "./live.js";
-import { mission, setBlind, setSetting, setWho, setting, stateOf, who } from "./mission.js";
+import { mission, setPerson, setSetting, setting, stateOf, who } from "./mission.js";
 import { go } from "./router.js";
 
 const SIGNS = {
@@ -71,8 +71,7 @@ async function beginBlind(of, name) {
   }
   setSetting("blindOf", of);
   await changePerson(async () => {
-    await setBlind(true);
-    if (name !== who()) await setWho(name);
+    await setPerson({ who: name, blind: true });
     await loadBlindList();
     continueBlind();
   });
@@ -89,7 +88,7 @@ export function continueBlind() {
 export async function endBlind() {
   const pair = [setting("blindOf"), who()].map(encodeURIComponent);
   await changePerson(async () => {
-    await setBlind(false);
+    await setPerson({ blind: false });
     go(`#/agreement/${pair.join("/")}`);
   });
 }

@@ -50,6 +50,21 @@ export function button(text, run, { class: className = "", title, attrs = {} } =
   });
 }
 
+/**
+ * Give the keyboard back to the view when a control was changed with the mouse, so that the next
+ * key is the view's; who changes it with the keyboard stays on it.
+ * @template {HTMLElement} T
+ * @param {T} control
+ * @returns {T}
+ */
+export function backAfterMouse(control) {
+  let byMouse = false;
+  control.addEventListener("pointerdown", () => (byMouse = true));
+  control.addEventListener("keydown", () => (byMouse = false));
+  control.addEventListener("change", () => byMouse && focusView());
+  return control;
+}
+
 /** Put the keyboard where the view wants it: its element with `data-home`. */
 export function focusView() {
   document.querySelector("#view [data-home]")?.focus({ preventScroll: true });

@@ -1,8 +1,8 @@
 // The bar under the picture: which frame this is, where to go, filter, and the strip's legend.
 
-import { button, el } from "./dom.js";
-import { frameIndex, frames, mission, setSetting, setting } from "./mission.js";
-import { countPassing, FILTERS } from "./steps.js";
+import { backAfterMouse, button, el, focusView } from "./dom.js";
+import { frameIndex, frames, mission, setSetting } from "./mission.js";
+import { countPassing, filterChoices, filterName } from "./steps.js";
 import { STATES } from "./timeline.js";
 
 /**
@@ -19,7 +19,11 @@ export function buildBar(commands, keyFor) {
   };
   const number = el("input", {
     attrs: { type: "number", "aria-label": "Frame number", class: "frame-number" },
-    on: { change: () => commands.goTo(Number(number.value)) },
+    on: {
+      change: () => number.value && commands.goTo(Number(number.value)),
+      // Leaving it is what changes it.
+      keydown: ({ key }) => key === "Enter" && focusView(),
+    },
   });
   const place = el("span", { class: "place" });
   const camera = withKey("", "camera", "Left or right camera");
@@ -48,22 +52,30 @@ export function buildBar(commands, keyFor) {
     place.textContent = `${frameIndex(where, frame) + 1} of ${list.length}`;
     camera.hidden = Object.keys(mission.cameras).length < 2;
     root.querySelector(".camera-name").textContent = where;
-    filter.value = setting("filter");
-    matches.textContent = setting("filter") === "all" ? "" : `${countPassing(where)} frames match`;
+    showFilters(filter);
+    matches.textContent = filterName() === "all" ? "" : `${countPassing(where)} frames match`;
     showLegend(legend, where);
   };
   return { root, show };
 }
 
 function buildFilter() {
-  const filter = el(
-    "select",
-    { class: "filter", on: { change: () => setSetting("filter", filter.value) } },
-    ...Object.entries(FILTERS).map(([name, { words }]) =>
-      el("option", { text: words, attrs: { value: name } }),
-    ),
-  );
-  return filter;
+  const change = () => setSetting("filter", filter.value);
+  const filter = el("select", { class: "filter", on: { change } });
+  return backAfterMouse(filter);
+}
+
+// Classes come when somebody uses them first, and go with who works here.
+function showFilters(filter) {
+  const choices = filterChoices();
+  const text = JSON.stringify(choices);
+  if (filter.dataset.shown !== text) {
+    filter.dataset.shown = text;
+    filter.replaceChildren(
+      ...choices.map(([value, words]) => el("option", { text: words, attrs: { value } })),
+    );
+  }
+  filter.value = filterName();
 }
 
 function showLegend(root, camera) {

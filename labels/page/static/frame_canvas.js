@@ -22,6 +22,7 @@ export class FrameCanvas {
     this.canvas = canvas;
     this.ctx = canvas.getContext("2d", { alpha: false });
     this.viewport = new Viewport();
+    this.ground = { canvas: document.createElement("canvas"), bitmap: null, key: "" };
     /** What to draw; see `set`. */
     this.content = { bitmap: null, labels: null, hints: [], message: "", badge: "" };
     this.onDrawn = () => {};
@@ -113,12 +114,8 @@ export class FrameCanvas {
   draw() {
     const { ctx, content } = this;
     const ratio = window.devicePixelRatio || 1;
+    this.drawGround(ratio);
     ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const { width, height } = this.viewport.canvas;
-    ctx.fillStyle = "#0b0e11";
-    ctx.fillRect(0, 0, width, height);
-    if (content.bitmap) this.drawPicture(ratio);
-    if (setting("grid") && (content.bitmap || content.message)) this.drawGrid();
     const plan = { ctx, boxOf: (cell) => this.boxOf(cell) };
     if (content.labels && !content.plain) this.drawContent(plan);
     this.drawHeads();
@@ -127,8 +124,29 @@ export class FrameCanvas {
     if (content.bitmap) this.onDrawn(content.tag);
   }
 
-  drawPicture(ratio) {
-    const { ctx } = this;
+  // Labels change far more often than what lies under them, and scaling a picture takes longer than
+  // drawing all the rest: it is kept as it is on the screen.
+  drawGround(ratio) {
+    const { ground, canvas, ctx, content } = this;
+    const { origin, scale } = this.viewport;
+    const grid = setting("grid") && Boolean(content.bitmap || content.message);
+    const place = [origin.x, origin.y, scale, ratio, canvas.width, canvas.height];
+    const key = [...place, content.dim, grid].join();
+    if (ground.bitmap !== content.bitmap || ground.key !== key) {
+      Object.assign(ground, { bitmap: content.bitmap, key });
+      Object.assign(ground.canvas, { width: canvas.width, height: canvas.height });
+      const under = ground.canvas.getContext("2d", { alpha: false });
+      under.setTransform(ratio, 0, 0, ratio, 0, 0);
+      under.fillStyle = "#0b0e11";
+      under.fillRect(0, 0, canvas.width, canvas.height);
+      if (content.bitmap) this.drawPicture(under, ratio);
+      if (grid) this.drawGrid(under);
+    }
+    ctx.setTransform(1, 0, 0, 1, 0, 0);
+    ctx.drawImage(ground.canvas, 0, 0);
+  }
+
+  drawPicture(ctx, ratio) {
     const { origin, scale, frame } = this.viewport;
     ctx.imageSmoothingEnabled = scale * ratio < PIXELS_FROM;
     ctx.imageSmoothingQuality = "high";
@@ -150,8 +168,7 @@ export class FrameCanvas {
     drawCursor(plan, cursor ?? null, selection ?? []);
   }
 
-  drawGrid() {
-    const { ctx } = this;
+  drawGrid(ctx) {
     const { rows, cols } = mission.grid;
     const first = this.boxOf(0);
     const last = this.boxOf(rows * cols - 1);

@@ -3,7 +3,7 @@
 
 import { post } from "./api.js";
 import { labelsOf, prefetch } from "./labels.js";
-import { frameIndex, frames, mission, setting, stateOf, takeNews } from "./mission.js";
+import { frameIndex, frames, mission, setting, stateOf, takeNewsOf } from "./mission.js";
 import { forgetFailed, picture, pictureNow, prefetchPictures } from "./pictures.js";
 import { stepFrom } from "./steps.js";
 import { framesFollowed } from "./suggest.js";
@@ -137,7 +137,8 @@ export class FrameShow {
       return await picture(camera, frame, enhance);
     } catch (error) {
       if (turn !== this.turn) return null;
-      this.retriable = error.status === 0;
+      // 409: the server shows another mission now, and may show this one again.
+      this.retriable = error.status === 0 || error.status === 409;
       this.fault =
         error.status === 0
           ? `Frame ${frame} cannot be shown now: the server does not answer.`
@@ -193,7 +194,7 @@ export class FrameShow {
     if (stateOf(camera, frame) !== "u") return;
     this.seenTimer = setTimeout(async () => {
       try {
-        takeNews(await post("/api/seen", { camera, frame }));
+        await takeNewsOf(post("/api/seen", { camera, frame }));
       } catch (error) {
         if (error.name !== "ApiError") throw error;
         // Not worth a message: the frame counts as unseen until it is opened again.

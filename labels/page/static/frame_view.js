@@ -1,6 +1,7 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
 import { nextBlindFrame } from "./blind_list.js";
+import { onClassFrames } from "./class_frames.js";
 import { announce, el, focusView, say } from "./dom.js";
 import { buildBar } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
@@ -25,7 +26,7 @@ import { PatchCursor } from "./patch_cursor.js";
 import { cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import { addView, noteAddress } from "./router.js";
 import { onState, pending, state } from "./saver.js";
-import { endFrame, nextIn, nextUncertain, stepFrom } from "./steps.js";
+import { endFrame, filterName, nextIn, nextUncertain, stepFrom } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
 import { buildTools, showSettings } from "./tool_column.js";
@@ -36,6 +37,7 @@ const PICTURE_SETTING_MS = 120;
 const READ_OUT_MS = 500; // a frame that was only passed is not read out
 const PAN_STEP = 60;
 const PENDING_MS = 300;
+const AWAY = new Set(["offline", "refused"]);
 
 /** What is on the page while the view is shown; null otherwise. */
 let page = null;
@@ -78,6 +80,7 @@ function build(root) {
     onLabels(labelsArrived),
     onChange(showChanged),
     onSetting(showSetting),
+    onClassFrames(() => showSetting("filter")),
     onState(showSaving),
   ];
 }
@@ -142,6 +145,8 @@ function goTo(frame) {
 }
 
 function show(camera, frame) {
+  // A stroke that is not ended is of the frame on which it began.
+  page.pointer.complete();
   cursor.collapse();
   page.show.go(camera, frame);
   page.timeline.set(camera, frame);
@@ -199,7 +204,7 @@ function showSaving() {
   else {
     page.timers.pending = setTimeout(() => page?.canvas.set({ pending: cells }), PENDING_MS);
   }
-  if (page.savedState === "offline" && state() !== "offline") page.show.retry();
+  if (AWAY.has(page.savedState) && !AWAY.has(state())) page.show.retry();
   page.savedState = state();
 }
 
@@ -237,7 +242,7 @@ function showTools() {
 }
 
 function showChanged(what) {
-  if (what === "all") prefetch(page.show.camera, [page.show.frame]);
+  if (what === "all") page.show.retry();
   page.timeline.set(page.show.camera, page.show.frame);
   showStatus();
   showTools();
@@ -472,7 +477,7 @@ async function copyPrevious() {
 // Accepting may have made this frame done already: it is passed in any case.
 function jumpToOpen() {
   const { camera, frame } = page.show;
-  const filtered = setting("filter") !== "all";
+  const filtered = filterName() !== "all";
   const next = filtered ? stepFrom(camera, frame, 1) : nextIn(camera, frame, "usp");
   if (next === null) say("All other frames are done.");
   goTo(next);
@@ -482,7 +487,11 @@ addView("label", {
   title: "Label",
   keys: frameKeys(commands),
   classKeys: choose,
-  link: () => (page ? location.hash : `#/label/${last.camera}/${last.frame}`),
+  link: () => {
+    const [camera] = Object.keys(mission.cameras);
+    const place = page?.show ?? last ?? { camera, frame: frames(camera)[0] };
+    return `#/label/${place.camera}/${place.frame}`;
+  },
   show(root, [camera = "", number = "", cell]) {
     const cameras = Object.keys(mission.cameras);
     if (!page) build(root);
@@ -502,6 +511,7 @@ addView("label", {
     focusView();
   },
   hide() {
+    page.pointer.complete();
     last = { camera: page.show.camera, frame: page.show.frame };
     for (const stop of page.stops) stop();
     Object.values(page.timers).forEach(clearTimeout);
@@ -511,4 +521,4 @@ addView("label", {
   },
 });
 
-let last = { camera: "left", frame: 1 };
+let last = null; // {camera, frame}: where the person was, to come back to

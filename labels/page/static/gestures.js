@@ -21,6 +21,8 @@ const RIGHT = 2;
  * Listen to the pointer.
  * @param {FrameCanvas} view
  * @param {Host} host Tools: "chosen", "unsure", "confirm".
+ * @returns {{cancel: Function, complete: Function, busy: () => boolean}} `complete`: what was
+ *   done so far counts, and the rest of the gesture does nothing.
  */
 export function listenToPointer(view, host) {
   const { canvas } = view;
@@ -45,14 +47,16 @@ export function listenToPointer(view, host) {
   };
   const end = (event) => {
     gesture?.move(event);
-    const done = gesture;
-    gesture = null;
-    view.set({ stroke: null });
-    done?.finish?.();
+    complete();
   };
   const cancel = () => {
     gesture = null;
     view.set({ stroke: null });
+  };
+  const complete = () => {
+    const done = gesture;
+    cancel();
+    done?.finish?.();
   };
   const wheel = (event) => {
     event.preventDefault();
@@ -69,7 +73,7 @@ export function listenToPointer(view, host) {
   canvas.addEventListener("pointerleave", () => gesture || host.hover(-1));
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", wheel, { passive: false });
-  return { cancel, busy: () => gesture !== null };
+  return { cancel, complete, busy: () => gesture !== null };
 }
 
 // A fast pointer moves several times between two events.

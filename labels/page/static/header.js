@@ -1,7 +1,7 @@
 // The header: mission, who works here, and whether everything is saved.
 
 import { announce, button, el, say } from "./dom.js";
-import { blind, mission, onChange, setBlind, setWho, who } from "./mission.js";
+import { blind, mission, onChange, setPerson, who } from "./mission.js";
 import { listenAnew } from "./live.js";
 import { onState, pending, state, stateReason, tryNow } from "./saver.js";
 
@@ -98,13 +98,13 @@ function openPersonDialog() {
 
 async function become(name, isBlind) {
   try {
-    if (isBlind !== blind()) await setBlind(isBlind);
-    if (name !== who()) await setWho(name);
+    if (isBlind !== blind() || name !== who()) await setPerson({ who: name, blind: isBlind });
     announce(`Working as ${who()}${blind() ? ", blind" : ""}`);
   } catch (error) {
     if (error.name !== "ApiError") throw error;
     say(`Not loaded anew: ${error.message}`, { bad: true });
   } finally {
+    showMission();
     listenAnew();
   }
 }

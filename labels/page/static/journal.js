@@ -50,6 +50,15 @@ export function forget(entry) {
 }
 
 /**
+ * Whether an entry is still there: nobody sent it or threw it away.
+ * @param {Entry} entry
+ * @returns {boolean}
+ */
+export function isKept(entry) {
+  return read(entry.stored) !== null;
+}
+
+/**
  * The entries that pages left which are gone, in the order in which they were made.
  * @returns {Promise<Entry[]>}
  */

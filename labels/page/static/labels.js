@@ -10,7 +10,8 @@ const KEPT = 400;
 // frame key -> {event, place, mine, models, others, settled, suggestions}; least recently used
 // first.
 const truths = new Map();
-const stale = new Set();
+// frame key -> the event up to which it must be read again
+const stale = new Map();
 const loading = new Map();
 const listeners = new Set();
 let wanted = new Map();
@@ -59,7 +60,7 @@ export function labelsOf(camera, frame) {
     for (const change of entry.changes) {
       if (change.camera !== camera || change.frame !== frame) continue;
       applyChange(shown, entry, change, () => true);
-      for (const cell of change.cells) shown.pending.add(cell);
+      if (entry.who === who()) for (const cell of change.cells) shown.pending.add(cell);
     }
   }
   return shown;
@@ -128,6 +129,7 @@ async function fetchFrames(camera, frames) {
     const answer = await get("/api/labels", {
       camera,
       frames: frames.join(","),
+      v: mission.pictures,
       suggest: mission.model && !blind() ? 1 : null,
     });
     if (asked !== generation) return;
@@ -146,9 +148,10 @@ function takeTruth(event, labels) {
   const { camera, frame } = labels;
   const key = frameKey(camera, frame);
   const known = truths.get(key);
-  if (known && known.event > event) {
-    // Read before our last action was written: ask again instead of showing an older state.
-    labelsAreStale([[camera, frame]]);
+  const needed = Math.max(known?.event ?? 0, stale.get(key) ?? 0);
+  if (needed > event) {
+    // Read before our last action, or what we heard of, was written: ask again.
+    labelsAreStale([[camera, frame]], needed);
     return;
   }
   const none = Array(cellCount()).fill(null);
@@ -190,21 +193,24 @@ export function acknowledge(entry, answer) {
     applyChange(next, entry, change, (cell) => !refused.has(`${key}/${cell}`));
     truths.set(key, next);
   }
-  const reread = refused.size ? framesOf(entry) : [];
+  // Written by an earlier try: somebody may have said more since.
+  const reread = refused.size || answer.repeated ? framesOf(entry) : [];
   if (entry.path !== "/api/actions") reread.push(...(answer.frames ?? []));
-  labelsAreStale(reread);
+  labelsAreStale(reread, answer.event);
 }
 
 /**
  * Ask anew for frames that somebody else changed; those not in memory are asked for when shown.
  * @param {[string, number][]} frames
+ * @param {number} [event] Answers from before it do not do.
  */
-export function labelsAreStale(frames) {
+export function labelsAreStale(frames, event = 0) {
   const cameras = new Map();
   for (const [camera, frame] of frames) {
     const key = frameKey(camera, frame);
-    if (!truths.has(key)) continue;
-    stale.add(key);
+    // What is on its way may have been read before.
+    if (!truths.has(key) && !loading.has(key)) continue;
+    stale.set(key, Math.max(event, stale.get(key) ?? 0));
     cameras.set(camera, [...(cameras.get(camera) ?? []), frame]);
   }
   for (const [camera, list] of cameras) prefetch(camera, list);
@@ -226,9 +232,10 @@ let modelDone = 0;
 onChange((what) => {
   // The server was away: what happened meanwhile is not known, and its events may count anew.
   if (what === "all") {
+    stale.clear();
     for (const [key, truth] of truths) {
       truth.event = 0;
-      stale.add(key);
+      stale.set(key, 0);
     }
   }
   // Suggestions that were not there when a frame was read are there at the end.

@@ -2,12 +2,14 @@
 
 import { address } from "./api.js";
 import { labelsAreStale } from "./labels.js";
-import { loadMission, mission, onReload, takeNews } from "./mission.js";
-import { setConnected, takeEventHeads } from "./saver.js";
+import { allOwn } from "./own_events.js";
+import { loadMission, mission, onReload, strangerWords, takeNews } from "./mission.js";
+import { noteStranger, setConnected, takeEventHeads, whenIdle } from "./saver.js";
 
 const RETRY_MS = [200, 400, 800, 1500];
 // A browser opens six connections to a server: hidden tabs give theirs back.
 const HIDDEN_MS = 5000;
+const ANSWER_MS = 300;
 
 let source = null;
 let tries = 0;
@@ -57,7 +59,7 @@ function heard() {
 
 async function loadAgain() {
   try {
-    await loadMission();
+    noteStranger(strangerWords(await loadMission()));
   } catch (error) {
     if (error.name !== "ApiError") throw error;
     // It is gone again already: the next event tells.
@@ -71,8 +73,11 @@ function broken() {
   tries += 1;
 }
 
-function takeChange(news) {
+async function takeChange(news) {
+  // It may be about an action of ours whose answer comes in a moment.
+  await Promise.race([whenIdle(), new Promise((resolve) => setTimeout(resolve, ANSWER_MS))]);
+  // Put together before our last action was answered: what undo acts on is older than we know.
+  if (!(news.event < mission.event)) takeEventHeads(news);
   takeNews(news);
-  takeEventHeads(news);
-  labelsAreStale(news.frames);
+  if (!allOwn(news.since, news.event)) labelsAreStale(news.frames, news.event);
 }

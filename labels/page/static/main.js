@@ -7,10 +7,11 @@ import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
 import { startListening } from "./live.js";
 import { frames, loadMission, mission } from "./mission.js";
 import { startNotices } from "./notices.js";
-import { addLaterView, currentView, go, startRouting } from "./router.js";
+import { addLaterView, currentView, go, loadLaterViews, startRouting } from "./router.js";
 import { redo, startSaving, undo } from "./saver.js";
 
 const RETRY_MS = 1000;
+const LOAD_LATER_MS = 3000;
 
 async function start() {
   try {
@@ -33,10 +34,12 @@ async function start() {
   document.getElementById("help-button").addEventListener("click", toggleHelp);
   listen();
   // Only what most visits begin with is loaded at once.
-  addLaterView("overview", "Overview", () => import("./overview_view.js"));
-  addLaterView("sheet", "Review sheet", () => import("./sheet_view.js"));
-  addLaterView("agreement", "Agreement", () => import("./agreement_view.js"));
+  const later = (name) => (again) => import(`./${name}_view.js${again}`);
+  addLaterView("overview", "Overview", later("overview"));
+  addLaterView("sheet", "Review sheet", later("sheet"));
+  addLaterView("agreement", "Agreement", later("agreement"));
   startRouting(home());
+  setTimeout(loadLaterViews, LOAD_LATER_MS);
 }
 
 function home() {

@@ -1,7 +1,7 @@
 // The mission as the server describes it, kept up to date: classes, frames, states, counts.
 
 import { get } from "./api.js";
-import { adoptPreset, setIdentity, setSetting, setting } from "./settings.js";
+import { adoptPreset, blind, setIdentity, setSetting, setting, who } from "./settings.js";
 
 export { blind, onSetting, setSetting, setting, who } from "./settings.js";
 
@@ -31,10 +31,24 @@ function changed(what) {
  * @throws {ApiError}
  */
 export async function loadMission() {
+  const asked = person;
   let answer = await get("/api/mission");
-  if (adoptPreset(answer.annotator)) answer = await get("/api/mission");
-  if (!mission.loaded || sameMission(answer)) takeMission(answer);
+  // Once the page is open only its person says who works here: a server that was started anew for
+  // somebody else must not make the next labels somebody else's, or end a blind labelling.
+  if (!mission.loaded && adoptPreset(answer.annotator)) answer = await get("/api/mission");
+  // What was asked before another person came, or blind, is not for their eyes.
+  if (asked === person && (!mission.loaded || sameMission(answer))) takeMission(answer);
   return answer;
+}
+
+/**
+ * What to say where the server that answers now shows something else.
+ * @param {Object} answer From /api/mission.
+ * @returns {string} "" where it shows the mission of this page.
+ */
+export function strangerWords(answer) {
+  if (sameMission(answer)) return "";
+  return `the server now shows mission ${answer.mission}; start it with ${mission.mission} again`;
 }
 
 /**
@@ -80,30 +94,41 @@ function setState(camera, frame, state) {
   if (index >= 0) mission.states[camera][index] = state;
 }
 
-/**
- * Work as somebody else; everything is loaded anew.
- * @param {string} name
- */
-export async function setWho(name) {
-  setIdentity({ who: name });
-  await reload();
-}
+// Counts who works here and how: answers that were asked for before are of no use.
+let person = 0;
+const reloads = new Set();
 
 /**
- * Hide, or show again, what others and the model said; everything is loaded anew.
- * @param {boolean} value
+ * Work as somebody else, or hide (or show again) what others and the model said. Holds at once,
+ * also where loading everything anew fails.
+ * @param {{who?: string, blind?: boolean}} change
+ * @throws {ApiError}
  */
-export async function setBlind(value) {
-  setIdentity({ blind: value });
-  await reload();
-}
-
-async function reload() {
+export async function setPerson(change) {
+  setIdentity(change);
+  person += 1;
+  forgetOthers();
   for (const listener of [...reloads]) listener();
+  changed("states");
   await loadMission();
 }
 
-const reloads = new Set();
+/** Take in an answer unless somebody else works here by the time it comes. */
+export async function takeNewsOf(request) {
+  const asked = person;
+  const news = await request;
+  if (asked === person) takeNews(news);
+}
+
+// Until the mission is loaded anew, which may take long: nothing that shows what others said.
+function forgetOthers() {
+  if (!blind()) return;
+  mission.model = null;
+  mission.annotators = [who()];
+  for (const states of Object.values(mission.states)) {
+    states.forEach((state, at) => state === "x" && (states[at] = "p"));
+  }
+}
 
 /**
  * Be told that another person works here from now on, before the mission is loaded anew.

@@ -3,7 +3,7 @@
 import { pager, sizeButtons } from "./bar_parts.js";
 import { blindFrames } from "./blind_list.js";
 import { classTag } from "./class_buttons.js";
-import { button, el } from "./dom.js";
+import { backAfterMouse, button, el } from "./dom.js";
 import { reachable } from "./keys.js";
 import {
   blind,
@@ -14,7 +14,7 @@ import {
   setSetting,
   setting,
 } from "./mission.js";
-import { FILTERS } from "./steps.js";
+import { filterChoices, filterName } from "./steps.js";
 import { needsObstacleClass, obstacleClass } from "./suggest.js";
 import { suggesting } from "./thumb.js";
 
@@ -83,12 +83,10 @@ function cameraButton(otherCamera) {
 }
 
 function filterChoice() {
-  const options = Object.entries(FILTERS)
-    .filter(([name]) => name !== "x" || !blind())
-    .map(([name, { words }]) => option(name, words, name === setting("filter")));
+  const options = filterChoices().map(([name, words]) => option(name, words, name === filterName()));
   const choose = ({ target }) => setSetting("filter", target.value);
-  const attrs = { "aria-label": "which frames are shown", title: "which frames are shown (/)" };
-  return el("select", { attrs, on: { change: choose } }, ...options);
+  const attrs = { class: "filter", "aria-label": "which frames are shown", title: "which frames are shown (/)" };
+  return backAfterMouse(el("select", { attrs, on: { change: choose } }, ...options));
 }
 
 /** A model that only knows "obstacle": which class that is in these frames. */
@@ -102,7 +100,7 @@ function obstacleChoice() {
     "label",
     { class: "person-choice" },
     "obstacle is ",
-    el("select", { on: { change: choose } }, ...options),
+    backAfterMouse(el("select", { on: { change: choose } }, ...options)),
   );
 }
 

@@ -1,6 +1,7 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
-import { blindFrames, tryBlindList } from "./blind_list.js";
+import { passesBlindList, tryBlindList } from "./blind_list.js";
+import { onClassFrames } from "./class_frames.js";
 import { el, say } from "./dom.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "./frame_shape.js";
 import { framesBefore, framesFrom, pageSize } from "./frame_pages.js";
@@ -12,6 +13,7 @@ import {
   indexFrom,
   mission,
   onChange,
+  onReload,
   onSetting,
   selectedClass,
   setSetting,
@@ -21,7 +23,7 @@ import { OverviewBar } from "./overview_bar.js";
 import { actOn, patchesAre } from "./relabel.js";
 import { addView, go } from "./router.js";
 import { soon } from "./soon.js";
-import { FILTERS, passes } from "./steps.js";
+import { filterWords, passing } from "./steps.js";
 import { framesFollowed } from "./suggest.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
@@ -41,6 +43,7 @@ async function show(root, [camera, first]) {
   const known = camera in mission.cameras ? camera : Object.keys(mission.cameras)[0];
   const wanted = { camera: known, first: Number(first) || frames(known)[0] };
   last = wanted;
+  if (page?.camera === known) wanted.excluded = page.excluded;
   if (!parts) {
     parts = { ...build(), host: root };
     root.replaceChildren(parts.root);
@@ -56,7 +59,9 @@ async function show(root, [camera, first]) {
 /** Another person works here, or blind, or the mission was loaded anew. */
 function showAnew() {
   const { host } = parts;
+  const left = page;
   hide();
+  page = left; // which frames are left out
   show(host, [last.camera, last.first]);
 }
 
@@ -85,10 +90,7 @@ function build() {
 
 /** Blind, and asked to label what somebody labelled: only those frames. */
 function keeps(frame) {
-  const { camera } = page;
-  const listed = blindFrames();
-  const here = (one) => one.camera === camera && one.frame === frame;
-  return (listed.length === 0 || listed.some(here)) && passes(camera, frame);
+  return passesBlindList(page.camera, frame) && page.passes(page.camera, frame);
 }
 
 function columns() {
@@ -108,12 +110,22 @@ function layOut() {
   const { camera, first } = page;
   const { count, width, height } = size();
   const list = frames(camera);
+  page.passes = passing();
   const shown = framesFrom(list, indexFrom(camera, first), count, keeps);
-  Object.assign(page, { count, width, excluded: new Set(), focus: 0, cell: null });
+  // Who makes the window or the pictures larger still means to leave the same frames out.
+  const excluded = new Set(shown.filter((frame) => page.excluded?.has(frame)));
+  const focus = Math.max(0, shown.indexOf(page.thumbs?.[page.focus]?.frame));
+  Object.assign(page, { count, width, excluded, focus, cell: page.cell ?? null });
   Object.assign(page, { stroke: null, touched: new Set() });
   page.thumbs = shown.map(
     (frame, index) =>
-      new Thumb(camera, frame, { id: `thumb-${index}`, width, height, onShape: layOutSoon }),
+      new Thumb(camera, frame, {
+        id: `thumb-${index}`,
+        width,
+        height,
+        onShape: layOutSoon,
+        onPicture: drawSoon,
+      }),
   );
   parts.list.replaceChildren(...page.thumbs.map((thumb) => thumb.element));
   if (shown.length === 0) parts.list.append(el("p", { class: "empty-state", text: nothing() }));
@@ -128,8 +140,7 @@ function needed(shown) {
 }
 
 function nothing() {
-  const { words } = FILTERS[setting("filter")] ?? FILTERS.all;
-  return `From frame ${page.first} on there is nothing: ${words}. / filters, Page Up goes back.`;
+  return `From frame ${page.first} on there is nothing: ${filterWords()}. / filters, Page Up goes back.`;
 }
 
 function relayOut() {
@@ -199,16 +210,16 @@ function tally(contentFor) {
   const sum = { strong: 0, weak: 0, open: 0, waiting: 0 };
   for (const thumb of worked()) {
     const content = contentFor(thumb);
-    if (!content || content.waits) sum.waiting += 1;
+    if (!content || content.waits || thumb.seen === null) sum.waiting += 1;
     sum.open += content?.mine.filter((own) => own === null).length ?? 0;
     for (const hint of content?.hints ?? []) if (hint) sum[hint.strong ? "strong" : "weak"] += 1;
   }
   return sum;
 }
 
-/** The frames shown that are not left out. */
+/** The frames that can be seen, or soon will be, and are not left out. */
 function worked() {
-  return page.thumbs.filter((thumb) => !page.excluded.has(thumb.frame));
+  return page.thumbs.filter((thumb) => thumb.seen !== false && !page.excluded.has(thumb.frame));
 }
 
 // ---- What a person does
@@ -216,9 +227,7 @@ function worked() {
 function accepting(all) {
   if (page.thumbs.length === 0) return;
   const { waiting, open } = tally(({ camera, frame }) => contentOf(camera, frame));
-  if (waiting > 0) {
-    return say(`${waiting} of the frames shown are still being loaded.`, { bad: true });
-  }
+  if (waiting > 0) return sayWaiting(waiting);
   const patches = worked().flatMap((thumb) => suggestedPatches(thumb, all));
   const count = actOn("accept", patches);
   const left = open - count;
@@ -226,6 +235,10 @@ function accepting(all) {
     return say(`${patchesAre(count)} accepted; ${left} wait for you. Enter again goes on.`);
   }
   goOn(count > 0 ? `${patchesAre(count)} accepted; Ctrl+Z undoes.` : "Nothing to accept here.");
+}
+
+function sayWaiting(count) {
+  say(`${count} of the frames shown are still being loaded.`, { bad: true });
 }
 
 function suggestedPatches({ camera, frame }, all) {
@@ -236,6 +249,9 @@ function suggestedPatches({ camera, frame }, all) {
 }
 
 function restOfAll() {
+  // The model has no say in it; what was not on the screen is nobody's judgement.
+  const waiting = worked().filter(({ seen, content }) => !seen || !content).length;
+  if (waiting > 0) return sayWaiting(waiting);
   const patches = worked().flatMap(({ camera, frame }) =>
     (contentOf(camera, frame)?.mine ?? []).flatMap((own, cell) =>
       own === null ? [{ camera, frame, cell, label: clearClass(), base: null }] : [],
@@ -322,7 +338,7 @@ function moveCell(event) {
 }
 
 function paintCell() {
-  if (!focused() || page.cell === null) return;
+  if (!focused()?.seen || page.cell === null) return;
   onPainted(new Map([[focused(), new Set([page.cell])]]), 0);
 }
 
@@ -330,11 +346,11 @@ function paintCell() {
 
 function thumbAt(x, y) {
   const picture = document.elementFromPoint(x, y)?.closest(".thumb-picture");
-  return page.thumbs.find((thumb) => thumb.picture === picture) ?? null;
+  return page.thumbs.find((thumb) => thumb.seen && thumb.picture === picture) ?? null;
 }
 
 function allThumbs(start) {
-  return page.thumbs.filter((thumb) => thumb === start || !page.excluded.has(thumb.frame));
+  return page.thumbs.filter((thumb) => thumb === start || (thumb.seen && !page.excluded.has(thumb.frame)));
 }
 
 function labelOf(mouseButton) {
@@ -418,6 +434,8 @@ const view = {
 };
 
 onLabels(drawSoon);
+onReload(() => page?.excluded?.clear());
+onClassFrames((first) => (first ? layOutSoon() : drawSoon()));
 onChange((what) => {
   if (what === "all" && parts) showAnew();
   else drawSoon();

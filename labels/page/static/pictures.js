@@ -97,7 +97,8 @@ async function run(job) {
     job.resolve(job.bitmap);
   } catch (error) {
     job.error = error;
-    if (error.status === 0 || error.name !== "ApiError") pictures.delete(job.url);
+    const passing = error.status === 0 || error.name !== "ApiError";
+    if (passing && pictures.get(job.url) === job) pictures.delete(job.url);
     job.reject(error);
   } finally {
     running -= 1;

@@ -84,12 +84,28 @@ export function setForeign(entries) {
 export function noteConflicts(entry, refusedCells) {
   if (!refusedCells.length) return;
   for (const conflict of refusedCells) {
+    for (const older of conflicts.filter((noted) => isSame(noted, conflict, entry))) {
+      remove(older.stored);
+      conflicts = conflicts.filter((noted) => noted !== older);
+    }
     const { who, mission, source } = entry;
     const noted = { ...conflict, who, mission, source, stored: CONFLICT + uniqueKey() };
     noted.kept = write(noted.stored, noted);
     conflicts.push(noted);
   }
   changed();
+}
+
+// Of two things said of a patch and not written only the newer one is still meant.
+function isSame(noted, { camera, frame, cell }, { who, mission, source }) {
+  return (
+    noted.camera === camera &&
+    noted.frame === frame &&
+    noted.cell === cell &&
+    noted.who === who &&
+    noted.mission === mission &&
+    noted.source === source
+  );
 }
 
 /**

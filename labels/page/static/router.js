@@ -23,10 +23,22 @@ export function addView(name, view) {
  * Register a view whose module is loaded when it is first shown, and registers itself then.
  * @param {string} name
  * @param {string} title
- * @param {() => Promise} load
+ * @param {(again: string) => Promise} load `again` belongs at the end of the module's address:
+ *   browsers do not fetch an address again that could not be had.
  */
 export function addLaterView(name, title, load) {
   views.set(name, { title, load });
+}
+
+/** Load the views that nobody has shown yet, so that they are there when the server is not. */
+export async function loadLaterViews() {
+  for (const { load } of [...views.values()]) {
+    try {
+      await load?.("");
+    } catch {
+      return; // Loaded, or complained of, when it is shown.
+    }
+  }
 }
 
 /**
@@ -85,12 +97,16 @@ function route() {
   view.show(root, parts);
 }
 
+let failures = 0;
+
 async function loadView(name, load) {
   try {
-    await load();
+    await load(failures ? `?again=${failures}` : "");
   } catch (error) {
+    failures += 1;
+    if (!(error instanceof TypeError)) throw error;
     say("This view cannot be loaded now; choose it again when the server answers.", { bad: true });
-    throw error;
+    return;
   }
   // Another address may have been asked for meanwhile.
   if (location.hash.startsWith(`#/${name}`)) route();

@@ -1,11 +1,12 @@
 // Saving: each action is kept in the browser before it shows, sent in order, one at a time, and
 // sent again until the server acknowledged it. The server counts an action's key once.
 
-import { get, post } from "./api.js";
+import { ApiError, get, post } from "./api.js";
 import { say } from "./dom.js";
-import { forget, holdPage, keep, leftovers, uniqueKey } from "./journal.js";
+import { forget, holdPage, isKept, keep, leftovers, uniqueKey } from "./journal.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
-import { blind, mission, onChange, onReload, sameMission, takeNews, who } from "./mission.js";
+import { blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who } from "./mission.js";
+import { forgetOwn, noteOwn } from "./own_events.js";
 import { dequeue, enqueue, framesOf, waiting } from "./pending.js";
 import {
   noteConflicts,
@@ -40,6 +41,7 @@ const idleWaiters = [];
 let running = false;
 let connected = true;
 let trouble = null; // {state: "offline"|"refused", text}
+let stranger = ""; // what the server shows instead of this page's mission
 let tries = 0;
 let retryTimer = 0;
 
@@ -64,13 +66,14 @@ function stateChanged() {
 export function state() {
   if (trouble) return trouble.state;
   if (!connected) return "offline";
-  if (mission.fault) return "refused";
+  if (stranger || mission.fault) return "refused";
   return waiting().length ? "saving" : "saved";
 }
 
 /** Why the state is what it is, in one sentence; "" when all is well. */
 export function stateReason() {
-  return trouble?.text || (connected ? mission.fault || "" : "the server does not answer");
+  if (trouble) return trouble.text;
+  return connected ? stranger || mission.fault || "" : "the server does not answer";
 }
 
 /** How many actions wait for their acknowledgement. */
@@ -84,7 +87,7 @@ function wouldLoseOnClose() {
 }
 
 /** @returns {Promise<void>} When nothing waits any more. */
-function whenIdle() {
+export function whenIdle() {
   if (!waiting().length) return Promise.resolve();
   return new Promise((resolve) => idleWaiters.push(resolve));
 }
@@ -126,13 +129,12 @@ function withBase(change, source) {
 }
 
 function newEntry(parts) {
-  const { rows, cols } = mission.grid;
   return {
     key: uniqueKey(),
     who: who(),
     blind: blind(),
     mission: mission.mission,
-    grid: [rows, cols],
+    grid: { ...mission.grid },
     source: "human",
     time: new Date().toISOString(),
     target: null,
@@ -236,8 +238,13 @@ async function pump() {
   clearTimeout(retryTimer);
   if (running) return;
   running = true;
-  while (waiting().length && (await send(waiting()[0])));
-  running = false;
+  try {
+    while (waiting().length && (await send(waiting()[0])));
+  } finally {
+    // Also after a fault in what shows the answers: saving goes on.
+    running = false;
+    if (waiting().length && !trouble) retryTimer = setTimeout(pump, RETRY_MS[0]);
+  }
   stateChanged();
   if (!waiting().length) for (const resolve of idleWaiters.splice(0)) resolve();
 }
@@ -266,12 +273,18 @@ function wire({ path, key, who: annotator, blind: isBlind, mission: name, grid, 
 
 // After a failure another server may have been started on this port, for another mission.
 async function checkServer() {
-  const answer = await get("/api/mission");
-  if (sameMission(answer)) return;
-  const error = new Error(
-    `the server now shows mission ${answer.mission}; start it with ${mission.mission} again`,
-  );
-  throw Object.assign(error, { name: "ApiError", status: 421 });
+  stranger = strangerWords(await get("/api/mission"));
+  if (stranger) throw new ApiError(421, stranger);
+}
+
+/**
+ * Note whether the server shows this page's mission.
+ * @param {string} words What it shows instead; "" where it does.
+ */
+export function noteStranger(words) {
+  if (words === stranger) return;
+  stranger = words;
+  stateChanged();
 }
 
 function acknowledged(entry, answer) {
@@ -279,12 +292,15 @@ function acknowledged(entry, answer) {
   if (start !== undefined) performance.measure("tokt:ack", { start, end: performance.now() });
   starts.delete(entry.key);
   forget(entry);
+  if (!answer.repeated && answer.changed) noteOwn(answer.event - answer.changed, answer.event);
   acknowledge(entry, answer);
   dequeue(entry);
   if (entry.who === who() && entry.blind === blind()) takeNews(answer);
   if (answer.conflicts?.length) {
     forgetChanges(entry.target ?? entry.key);
     noteConflicts(entry, answer.conflicts);
+    // Of somebody who worked here before: theirs to decide.
+    if (entry.who !== who()) readConflicts(mission.mission, who());
   }
   if (answer.undo && !waiting().length && entry.who === who()) takeHeads(answer.undo);
   showFrames(entry);
@@ -342,9 +358,15 @@ export function takeEventHeads({ undo: heads }) {
 export function startSaving() {
   holdPage();
   begin();
-  onReload(forgetLine);
+  onReload(() => {
+    forgetLine();
+    readConflicts(mission.mission, who());
+  });
   onChange((what) => {
-    if (what === "all") begin();
+    if (what === "all") {
+      forgetOwn();
+      begin();
+    }
     if (what === "status") stateChanged();
   });
   window.addEventListener("online", tryNow);
@@ -362,8 +384,10 @@ function begin() {
 }
 
 async function takeLeftovers() {
+  const found = await leftovers();
+  // Only now: the same ones may have been taken over, or sent, meanwhile.
   const known = new Set([...waiting(), ...setAsideEntries()].map((entry) => entry.key));
-  const left = (await leftovers()).filter((entry) => !known.has(entry.key));
+  const left = found.filter((entry) => !known.has(entry.key) && isKept(entry));
   const mine = left.filter(isMine);
   setForeign(left.filter((entry) => !isMine(entry)));
   for (const entry of mine.filter(({ refusal }) => refusal)) setAside(entry, entry.refusal);
@@ -379,11 +403,6 @@ async function takeLeftovers() {
 }
 
 function isMine(entry) {
-  const { rows, cols } = mission.grid;
-  return (
-    entry.mission === mission.mission &&
-    entry.who === who() &&
-    entry.grid[0] === rows &&
-    entry.grid[1] === cols
-  );
+  const sameGrid = Object.entries(mission.grid).every(([name, n]) => entry.grid[name] === n);
+  return entry.mission === mission.mission && entry.who === who() && sameGrid;
 }

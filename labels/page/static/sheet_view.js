@@ -126,6 +126,11 @@ async function load(offset, { quietly = false } = {}) {
   try {
     const answer = await get("/api/sheet", { class: label, offset, limit: LIMIT });
     if (mine !== asked) return;
+    // Somebody began to choose patches meanwhile: other tiles must not take their places.
+    if (quietly && !untouched()) {
+      page.newOrder = true;
+      return showState();
+    }
     if (answer.patches.length === 0 && offset > 0) return load(0);
     page = { ...answer, offset, tiles: answer.patches };
     watchLabels();
@@ -163,6 +168,7 @@ async function askAgain() {
 
 function untouched() {
   const { chosen, cursor } = parts.grid.selection;
+  if (parts.grid.busy) return false;
   return chosen.size === 0 && cursor === 0 && page.tiles.every((tile) => labelNow(tile) === label);
 }
 

@@ -1,10 +1,13 @@
 // Which frame comes next: in order, by filter, the next unlabelled one, the model's queue.
 
 import { get } from "./api.js";
-import { frameIndex, frames, mission, setting, stateOf } from "./mission.js";
+import { hasClass } from "./class_frames.js";
+import { blind, classes, frameIndex, frames, mission, setting, stateOf } from "./mission.js";
+
+const CLASS = "class:";
 
 /** What frames a filter lets through; the words are what the page shows. */
-export const FILTERS = {
+const FILTERS = {
   all: { words: "all frames", states: "uspdx" },
   open: { words: "not done", states: "usp" },
   u: { words: "unseen", states: "u" },
@@ -15,20 +18,48 @@ export const FILTERS = {
 };
 
 /**
- * Whether the filter in force lets a frame through.
- * @param {string} camera
- * @param {number} frame
- * @returns {boolean}
+ * The filters to choose from.
+ * @returns {[string, string][]} Value of the setting "filter", and its words.
  */
-export function passes(camera, frame) {
-  const filter = FILTERS[setting("filter")] ?? FILTERS.all;
-  return filter.states.includes(stateOf(camera, frame));
+export function filterChoices() {
+  const states = Object.entries(FILTERS)
+    .filter(([name]) => name !== "x" || !blind())
+    .map(([name, { words }]) => [name, words]);
+  const byClass = classes().map(({ name }) => [CLASS + name, `with ${name} of mine`]);
+  return [...states, ...byClass];
+}
+
+/** The value of the filter in force: one of `filterChoices`. */
+export function filterName() {
+  const chosen = setting("filter");
+  return filterChoices().some(([name]) => name === chosen) ? chosen : "all";
+}
+
+/** The filter in force in words. */
+export function filterWords() {
+  const chosen = filterName();
+  return filterChoices().find(([name]) => name === chosen)[1];
+}
+
+/**
+ * What the filter in force lets through, looked up once for many frames.
+ * @returns {(camera: string, frame: number) => boolean}
+ */
+export function passing() {
+  const name = filterName();
+  if (name === "all") return () => true;
+  if (name.startsWith(CLASS)) {
+    const wanted = name.slice(CLASS.length);
+    return (camera, frame) => hasClass(wanted, camera, frame);
+  }
+  const { states } = FILTERS[name];
+  return (camera, frame) => states.includes(stateOf(camera, frame));
 }
 
 /** How many frames of a camera pass the filter. */
 export function countPassing(camera) {
-  const { states } = FILTERS[setting("filter")] ?? FILTERS.all;
-  return mission.states[camera].filter((state) => states.includes(state)).length;
+  const pass = passing();
+  return frames(camera).filter((frame) => pass(camera, frame)).length;
 }
 
 /**
@@ -40,11 +71,12 @@ export function countPassing(camera) {
  */
 export function stepFrom(camera, frame, steps) {
   const list = frames(camera);
+  const pass = passing();
   const direction = Math.sign(steps);
   let left = Math.abs(steps);
   let found = null;
   for (let at = frameIndex(camera, frame) + direction; left && at in list; at += direction) {
-    if (!passes(camera, list[at])) continue;
+    if (!pass(camera, list[at])) continue;
     found = list[at];
     left -= 1;
   }
@@ -71,7 +103,8 @@ export function nextIn(camera, frame, states, direction = 1) {
 
 /** The first or last frame that passes the filter. */
 export function endFrame(camera, last) {
-  const list = frames(camera).filter((frame) => passes(camera, frame));
+  const pass = passing();
+  const list = frames(camera).filter((frame) => pass(camera, frame));
   return (last ? list.at(-1) : list[0]) ?? null;
 }
 

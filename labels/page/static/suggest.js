@@ -71,7 +71,8 @@ export function suggestedLabels(camera, frame) {
 function modelSays(camera, frame) {
   const { model } = mission;
   const suggestions = model && labelsOf(camera, frame)?.suggestions;
-  if (!suggestions?.classes) return null;
+  // The server may have been started anew with another model, which has other classes.
+  if (!suggestions?.classes || suggestions.model !== model.label) return null;
   const known = new Set(classes().map(({ name }) => name));
   const words = model.classes.map((name, index) => ({
     label: labelFor(index),

@@ -37,10 +37,11 @@ export class Thumb {
   /**
    * @param {string} camera
    * @param {number} frame
-   * @param {{id: string, width: number, height: number, onShape: Function}} plan Size in CSS
-   *   pixels; `onShape`: the picture has another shape than was believed.
+   * @param {{id: string, width: number, height: number, onShape: Function,
+   *   onPicture: Function}} plan Size in CSS pixels; `onShape`: the picture has another shape than
+   *   was believed; `onPicture`: the picture is there, or cannot be had.
    */
-  constructor(camera, frame, { id, width, height, onShape }) {
+  constructor(camera, frame, { id, width, height, onShape, onPicture }) {
     Object.assign(this, { camera, frame, size: { width, height } });
     this.image = el("img", { attrs: { alt: "", draggable: "false" } });
     this.canvas = el("canvas", { attrs: { "aria-hidden": "true" } });
@@ -57,8 +58,18 @@ export class Thumb {
     );
     this.element.style.width = `${width}px`;
     this.picture.style.height = `${height}px`;
-    this.image.addEventListener("load", () => learnShape(camera, this.image) && onShape());
-    this.image.addEventListener("error", () => this.#unreadable());
+    /** Whether the picture is on the screen; null while it is loading. */
+    this.seen = null;
+    this.image.addEventListener("load", () => {
+      this.seen = true;
+      if (learnShape(camera, this.image)) onShape();
+      else onPicture();
+    });
+    this.image.addEventListener("error", () => {
+      this.seen = false;
+      this.#unreadable();
+      onPicture();
+    });
     this.load(width);
   }
 
@@ -83,7 +94,7 @@ export class Thumb {
     const content = contentOf(this.camera, this.frame);
     this.content = content;
     this.element.classList.toggle("left-out", excluded);
-    this.element.classList.toggle("loading", !content);
+    this.element.classList.toggle("loading", !content || this.seen === null);
     this.#drawOnce(content ? shownCells(content, painted) : [], cursor);
     this.#say(content, excluded);
   }
@@ -113,7 +124,7 @@ export class Thumb {
 
   #unreadable() {
     this.picture.classList.add("unreadable");
-    this.picture.dataset.words = "This frame cannot be read.";
+    this.picture.dataset.words = "This frame cannot be shown.";
   }
 }
 

@@ -29,6 +29,8 @@ export class TileGrid {
     this.tiles = [];
     this.elements = [];
     this.selection = new TileSelection();
+    /** Whether the mouse is held down on a tile. */
+    this.busy = false;
     this.list = el("div", {
       class: "tiles",
       attrs: {
@@ -167,6 +169,7 @@ export class TileGrid {
   #press(event) {
     if (event.button !== 0) return;
     const pressed = this.#indexOf(event);
+    this.busy = true;
     const start = this.#point(event);
     const earlier = new Set(this.selection.chosen);
     let band = null;
@@ -177,6 +180,7 @@ export class TileGrid {
       this.#sweep(band, earlier, move.ctrlKey);
     };
     const ended = (end) => {
+      this.busy = false;
       window.removeEventListener("pointermove", moved);
       window.removeEventListener("pointerup", ended);
       window.removeEventListener("pointercancel", ended);

@@ -2,7 +2,7 @@
 // drag or keys.
 
 import { frameIndex, frames, mission } from "./mission.js";
-import { passes } from "./steps.js";
+import { passing } from "./steps.js";
 
 /** Each state's name, colour and part of the strip's height. Later ones win a shared pixel. */
 export const STATES = {
@@ -87,18 +87,19 @@ export class Timeline {
   drawStates(ctx, width, room) {
     const list = frames(this.camera);
     const states = mission.states[this.camera];
+    const pass = passing();
     const each = width / list.length;
     const columns = Math.min(list.length, Math.ceil(width * 2));
     for (let column = 0; column < columns; column += 1) {
       const from = Math.floor((column * list.length) / columns);
       const to = Math.max(from + 1, Math.floor(((column + 1) * list.length) / columns));
-      const { state, passing } = this.summary(list, states, from, to);
+      const { state, passes } = this.summary(list, states, pass, from, to);
       const { colour, height } = STATES[state];
       const x = from * each;
       // A single frame among thousands must still be seen.
       const least = state === "u" ? 0.5 : 2;
       const wide = Math.max(least, (to - from) * each - (each > 4 ? 1 : 0));
-      ctx.globalAlpha = passing ? 1 : 0.25;
+      ctx.globalAlpha = passes ? 1 : 0.25;
       ctx.fillStyle = colour;
       ctx.fillRect(x, MARK_ROOM + room * (1 - height), wide, room * height);
       if (state === "x") {
@@ -110,14 +111,14 @@ export class Timeline {
     }
   }
 
-  summary(list, states, from, to) {
+  summary(list, states, pass, from, to) {
     let best = 0;
-    let passing = false;
+    let passes = false;
     for (let at = from; at < to; at += 1) {
       best = Math.max(best, ORDER.indexOf(states[at]));
-      passing ||= passes(this.camera, list[at]);
+      passes ||= pass(this.camera, list[at]);
     }
-    return { state: ORDER[best], passing };
+    return { state: ORDER[best], passes };
   }
 
   drawTicks(ctx, width, height) {

@@ -1,7 +1,7 @@
 // The column of tools: classes with their keys and counts, what to do with the frame, the
 // picture, the model.
 
-import { button, el, setAttribute } from "./dom.js";
+import { backAfterMouse, button, el, setAttribute } from "./dom.js";
 import {
   classes,
   colourOf,
@@ -133,7 +133,8 @@ function slider(name, label, min, max, step, words) {
       },
     },
   });
-  return el("label", { class: "slider" }, el("span", { text: label }), input, output);
+  const named = el("span", { text: label });
+  return el("label", { class: "slider" }, named, backAfterMouse(input), output);
 }
 
 /**
@@ -182,10 +183,10 @@ function modelParts() {
     on: { change: () => setSetting("suggestions", shown.checked) },
   });
   return [
-    el("label", { class: "check" }, shown, " Suggestions of ", el("b", { class: "model-name" })),
+    el("label", { class: "check" }, backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" })),
     slider("confidence", "Confident from", 0, 3, 0.05, (value) => value.toFixed(2)),
     slider("follow", "Keep from before", 0, 5, 0.25, (value) => (value ? value.toFixed(2) : "off")),
-    el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), select),
+    el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), backAfterMouse(select)),
     el("p", { class: "model-said" }),
   ];
 }

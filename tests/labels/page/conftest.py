@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -290,11 +290,26 @@ def offline_errors() -> str:
 
 @pytest.fixture
 def browse(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Open the page of a server for one test; see `browsing`."""
+    with browsing(browser) as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def browse_on(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Open the page of a server for all tests of a module; see `browsing`."""
+    with browsing(browser) as start:
+        yield start
+
+
+@contextmanager
+def browsing(browser: Browser) -> Iterator[Callable[..., Page]]:
     """Open the page of a server: ``browse(server, "#/label/left/17", allow=..., width=1280)``.
 
     ``context=page.context`` opens another tab of the same browser. Any console error that `allow`
     (a regular expression) does not find, and any request to anybody but the server, fails the
-    test when it ends. The page's address is opened and its `load` event awaited.
+    test (or, for `browse_on`, the module's last one) when it ends. The page's address is opened and
+    its `load` event awaited.
     """
     contexts: list[tuple[BrowserContext, Watched]] = []
 

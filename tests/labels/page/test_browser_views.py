@@ -54,16 +54,30 @@ def server(
     return page_server("--annotator", "anna", "--model", tiny_bundle, workspace=workspace)
 
 
+@pytest.fixture(scope="module")
+def first_tab(browse_on: Callable[..., Page], server: Server) -> Page:
+    """What its browser has loaded need not be loaded for each test."""
+    page = browse_on(server)
+    page.goto("about:blank")
+    return page
+
+
 @pytest.fixture
-def open_page(browse: Callable[..., Page], server: Server) -> Callable[..., Page]:
+def open_page(
+    browse_on: Callable[..., Page], first_tab: Page, server: Server
+) -> Iterator[Callable[..., Page]]:
     """Open a place of the page, and wait for something that is there when it can be used."""
+    opened: list[Page] = []
 
     def start(place: str, ready: str, **options: Any) -> Page:
-        page = browse(server, place, **options)
-        page.wait_for_selector(ready)
-        return page
+        opened.append(browse_on(server, place, context=first_tab.context, **options))
+        opened[-1].wait_for_selector(ready)
+        return opened[-1]
 
-    return start
+    yield start
+    for page in opened:
+        page.evaluate("() => localStorage.clear()")
+        page.close()
 
 
 @pytest.fixture
@@ -124,7 +138,7 @@ def patch_of(name: str) -> Key:
     found = re.match(r"left (\d+), row (\d+), column (\d+)", name)
     assert found, name
     frame, row, col = map(int, found.groups())
-    return frame, (row - 1) * GRID.cols + col - 1
+    return frame, row * GRID.cols + col
 
 
 def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(
@@ -168,6 +182,40 @@ def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page: Callable[..
     assert len(selected(page)) == page.locator(".tile").count()
 
 
+def test_a_new_order_does_not_move_what_somebody_selects(
+    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+) -> None:
+    page = open_page("#/overview/left/1", ".thumb")
+    asked: list[Any] = []
+
+    def order(route: Any) -> None:
+        """Not ready, then ready, then in another order, which comes late."""
+        answer = route.fetch()
+        value = answer.json()
+        asked.append((route, {**value, "patches": value["patches"][::-1]}))
+        if len(asked) < 3:
+            route.fulfill(json={**value, "ready": len(asked) == 2})
+
+    page.route("**/api/sheet?**", order)
+    page.goto(page.url.split("#")[0] + f"#/sheet/{TOWER}")
+    page.wait_for_selector(".tile")
+    while len(asked) < 3:
+        page.wait_for_timeout(100)
+    page.locator(".tile").nth(2).click()
+    chosen = selected(page)
+    route, answer = asked[2]
+    route.fulfill(json=answer)
+    page.wait_for_function(
+        "() => document.querySelector('.sheet-words').textContent.includes('press r')"
+    )
+    assert len(chosen) == 1 and selected(page) == chosen
+    page.keyboard.press("4")
+    toast(page, "1 patch is now reef")
+    saved(page)
+    assert changes() == {chosen[0]: "reef"}
+    undo(page)
+
+
 def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(
     open_page: Callable[..., Page],
 ) -> None:
@@ -183,7 +231,7 @@ def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(
     page.keyboard.press("Enter")
     page.wait_for_url(re.compile(rf"#/label/left/{frame}(/{cell})?$"))
     row, col = divmod(cell, GRID.cols)
-    cursor = f"row {row + 1}, column {col + 1}: ocean"
+    cursor = f"row {row}, column {col}: ocean"
     page.wait_for_function(
         "text => document.querySelector('#view').innerText.includes(text)", arg=cursor
     )
@@ -230,6 +278,32 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     assert set(versions.values()) == {"tiny-lbp/1"}
     undo(page)
     assert changes() == {painted: "reef"}
+    undo(page)
+    assert changes() == {}
+
+
+def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(
+    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+) -> None:
+    page = open_page("#/overview/left/38", ".thumb:not(.loading)", allow="422|Failed to load")
+    broken = {"status": 422, "json": {"error": "no picture"}}
+    page.route("**/api/thumb/left/39?**", lambda route: route.fulfill(**broken))
+    page.keyboard.press("x")
+    page.keyboard.press("]")
+    page.wait_for_selector(".thumb-picture.unreadable")
+    page.wait_for_function("() => !document.querySelector('.thumb.loading')")
+    page.set_viewport_size({"width": 1100, "height": 700})
+    page.wait_for_timeout(200)
+    # The server is heard anew, as after it was started anew or the tab was hidden.
+    page.evaluate("() => { import('/static/mission.js').then((one) => one.loadMission()); }")
+    page.wait_for_timeout(200)
+    page.wait_for_function("() => !document.querySelector('.thumb.loading')")
+    assert page.locator(".thumb.left-out .thumb-number").all_inner_texts() == ["38"]
+    page.locator(".thumb-picture").nth(1).click()
+    page.keyboard.press("o")
+    toast(page, "100 patches are now ocean")
+    saved(page)
+    assert set(changes()) == {(40, cell) for cell in range(100)}
     undo(page)
     assert changes() == {}
 

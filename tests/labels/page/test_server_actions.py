@@ -134,19 +134,17 @@ def test_seen_frames_and_frames_of_somebody(server) -> None:
 def test_an_action_for_another_mission_is_not_taken(server) -> None:
     change = {"camera": "left", "frame": 8, "label": "reef", "cells": [7], "base": [None]}
     body = {"who": "anna", "kind": "paint", "time": TIME, "changes": [change]}
-    for n, other in enumerate(({"mission": "other"}, {"grid": [5, 5]})):
+    grid = {"rows": 10, "cols": 10, "width": 360}
+    for n, other in enumerate(({"mission": "other"}, {"grid": {**grid, "width": 720}})):
         answer = server.send("/api/actions", {**body, "key": f"other-{n}", **other})
-        assert answer.status == 421 and "tiny" in answer.json["error"]
+        assert answer.status == 421
+        assert ("mission tiny;", "grid 10x10@360;")[n] in answer.json["error"]
         assert (
             server.send("/api/undo", {"key": f"o-{n}", "who": "anna", "time": TIME, **other}).status
             == 421
         )
-    assert (
-        server.send(
-            "/api/actions", {**body, "key": "own", "mission": "tiny", "grid": [10, 10]}
-        ).status
-        == 200
-    )
+    own = {**body, "key": "own", "mission": "tiny", "grid": grid}
+    assert server.send("/api/actions", own).status == 200
 
 
 CHANGE = {"camera": "left", "frame": 9, "label": "ocean", "cells": [0], "base": [None]}

@@ -13,13 +13,36 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 
+SAND = {"who": "anna", "class": "sand"}
+
+
 @pytest.fixture(scope="module")
 def server(page_server: Callable[..., Any], tiny_bundle: Path) -> Any:
     return page_server("--annotator", "anna", "--model", tiny_bundle)
 
 
+DEFAULTS = {"filter": "all", "confidence": 0.5, "follow": 2, "selected": ""}
+
+
+@pytest.fixture(scope="module")
+def tab(server: Any, browse_on: Callable[..., Page], frame_page: Any) -> Any:
+    return frame_page(browse_on(server), 1)
+
+
 @pytest.fixture
-def view(server: Any, browse: Callable[..., Page], frame_page: Any) -> Any:
+def view(tab: Any) -> Any:
+    """A page that tests share; what they set is as at first again."""
+    tab.page.evaluate(
+        "values => { import('/static/mission.js').then(({ setSetting }) =>"
+        " Object.entries(values).forEach(([name, value]) => setSetting(name, value))); }",
+        DEFAULTS,
+    )
+    return tab
+
+
+@pytest.fixture
+def fresh(server: Any, browse: Callable[..., Page], frame_page: Any) -> Any:
+    """A page that nobody used."""
     return frame_page(browse(server), 1)
 
 
@@ -49,6 +72,23 @@ def test_click_drag_rectangle_row_and_rest_are_stored(
     rest = dict.fromkeys(set(range(100)) - set(expected), "ocean")
     assert stored(server, 3) == expected | rest
     assert view.text("#status").endswith("done") or "done" in view.text("#status")
+
+
+def test_a_stroke_is_of_the_frame_on_which_it_began(
+    view: Any, server: Any, stored: Callable[..., Any]
+) -> None:
+    view.open(10)
+    view.press("5")
+    view.page.mouse.move(*view.at(30))
+    view.page.mouse.down()
+    view.page.mouse.move(*view.at(32))
+    view.press("d")
+    view.wait(11)
+    view.page.mouse.move(*view.at(35))
+    view.page.mouse.up()
+    view.saved()
+    assert stored(server, 10) == dict.fromkeys((30, 31, 32), "subsea_installation")
+    assert stored(server, 11) == {}
 
 
 def test_undo_and_redo_reach_back_over_a_reload(
@@ -85,29 +125,29 @@ def test_undo_and_redo_reach_back_over_a_reload(
 
 
 def test_a_frame_is_labelled_by_keyboard_alone(
-    view: Any, server: Any, stored: Callable[..., Any]
+    fresh: Any, server: Any, stored: Callable[..., Any]
 ) -> None:
-    view.page.keyboard.type("f8\n")
-    view.wait(8)
-    view.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
-    view.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowDown", "5")
-    view.press("Escape", "ArrowDown", "ArrowDown", "4", "r")
-    view.press("ArrowDown", "u", "Space", "o")
-    view.saved()
+    fresh.page.keyboard.type("f8\n")
+    fresh.wait(8)
+    fresh.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
+    fresh.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowDown", "5")
+    fresh.press("Escape", "ArrowDown", "ArrowDown", "4", "r")
+    fresh.press("ArrowDown", "u", "Space", "o")
+    fresh.saved()
     expected = dict.fromkeys(range(100), "ocean")
     expected |= {11: "sand", 53: "unsure"}
     expected |= dict.fromkeys((12, 13, 22, 23), "subsea_installation")
     expected |= dict.fromkeys(range(40, 50), "reef")
     assert stored(server, 8) == expected
-    view.press("n")
-    assert "frame 8 " not in view.text("#status")
-    view.press("?")
-    overlay = view.page.locator("#help")
+    fresh.press("n")
+    assert "frame 8 " not in fresh.text("#status")
+    fresh.press("?")
+    overlay = fresh.page.locator("#help")
     assert overlay.is_visible()
     text = overlay.text_content() or ""
     for word in ("subsea_installation", "next frame", "undo", "Alt+click", "raw frame"):
         assert word.lower() in text.lower()
-    view.press("Escape")
+    fresh.press("Escape")
     assert not overlay.is_visible()
 
 
@@ -173,6 +213,25 @@ def test_suggestions_are_labels_only_when_accepted(
     view.press("Control+z")
     view.saved()
     assert set(stored(server, 14)) == {0, 1} | confident
+
+
+def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(
+    fresh: Any, server: Any, stored: Callable[..., Any]
+) -> None:
+    """As between the start of a server with another model and the page hearing of it."""
+
+    def another(route: Any) -> None:
+        answer = route.fetch()
+        text = answer.text()
+        assert '"model":"tiny-lbp/1"' in text
+        route.fulfill(response=answer, body=text.replace("tiny-lbp/1", "tiny-lbp/2"))
+
+    fresh.page.route("**/api/labels?**", another)
+    fresh.open(17)
+    fresh.press("Shift+Enter")
+    fresh.shows("#toast", "No suggestions to accept here")
+    fresh.page.unroute("**/api/labels?**")
+    assert stored(server, 17) == {}
 
 
 def test_suggestions_follow_the_frame_before(
@@ -261,7 +320,7 @@ def test_the_address_names_the_frame(view: Any) -> None:
     assert strip.get_attribute("aria-valuenow") == "40"
 
 
-def test_filters_lead_the_steps(view: Any) -> None:
+def test_filters_lead_the_steps(view: Any, server: Any) -> None:
     view.open(36)
     view.press("o")
     view.saved()
@@ -271,6 +330,18 @@ def test_filters_lead_the_steps(view: Any) -> None:
     assert "match" in (view.page.locator(".matches").text_content() or "")
     view.press("End")
     view.wait(36)
+    view.open(34)
+    view.press("3")
+    view.click(7)
+    view.page.locator(".filter").select_option(label="with sand of mine")
+    view.page.locator(".frame-canvas").focus()
+    view.shows(".matches", f"{len(server.get('/api/frames_with', **SAND)['cameras']['left'])} ")
+    view.press("End")
+    view.wait(34)
+    view.press("Control+z")
+    view.shows("#toast", "Undone")
+    view.saved()
+    assert 34 not in server.get("/api/frames_with", **SAND)["cameras"]["left"]
 
 
 def test_an_unreadable_frame_says_so_and_is_passed(
@@ -293,51 +364,53 @@ def test_an_unreadable_frame_says_so_and_is_passed(
     assert stored(server, 2) == {} and stored(server, 3) == {5: "ocean"}
 
 
-def test_blind_hides_what_others_and_the_model_said(view: Any, server: Any) -> None:
+def test_blind_hides_what_others_and_the_model_said(fresh: Any, server: Any) -> None:
     server.paint("by-ben", 38, [0, 1], "reef", who="ben")
-    view.open(38)
-    view.page.wait_for_timeout(100)
-    x, y = view.at(0)
-    view.page.mouse.move(x, y)
-    assert "ben: reef" in view.text("#status")
-    view.page.locator("#person").click()
-    view.page.locator("#person-blind").check()
-    view.page.get_by_text("Work as this").click()
-    view.page.wait_for_selector("#blind-badge:visible")
-    view.wait(38)
-    view.page.mouse.move(*view.at(5))
-    view.page.mouse.move(x, y)
-    assert "ben" not in view.text("#status") and "suggests" not in view.text("#status")
-    assert not view.page.locator(".model").is_visible()
+    fresh.open(38)
+    fresh.page.wait_for_timeout(100)
+    x, y = fresh.at(0)
+    fresh.page.mouse.move(x, y)
+    assert "ben: reef" in fresh.text("#status")
+    fresh.page.locator("#person").click()
+    fresh.page.locator("#person-blind").check()
+    fresh.page.get_by_text("Work as this").click()
+    fresh.page.wait_for_selector("#blind-badge:visible")
+    fresh.wait(38)
+    fresh.page.mouse.move(*fresh.at(5))
+    fresh.page.mouse.move(x, y)
+    assert "ben" not in fresh.text("#status") and "suggests" not in fresh.text("#status")
+    assert not fresh.page.locator(".model").is_visible()
 
 
-def test_looking_closer_changes_nothing(view: Any, server: Any, stored: Callable[..., Any]) -> None:
-    view.open(33)
+def test_looking_closer_changes_nothing(
+    fresh: Any, server: Any, stored: Callable[..., Any]
+) -> None:
+    fresh.open(33)
 
     def pressed(name: str) -> str | None:
-        return view.page.locator(f"[data-toggle={name}]").get_attribute("aria-pressed")
+        return fresh.page.locator(f"[data-toggle={name}]").get_attribute("aria-pressed")
 
     for key, name in (("h", "raw"), ("b", "blink")):
-        view.press(key)
+        fresh.press(key)
         assert pressed(name) == "true"
-        view.press(key)
+        fresh.press(key)
         assert pressed(name) == "false"
-        view.page.keyboard.down(key)
-        view.page.wait_for_timeout(350)
+        fresh.page.keyboard.down(key)
+        fresh.page.wait_for_timeout(350)
         assert pressed(name) == "true"
-        view.page.keyboard.up(key)
+        fresh.page.keyboard.up(key)
         assert pressed(name) == "false"
-    view.press("l", "v", "]", "k", "+", "+", "Control+ArrowLeft", "s")
-    assert "one camera" in view.text("#toast")
-    assert view.page.locator("[data-setting=enhance]").input_value() == "70"
-    view.press("0")
-    before = view.at(44)
-    view.page.mouse.move(*before)
-    view.page.mouse.wheel(0, -600)
-    view.page.keyboard.down("Space")
-    view.drag(44, 66)
-    view.page.keyboard.up("Space")
+    fresh.press("l", "v", "]", "k", "+", "+", "Control+ArrowLeft", "s")
+    assert "one camera" in fresh.text("#toast")
+    assert fresh.page.locator("[data-setting=enhance]").input_value() == "70"
+    fresh.press("0")
+    before = fresh.at(44)
+    fresh.page.mouse.move(*before)
+    fresh.page.mouse.wheel(0, -600)
+    fresh.page.keyboard.down("Space")
+    fresh.drag(44, 66)
+    fresh.page.keyboard.up("Space")
     assert stored(server, 33) == {}
-    view.page.mouse.move(*view.at(66))
-    view.page.wait_for_timeout(100)
-    assert "row 4, column 4" in view.text("#status")  # what was dragged there
+    fresh.page.mouse.move(*fresh.at(66))
+    fresh.page.wait_for_timeout(100)
+    assert "row 4, column 4" in fresh.text("#status")  # what was dragged there

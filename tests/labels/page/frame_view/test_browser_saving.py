@@ -46,8 +46,14 @@ def test_a_server_killed_in_the_middle_of_a_drag_loses_nothing(
     view.page.mouse.up()
     view.state("offline")
     assert "1 waiting" in view.text("#save-state")
+    link = view.page.locator("#views a")
+    link.nth(1).click()  # a view whose module may not be there yet
+    link.nth(0).click()
+    view.wait(2)
     server.start()
     view.state("saved")
+    link.nth(1).click()
+    view.page.wait_for_selector(".thumb:not(.loading)")
     assert stored(server, 2) == dict.fromkeys([*range(10), 90], "subsea_installation")
     assert events(server, 2) == 11
 
@@ -145,6 +151,68 @@ def test_somebody_elses_labels_show_and_stay(
     assert stored(server, 12) == {} and stored(server, 12, "ben") == {5: "reef"}
 
 
+def test_an_answer_from_before_a_change_does_not_hide_it(
+    server: Any, browse: Callable[..., Page], frame_page: Any
+) -> None:
+    view = frame_page(browse(server, "#/label/left/30"), 30)
+    held: list[Any] = []
+
+    def hold(route: Any) -> None:
+        held.append((route, route.fetch()))
+
+    view.page.wait_for_timeout(300)  # what is fetched ahead is there
+    view.page.route("**/api/labels?**", hold)
+    view.press("End")
+    view.page.wait_for_timeout(200)
+    server.paint("ben-40", 40, [5], "reef", who="ben")
+    view.page.wait_for_timeout(700)  # the event is heard while the older answer is on its way
+    older, held[:] = held[:], []
+    for route, answer in older:
+        route.fulfill(response=answer)
+    view.page.unroute("**/api/labels?**")
+    view.wait(40)
+    view.point(5)
+    view.shows("#status", "ben: reef", WITHIN_S)
+
+
+def test_only_the_person_says_who_works_here_and_blind_holds_without_a_server(
+    server: Any,
+    page_server: Callable[..., Any],
+    browse: Callable[..., Page],
+    offline_errors: str,
+    stored: Callable[..., Any],
+    frame_page: Any,
+) -> None:
+    server.paint("ben-33", 33, [5], "reef", who="ben")
+    view = frame_page(browse(server, "#/label/left/33", allow=offline_errors), 33)
+    view.point(5)
+    view.shows("#status", "ben: reef")
+    server.kill()
+    view.state("offline")
+    view.page.locator("#person").click()
+    view.page.locator("#person-name").fill("carl")
+    view.page.locator("#person-blind").check()
+    view.page.get_by_text("Work as this").click()
+    view.shows("#toast", "Not loaded anew")
+    assert view.text("#person") == "carl" and "ben" not in view.text("#status")
+    mine, server.arguments = server.arguments, ("--annotator", "ben")
+    server.start()
+    view.wait(33)
+    view.state("saved")
+    assert view.text("#person") == "carl" and view.page.locator("#blind-badge").is_visible()
+    view.point(5)
+    assert "ben" not in view.text("#status")
+    view.press("3")
+    view.click(6)
+    view.state("saved")
+    assert stored(server, 33, "carl") == {6: "sand"}
+    assert stored(server, 33, "ben") == {5: "reef"} and stored(server, 33) == {}
+    view.page.close()
+    server.kill()
+    server.arguments = mine
+    server.start()
+
+
 def test_a_refused_action_is_set_aside_and_later_ones_go_on(
     server: Any, browse: Callable[..., Page], stored: Callable[..., Any], frame_page: Any
 ) -> None:
@@ -224,6 +292,10 @@ def test_another_mission_on_the_same_port_gets_none_of_it(
     server.start()
     view.state("refused")
     view.shows("#notices", "elsewhere")
+    view.press("End")  # its picture would be the other mission's
+    view.shows("#status", "cannot be shown")
+    view.click(51)
+    assert "1 waiting" in view.text("#save-state")
     context = view.page.context
     view.page.close()
     stranger = frame_page(browse(server, "#/label/left/1", context=context), 1)

@@ -1,0 +1,177 @@
+"""Frames of a video for several readers at once: the right ones, without reading it all again."""
+
+from __future__ import annotations
+
+import gc
+import random
+import threading
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.errors import FrameError
+from tokt.features.mission import VideoMission, open_mission
+from tokt.labels.page import frames
+from tokt.labels.page.frames import encoded_frame, for_background, read_frame
+
+N = 80
+FRAME_BYTES = 48 * 64 * 3
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("video") / "dive.avi"
+    rng = np.random.default_rng(3)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    assert writer.isOpened()
+    for number in range(1, N + 1):
+        writer.write((rng.integers(0, 9, (48, 64, 3)) + 3 * number).astype(np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.fixture(scope="module")
+def truth(video: Path) -> dict[int, NDArray[np.uint8]]:
+    mission = open_mission(video)
+    return {number: mission.read(number) for number in mission.frames()}
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Grows whenever a video file is opened."""
+    real, found = cv2.VideoCapture, list[str]()
+
+    def capture(path: str) -> Any:
+        found.append(path)
+        return real(path)
+
+    monkeypatch.setattr(cv2, "VideoCapture", capture)
+    return found
+
+
+def test_stepping_back_reads_the_file_once_in_25(video: Path, truth: Any, opened: Any) -> None:
+    mission = open_mission(video)
+    for number in range(N, 0, -1):
+        assert np.array_equal(read_frame(mission, "left", number), truth[number])
+    # N itself, then 79..55, 54..30, 29..5, 4..1
+    assert len(opened) == 1 + 4
+
+
+def test_going_to_and_fro_reads_nothing_again(video: Path, truth: Any, opened: Any) -> None:
+    mission = open_mission(video)
+    for number in (70, 71, 70, 71, 70, 68, 72, 71, 70):
+        assert np.array_equal(read_frame(mission, "left", number), truth[number])
+    assert len(opened) == 2  # only for 68
+
+
+@pytest.mark.parametrize("kept", [0, 1, 3, 10, 1000])
+def test_any_order_gives_the_right_frames(
+    video: Path, truth: Any, monkeypatch: pytest.MonkeyPatch, kept: int
+) -> None:
+    monkeypatch.setattr(frames, "KEPT_BYTES", kept * FRAME_BYTES)
+    mission = open_mission(video)
+    near = random.Random(kept)
+    at = N // 2
+    for _ in range(60):
+        at = min(N, max(1, at + near.choice((-30, -3, -1, -1, 1, 1, 3, 30))))
+        image = read_frame(mission, "left", at)
+        assert np.array_equal(image, truth[at])
+        image[:] = 0  # it is the caller's own
+        assert frames._kept(mission)._bytes <= kept * FRAME_BYTES  # type: ignore[arg-type]
+    held = frames._kept(mission)._frames  # type: ignore[arg-type]
+    assert frames._kept(mission)._bytes == len(held) * FRAME_BYTES  # type: ignore[arg-type]
+
+
+def test_many_threads(video: Path, truth: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frames, "KEPT_BYTES", 30 * FRAME_BYTES)
+    mission = open_mission(video)
+    order = random.Random(1).choices(range(1, N + 1), k=200)
+    with ThreadPoolExecutor(6) as pool:
+        found = pool.map(lambda number: read_frame(mission, "left", number), order)
+        assert all(np.array_equal(f, truth[n]) for f, n in zip(found, order, strict=True))
+
+
+def test_kept_frames_do_not_wait_for_the_file(
+    video: Path, truth: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = open_mission(video)
+    read_frame(mission, "left", 5)
+    reading, go_on = threading.Event(), threading.Event()
+    real = VideoMission.read
+
+    def slow(self: VideoMission, frame: int, camera: str = "left") -> NDArray[np.uint8]:
+        reading.set()
+        assert go_on.wait(10)
+        return real(self, frame, camera)
+
+    monkeypatch.setattr(VideoMission, "read", slow)
+    with ThreadPoolExecutor(2) as pool:
+        far = pool.submit(read_frame, mission, "left", 60)
+        assert reading.wait(10)
+        near = pool.submit(read_frame, mission, "left", 5)
+        assert np.array_equal(near.result(10), truth[5])
+        assert not far.done()
+        go_on.set()
+        assert np.array_equal(far.result(10), truth[60])
+
+
+def test_files_of_frames(video: Path, truth: Any, opened: Any) -> None:
+    mission = open_mission(video)
+    for number in (9, 8, 7):
+        found, direct = encoded_frame(mission, "left", number), cv2.imencode(".png", truth[number])
+        assert found == (direct[1].tobytes(), ".png")
+    assert len(opened) == 2
+
+
+def test_frames_that_cannot_be_read(video: Path, truth: Any, tmp_path: Path) -> None:
+    for camera, number in (("left", 0), ("left", N + 1), ("right", 1)):
+        for read in (read_frame, encoded_frame):
+            with pytest.raises(FrameError, match=f"no {camera} frame {number}"):
+                read(open_mission(video), camera, number)
+    damaged = tmp_path / "dive.avi"
+    data = bytearray(video.read_bytes())
+    data[len(data) // 2 : -4000] = bytes(len(data) - len(data) // 2 - 4000)
+    damaged.write_bytes(data)
+    direct, mission = open_mission(damaged), open_mission(damaged)
+    wrong = 0
+    for number in (*range(N, 0, -1), N, 1):
+        try:
+            expected = direct.read(number)
+        except FrameError as error:
+            wrong += 1
+            with pytest.raises(FrameError) as raised:
+                read_frame(mission, "left", number)
+            assert str(raised.value) == str(error)
+        else:
+            assert np.array_equal(read_frame(mission, "left", number), expected)
+    assert 0 < wrong < N
+
+
+def test_the_background_reads_for_itself_and_keeps_nothing(video: Path, truth: Any) -> None:
+    mission = open_mission(video)
+    own = for_background(mission)
+    assert own is not mission and isinstance(own, VideoMission)
+    for number in (1, 2, 40):
+        assert np.array_equal(read_frame(own, "left", number), truth[number])
+    assert frames._kept(own)._bytes == 0
+
+
+def test_a_video_that_is_done_with_takes_no_memory(video: Path) -> None:
+    mission = open_mission(video)
+    read_frame(mission, "left", 1)
+    kept = weakref.ref(frames._kept(mission))  # type: ignore[arg-type]
+    del mission
+    gc.collect()
+    assert kept() is None
+
+
+def test_folders_are_read_as_they_are(tiny: Any) -> None:
+    mission = open_mission(tiny.path)
+    assert for_background(mission) is mission
+    assert encoded_frame(mission, "left", 3) == mission.encoded(3)
+    assert np.array_equal(read_frame(mission, "left", 3), mission.read(3))

@@ -1,0 +1,266 @@
+"""Two dives of one name do not mix: their frames are told apart, copies are not."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.features.mission import open_mission
+from tokt.labels import mission_book
+from tokt.labels.mission_book import FILE_NAME, check_mission, note_mission
+from tokt.labels.store import LabelStore
+
+
+def _dive(folder: Path, seed: int, frames: range = range(1, 9), suffix: str = "png") -> Path:
+    for camera in ("Left", "Right"):
+        (folder / camera).mkdir(parents=True, exist_ok=True)
+        for frame in frames:
+            rng = np.random.default_rng((seed, frame, len(camera)))
+            image = rng.integers(0, 9, (30, 40), np.uint8)
+            cv2.imwrite(str(folder / camera / f"a_{frame}.{suffix}"), image)
+    return folder
+
+
+def _note(workspace: Path, path: Path) -> None:
+    note_mission(workspace, open_mission(path))
+
+
+def _refused(workspace: Path, path: Path, old: Path) -> None:
+    said = (
+        f"the labels of mission {path.stem!r} in {workspace} belong to the frames in"
+        f" {old.resolve()}; for another dive rename its folder or take another --workspace"
+    )
+    before = (workspace / FILE_NAME).read_bytes()
+    for refuse in (note_mission, check_mission):
+        with pytest.raises(ToktError, match=f"^{re.escape(said)}$"):
+            refuse(workspace, open_mission(path))
+    assert (workspace / FILE_NAME).read_bytes() == before
+
+
+@pytest.mark.parametrize("suffix", ["png", "bmp"])  # the latter are all of one size
+def test_another_dive_of_the_same_name(tmp_path: Path, suffix: str) -> None:
+    one = _dive(tmp_path / "1" / "dive", 1, suffix=suffix)
+    other = _dive(tmp_path / "2" / "dive", 2, suffix=suffix)
+    _note(tmp_path, one)
+    _refused(tmp_path, other, one)
+    _note(tmp_path, one)
+    other = other.rename(other.parent / "dive 2")
+    _note(tmp_path, other)
+    assert set(json.loads((tmp_path / FILE_NAME).read_bytes())["missions"]) == {"dive", "dive 2"}
+
+
+def test_no_frame_in_common(tmp_path: Path) -> None:
+    one = _dive(tmp_path / "1" / "dive", 1, range(1, 5))
+    _note(tmp_path, one)
+    _refused(tmp_path, _dive(tmp_path / "2" / "dive", 1, range(5, 9)), one)
+
+
+def test_a_copy_or_a_moved_folder_is_the_same_dive(tmp_path: Path) -> None:
+    one = _dive(tmp_path / "1" / "dive", 1)
+    _note(tmp_path, one)
+    copy = tmp_path / "2" / "dive"
+    shutil.copytree(one, copy, copy_function=shutil.copyfile)  # other times
+    (copy / "Left" / "a_3.png").unlink()
+    _dive(copy, 7, range(20, 22))  # more frames
+    check_mission(tmp_path, open_mission(copy))
+    _note(tmp_path, copy)
+    assert json.loads((tmp_path / FILE_NAME).read_bytes())["missions"]["dive"]["path"] == str(copy)
+    shutil.rmtree(one)
+    _note(tmp_path, copy.rename(tmp_path / "dive"))
+
+
+def test_one_other_frame_is_enough_to_refuse(tmp_path: Path) -> None:
+    one = _dive(tmp_path / "1" / "dive", 1)
+    _note(tmp_path, one)
+    copy = shutil.copytree(one, tmp_path / "2" / "dive")
+    shutil.copy(copy / "Right" / "a_2.png", copy / "Right" / "a_1.png")
+    _refused(tmp_path, copy, one)
+
+
+def test_more_frames_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = _dive(tmp_path / "1" / "dive", 1, range(100, 102))
+    _note(tmp_path, one)
+    shutil.rmtree(one)
+    _dive(one, 1, range(1, 99))  # none of the first ones is left
+    check_mission(tmp_path, open_mission(one))
+    monkeypatch.chdir(one)
+    _note(tmp_path, Path())
+    frames = json.loads((tmp_path / FILE_NAME).read_bytes())["missions"]["dive"]["frames"]
+    assert len(frames) == 50
+    assert {name.split()[0] for name in frames} == {"left", "right"}
+    _note(tmp_path, shutil.copytree(one, tmp_path / "2" / "dive"))
+
+
+def test_nothing_is_written_where_nothing_changed(tmp_path: Path) -> None:
+    one = _dive(tmp_path / "dive", 1)
+    _note(tmp_path, one)
+    os.utime(tmp_path / FILE_NAME, (1, 1))
+    _note(tmp_path, one)
+    assert (tmp_path / FILE_NAME).stat().st_mtime == 1
+
+
+def test_few_files_of_a_long_mission_are_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "dive"
+    folder.mkdir()
+    for frame in range(2_000):
+        (folder / f"a_{frame}.png").touch()
+    opened: list[Path] = []
+    real: Callable[..., Any] = Path.open
+
+    def count(path: Path, *arguments: Any, **options: Any) -> Any:
+        opened.append(path)
+        return real(path, *arguments, **options)
+
+    mission = open_mission(folder)
+    monkeypatch.setattr(Path, "open", count)
+    note_mission(tmp_path, mission)
+    assert len([path for path in opened if path.parent == folder]) == 50
+
+
+def test_videos(tmp_path: Path) -> None:
+    for number, n_frames in ((1, 3), (2, 4)):
+        path = tmp_path / str(number) / "dive.avi"
+        path.parent.mkdir()
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+        for _ in range(n_frames):
+            writer.write(np.zeros((48, 64, 3), np.uint8))
+        writer.release()
+    one = tmp_path / "1" / "dive.avi"
+    _note(tmp_path, one)
+    _refused(tmp_path, tmp_path / "2" / "dive.avi", one)
+    _refused(tmp_path, _dive(tmp_path / "3" / "dive", 1), one)
+    (tmp_path / "4").mkdir()
+    _note(tmp_path, Path(shutil.copy(one, tmp_path / "4" / "dive.avi")))
+
+
+def test_frames_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+    one = _dive(tmp_path / "1" / "dive", 1)
+    (one / "Left" / "a_4.png").unlink()
+    (one / "Left" / "a_4.png").mkdir()
+    _note(tmp_path, one)
+    other = _dive(tmp_path / "2" / "dive", 1)
+    _note(tmp_path, other)
+
+
+def test_a_newer_format(tmp_path: Path) -> None:
+    path = _dive(tmp_path / "dive", 1)
+    text = json.dumps({"format": 2, "dives": []})
+    (tmp_path / FILE_NAME).write_text(text)
+    for read in (note_mission, check_mission):
+        with pytest.raises(ToktError, match=r"missions.json has format 2, newer .*update tokt$"):
+            read(tmp_path, open_mission(path))
+    assert (tmp_path / FILE_NAME).read_text() == text
+
+
+GOOD = '{"format": 1, "missions": {"dive": {"path": "/x", "frames": {"left 1": "3 00"}}}}'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "\xff",
+        "{",
+        "[" * 100_000,
+        '{"format": 1}',
+        GOOD.replace("1,", "true,"),
+        GOOD.replace("1,", "0,"),
+        GOOD.replace("left 1", "left"),
+        GOOD.replace('"3 00"', "3"),
+        GOOD.replace('"/x"', "null"),
+        '{"format": 1, "missions": {"dive": []}}',
+        '{"format": 1, "missions": {"dive": {"path": "/x", "frames": ["left 1"]}}}',
+    ],
+)
+def test_damage(tmp_path: Path, text: str) -> None:
+    path = _dive(tmp_path / "dive", 1)
+    (tmp_path / FILE_NAME).write_bytes(text.encode("latin-1"))
+    for read in (note_mission, check_mission):
+        with pytest.raises(ToktError, match=r"missions.json is damaged; "):
+            read(tmp_path, open_mission(path))
+    assert (tmp_path / FILE_NAME).read_bytes() == text.encode("latin-1")
+
+
+@given(st.integers(0, len(GOOD) - 1), st.characters(codec="ascii"))
+def test_one_wrong_character(
+    tmp_path_factory: pytest.TempPathFactory, place: int, character: str
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    file = folder / "book" / FILE_NAME
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(GOOD[:place] + character + GOOD[place + 1 :])
+    try:
+        mission_book._read(file)
+    except ToktError as error:
+        assert "\n" not in str(error)
+
+
+def test_a_workspace_that_cannot_be_written(tmp_path: Path) -> None:
+    path = _dive(tmp_path / "dive", 1)
+    (tmp_path / "workspace").touch()
+    with pytest.raises(ToktError, match=r"missions.json: "):
+        _note(tmp_path / "workspace", path)
+
+
+def test_label_notes_a_mission_and_refuses_another(run_tokt: Any, tmp_path: Path) -> None:
+    one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
+    workspace = tmp_path / "w"
+    _import(run_tokt, workspace, tmp_path)  # labels that were there before
+    check_mission(workspace, open_mission(other))
+    _note(workspace, one)
+    fixed = ("--port", 0, "--no-browser", "--annotator", "anna", "--grid", "2x2@40")
+    ran = run_tokt("label", other, *fixed, "--workspace", workspace)
+    assert ran.code == 2 and ran.out == ""
+    assert ran.err == (
+        f"tokt: error: the labels of mission 'dive' in {workspace} belong to the frames in"
+        f" {one.resolve()}; for another dive rename its folder or take another --workspace\n"
+    )
+
+
+def _import(run_tokt: Any, workspace: Path, folder: Path) -> None:
+    file = folder / "labels.csv"
+    rows = [f"dive,left,{frame},0,0,{label}" for frame in range(1, 9) for label in ("reef",)]
+    file.write_text("\n".join(["mission,camera,frame,row,col,label", *rows, ""]))
+    assert run_tokt("labels", "import", file, "--workspace", workspace).code == 0
+
+
+def test_dataset_build_refuses_another_dive(run_tokt: Any, tmp_path: Path) -> None:
+    one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
+    workspace = tmp_path / "w"
+    _import(run_tokt, workspace, tmp_path)
+    build = ("dataset", "build", "one", "--task", "classes", "--workspace", workspace)
+    unknown = run_tokt(*build, "--mission", other)  # nothing noted: as it was
+    assert "belong to the frames" not in unknown.err
+    assert not (workspace / FILE_NAME).exists()
+    _note(workspace, one)
+    ran = run_tokt(*build, "--mission", other)
+    assert ran.code == 2 and ran.err.startswith("tokt: error: the labels of mission 'dive' in ")
+    given = run_tokt(*build, "--mission", other, "--labels", tmp_path / "labels.csv")
+    assert "belong to the frames" not in given.err
+    assert "belong to the frames" not in run_tokt(*build, "--mission", one).err
+
+
+def test_the_page_notes_the_mission_that_it_opens(tmp_path: Path) -> None:
+    pytest.importorskip("fastapi")
+    from tokt.features.grid import Grid
+    from tokt.labels.page.start import open_session
+
+    one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
+    open_session(open_mission(one), tmp_path / "w", Grid(2, 2, 40), "anna", "1").close()
+    with pytest.raises(ToktError, match="belong to the frames"):
+        open_session(open_mission(other), tmp_path / "w", Grid(2, 2, 40), "anna", "1")
+    LabelStore(tmp_path / "w" / "labels.db").close()  # and it is not left locked
