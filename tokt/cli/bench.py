@@ -23,24 +23,45 @@ def bench(
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(help="Compare results on so many frames of it; default: all.", min=1),
+        typer.Option(
+            help="Compare results on so many frames of it; default: all. With --label: frames of "
+            "the mission that the page shows; default: 10000.",
+            min=1,
+        ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for bench.json and bench.png.")] = Path(
-        "bench-out"
-    ),
+    label: Annotated[
+        bool,
+        typer.Option("--label", help="Measure instead how long the labelling page lets one wait."),
+    ] = False,
+    effort: Annotated[
+        bool,
+        typer.Option(
+            "--effort", help="Measure instead the labelling effort with suggestions and without."
+        ),
+    ] = False,
+    out: Annotated[
+        Path, typer.Option(help="Folder for bench.json and bench.png, or label.json and label.png.")
+    ] = Path("bench-out"),
     quick: Annotated[
         bool, typer.Option("--quick", help="Few frames and repetitions: a look, no figures.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Speed against scikit-image, mahotas and the thesis's pipeline; exit code 1 if not exact."""
+    """Speed against scikit-image, mahotas and the thesis's pipeline; exit code 1 if not exact.
+
+    With --label and --effort: the labelling page in a headless Chromium (needs Playwright); exit
+    code 1 if a label came out wrong.
+    """
+    if label or effort:
+        _label_bench(mission, labels, frames, label, effort, out, quick, json)
+        return
     from ..training.bench.run import FULL, QUICK, run_bench
     from ..training.bench.table import print_table
 
-    effort = QUICK if quick else FULL
+    extent = QUICK if quick else FULL
     if frames is not None:
-        effort = replace(effort, compared=frames)
-    found = run_bench(out, mission, labels, effort, progress, say)
+        extent = replace(extent, compared=frames)
+    found = run_bench(out, mission, labels, extent, progress, say)
     if json:
         print_json(found.to_json())
     else:
@@ -48,4 +69,32 @@ def bench(
     say(f"chart: {out / 'bench.png'}")
     if not found.exact:
         say("tokt: warning: not every case gave the same as the libraries")
+        raise typer.Exit(_NOT_EXACT)
+
+
+def _label_bench(
+    mission: Path | None,
+    labels: Path | None,
+    frames: int | None,
+    times: bool,
+    effort: bool,
+    out: Path,
+    quick: bool,
+    json: bool,
+) -> None:
+    from ..training.bench.label_page import FULL, QUICK, LabelRequest, run_label_bench
+    from ..training.bench.label_table import print_label_tables
+
+    extent = QUICK if quick else FULL
+    if frames is not None:
+        extent = replace(extent, frames=frames)
+    request = LabelRequest(mission, labels, extent, times, effort)
+    found = run_label_bench(out, request, progress, say)
+    if json:
+        print_json(found.to_json())
+    else:
+        print_label_tables(found.times, found.efforts, found.about)
+    say(f"chart: {out / 'label.png'}")
+    if not found.faithful:
+        say("tokt: warning: not every label came out as it was asked for")
         raise typer.Exit(_NOT_EXACT)

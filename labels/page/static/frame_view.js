@@ -158,7 +158,9 @@ function show(camera, frame) {
 
 function noteAddressSoon(hash) {
   clearTimeout(page.timers.address);
+  const from = location.hash;
   const note = () => {
+    if (location.hash !== from) return; // a link was followed meanwhile
     page.noted = performance.now();
     noteAddress(hash);
   };

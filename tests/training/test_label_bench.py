@@ -1,0 +1,157 @@
+"""`tokt bench --label`: everything is measured, and what cannot be is told. No speed is tested."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.mission import open_mission
+from tokt.labels.store import LabelStore
+from tokt.training.bench.browser import chromium
+from tokt.training.bench.effort_person import Effort, Way
+from tokt.training.bench.effort_plan import Tools
+from tokt.training.bench.label_chart import label_chart_png
+from tokt.training.bench.label_mission import label_all, link_frames
+from tokt.training.bench.label_server import label_server
+from tokt.training.bench.label_table import print_label_tables
+from tokt.training.bench.timing import WORST, Timing
+
+TIMES = [
+    "first_page",
+    "next_frame",
+    "next_frame_fast",
+    "jump",
+    "acknowledged",
+    "answered",
+    "other_tab",
+    "first_page_labelled",
+    "next_frame_labelled",
+    "next_frame_fast_labelled",
+    "acknowledged_labelled",
+    "answered_labelled",
+]
+ABOUT = {
+    "machine": {"cpu": "a processor", "cores": 2, "python": "3.12"},
+    "browser": "Chromium",
+    "mission": "dive",
+    "frames": 30,
+    "halves": [],
+}
+
+
+@pytest.mark.slow
+def test_everything_a_person_waits_for_is_measured(
+    tiny: Any, run_tokt: Callable[..., Any], tmp_path: Path
+) -> None:
+    pytest.importorskip("playwright", reason="Playwright is not installed (extra dev)")
+    if not any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))):
+        pytest.skip("no Chromium on this computer")
+    out = tmp_path / "out"
+    options = ("--quick", "--json", "--frames", 30, "--mission", tiny.path, "--out", out)
+    ran = run_tokt("bench", "--label", *options)
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert [time["name"] for time in found["times"]] == TIMES
+    for time in found["times"]:
+        assert 0 < time["p50_ms"] <= time["p95_ms"] <= time["worst_ms"] < 60_000
+        assert (time["holds"] is None) == (time["asked_ms"] is None)
+    assert {time["name"]: time["count"] for time in found["times"]}["next_frame"] == 3
+    assert found["frames"] == 30 and found["mission"] == "tiny" and found["effort"] == []
+    assert json.loads((out / "label.json").read_text("utf-8")) == found
+    assert sorted(path.name for path in out.iterdir()) == ["label.json", "label.png"]
+
+
+def test_a_time_is_held_against_what_is_asked() -> None:
+    times = [float(value) for value in range(1, 101)]
+    asked = Timing("x", "", times, 96.0)
+    assert asked.holds and asked.to_json()["p50_ms"] == 50.5
+    assert not Timing("x", "", times, 95.0).holds
+    assert not Timing("x", "", times, 99.0, WORST).holds
+    assert Timing("x", "", times).holds is None
+
+
+def an_effort(with_model: int, wrong: list[str]) -> Effort:
+    way = Way("clicks", "a click a patch", Tools(False, False, True), unsure=False, asked=5.0)
+    return Effort(way, [60, 40], [with_model, 10], wrong)
+
+
+def test_the_effort_is_added_up_over_the_halves() -> None:
+    assert an_effort(10, []).ratio == 5 and an_effort(10, []).holds
+    assert an_effort(11, []).holds is False
+    assert not an_effort(10, ["frame 1 patch 2: ocean instead of reef"]).to_json()["labels_equal"]
+
+
+def test_tables_and_chart_say_what_is_not_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
+    efforts = [an_effort(30, ["frame 1 patch 2: ocean instead of reef"])]
+    print_label_tables(times, efforts, ABOUT)
+    shown = capsys.readouterr().out
+    assert "p95 100" in shown and shown.count(" NO ") == 3
+    assert "2.5x" in shown and "60 + 40" in shown and "ocean instead of reef" in shown
+    chart = label_chart_png(times, efforts, ABOUT)
+    assert chart.startswith(b"\x89PNG") and len(label_chart_png(times, [], ABOUT)) < len(chart)
+
+
+def test_a_long_mission_is_links_to_few_pictures(tiny: Any, tmp_path: Path) -> None:
+    link_frames(tiny.path / "Left", tmp_path / "long", 100)
+    mission = open_mission(tmp_path / "long")
+    assert mission.frames() == list(range(1, 101))
+    assert (mission.read(1) == mission.read(41)).all()
+    assert not (mission.read(1) == mission.read(2)).all()
+    target = next((tmp_path / "long" / "Left").iterdir()).resolve()
+    assert target.parent == (tiny.path / "Left").resolve() and cv2.imread(str(target)) is not None
+
+
+def test_every_patch_of_the_long_mission_gets_a_label(
+    tmp_path: Path, no_progress: Callable[..., Any]
+) -> None:
+    assert label_all(tmp_path / "labels.db", "long", 3, "bench", no_progress) == 300
+    with LabelStore(tmp_path / "labels.db") as store:
+        held = store.current(mission="long")
+    assert len({record.cell for record in held}) == 300
+    assert {record.annotator for record in held} == {"bench"}
+
+
+def test_without_playwright_its_name_is_told(
+    run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    ran = run_tokt("bench", "--label", "--quick", "--out", tmp_path / "out")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith("tokt: error: measuring the page needs Playwright")
+    assert ran.err.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+def test_without_a_browser_that_is_told(tmp_path: Path, monkeypatch: Any) -> None:
+    pytest.importorskip("playwright", reason="Playwright is not installed (extra dev)")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(tmp_path))
+    with pytest.raises(ToktError, match="no Chromium here"), chromium():
+        pass
+
+
+def test_a_server_that_ends_is_told_with_its_last_words(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    with (
+        pytest.raises(ToktError, match=f"tokt label ended with 2: .*{gone} does not exist"),
+        label_server(gone, tmp_path / "workspace"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("options", [("--labels", "l.csv"), ("--out", "file")])
+def test_options_that_cannot_be_used(
+    options: tuple[str, str], run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("mine")
+    ran = run_tokt("bench", "--label", *options)
+    assert ran.code == 2 and ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+    assert Path("file").read_text() == "mine"

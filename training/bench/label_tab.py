@@ -1,0 +1,173 @@
+"""One tab of the labelling page in a headless browser, as a person's hand and eye use it."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ...features.errors import ToktError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+FIRST, FRAME, ACK = "tokt:first", "tokt:frame", "tokt:ack"
+"""Performance entries that the page makes: a mark, and two measures."""
+WIDTH, HEIGHT = 1280, 720
+_LONGEST_MS = 60_000
+_LOOK_EVERY_S = 0.01
+
+_CELL_MIDDLE = """async ([cell]) => {
+  const { Viewport } = await import("/static/viewport.js");
+  const { patchSize, rowCol } = await import("/static/patch_grid.js");
+  const { picture } = await import("/static/pictures.js");
+  const { setting } = await import("/static/settings.js");
+  const canvas = document.querySelector(".frame-canvas");
+  const [, , camera, frame] = location.hash.split("/");
+  const bitmap = await picture(camera, Number(frame), setting("enhance"));
+  const view = new Viewport();
+  view.canvas = { width: canvas.clientWidth, height: canvas.clientHeight };
+  view.frame = { width: bitmap.width, height: bitmap.height };
+  const size = patchSize(bitmap.width, bitmap.height);
+  const box = canvas.getBoundingClientRect();
+  const [row, col] = rowCol(cell);
+  return [
+    box.left + view.origin.x + (col + 0.5) * size.width * view.scale,
+    box.top + view.origin.y + (row + 0.5) * size.height * view.scale,
+  ];
+}"""
+_NOTE_KEYS = """
+  window.toktPressed = [];
+  performance.setResourceTimingBufferSize(100000);
+  addEventListener("keydown", (event) => window.toktPressed.push(event.timeStamp), true);
+"""
+_DRAWN = """(name) => performance.getEntriesByName(name)
+  .map((entry) => [entry.detail.frame, entry.startTime + entry.duration])"""
+_ANSWERED = """([path, first]) => performance.getEntriesByType("resource")
+  .filter((entry) => new URL(entry.name).pathname === path).slice(first)
+  .map((entry) => entry.responseEnd - entry.startTime)"""
+_IS_DRAWN = """([name, frame]) =>
+  performance.getEntriesByName(name).at(-1)?.detail.frame === frame"""
+_MORE = "([name, known]) => performance.getEntriesByName(name).length > known"
+_COUNT = "name => performance.getEntriesByName(name).length"
+_SAVED = """async () => {
+  const { state, pending } = await import("/static/saver.js");
+  return state() === "saved" && pending() === 0;
+}"""
+
+
+class Drawn(NamedTuple):
+    """A frame that was drawn, and when: ms on the tab's clock."""
+
+    frame: int
+    end: float
+
+
+class Tab:
+    """A tab on the page's server; each has its own cache and storage.
+
+    All frames are taken to be of one size, and the picture is not zoomed.
+
+    Parameters
+    ----------
+    browser : Browser
+    url : str
+        The server's address.
+    settings : dict, optional
+        Settings of the page that a person would have made.
+    """
+
+    def __init__(self, browser: Browser, url: str, settings: dict[str, Any] | None = None) -> None:
+        self._context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
+        self._context.set_default_timeout(_LONGEST_MS)
+        stored = json.dumps(json.dumps(settings or {}))
+        self._context.add_init_script(f"localStorage.setItem('tokt.settings', {stored})")
+        self._context.add_init_script(_NOTE_KEYS)
+        self.page: Page = self._context.new_page()
+        self._url = url.rstrip("/")
+        self._middles: dict[int, tuple[float, float]] = {}
+
+    def close(self) -> None:
+        """Close the tab and forget what it stored."""
+        self._context.close()
+
+    def open(self, address: str) -> float:
+        """Load the page at an address such as ``#/label/left/17``.
+
+        Returns
+        -------
+        float
+            From the start of the navigation to the picture with its labels drawn, ms.
+        """
+        self.page.goto(f"{self._url}/{address}")
+        self.wait_for(FIRST, 0)
+        return float(
+            self.page.evaluate("name => performance.getEntriesByName(name)[0].startTime", FIRST)
+        )
+
+    def go(self, address: str) -> None:
+        """Follow a link inside the page."""
+        self.page.evaluate("address => { location.hash = address }", address)
+
+    def count(self, name: str) -> int:
+        """How many performance entries of that name there are."""
+        return int(self.page.evaluate(_COUNT, name))
+
+    def wait_for(self, name: str, known: int) -> None:
+        """Wait until there are more than `known` performance entries of a name."""
+        self.until(_MORE, [name, known])
+
+    def durations(self, name: str, first: int = 0) -> list[float]:
+        """Durations of the measures of that name, ms, from the one numbered `first` on."""
+        found = self.page.evaluate(
+            "([name, first]) => "
+            "performance.getEntriesByName(name).slice(first).map((entry) => entry.duration)",
+            [name, first],
+        )
+        return [float(value) for value in found]
+
+    def answer_times(self, path: str, first: int) -> list[float]:
+        """From each request of a path sent to its answer received, ms, from number `first` on."""
+        found = self.page.evaluate(_ANSWERED, [path, first])
+        return [float(value) for value in found]
+
+    def frames_drawn(self) -> list[Drawn]:
+        """Every frame that was drawn with its labels since the page was loaded, in order."""
+        return [Drawn(int(frame), float(end)) for frame, end in self.page.evaluate(_DRAWN, FRAME)]
+
+    def until_drawn(self, frame: int) -> None:
+        """Wait until the newest frame drawn is this one."""
+        self.until(_IS_DRAWN, [FRAME, frame])
+
+    def key_presses(self) -> list[float]:
+        """When keys went down, ms on the tab's clock."""
+        return [float(value) for value in self.page.evaluate("() => window.toktPressed")]
+
+    def middle_of(self, cell: int) -> tuple[float, float]:
+        """Where the middle of a patch of the frame shown is, in the window's pixels."""
+        if cell not in self._middles:
+            x, y = self.page.evaluate(_CELL_MIDDLE, [cell])
+            self._middles[cell] = (float(x), float(y))
+        return self._middles[cell]
+
+    def click(self, cell: int) -> None:
+        """Click the middle of a patch of the frame shown."""
+        self.page.mouse.click(*self.middle_of(cell))
+
+    def until(self, script: str, arg: Any = None) -> None:
+        """Wait until a script, which may be asynchronous, says true.
+
+        Raises
+        ------
+        ToktError
+            If it does not for long.
+        """
+        last = time.monotonic() + _LONGEST_MS / 1000
+        while not self.page.evaluate(script, arg):
+            if time.monotonic() > last:
+                raise ToktError(f"the page did not get so far in {_LONGEST_MS // 1000} s: {script}")
+            time.sleep(_LOOK_EVERY_S)
+
+    def wait_until_saved(self) -> None:
+        """Wait until the page says that everything is saved."""
+        self.until(_SAVED)

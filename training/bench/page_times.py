@@ -1,0 +1,157 @@
+"""How long a person at the labelling page waits: for the page, a frame, a label, the other tab."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from .label_tab import ACK, FRAME, Tab
+from .timing import WORST, Timing
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+FIRST_MS, FRAME_MS, ACK_MS, LIVE_MS = 1000.0, 100.0, 25.0, 2000.0
+"""What is asked for, in ms."""
+STEP_KEY = "d"
+_BETWEEN_STEPS_MS, _BETWEEN_CLICKS_MS = 250, 200
+_LABEL_KEYS = ("1", "2")
+_PAINT_KEYS = ("u", "1")
+"""Nothing is unsure at first, so that every click changes something."""
+_SEED = 1
+_ACTIONS = "/api/actions"
+FIRST_FRAME = "#/label/left/1"
+
+_WATCH = """async ([camera, frame, cell, label]) => {
+  const { labelsOf } = await import("/static/labels.js");
+  window.toktSeen = new Promise((resolve) => {
+    const look = () => {
+      if (labelsOf(camera, frame)?.mine[cell] === label) {
+        resolve(performance.timeOrigin + performance.now());
+      } else requestAnimationFrame(look);
+    };
+    look();
+  });
+}"""
+_LAST_ACT = """() => {
+  const last = performance.getEntriesByName("tokt:ack").at(-1);
+  return performance.timeOrigin + last.startTime;
+}"""
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """How often each thing is done."""
+
+    loads: int
+    steps: int
+    jumps: int
+    clicks: int
+    changes: int
+
+
+def first_page(browser: Browser, url: str, repeats: Repeats, suffix: str, of: str) -> Timing:
+    """Open the page in fresh tabs without a cache."""
+    times = []
+    for _ in range(repeats.loads):
+        tab = Tab(browser, url)
+        times.append(tab.open(FIRST_FRAME))
+        tab.close()
+    what = f"start of the navigation to the first picture with its labels drawn{of}"
+    return Timing(f"first_page{suffix}", what, times, FIRST_MS, WORST)
+
+
+def stepping(tab: Tab, repeats: Repeats, suffix: str, of: str) -> list[Timing]:
+    """Step forward at a person's pace, and then as fast as the page goes."""
+    what = f"key press to the next frame drawn with its labels{of}"
+    paced = _steps(tab, repeats.steps, _BETWEEN_STEPS_MS)
+    fast = _steps(tab, repeats.steps, None)
+    return [
+        Timing(f"next_frame{suffix}", f"{what}, 4 a second", paced, FRAME_MS),
+        Timing(
+            f"next_frame_fast{suffix}",
+            f"{what}, each as soon as the one before is drawn",
+            fast,
+            FRAME_MS,
+        ),
+    ]
+
+
+def _steps(tab: Tab, count: int, pause_ms: int | None) -> list[float]:
+    """Step from frame to frame, with a pause after each or none.
+
+    A frame that was passed over because the next key came first has waited until a later one was
+    drawn.
+    """
+    first, pressed = tab.frames_drawn()[-1].frame, len(tab.key_presses())
+    for number in range(first + 1, first + count + 1):
+        tab.page.keyboard.press(STEP_KEY)
+        if pause_ms is None:
+            tab.until_drawn(number)
+        else:
+            tab.page.wait_for_timeout(pause_ms)
+    tab.until_drawn(first + count)
+    drawn = tab.frames_drawn()
+    return [
+        next(one.end for one in drawn if one.frame >= number and one.end > press) - press
+        for number, press in enumerate(tab.key_presses()[pressed:], first + 1)
+    ]
+
+
+def jumps(tab: Tab, frames: int, repeats: Repeats) -> Timing:
+    """Go to frames all over the mission, which nothing can have fetched before."""
+    dice = random.Random(_SEED)
+    known = tab.count(FRAME)
+    for number in dice.sample(range(1, frames + 1), min(repeats.jumps, frames)):
+        tab.page.wait_for_timeout(_BETWEEN_STEPS_MS)
+        tab.go(f"#/label/left/{number}")
+        tab.until_drawn(number)
+    what = "a link to any frame to this frame drawn with its labels"
+    return Timing("jump", what, tab.durations(FRAME, known))
+
+
+def acknowledging(
+    tab: Tab, cells: Sequence[int], repeats: Repeats, suffix: str, of: str
+) -> list[Timing]:
+    """Click patches one after the other, five a second."""
+    known, sent = tab.count(ACK), len(tab.answer_times(_ACTIONS, 0))
+    for number in range(repeats.clicks):
+        if number % len(cells) == 0:
+            tab.page.keyboard.press(_PAINT_KEYS[number // len(cells) % 2])
+        tab.click(cells[number % len(cells)])
+        tab.page.wait_for_timeout(_BETWEEN_CLICKS_MS)
+    tab.wait_for(ACK, known + repeats.clicks - 1)
+    what = f"click on a patch until the page knows that its label is on disk{of}"
+    part = f"of this, request sent to answer received{of}"
+    return [
+        Timing(f"acknowledged{suffix}", what, tab.durations(ACK, known), ACK_MS),
+        Timing(f"answered{suffix}", part, tab.answer_times(_ACTIONS, sent)),
+    ]
+
+
+def live_update(browser: Browser, url: str, names: Sequence[str], repeats: Repeats) -> Timing:
+    """Paint in one tab and wait for it in another."""
+    tabs = [Tab(browser, url), Tab(browser, url)]
+    for tab in tabs:
+        tab.open(FIRST_FRAME)
+    times = [
+        _one_change(tabs[0], tabs[1], cell, names, number)
+        for number, cell in enumerate(range(repeats.changes))
+    ]
+    for tab in tabs:
+        tab.close()
+    what = "click in one tab to the label shown in another"
+    return Timing("other_tab", what, times, LIVE_MS)
+
+
+def _one_change(here: Tab, there: Tab, cell: int, names: Sequence[str], number: int) -> float:
+    which = number % 2
+    there.page.evaluate(_WATCH, ["left", 1, cell, names[which]])
+    known = here.count(ACK)
+    here.page.keyboard.press(_LABEL_KEYS[which])
+    here.click(cell)
+    here.wait_for(ACK, known)
+    shown: Any = there.page.evaluate("() => window.toktSeen")
+    return float(shown) - float(here.page.evaluate(_LAST_ACT))
