@@ -184,7 +184,7 @@ def test_train(host, workspace, registry_sound):
     shutil.rmtree(workspace / "cache")
     command = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", "--folds", 3)
     whole = (*command, "--embargo", 1, "--workspace", workspace)
-    assert kill_often(host, whole, sound) >= 3
+    assert kill_often(host, whole, sound) >= 2
     assert len(Registry(workspace).versions()) >= 3
 
 

@@ -156,7 +156,7 @@ def test_any_layout(kernels: Kernels, depth: tuple[int, ...]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("camera", ["Left", "Right"])
 def test_mission_frames(camera: str, mission: Path) -> None:
-    paths = sorted((mission / camera).iterdir())
+    paths = sorted((mission / camera).iterdir())[::3]  # `tokt bench --mission` compares them all
     assert paths
     for path in paths:
         for flag in (cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE):

@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from tokt.cli import main
 
 HEADER = "mission,camera,frame,row,col,label\n"
 ANN = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 6 else 'ocean'}\n" for n in range(10))
@@ -20,13 +24,19 @@ def folder(tmp_path: Path) -> Path:
 
 
 def _tokt(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "tokt", "labels", *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    """In this process, which has imported everything; test_bad_input starts real ones."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.MonkeyPatch.context() as patch,
+        pytest.raises(SystemExit) as ended,
+    ):
+        patch.setattr(sys, "argv", ["tokt", "labels", *words])
+        main()
+    code = ended.value.code if isinstance(ended.value.code, int) else 0
+    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
 def _good(folder: Path, *words: str) -> str:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,6 +25,7 @@ from tokt.training.bench.models import TEXTURES, learn, lesson_from_two_images
 from tokt.training.bench.pictures import Picture, spread_over, textured_frame
 from tokt.training.bench.run import Effort, measure_in_process
 from tokt.training.bench.start_case import first_verdict
+from tokt.training.bench.table import about_lines
 from tokt.training.bench.thesis_way import GRID, haralick_directions
 
 CASES = [
@@ -96,6 +95,14 @@ def check_the_chart_is_a_picture(out: Path) -> None:
     assert sorted(path.name for path in out.iterdir()) == ["bench.json", "bench.png"]
 
 
+def check_the_table_says_when_kernels_are_the_libraries(ran: Any) -> None:
+    about = json.loads(ran.out)
+    as_library = {**about["kernels"], "name": "library", "is_library": True}
+    lines = "\n".join(about_lines({**about, "kernels": as_library}))
+    assert "kernels: library" in lines and "ARE the libraries" in lines
+    assert "ARE the libraries" not in "\n".join(about_lines(about))
+
+
 @pytest.mark.slow
 def test_the_whole_bench(sea: Path, run_tokt: Callable[..., Any], tmp_path: Path) -> None:
     """One test, as two workers would each run the command for tests of their own."""
@@ -104,32 +111,11 @@ def test_the_whole_bench(sea: Path, run_tokt: Callable[..., Any], tmp_path: Path
     check_every_case_is_measured_and_exact(ran, out)
     check_a_result_says_what_it_was_measured_on(ran)
     check_the_chart_is_a_picture(out)
+    check_the_table_says_when_kernels_are_the_libraries(ran)
 
 
 ONE_OF_EACH = Effort(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1)
 """Enough where no figure is looked at."""
-BENCH_ONE_OF_EACH = """
-from tokt.cli import main
-from tokt.training.bench import run
-run.QUICK = run.Effort(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1)
-main()
-"""
-
-
-@pytest.mark.slow
-def test_the_table_names_kernels_that_are_the_libraries(sea: Path, tmp_path: Path) -> None:
-    options = ("--quick", "--frames", "2", "--mission", str(sea), "--out", str(tmp_path / "out"))
-    ran = subprocess.run(
-        [sys.executable, "-c", BENCH_ONE_OF_EACH, "bench", *options],
-        env={**os.environ, "TOKT_KERNELS": "library"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
-    assert "kernels: library" in ran.stdout and "ARE the libraries" in ran.stdout
-    assert all(name in ran.stdout for name in CASES)
 
 
 @pytest.mark.mission
