@@ -285,6 +285,7 @@ def test_copies_wait_for_acceptance_and_outlive_a_reload(
     view.wait(21)
     view.press("p")
     view.shows("#toast", "copied")
+    view.page.wait_for_url(re.compile("#/label/left/21$"))
     view.page.reload()
     view.wait(21)
     view.saved()
