@@ -16,7 +16,7 @@ demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
 
 test: $(READY)
-	$(BIN)/python -m pytest -q -n 2 --dist worksteal
+	$(BIN)/python -m pytest -q -n 2 --dist loadgroup
 
 check: $(READY)
 	$(BIN)/ruff check .

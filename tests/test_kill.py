@@ -28,6 +28,7 @@ from tokt.models.store import Store
 from tokt.training.dataset import list_datasets, open_dataset
 
 pytestmark = [
+    pytest.mark.xdist_group("kill"),  # what they share is made once
     pytest.mark.slow,
     pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
 ]

@@ -31,6 +31,8 @@ from tokt.labels.synthetic.patch_labels import (
 from tokt.labels.synthetic.raycast import Camera, look
 from tokt.labels.synthetic.tower import WHITE, Box, Frustum, Tower
 
+pytestmark = pytest.mark.xdist_group("synthetic")  # what they share is made once
+
 REAL = Path(
     os.environ.get("TOKT_MISSION", Path(__file__).parents[3] / "shared" / "mission" / "approach")
 )

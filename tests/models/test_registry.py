@@ -25,6 +25,8 @@ from tokt.models.registry import Registry, tracking_uri
 from tokt.training.dataset import open_dataset
 from tokt.training.feature_table import feature_table
 
+pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
+
 
 def test_by_default_all_is_kept_in_the_workspace(trained):
     assert tracking_uri(trained) == f"sqlite:///{trained / 'mlflow.db'}"

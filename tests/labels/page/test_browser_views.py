@@ -13,6 +13,8 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
+pytestmark = pytest.mark.xdist_group("browser_views")  # what they share is made once
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 

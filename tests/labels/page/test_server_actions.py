@@ -16,6 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tokt.labels.store import FILE_NAME, LabelStore
 
+pytestmark = pytest.mark.xdist_group("server_actions")  # what they share is made once
+
 TIME = "2016-04-20T10:00:00Z"
 COUNTS = dict.fromkeys(("ocean", "other", "sand", "reef", "subsea_installation", "unsure"), 0)
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.xdist_group("server_blind")  # what they share is made once
+
 OTHERS = "benedikt"
 THEIRS = "reef"
 ONLY_THEIRS = "kelp_forest"

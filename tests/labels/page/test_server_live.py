@@ -11,6 +11,8 @@ from tokt.features.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now
 from tokt.labels.store import FILE_NAME, LabelStore
 
+pytestmark = pytest.mark.xdist_group("server_live")  # what they share is made once
+
 SOON_S = 2.0
 
 

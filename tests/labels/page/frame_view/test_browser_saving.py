@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+pytestmark = pytest.mark.xdist_group("browser_saving")  # what they share is made once
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
