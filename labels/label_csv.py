@@ -11,7 +11,7 @@ from pathlib import Path
 from ..features.atomic import write_text
 from ..features.errors import ToktError
 from ..features.grid import DEFAULT_GRID, Grid
-from .record import HUMAN, SETTLED, LabelRecord, utc_now, utc_text
+from .record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from .taxonomy import Taxonomy
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
@@ -196,6 +196,8 @@ def _check_six_columns_suffice(records: list[LabelRecord]) -> None:
     grids = sorted({str(record.grid) for record in records})
     if any(record.source == SETTLED for record in records):
         raise ToktError("settled labels: only --full writes them, with the opinions they settle")
+    if any(record.source == MODEL for record in records):
+        raise ToktError("suggestions of a model: in six columns they would count as labels")
     if len(annotators) > 1:
         raise ToktError(
             f"labels by {len(annotators)} annotators ({', '.join(annotators)}): choose one with"

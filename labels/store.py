@@ -63,11 +63,10 @@ _LAST_EVENT = "SELECT COALESCE(MAX(id), 0) FROM events"
 
 # By number, whatever SQLite thinks of the index by mission.
 _AFTER = """SELECT events.id, camera, frame, row, col, label, events.annotator, events.source,
-    model_version, {more} FROM events NOT INDEXED LEFT JOIN actions ON actions.id = events.action
+    model_version, blind IS TRUE
+    FROM events NOT INDEXED LEFT JOIN actions ON actions.id = events.action
     WHERE events.id > ? AND events.mission = ? AND events.grid = ? AND events.source <> 'model'
     ORDER BY events.id LIMIT ?"""
-_BLIND_AFTER = _AFTER.format(more="blind IS TRUE")
-_TIME_AFTER = _AFTER.format(more="events.time")
 
 _IS_SEEN = """SELECT 1 FROM seen
     WHERE mission = ? AND camera = ? AND frame = ? AND annotator = ?"""
@@ -367,23 +366,12 @@ class LabelStore:
 
     def rows_after(self, event: int, mission: str, grid: Grid) -> Iterator[EventRow]:
         """What people said and settled after an event, in order, read bit by bit."""
-        for row in self._after(_BLIND_AFTER, event, mission, grid):
-            yield (*row[:-1], row[-1] == 1)
-
-    def events_after(self, event: int, mission: str, grid: Grid) -> list[tuple[int, LabelRecord]]:
-        """What people said and settled after an event, in order, each with its event number."""
-        return [
-            (
-                number,
-                LabelRecord(
-                    *(mission, camera, frame, grid, row, col),
-                    *(label, annotator, said, source, version),
-                ),
-            )
-            for number, camera, frame, row, col, label, annotator, source, version, said in (
-                self._after(_TIME_AFTER, event, mission, grid)
-            )
-        ]
+        while True:
+            rows = self._rows(_AFTER, (event, mission, str(grid), _CHUNK))
+            yield from ((*row[:-1], row[-1] == 1) for row in rows)
+            if len(rows) < _CHUNK:
+                return
+            event = rows[-1][0]
 
     def last_event(self) -> int:
         """Highest event number; 0 in an empty store."""
@@ -509,14 +497,6 @@ class LabelStore:
     def _rows(self, sql: str, values: Sequence[Any] = ()) -> list[Any]:
         with self._lock, self._user_errors():
             return self._connection.execute(sql, values).fetchall()
-
-    def _after(self, sql: str, event: int, mission: str, grid: Grid) -> Iterator[Any]:
-        while True:
-            rows = self._rows(sql, (event, mission, str(grid), _CHUNK))
-            yield from rows
-            if len(rows) < _CHUNK:
-                return
-            event = rows[-1][0]
 
     def _chosen(
         self,

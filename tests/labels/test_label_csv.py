@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -117,6 +118,8 @@ def test_six_columns_are_refused_where_they_would_lose_something(tmp_path: Path)
         write_label_csv(path, [ann, bob])
     with pytest.raises(ToktError, match="grid 2x2@360"):
         write_label_csv(path, [coarse])
+    with pytest.raises(ToktError, match="suggestions of a model"):
+        write_label_csv(path, [replace(ann, source="model", model_version="lbp/1")])
     assert not path.exists()
     assert write_label_csv(path, [ann, bob, coarse], full=True) == 3
 

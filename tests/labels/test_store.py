@@ -203,7 +203,7 @@ def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays
             "ocean",
             "reef",
         ]
-        assert [number for number, _ in store.events_after(0, "dive", GRID)] == [1, 2, 7, 8]
+        assert [row[0] for row in store.rows_after(0, "dive", GRID)] == [1, 2, 7, 8]
         assert store.last_event() == 8
         assert store.add([_record("sand"), replace(_record("reef"), source="settled")]) == 2
         assert store.last_event() == 10

@@ -15,7 +15,7 @@ function count(value) {
 }
 
 /** Kappa with three digits; a dash where it is not defined. */
-export function kappaText(kappa) {
+function kappaText(kappa) {
   return kappa === null ? NONE : kappa.toFixed(3);
 }
 

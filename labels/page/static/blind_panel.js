@@ -85,7 +85,7 @@ export function continueBlind() {
 }
 
 /** Show everything again and compare. */
-export async function endBlind() {
+async function endBlind() {
   const pair = [setting("blindOf"), who()].map(encodeURIComponent);
   await changePerson(async () => {
     await setPerson({ blind: false });

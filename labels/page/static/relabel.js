@@ -12,7 +12,7 @@ export function patchesAre(count) {
  * @param {{camera: string, frame: number, cell: number, label: string | null,
  *   base: string | null, model?: string}[]} patches
  */
-export function changesOf(patches) {
+function changesOf(patches) {
   const groups = new Map();
   for (const { camera, frame, cell, label, base, model } of patches) {
     const key = JSON.stringify([camera, frame, label, model ?? null]);
