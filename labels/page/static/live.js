@@ -75,7 +75,10 @@ function broken() {
 
 async function takeChange(news) {
   // It may be about an action of ours whose answer comes in a moment.
+  const from = source;
   await Promise.race([whenIdle(), new Promise((resolve) => setTimeout(resolve, ANSWER_MS))]);
+  // Heard for a person who does not work here any more, or to be heard again after a break.
+  if (source !== from) return;
   // Put together before our last action was answered: what undo acts on is older than we know.
   if (!(news.event < mission.event)) takeEventHeads(news);
   takeNews(news);
