@@ -26,7 +26,7 @@ from ..models.bundle import Bundle
 from ..models.registry import Registry
 from ..models.store import Store
 from .classifier import decision_values
-from .compare import Difference, compare_f1
+from .compare.bootstrap import Difference, compare_f1
 from .cross_validation import Split
 from .dataset import DatasetVersion, build_dataset
 from .evaluate import Scored, evaluate_scored, score_mission

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..features.errors import ToktError
-from . import bench, dataset, demo, doctor, label, labels, models, run, simulate, train
+from . import bench, dataset, demo, doctor, evaluate, label, labels, models, run, simulate, train
 
 _EXTRAS = {
     **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
@@ -53,7 +53,7 @@ app.command("label")(label.label)
 app.add_typer(labels.labels_app, name="labels")
 app.add_typer(dataset.dataset_app, name="dataset")
 app.command("train")(train.train)
-app.command("evaluate")(train.evaluate)
+app.command("evaluate")(evaluate.evaluate)
 app.add_typer(models.models_app, name="models")
 app.command("export")(models.export)
 app.command("deploy")(models.deploy)

@@ -1,4 +1,4 @@
-"""``tokt train`` and ``tokt evaluate``."""
+"""``tokt train``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from .dataset import labels_for
-from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import print_json, progress, say
+from .figures import figure, print_patches
+from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
+from .output import print_json, progress
 
 
 def train(
@@ -79,7 +79,7 @@ def _print_training(label: str, metrics: dict[str, Any]) -> None:
     patch, frames = metrics["patch"], metrics["frames"]
     print(f"{label} (alias challenger)")
     print(f"  {metrics['split']}")
-    _print_patches(patch)
+    print_patches(patch)
     if patch["f1"] is not None:
         print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
         print(
@@ -87,81 +87,3 @@ def _print_training(label: str, metrics: dict[str, Any]) -> None:
         )
     if not metrics["converged"]:
         print("  the solver stopped at its iteration limit (unscaled features)")
-
-
-def _print_patches(patch: dict[str, Any]) -> None:
-    """Obstacle figures where they mean something, and those by class for several classes."""
-    if patch["f1"] is not None:
-        print(
-            f"  obstacle patches: F1 {figure(patch['f1'])}, precision "
-            f"{figure(patch['precision'])}, recall {figure(patch['recall'])}, "
-            f"AP {figure(patch['average_precision'])}"
-        )
-    if patch["f1"] is None or len(patch["per_class"]) > 2:
-        by_class = ", ".join(
-            f"{name} {figure(row['f1'])}" for name, row in patch["per_class"].items()
-        )
-        print(f"  classes: macro-F1 {figure(patch['macro_f1'])} ({by_class})")
-
-
-def figure(value: float | None) -> str:
-    """A figure with three decimals, or ``-`` where it is undefined."""
-    return "-" if value is None else f"{value:.3f}"
-
-
-def evaluate(
-    model: Annotated[str, typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
-    mission: Annotated[Path, typer.Option("--mission", help="Mission folder or video.")],
-    labels: Annotated[
-        list[Path] | None,
-        typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
-    ] = None,
-    frames: Annotated[
-        str | None, typer.Option(help="Only these frame numbers, as 1-99,132-246.")
-    ] = None,
-    taxonomy: TaxonomyOption = None,
-    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
-    json: JsonOption = False,
-) -> None:
-    """Score a model on a labelled mission: patches, frame statuses, first detection."""
-    from ..features.mission import open_mission, parse_frames
-    from ..labels.taxonomy import load_taxonomy
-    from ..models.load import load_model
-    from ..training.evaluate import evaluate as evaluate_task
-    from ..training.mission_source import labels_of_mission
-
-    classes = load_taxonomy(workspace, taxonomy)
-    opened = open_mission(mission)
-    wanted = parse_frames(frames) if frames else None
-    bundle = load_model(model, workspace)
-    records = labels_for(labels or [], workspace, classes, bundle.grid, [opened])
-    mine, remark = labels_of_mission(opened, records, bundle.grid, only=bool(labels))
-    if remark:
-        say(f"note: {remark}")
-    result = evaluate_task(bundle, opened, mine, classes, progress, wanted)
-    if result["seen_in_training"]:
-        say(
-            f"WARNING: the model learnt from {result['seen_in_training']} of these frames: "
-            "these are training figures, not a test"
-        )
-    elif result["mission_in_training"]:
-        say(
-            "note: the model learnt from other frames of this mission; another dive can go much "
-            "worse than these figures"
-        )
-    if json:
-        print_json(result)
-        return
-    _print_evaluation(bundle.label, result)
-
-
-def _print_evaluation(label: str, result: dict[str, Any]) -> None:
-    patch, frames = result["patch"], result["frames"]
-    print(
-        f"{label} on {result['mission']}: {patch['n']} patches, "
-        f"{result['unsure_ignored']} unsure ones ignored"
-    )
-    _print_patches(patch)
-    print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
-    print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
-    print(f"  first of three frames in a row with status 1: {frames['first_detection']}")

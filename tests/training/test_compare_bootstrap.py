@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from sklearn.metrics import f1_score
-from tokt.training.compare import compare_f1
+from tokt.training.compare.bootstrap import compare_f1
 from tokt.training.evaluate import Scored, _first_detection
 
 

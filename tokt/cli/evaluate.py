@@ -1,0 +1,71 @@
+"""``tokt evaluate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .dataset import labels_for
+from .figures import print_patches
+from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from .output import print_json, progress, say
+
+
+def evaluate(
+    model: Annotated[str, typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
+    mission: Annotated[Path, typer.Option("--mission", help="Mission folder or video.")],
+    labels: Annotated[
+        list[Path] | None,
+        typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
+    ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Only these frame numbers, as 1-99,132-246.")
+    ] = None,
+    taxonomy: TaxonomyOption = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Score a model on a labelled mission: patches, frame statuses, first detection."""
+    from ..features.mission import open_mission, parse_frames
+    from ..labels.taxonomy import load_taxonomy
+    from ..models.load import load_model
+    from ..training.evaluate import evaluate as evaluate_task
+    from ..training.mission_source import labels_of_mission
+
+    classes = load_taxonomy(workspace, taxonomy)
+    opened = open_mission(mission)
+    wanted = parse_frames(frames) if frames else None
+    bundle = load_model(model, workspace)
+    records = labels_for(labels or [], workspace, classes, bundle.grid, [opened])
+    mine, remark = labels_of_mission(opened, records, bundle.grid, only=bool(labels))
+    if remark:
+        say(f"note: {remark}")
+    result = evaluate_task(bundle, opened, mine, classes, progress, wanted)
+    if result["seen_in_training"]:
+        say(
+            f"WARNING: the model learnt from {result['seen_in_training']} of these frames: "
+            "these are training figures, not a test"
+        )
+    elif result["mission_in_training"]:
+        say(
+            "note: the model learnt from other frames of this mission; another dive can go much "
+            "worse than these figures"
+        )
+    if json:
+        print_json(result)
+        return
+    _print_evaluation(bundle.label, result)
+
+
+def _print_evaluation(label: str, result: dict[str, Any]) -> None:
+    patch, frames = result["patch"], result["frames"]
+    print(
+        f"{label} on {result['mission']}: {patch['n']} patches, "
+        f"{result['unsure_ignored']} unsure ones ignored"
+    )
+    print_patches(patch)
+    print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
+    print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
+    print(f"  first of three frames in a row with status 1: {frames['first_detection']}")

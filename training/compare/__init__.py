@@ -1,0 +1,1 @@
+"""Comparing models on frames that none of them learnt from."""
