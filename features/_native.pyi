@@ -74,3 +74,100 @@ def area_gray(
     scratch: NDArray[np.float32],
     out: NDArray[np.uint8],
 ) -> None: ...
+
+class DeepTables:
+    def __init__(
+        self, first: NDArray[np.int32], source: NDArray[np.int32], weight: NDArray[np.int32]
+    ) -> None: ...
+
+def deep_scratch_size(frame: NDArray[np.uint8], width: int) -> int: ...
+def deep_gray(
+    frame: NDArray[np.uint8],
+    rows: DeepTables,
+    columns: DeepTables,
+    first: int,
+    last: int,
+    step: float,
+    scratch: NDArray[np.int32],
+    out: NDArray[np.uint16],
+) -> None: ...
+def deep_total(deep: NDArray[np.uint16]) -> int: ...
+
+class LevelsKernel:
+    def __init__(
+        self,
+        smooth: int,
+        window: int,
+        ratio: bool,
+        ratio_of: float,
+        least_around: float,
+        offset: float,
+        top: float,
+    ) -> None: ...
+    def scratch_size(self, width: int) -> int: ...
+    def rows(
+        self,
+        deep: NDArray[np.uint16],
+        scale: float,
+        first: int,
+        last: int,
+        scratch: NDArray[np.float64],
+        out: NDArray[np.uint8],
+    ) -> None: ...
+
+def level_counts(
+    gray: NDArray[np.uint8],
+    cols: int,
+    patch_height: int,
+    patch_width: int,
+    first: int,
+    last: int,
+    counts: NDArray[np.int64],
+) -> None: ...
+def structure_scratch_size(gray: NDArray[np.uint8]) -> int: ...
+def structure_sums(
+    gray: NDArray[np.uint8],
+    cols: int,
+    patch_height: int,
+    patch_width: int,
+    first: int,
+    last: int,
+    scratch: NDArray[np.int32],
+    sums: NDArray[np.int64],
+) -> None: ...
+def lines_scratch_size(
+    gray: NDArray[np.uint8], patch_height: int, samples: NDArray[np.int32]
+) -> int: ...
+def line_sums(
+    gray: NDArray[np.uint8],
+    cols: int,
+    patch_height: int,
+    patch_width: int,
+    middle: int,
+    samples: NDArray[np.int32],
+    first: int,
+    last: int,
+    scratch: NDArray[np.int16],
+    sums: NDArray[np.int64],
+) -> None: ...
+def nearest_scratch_size(
+    gray: NDArray[np.uint8],
+    patch_height: int,
+    patch_width: int,
+    moves: NDArray[np.int32],
+    reach: int,
+    across_patches: bool,
+) -> int: ...
+def nearest_counts(
+    gray: NDArray[np.uint8],
+    cols: int,
+    patch_height: int,
+    patch_width: int,
+    moves: NDArray[np.int32],
+    reach: int,
+    across_patches: bool,
+    first: int,
+    last: int,
+    scratch: NDArray[np.uint8],
+    counts: NDArray[np.int64],
+) -> None: ...

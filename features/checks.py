@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_SAMPLES = 64  # on a line; the sum of as many levels fits 16 bits
 MOST_POINTS = 64  # a pattern is one machine word
 LARGEST_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
 
 
-def _check_array(array: Any, threads: int) -> None:
+def _check_array(array: Any, threads: int, dtype: type = np.uint8) -> None:
     if not isinstance(array, np.ndarray):
-        raise TypeError(f"an array of uint8 is needed, not {type(array).__name__}")
-    if array.dtype != np.uint8:
-        raise TypeError(f"grey levels are uint8, not {array.dtype}")
+        raise TypeError(f"an array of {dtype.__name__} is needed, not {type(array).__name__}")
+    if array.dtype != dtype:
+        raise TypeError(f"grey levels are {dtype.__name__}, not {array.dtype}")
     if type(threads) is not int or threads < 1:
         raise ValueError(f"threads is a whole number from 1, not {threads!r}")
 
@@ -54,10 +56,41 @@ def check_frame(frame: Any, threads: int = 1) -> NDArray[np.uint8]:
     return np.ascontiguousarray(frame)
 
 
+def check_deep(deep: Any, threads: int = 1) -> NDArray[np.uint16]:
+    """A deep picture in C order, copied only if it is not in C order yet.
+
+    Raises
+    ------
+    TypeError
+        If it is not an array of uint16.
+    ValueError
+        If it does not have two dimensions or no pixel, or `threads` is not a number of threads.
+    """
+    _check_array(deep, threads, np.uint16)
+    if deep.ndim != 2 or not deep.size:
+        raise ValueError(f"a deep picture is (height, width), not {deep.shape}")
+    return np.ascontiguousarray(deep)
+
+
 def check_size(height: int, width: int) -> None:
     """Whether a picture of that size can be made; ValueError if not."""
     if min(height, width) < 1:
         raise ValueError(f"a picture has at least one pixel, not {width}x{height}")
+
+
+def check_samples(samples: Sequence[int], middle: int) -> None:
+    """Whether numbers of samples, and the middle level, are ones the kernels know.
+
+    Raises
+    ------
+    ValueError
+        If not.
+    """
+    powers = [n for n in (2, 4, 8, 16, 32, 64) if n in samples]
+    if not powers or list(samples) != powers or any(type(n) is not int for n in samples):
+        raise ValueError(f"samples are increasing powers of 2, 2 to {MOST_SAMPLES}, not {samples}")
+    if type(middle) is not int or not 0 <= middle <= 255:
+        raise ValueError(f"the middle is a level, not {middle!r}")
 
 
 def check_lbp(points: int, radius: float, border: str) -> None:

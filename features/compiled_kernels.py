@@ -1,14 +1,12 @@
 """The kernels as a compiled extension: checked arrays, tables, scratch memory and threads.
 
 The arithmetic is in ``features/native``. Tables that depend only on sizes are made once and kept;
-scratch memory belongs to a thread and is used again for every frame, because a large block that
-is freed and asked for again costs more in page faults than the counting itself.
+scratch memory belongs to a thread.
 """
 
 from __future__ import annotations
 
 import platform
-import threading
 from functools import lru_cache
 from typing import Any
 
@@ -17,11 +15,18 @@ from numpy.typing import NDArray
 
 from . import _native, area
 from .checks import check_frame, check_gray, check_lbp, check_size
+from .compiled_pictures import deep_gray as deep_gray
+from .compiled_pictures import level_counts as level_counts
+from .compiled_pictures import to_levels as to_levels
+from .compiled_scratch import SCRATCH
+from .compiled_textures import lbp_nearest_counts as lbp_nearest_counts
+from .compiled_textures import line_sums as line_sums
+from .compiled_textures import structure_sums as structure_sums
 from .grid import Grid
 from .lbp_points import LbpPoints, lbp_points, pattern_codes
 from .threads import over_rows
 
-_INTERFACE = 1
+_INTERFACE = 2
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
@@ -33,37 +38,6 @@ _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
 _LARGEST_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
 # OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
 _OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
-
-
-class _Scratch(threading.local):
-    """Memory of one thread for intermediate results."""
-
-    def __init__(self) -> None:
-        self.arrays: dict[tuple[str, type], NDArray[Any]] = {}
-        self.glcm: tuple[int, Any] = (0, None)
-
-    def array(self, use: str, size: int, dtype: type) -> NDArray[Any]:
-        """An array of at least that size, its content left from the last use."""
-        kept = self.arrays.get((use, dtype))
-        if kept is None or kept.size < size:
-            kept = self.arrays[use, dtype] = np.zeros(size, dtype)
-        return kept
-
-    def glcm_scratch(self, patch_width: int) -> Any:
-        """Counters for patches up to that width; every count is zero between calls."""
-        width, scratch = self.glcm
-        if scratch is None or width < patch_width:
-            scratch = _native.GlcmScratch(
-                np.zeros((4, 256 * 256), np.uint32),
-                np.zeros((4, 256 * 256), np.uint16),
-                np.zeros(_native.GlcmScratch.sums_size(), np.int64),
-                np.zeros(4 * patch_width, np.uint16),
-            )
-            self.glcm = patch_width, scratch
-        return scratch
-
-
-_scratch = _Scratch()
 
 
 @lru_cache(maxsize=16)
@@ -107,7 +81,7 @@ def lbp_counts(
     counts = np.zeros((grid.n_patches, points + 2), np.int64)
 
     def work(first: int, last: int) -> None:
-        scratch = _scratch.array("lbp", size, np.float64)
+        scratch = SCRATCH.array("lbp", size, np.float64)
         whole = border == "frame"
         tables.count_rows(
             gray, grid.cols, patch_height, patch_width, whole, first, last, scratch, counts
@@ -142,7 +116,7 @@ def haralick_features(
     features = np.empty((grid.n_patches, 13))
 
     def work(first: int, last: int) -> None:
-        scratch = _scratch.glcm_scratch(patch_width)
+        scratch = SCRATCH.glcm_scratch(patch_width)
         scratch.describe_rows(
             gray,
             grid.cols,
@@ -223,7 +197,7 @@ def resized_gray(
     picture = np.empty((height, width), np.uint8)
 
     def work(first: int, last: int) -> None:
-        scratch = _scratch.array("area", _native.area_scratch_size(deep, width), np.float32)
+        scratch = SCRATCH.array("area", _native.area_scratch_size(deep, width), np.float32)
         _native.area_gray(deep, rows, columns, first, last, near_tie, scratch, picture)
 
     over_rows(work, height, threads)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .errors import ToktError
 from .finding import FAULT, NOTE, OK, Finding
 from .grid import Grid
+from .levels import FRAME, RATIO, Levels
 
 if TYPE_CHECKING:
     from .kernels import Kernels
@@ -89,12 +90,13 @@ def _frame() -> NDArray[np.uint8]:
 def compared(active: Kernels, other: Kernels) -> Finding:
     """Whether two implementations describe a small picture alike.
 
-    Gray pictures and LBP counts have to be identical, Haralick features equal to 1e-9 of their
-    value. The picture is one where every implementation is accurate to more than that.
+    Pictures and counts have to be identical, Haralick features equal to 1e-9 of their value. The
+    picture is one where every implementation is accurate to more than that.
     """
     frame = _frame()
     gray = active.resized_gray(frame, _HEIGHT, 72)
     pixels = int(np.count_nonzero(gray != other.resized_gray(frame, _HEIGHT, 72)))
+    deep = _deep_difference(active, other, frame, gray)
     counts = sum(
         _count_difference(active, other, gray, points, radius, border)
         for points, radius in ((10, 5), (24, 8))
@@ -107,20 +109,44 @@ def compared(active: Kernels, other: Kernels) -> Finding:
         )
         for zeros in (False, True)
     )
-    same = pixels == 0 and counts == 0 and relative <= _RELATIVE
+    same = pixels == 0 and deep == 0 and counts == 0 and relative <= _RELATIVE
     text = (
-        f"gray pixels that differ from {active.name}: {pixels}, LBP counts: {counts}, "
-        f"largest relative difference of Haralick features: {relative:.1e}"
+        f"gray pixels that differ from {active.name}: {pixels}, deep ones: {deep}, "
+        f"LBP counts: {counts}, largest relative difference of Haralick features: {relative:.1e}"
     )
     if same:
         text = f"same as {active.name} (LBP identical, Haralick features to {relative:.1e})"
     figures = {
         "compared_with": active.name,
         "gray_difference": pixels,
+        "deep_difference": deep,
         "lbp_difference": counts,
         "haralick_relative_difference": relative if np.isfinite(relative) else None,
     }
     return Finding(f"{other.name} kernels", OK if same else FAULT, text, figures)
+
+
+def _deep_difference(
+    one: Kernels, two: Kernels, frame: NDArray[np.uint8], gray: NDArray[np.uint8]
+) -> int:
+    """Values that differ in deep pictures, in their levels, and in whole sums over patches."""
+    deep = one.deep_gray(frame, _HEIGHT, 72)
+    pairs: list[tuple[NDArray[np.integer], NDArray[np.integer]]] = [
+        (deep, two.deep_gray(frame, _HEIGHT, 72)),
+        (one.level_counts(gray, _GRID), two.level_counts(gray, _GRID)),
+        (one.structure_sums(gray, _GRID), two.structure_sums(gray, _GRID)),
+        (one.line_sums(gray, _GRID, 128, (4, 16)), two.line_sums(gray, _GRID, 128, (4, 16))),
+    ]
+    for levels in (
+        Levels(8.0, 64, 3, 21),
+        Levels(2.0, 256, 1, 33, RATIO),
+        Levels(9.0, 32, 1, 9, FRAME),
+    ):
+        pairs.append((one.to_levels(deep, levels), two.to_levels(deep, levels)))
+    for border in ("patch", "frame"):
+        options = gray, _GRID, 8, 5, border
+        pairs.append((one.lbp_nearest_counts(*options), two.lbp_nearest_counts(*options)))
+    return sum(int(np.count_nonzero(first != second)) for first, second in pairs)
 
 
 def _count_difference(

@@ -1,13 +1,15 @@
 """Which kernels compute the texture features: compiled, numpy, or the reference libraries.
 
-All three give the same: identical LBP counts, Haralick features equal to rounding. The choice is
-made once, when this module is imported: the compiled extension if it was built, otherwise numpy;
-the environment variable ``TOKT_KERNELS`` (``compiled``, ``numpy`` or ``library``) forces one.
+All three give the same: identical pictures and counts, Haralick features equal to rounding. The
+choice is made once, when this module is imported: the compiled extension if it was built,
+otherwise numpy; the environment variable ``TOKT_KERNELS`` (``compiled``, ``numpy`` or ``library``)
+forces one.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Protocol
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 
 from .errors import ToktError
 from .grid import Grid
+from .levels import Levels
 
 VARIABLE = "TOKT_KERNELS"
 COMPILED, NUMPY, LIBRARY = "compiled", "numpy", "library"
@@ -56,6 +59,52 @@ class ResizedGray(Protocol):
         """Gray picture, uint8, shape (height, width)."""
 
 
+class DeepGray(Protocol):
+    """Area resize and BGR to gray (ITU-R BT.601) in 1/256 grey level, rounded once."""
+
+    def __call__(
+        self, frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+    ) -> NDArray[np.uint16]:
+        """Deep picture, uint16, shape (height, width)."""
+
+
+class ToLevels(Protocol):
+    """A deep picture flattened and spread over a number of levels."""
+
+    def __call__(
+        self, deep: NDArray[np.uint16], levels: Levels, threads: int = 1
+    ) -> NDArray[np.uint8]:
+        """Picture, uint8, shape (height, width)."""
+
+
+class LevelCounts(Protocol):
+    """Histograms of a picture's levels, one a patch."""
+
+    def __call__(self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+        """Counts, int64, shape (n_patches, 256)."""
+
+
+class StructureSums(Protocol):
+    """Sums of the structure tensor, one a patch."""
+
+    def __call__(self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+        """Sums, int64, shape (n_patches, 3)."""
+
+
+class LineSums(Protocol):
+    """Sums along lines in 8 directions, one row a patch and number of samples."""
+
+    def __call__(
+        self,
+        gray: NDArray[np.uint8],
+        grid: Grid,
+        middle: int,
+        samples: Sequence[int],
+        threads: int = 1,
+    ) -> NDArray[np.int64]:
+        """Sums, int64, shape (n_patches, len(samples), 9)."""
+
+
 @dataclass(frozen=True)
 class Kernels:
     """One implementation of everything that is computed from pixels.
@@ -67,17 +116,28 @@ class Kernels:
         Why it was chosen, for people.
     detail : str
         What it consists of: the instruction set, or the libraries' versions.
-    lbp_counts : LbpCounts
+    lbp_counts, lbp_nearest_counts : LbpCounts
     haralick_features : HaralickFeatures
     resized_gray : ResizedGray
+    deep_gray : DeepGray
+    to_levels : ToLevels
+    level_counts : LevelCounts
+    structure_sums : StructureSums
+    line_sums : LineSums
     """
 
     name: str
     why: str
     detail: str
     lbp_counts: LbpCounts
+    lbp_nearest_counts: LbpCounts
     haralick_features: HaralickFeatures
     resized_gray: ResizedGray
+    deep_gray: DeepGray
+    to_levels: ToLevels
+    level_counts: LevelCounts
+    structure_sums: StructureSums
+    line_sums: LineSums
 
 
 def _module(name: str) -> ModuleType:
@@ -113,8 +173,14 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
         why,
         module.DETAIL,
         module.lbp_counts,
+        module.lbp_nearest_counts,
         module.haralick_features,
         module.resized_gray,
+        module.deep_gray,
+        module.to_levels,
+        module.level_counts,
+        module.structure_sums,
+        module.line_sums,
     )
 
 

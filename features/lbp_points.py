@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,20 @@ def lbp_points(points: int, radius: float, height: int, width: int) -> LbpPoints
         column_floor=np.floor(columns).astype(np.int32),
         column_fraction=_fractions(columns, width),
     )
+
+
+@lru_cache(maxsize=64)
+def nearest_points(points: int, radius: float) -> NDArray[np.int32]:
+    """The sampling points of (P, R) moved to the nearest whole pixel, half ones to even.
+
+    Returns
+    -------
+    numpy.ndarray
+        int32, shape (points, 2): rows and columns from the centre, in the order of `lbp_points`.
+    """
+    angles = 2 * np.pi * np.arange(points, dtype=np.float64) / points
+    offsets = np.stack([-radius * np.sin(angles), radius * np.cos(angles)], axis=1)
+    return np.round(np.round(offsets, _DECIMALS)).astype(np.int32)
 
 
 def pattern_codes(points: int) -> NDArray[np.uint8]:

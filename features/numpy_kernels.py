@@ -17,6 +17,12 @@ from .area import resized_gray as resized_gray
 from .checks import check_gray, check_lbp
 from .grid import Grid
 from .lbp_points import lbp_points
+from .numpy_pictures import deep_gray as deep_gray
+from .numpy_pictures import level_counts as level_counts
+from .numpy_pictures import to_levels as to_levels
+from .numpy_textures import lbp_nearest_counts as lbp_nearest_counts
+from .numpy_textures import line_sums as line_sums
+from .numpy_textures import structure_sums as structure_sums
 from .threads import over_rows
 
 Floats = NDArray[np.float64]

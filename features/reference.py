@@ -6,15 +6,18 @@ them. They know no threads: `threads` is taken so that all kernels are called al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.metadata import version
 
 import mahotas.features
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from skimage.feature import local_binary_pattern
 
 from .area import resized_gray as resized_gray
 from .grid import Grid
+from .levels import Levels
 
 DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahotas"))
 
@@ -101,3 +104,130 @@ def _haralick(patch: NDArray[np.uint8], ignore_zeros: bool) -> NDArray[np.float6
         directions = mahotas.features.haralick(patch)
     mean: NDArray[np.float64] = directions.mean(axis=0)
     return mean
+
+
+def _covered(source: int, target: int) -> NDArray[np.float64]:
+    """Matrix (target, source) of what each of `target` pixels covers of each of `source`."""
+    begin = np.arange(target)[:, None] * source, np.arange(source) * target
+    end = np.minimum(begin[0] + source, begin[1] + target)
+    return np.asarray((end - np.maximum(*begin)).clip(0), np.float64)
+
+
+def deep_gray(
+    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+) -> NDArray[np.uint16]:
+    """A frame resized by area and gray, in 1/256 grey level, rounded once.
+
+    Takes and gives what `tokt.features.numpy_pictures.deep_gray` does. Two matrix products, exact
+    in double precision as all sums are of whole numbers below 2**53.
+    """
+    rows, columns = _covered(frame.shape[0], height), _covered(frame.shape[1], width)
+    if frame.ndim == 2:
+        gray = 16384.0 * frame
+    else:
+        gray = 1868.0 * frame[:, :, 0] + 9617.0 * frame[:, :, 1] + 4899.0 * frame[:, :, 2]
+    step = 256.0 / (16384 * frame.shape[0] * frame.shape[1])
+    return np.asarray(np.floor(rows @ gray @ columns.T * step + 0.5), np.uint16)
+
+
+def _around(length: int, side: int) -> NDArray[np.float64]:
+    """Matrix that adds up the `side` values around each of `length`."""
+    at = np.arange(length)
+    return np.asarray(np.abs(at[:, None] - at) <= side // 2, np.float64)
+
+
+def _mean_around(deep: NDArray[np.uint16], side: int) -> NDArray[np.float64]:
+    down, across = _around(len(deep), side), _around(deep.shape[1], side)
+    return np.asarray(
+        down @ deep @ across * (1 / across.sum(axis=0)) * (1 / down.sum(axis=1))[:, None]
+    )
+
+
+def to_levels(deep: NDArray[np.uint16], levels: Levels, threads: int = 1) -> NDArray[np.uint8]:
+    """A deep picture as levels, as `tokt.features.levels.Levels` defines them.
+
+    The means' sums are matrix products, exact in double precision.
+    """
+    x, middle = _mean_around(deep, levels.smooth), 0.0
+    if levels.window:
+        around = _mean_around(deep, levels.window)
+        x, middle = x - around, levels.levels / 2
+        if levels.by == "ratio":
+            x = x * (32 * 256) / np.where(around < 4 * 256, 4 * 256, around)
+    scale = levels.gain * levels.levels / 65536
+    if levels.window and levels.by == "frame":
+        scale *= 20 * 256 / max(sum(map(int, deep.ravel())) / deep.size, 256)
+    level = np.floor(x * scale + (middle + 0.5))
+    return np.where(
+        level < 0, 0, np.where(level >= levels.levels, levels.levels - 1, level)
+    ).astype(np.uint8)
+
+
+def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+    """How many pixels of each patch have each of 256 levels, int64, shape (n_patches, 256)."""
+    return np.stack([np.bincount(patch.ravel(), minlength=256) for patch in grid.cells(gray)])
+
+
+def lbp_nearest_counts(
+    gray: NDArray[np.uint8],
+    grid: Grid,
+    points: int,
+    radius: float,
+    border: str,
+    threads: int = 1,
+) -> NDArray[np.int64]:
+    """`lbp_counts` with each point moved to the nearest whole pixel; pattern by pattern."""
+    views = [gray] if border == "frame" else list(grid.cells(gray))
+    angles = 2 * np.pi * np.arange(points) / points
+    codes = []
+    for view in views:
+        patterns = []
+        for angle in angles:
+            # Five decimals as scikit-image has them, so that 90 degrees are 0 pixels across.
+            move = np.round(np.round([radius * np.sin(angle), -radius * np.cos(angle)], 5))
+            there = ndimage.shift(view, move, order=0, mode="grid-constant", cval=0)
+            patterns.append(there >= view)
+        uniform = np.diff(patterns, axis=0).sum(axis=0) <= 2 if points > 1 else True
+        codes.append(np.where(uniform, np.sum(patterns, axis=0), points + 1))
+    cells = grid.cells(codes[0]) if border == "frame" else np.stack(codes)
+    return np.stack([np.bincount(cell.ravel(), minlength=points + 2) for cell in cells])
+
+
+def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+    """How strongly levels change across and down, and both together, in each patch.
+
+    Takes and gives what `tokt.features.numpy_textures.structure_sums` does.
+    """
+    slopes = []
+    for axis in (1, 0):
+        slope = ndimage.correlate1d(gray.astype(np.int64), [-1, 0, 1], axis, mode="mirror")
+        slopes.append(grid.cells(slope).reshape(grid.n_patches, -1))
+    pairs = ((0, 0), (1, 1), (0, 1))
+    return np.stack([(slopes[one] * slopes[two]).sum(axis=1) for one, two in pairs], axis=1)
+
+
+def line_sums(
+    gray: NDArray[np.uint8],
+    grid: Grid,
+    middle: int,
+    samples: Sequence[int],
+    threads: int = 1,
+) -> NDArray[np.int64]:
+    """Sums along lines in 8 directions, over each patch's pixels.
+
+    Takes and gives what `tokt.features.numpy_textures.line_sums` does, sample by sample.
+    """
+    height, width = gray.shape
+    out = []
+    for n in samples:
+        signed = np.pad(gray.astype(np.int64) - middle, n)
+        sums = np.zeros((8, height, width), np.int64)
+        moves = ((0, 2), (1, 2), (1, 1), (2, 1), (2, 0), (2, -1), (1, -1), (1, -2))
+        for line, (down, right) in zip(sums, moves, strict=True):
+            for step in range(-(n // 2), n // 2):
+                y, x = n + step * down, n + step * right
+                line += signed[y : y + height, x : x + width]
+        stack = np.stack([grid.cells(line) for line in sums]).reshape(8, grid.n_patches, -1)
+        ridge = (8 * stack.max(axis=0) - stack.sum(axis=0)).sum(axis=1)
+        out.append(np.concatenate([ridge[None], (stack * stack).sum(axis=2)]).T)
+    return np.stack(out, axis=1)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.extractor import gray_picture
+from ..features.frame_pictures import FramePictures
 from ..features.grid import Grid
+from ..features.levels import Levels
+from ..models.operating_point import OperatingPoint
 from .frame_check import frame_fault, shape_fault
+from .frame_rule import RuleRun
 from .sources import Frame
+from .verdict import STATUS_MEAN_THRESHOLD
 
 TEXTURE, DISPARITY = "texture", "disparity"
 
@@ -45,6 +50,8 @@ class Detection:
         Whether the fault is itself a sign that something may be there, such as two views that do
         not fit together, and not merely the lack of a picture or of a detector. No other
         detector's *clear* stands against it.
+    note : str
+        What else the pilot should know about a frame that was judged.
     """
 
     mask: NDArray[np.uint8] | None
@@ -54,6 +61,7 @@ class Detection:
     decision_values: NDArray[np.float64] | None = None
     fault: str = ""
     against_clear: bool = False
+    note: str = ""
 
 
 class Detector(Protocol):
@@ -69,6 +77,9 @@ class Detector(Protocol):
 
 class PatchJudge(Protocol):
     """The part of a linear model that turns decision values into obstacles."""
+
+    def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far each row of decision values is on the obstacle side; above 0 where it is one."""
 
     def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
         """For each row of decision values whether that patch is an obstacle."""
@@ -93,23 +104,34 @@ class PatchScorer(Protocol):
     def model(self) -> PatchJudge:
         """Decides what a decision value means."""
 
+    @property
+    def operating_point(self) -> OperatingPoint:
+        """Decides what the patches of some frames come to."""
+
+    @property
+    def images(self) -> tuple[Levels | None, ...]:
+        """The pictures of a frame that it looks at; None is the plain one."""
+
     def decision_values(
-        self, frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, threads: int = 1
+        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
     ) -> NDArray[np.float64]:
         """Decision values of a frame's patches, shape (n_patches, n_outputs).
 
         Parameters
         ----------
         frame : array of uint8, shape (height, width) or (height, width, 3)
-        gray : array of uint8, shape (height, width), optional
-            ``gray_picture(frame, grid)``, where the caller has it already.
+        pictures : FramePictures, optional
+            The frame's pictures on this grid, where the caller has some already.
         threads : int
             How many threads share the work; the values do not depend on it.
         """
 
 
 class GridDetector:
-    """Texture: every patch the model takes for an obstacle is white in the mask.
+    """Texture: where the frame rule says obstacle, the model's obstacle patches are the mask.
+
+    Elsewhere the mask is empty. It judges the frames of one run in their order: what it says of a
+    frame can depend on those before.
 
     Parameters
     ----------
@@ -123,9 +145,11 @@ class GridDetector:
     def __init__(self, scorer: PatchScorer, threads: int = 1) -> None:
         self.scorer = scorer
         self.threads = threads
+        self._rule = RuleRun(scorer.operating_point.rule)
 
     def detect(self, frame: Frame) -> Detection:
         """Judge the left picture."""
+        self._rule.begin(frame.missed)
         if frame.left is None:
             return self._unjudged(frame.left_fault or "there is no left frame")
         # First what needs no look at the pixels: a picture of another shape may have no resize.
@@ -134,15 +158,33 @@ class GridDetector:
             return self._unjudged(fault)
         grid = self.scorer.grid
         # Resized once, for the check and for the features: it costs as much as these.
-        gray = gray_picture(frame.left, grid, self.threads)
+        pictures = FramePictures(frame.left, grid, threads=self.threads)
+        gray = pictures.gray(self.scorer.images)
         fault = frame_fault(frame.left, gray, grid)
         if fault:
             return self._unjudged(fault)
-        values = self.scorer.decision_values(frame.left, gray=gray, threads=self.threads)
+        values = self.scorer.decision_values(frame.left, pictures, self.threads)
         if not np.isfinite(values).all():
             return self._unjudged("the model gave a decision value that is not finite")
-        mask = grid.paint(self.scorer.model.obstacle_patches(values), *gray.shape)
-        return Detection(mask, TEXTURE, self.scorer.label, decision_values=values)
+        return self._ruled(values, *gray.shape)
+
+    def _ruled(self, values: NDArray[np.float64], height: int, width: int) -> Detection:
+        """What the decision values of a frame resized to `height` x `width` come to."""
+        grid, model = self.scorer.grid, self.scorer.model
+        # In a grid of more than 700 patches a single one is too little for a status.
+        of_one = 255.0 * math.prod(grid.patch_size(height, width)) / (height * width)
+        ruled = self._rule.judge(
+            model.obstacle_score(values),
+            model.obstacle_patches(values),
+            int(STATUS_MEAN_THRESHOLD // of_one) + 1,
+        )
+        label = self.scorer.label
+        if ruled.patches is None:
+            return Detection(
+                None, TEXTURE, label, None, values, fault=ruled.note, against_clear=True
+            )
+        mask = grid.paint(ruled.patches, height, width)
+        return Detection(mask, TEXTURE, label, decision_values=values, note=ruled.note)
 
     def _unjudged(self, fault: str) -> Detection:
         return Detection(None, TEXTURE, self.scorer.label, fault=fault)

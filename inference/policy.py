@@ -55,11 +55,18 @@ def guarded(detector: Detector, frame: Frame) -> Detection:
 
 def _judgement(detection: Detection, health: str) -> Judgement:
     if detection.mask is None:
-        return Judgement(unknown_verdict(health))
+        return Judgement(unknown_verdict(health), detection.decision_values)
     verdict = verdict_from_mask(
         detection.mask, detection.method, detection.model, detection.distance_m, health
     )
     return Judgement(verdict, detection.decision_values)
+
+
+def _not_clear(judgement: Judgement) -> Judgement:
+    """The same where it does not say clear, otherwise unknown."""
+    if judgement.verdict.status != CLEAR:
+        return judgement
+    return replace(judgement, verdict=unknown_verdict(judgement.verdict.health))
 
 
 class SinglePolicy:
@@ -79,11 +86,14 @@ class SinglePolicy:
     def judge(self, frame: Frame) -> Judgement:
         """The detector's answer."""
         detection = guarded(self.detector, frame)
-        return _judgement(detection, _health(self.note, detection.fault))
+        return _judgement(detection, _health(self.note, detection.fault, detection.note))
 
 
 def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
-    """Judge one picture in memory exactly as policy ``texture`` judges a source's frame.
+    """Judge one picture in memory exactly as policy ``texture`` judges a source's only frame.
+
+    A frame rule that needs several alarms calls a picture that alarms unknown: for the frames of
+    a mission use one `GridDetector` for all of them.
 
     Parameters
     ----------
@@ -104,6 +114,9 @@ def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
 class FallbackPolicy:
     """Texture where it can judge, otherwise disparity.
 
+    Where texture alarmed and only its frame rule keeps it from a status, disparity's *clear* is
+    unknown (`Detection.against_clear`).
+
     Parameters
     ----------
     texture, disparity : Detector
@@ -117,9 +130,10 @@ class FallbackPolicy:
         """The first detector's answer, or the second's where the first has none."""
         first = guarded(self.texture, frame)
         if first.mask is not None:
-            return _judgement(first, HEALTHY)
+            return _judgement(first, _health(first.note))
         second = guarded(self.disparity, frame)
-        return _judgement(second, _health(_unable(first), _unable(second)))
+        judgement = _judgement(second, _health(_unable(first), _unable(second)))
+        return _not_clear(judgement) if first.against_clear else judgement
 
 
 class EitherPolicy:
@@ -143,13 +157,11 @@ class EitherPolicy:
     def judge(self, frame: Frame) -> Judgement:
         """Both detectors' answers joined."""
         first, second = guarded(self.texture, frame), guarded(self.disparity, frame)
-        health = _health(_unable(first), _unable(second))
+        health = _health(*(_unable(found) or found.note for found in (first, second)))
         if first.mask is None or second.mask is None:
             judgement = _judgement(second if first.mask is None else first, health)
             warned = first.against_clear or second.against_clear
-            if warned and judgement.verdict.status == CLEAR:
-                return replace(judgement, verdict=unknown_verdict(health))
-            return judgement
+            return _not_clear(judgement) if warned else judgement
         joined = replace(
             first,
             mask=np.asarray(cv2.bitwise_or(first.mask, second.mask), np.uint8),

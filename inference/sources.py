@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..features.camera_frame import MOSAIC_FORMATS, frame_from_camera
 from ..features.errors import FrameError, ToktError
 from ..features.mission import LEFT, RIGHT, Mission, format_frames, open_mission
+from ..models.operating_point import frame_step, missed_before
 from .clock import Clock
 
 _STOP_CHECK_S = 0.05
@@ -35,6 +36,8 @@ class Frame:
         None where there is no picture.
     left_fault, right_fault : str
         Why there is none; empty where there is one.
+    missed : int
+        Frames between the one delivered before and this one that were not delivered.
     """
 
     number: int
@@ -43,6 +46,7 @@ class Frame:
     right: NDArray[np.uint8] | None
     left_fault: str = ""
     right_fault: str = ""
+    missed: int = 0
 
 
 class Source(Protocol):
@@ -96,6 +100,7 @@ class MissionSource:
         if rate is not None and not 0 < rate < float("inf"):
             raise ToktError(f"a rate is a positive number of frames per second, not {rate}")
         self.numbers = _chosen(mission, frames)
+        self._missed = missed_before(self.numbers, frame_step(_present(mission)))
         self._mission = mission
         self._clock = clock
         self._rate = rate
@@ -113,7 +118,8 @@ class MissionSource:
                 self._wait_until(start + index / self._rate)
             if self._stopped:
                 return
-            yield Frame(number, self._clock.time(), left, right, left_fault, right_fault)
+            now = self._clock.time()
+            yield Frame(number, now, left, right, left_fault, right_fault, self._missed[index])
 
     def stop(self) -> None:
         """Deliver no further frame."""
@@ -148,9 +154,14 @@ def _from_raw(image: NDArray[np.uint8], pixel_format: str) -> tuple[NDArray[np.u
         return None, str(error)
 
 
+def _present(mission: Mission) -> set[int]:
+    """Every number that one of the cameras has."""
+    return {number for camera in mission.cameras for number in mission.frames(camera)}
+
+
 def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
     """The frames to deliver: those asked for, all of which the mission must have."""
-    present = {number for camera in mission.cameras for number in mission.frames(camera)}
+    present = _present(mission)
     if frames is None:
         return sorted(present)
     missing = set(frames) - present

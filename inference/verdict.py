@@ -23,7 +23,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-OBSTACLE, CLEAR, UNKNOWN = 1, 0, -1
+from ..models import operating_point
+
+OBSTACLE, CLEAR, UNKNOWN = operating_point.OBSTACLE, operating_point.CLEAR, operating_point.UNKNOWN
 
 STATUS_MEAN_THRESHOLD = 0.345
 """Mean grey level of the 0/255 mask above which the status is 1. Source: the thesis's program;

@@ -16,6 +16,8 @@ from .taxonomy import Taxonomy
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
 MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version")
+AUDIT_COLUMNS = ("suggested", "margin", "reason")
+"""What a label audit says beside each label; passed over when a file is read."""
 _INTEGER = re.compile(r"-?[0-9]{1,18}")
 
 
@@ -32,7 +34,7 @@ def read_label_csv(
     ----------
     path : Path
         UTF-8 text (with or without byte order mark, any line ends) whose first line names the
-        `COLUMNS` in any order, and any of `MORE_COLUMNS`.
+        `COLUMNS` in any order, and any of `MORE_COLUMNS` and `AUDIT_COLUMNS`.
     taxonomy : Taxonomy
         The classes a label may have, besides ``unsure``.
     annotator : str, optional
@@ -168,7 +170,7 @@ class _Rows:
 def _check_header(header: list[str]) -> None:
     known = ", ".join(COLUMNS)
     missing = [name for name in COLUMNS if name not in header]
-    unknown = [name for name in header if name not in COLUMNS + MORE_COLUMNS]
+    unknown = [name for name in header if name not in COLUMNS + MORE_COLUMNS + AUDIT_COLUMNS]
     twice = [name for name in header if header.count(name) > 1]
     if not header:
         raise ToktError(f"the file is empty; a label file begins with {known}")

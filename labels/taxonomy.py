@@ -133,7 +133,10 @@ class Taxonomy:
         """Raise ToktError unless `label` is a class or ``unsure``."""
         if label != UNSURE and label not in self.names:
             known = ", ".join((*self.names, UNSURE))
-            raise ToktError(f"unknown class {label!r}; known: {known}")
+            raise ToktError(
+                f"unknown class {label!r}; known: {known}; to add one, append a [[classes]] table"
+                f" to {FILE_NAME} in the workspace, or give --taxonomy FILE"
+            )
 
 
 def load_taxonomy(workspace: Path | None = None, file: Path | None = None) -> Taxonomy:

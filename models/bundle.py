@@ -3,8 +3,9 @@
 A bundle ``NAME-VERSION.tokt`` is a zip of five members, stored in this order with no time stamps,
 so that the same model gives the same bytes:
 
-- ``manifest.json``: who this model is, how it sees, where it comes from, and the SHA-256 of the
-  other members; ``manifest_sha256`` is the hash of the manifest without that key.
+- ``manifest.json``: who this model is, how it sees, when it warns (``operating_point``), where it
+  comes from, and the SHA-256 of the other members; ``manifest_sha256`` is the hash of the
+  manifest without that key.
 - ``weights.npz``: weights, bias, thresholds (float64).
 - ``golden.npz``: frames, as PNG files, with the decision values the training machine computed.
 - ``lineage.npz``: the first 8 bytes of the pixel hash of every frame the model learnt from, so
@@ -13,6 +14,8 @@ so that the same model gives the same bytes:
 
 Reading has three acts that do not mix: *parse* the archive into plain values, *check* every hash,
 shape and bound, and only then *construct* and recompute the golden values. No pickle anywhere.
+
+Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -27,7 +30,7 @@ import struct
 import tokenize
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +40,14 @@ from numpy.typing import NDArray
 from ..features.canonical import json_sha256
 from ..features.errors import ToktError
 from ..features.extractor import Extractor, build_extractor
+from ..features.frame_pictures import FramePictures
 from ..features.grid import Grid
 from ..features.image_file import decode_image
+from ..features.levels import Levels
 from .linear import LinearModel
+from .operating_point import OperatingPoint
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 GOLDEN_TOLERANCE = 1e-9
 SUFFIX = ".tokt"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -71,6 +77,7 @@ _MANIFEST_KEYS = {
     "members",
     "manifest_sha256",
 }
+_SINCE_2 = {"operating_point"}
 
 
 @dataclass(frozen=True)
@@ -111,6 +118,8 @@ class BundleContent:
         First 8 bytes of the pixel hash of each training frame.
     card : str
         The model card, Markdown.
+    operating_point : OperatingPoint
+        When its patches are an alarm, and its alarms a status.
     """
 
     name: str
@@ -123,6 +132,7 @@ class BundleContent:
     golden: Golden
     trained_on: NDArray[np.uint64]
     card: str
+    operating_point: OperatingPoint = field(default_factory=OperatingPoint)
 
 
 @dataclass(frozen=True)
@@ -160,6 +170,11 @@ class Bundle:
         return self.content.model
 
     @property
+    def operating_point(self) -> OperatingPoint:
+        """The frame rule, and how it was chosen."""
+        return self.content.operating_point
+
+    @property
     def frame_sizes(self) -> tuple[tuple[int, int], ...]:
         """Height and width in pixels of the golden frames, which the model learnt beside."""
         return tuple(dict.fromkeys(_png_size(png) for png in self.content.golden.frames))
@@ -175,8 +190,13 @@ class Bundle:
             return "each of its classes is an obstacle: it would always warn"
         return ""
 
+    @property
+    def images(self) -> tuple[Levels | None, ...]:
+        """The pictures of a frame that the extractor looks at; None is the plain one."""
+        return self.extractor.images
+
     def decision_values(
-        self, frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, threads: int = 1
+        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
     ) -> NDArray[np.float64]:
         """Decision values of a frame's patches, shape (n_patches, n_outputs).
 
@@ -184,12 +204,14 @@ class Bundle:
         ----------
         frame : array of uint8, shape (height, width) or (height, width, 3)
             As the camera gave it, gray or BGR, any size.
-        gray : array of uint8, shape (height, width), optional
-            ``gray_picture(frame, grid)``, where the caller has it already.
+        pictures : FramePictures, optional
+            The frame's pictures on this grid, where the caller has some already.
         threads : int
             How many threads share the work; the values do not depend on it.
         """
-        return self.model.decision_values(self.extractor.describe(frame, self.grid, gray, threads))
+        if pictures is None:
+            pictures = FramePictures(frame, self.grid, threads=threads)
+        return self.model.decision_values(self.extractor.describe_pictures(pictures))
 
 
 def _zip(members: Mapping[str, bytes]) -> bytes:
@@ -250,6 +272,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
         "extractor": dict(content.extractor_spec),
         "grid": content.grid.to_json(),
         "classes": _classes_json(model),
+        "operating_point": content.operating_point.to_json(),
         "provenance": dict(content.provenance),
         "metrics": dict(content.metrics),
         "members": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
@@ -302,7 +325,7 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
             f"{where}: bundle format {version} is newer than this tokt reads ({FORMAT_VERSION}); "
             "update tokt on this machine"
         )
-    if set(manifest) != _MANIFEST_KEYS:
+    if set(manifest) != _MANIFEST_KEYS | (_SINCE_2 if version >= 2 else set()):
         raise ToktError(f"{where}: the bundle's manifest has unknown or missing entries")
     bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}
     try:
@@ -390,6 +413,18 @@ def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     return tuple(_text(item["name"]) for item in value), tuple(item["obstacle"] for item in value)
 
 
+def _operating_point(manifest: Mapping[str, Any], grid: Grid) -> OperatingPoint:
+    """The manifest's; a rule that no frame could meet is refused."""
+    if "operating_point" not in manifest:
+        return OperatingPoint()
+    point = OperatingPoint.from_json(manifest["operating_point"])
+    if point.rule.least_patches > grid.n_patches:
+        raise ToktError(
+            f"its frame rule asks for {point.rule.least_patches} of {grid.n_patches} patches"
+        )
+    return point
+
+
 def _check_content(
     manifest: dict[str, Any], members: dict[str, bytes], where: str
 ) -> BundleContent:
@@ -400,17 +435,19 @@ def _check_content(
     golden = golden_from_bytes(members["golden.npz"], where)
     try:
         names, obstacle = _classes_from(manifest["classes"])
+        grid = Grid.from_json(manifest["grid"])
         return BundleContent(
             name=_text(manifest["name"]),
             version=_text(manifest["version"]),
             extractor_spec=_object(manifest["extractor"]),
-            grid=Grid.from_json(manifest["grid"]),
+            grid=grid,
             model=LinearModel(**arrays, classes=names, obstacle=obstacle),
             provenance=_object(manifest["provenance"]),
             metrics=_object(manifest["metrics"]),
             golden=golden,
             trained_on=trained_on,
             card=members["card.md"].decode("utf-8"),
+            operating_point=_operating_point(manifest, grid),
         )
     except (ToktError, TypeError, ValueError) as error:
         raise ToktError(f"{where}: the bundle's content does not fit together ({error})") from None

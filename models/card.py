@@ -2,8 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+from .extractor_words import extractor_words
+from .operating_point import OperatingPoint
+
+_LONGEST_LIST = 12
+_WORST_FOLDS = 2
+_NOT_LISTED = (
+    *("words", "method", "candidates", "tail"),
+    *("reachable", "confidence", "latency_frames"),
+)
+_OF_DATA = (
+    *("dataset", "dataset_hash", "dataset_sources"),
+    *("missions", "label_counts", "trained_frames"),
+)
+
+INTENDED_USE = """Warns the pilot of an ROV, frame by frame, that the camera sees something that
+is not open water. For frames of the camera, lamp and water of the missions below; score it on a
+labelled dive of your own (`tokt evaluate`) before you rely on it anywhere else."""
+
+NOT_FOR = """- As the only guard of a vehicle: clear means that no patch looked like an obstacle the
+  model learnt, not that there is none.
+- Distances, sizes, or what the obstacle is.
+- Frames that are too dark, saturated, damaged or of another shape: the runtime calls them
+  unknown."""
 
 
 def _figure(value: float | None) -> str:
@@ -12,8 +36,125 @@ def _figure(value: float | None) -> str:
 
 def _text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "; ".join(f"{name} {part}" for name, part in sorted(value.items()))
+        return "; ".join(f"{name} {_text(part)}" for name, part in sorted(value.items()))
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return _listed(value)
     return str(value)
+
+
+def _listed(values: Sequence[Any]) -> str:
+    """The first few, and how many more there are."""
+    shown = ", ".join(str(value) for value in values[:_LONGEST_LIST])
+    more = len(values) - _LONGEST_LIST
+    return (f"{shown} and {more} more" if more > 0 else shown) or "none"
+
+
+def _lines(values: Mapping[str, Any]) -> str:
+    return "\n".join(
+        f"- {key.replace('_', ' ')}: {_text(value)}"
+        for key, value in sorted(values.items())
+        if value is not None and value != {}
+    )
+
+
+def _data(provenance: Mapping[str, Any]) -> str:
+    return _lines({key: provenance.get(key) for key in _OF_DATA})
+
+
+def _sight(recipe: Mapping[str, Any]) -> str:
+    grid = recipe["grid"]
+    classes = ", ".join(
+        f"{item['name']} ({'obstacle' if item['obstacle'] else 'clear'})"
+        for item in recipe["classes"]
+    )
+    name = recipe.get("extractor_name")
+    resized = f"frames resized to width {grid['width']}" if grid["width"] else "ready-cut"
+    return f"""- classes: {classes}
+- grid: {grid["rows"]}x{grid["cols"]} patches, {resized}
+- extractor: {f"`{name}`, " if name else ""}{recipe["dim"]} features a patch: \
+{extractor_words(recipe["extractor"])}
+- classifier: linear (LinearSVC, scaler folded in), one matrix product
+- patch thresholds: {", ".join(f"{value:g}" for value in recipe["thresholds"])}"""
+
+
+def _operating_point(point: OperatingPoint) -> str:
+    rule = point.rule
+    head = f"Status 1 with {rule.words()}; {rule.latency_words()}."
+    if not point.chosen:
+        return f"{head} It was not chosen for a stated rate of false statuses."
+    words = [point.chosen[key] for key in ("words", "method") if key in point.chosen]
+    rest = {key: value for key, value in point.chosen.items() if key not in _NOT_LISTED}
+    return "\n\n".join([head, *words, _lines(rest)])
+
+
+def _table(metrics: Mapping[str, Any]) -> str:
+    patch, frames = metrics.get("patch", {}), metrics.get("frames")
+    rows = [
+        ("obstacle patches: F1", _figure(patch.get("f1"))),
+        ("precision", _figure(patch.get("precision"))),
+        ("recall", _figure(patch.get("recall"))),
+        ("average precision", _figure(patch.get("average_precision"))),
+        ("macro-F1 over the classes", _figure(patch.get("macro_f1"))),
+    ]
+    rows += [
+        (f"F1 of class {name}", f"{_figure(one['f1'])} ({one['n']} patches)")
+        for name, one in patch.get("per_class", {}).items()
+    ]
+    folds = metrics.get("folds") or []
+    if folds:
+        rows.append(("F1 of the folds", ", ".join(_figure(fold["f1"]) for fold in folds)))
+    if frames:
+        rows += _frame_rows(frames)
+    return "\n".join(f"| {name} | {value} |" for name, value in rows)
+
+
+def _frame_rows(frames: Mapping[str, Any]) -> list[tuple[str, str]]:
+    false = f"{frames['false_status']} of {frames['ocean_frames']}"
+    rows = [("open-ocean frames with a false status", false)]
+    if "obstacle_frames" in frames:
+        seen = f"{frames['detected']} of {frames['obstacle_frames']}"
+        rows.append(("obstacle frames with status 1", seen))
+        rows.append(("first of three frames in a row", _text(frames["first_detection"])))
+    return rows
+
+
+def _failures(metrics: Mapping[str, Any]) -> str:
+    frames = metrics.get("frames", {})
+    folds = [fold for fold in metrics.get("folds", []) if fold["f1"] is not None]
+    worst = sorted(folds, key=lambda fold: float(fold["f1"]))[:_WORST_FOLDS]
+    lines = [
+        f"- lowest fold: F1 {_figure(fold['f1'])} on frames {_shortened(fold['frames'])}"
+        for fold in worst
+        if "frames" in fold
+    ]
+    for key, what in (
+        ("false_status_frames", "false status on open ocean"),
+        ("missed_frames", "an obstacle and no status 1"),
+    ):
+        if key in frames:
+            lines.append(f"- {what}: {_listed(frames[key])}")
+    return "\n".join(lines) or "Not recorded."
+
+
+def _stress(stress: Mapping[str, Any] | None) -> str:
+    """What changed pictures of the same held-out frames do to it."""
+    if not stress:
+        return ""
+    rows = "\n".join(
+        f"| {name.replace('_', ' ')}{' (learnt from)' if one['learnt'] else ''} "
+        f"| {_figure(one['f1'])} | {_figure(one['fall'])} "
+        f"| {one['false_status']} of {one['ocean_frames']} "
+        f"| {one['detected']} of {one['obstacle_frames']} |"
+        for name, one in stress.items()
+    )
+    head = "| pictures changed by | F1 | falls by | false status | obstacle frames seen |"
+    return f"\n\n{head}\n|---|---|---|---|---|\n{rows}"
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:60].rsplit(',', 1)[0]}, ..."
 
 
 def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
@@ -24,55 +165,52 @@ def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, A
     label : str
         ``name/version``.
     recipe : mapping
-        As `Registry.recipe` gives it.
+        extractor, extractor_name (may be missing), dim, grid, classes, thresholds, metrics and
+        operating_point (missing before recipe version 2), as `Registry.recipe` gives them.
     provenance : mapping
         With the MLflow run id.
     """
     metrics = recipe["metrics"]
-    patch = metrics["patch"]
-    classes = ", ".join(
-        f"{item['name']} ({'obstacle' if item['obstacle'] else 'clear'})"
-        for item in recipe["classes"]
-    )
-    rows = [
-        ("obstacle patches: F1", _figure(patch["f1"])),
-        ("precision", _figure(patch["precision"])),
-        ("recall", _figure(patch["recall"])),
-        ("average precision", _figure(patch["average_precision"])),
-        ("macro-F1 over the classes", _figure(patch["macro_f1"])),
-        ("F1 of the folds", ", ".join(_figure(fold["f1"]) for fold in metrics["folds"])),
-        (
-            "open-ocean frames with a false status",
-            f"{metrics['frames']['false_status']} of {metrics['frames']['ocean_frames']}",
-        ),
-    ]
-    table = "\n".join(f"| {name} | {value} |" for name, value in rows)
-    origin = "\n".join(f"- {key}: {_text(value)}" for key, value in sorted(provenance.items()))
+    point = OperatingPoint()
+    if "operating_point" in recipe:
+        point = OperatingPoint.from_json(recipe["operating_point"])
+    voided = metrics.get("voided")
     return f"""# {label}
 
-Tells patches of a frame apart: {classes}.
+{INTENDED_USE}
 
-- extractor: `{recipe["extractor_name"]}`, {recipe["dim"]} features a patch
-- grid: {recipe["grid"]["rows"]}x{recipe["grid"]["cols"]} patches, frames resized to width \
-{recipe["grid"]["width"] or "as they are"}
-- decision thresholds: {", ".join(str(value) for value in recipe["thresholds"])}
+Not for:
+
+{NOT_FOR}
+
+## Data
+
+{_data(provenance)}
+
+## How it sees
+
+{_sight(recipe)}
+
+## Operating point
+
+{_operating_point(point)}
 
 ## What was measured
 
-{metrics["split"]}
+{f"{voided} " if voided else ""}{metrics.get("split", "Not recorded.")}
 
 | figure | value |
 |---|---|
-{table}
+{_table(metrics)}
 
-## Where it comes from
+Patch figures are at the patch thresholds, frame figures at the operating point. All come from
+the missions named above: another dive, lamp, camera or water can differ much.
 
-{origin}
+## Known failures, in that measurement
 
-## Limits
+{_failures(metrics)}{_stress(metrics.get("stress"))}
 
-Learnt from the missions named above and measured on them alone; another dive, lamp, camera or
-water can differ much. The decision threshold is the classifier's own and has not been set for a
-stated rate of false alarms. A verdict of clear means that no patch looked like what the model
-learnt as an obstacle, not that there is none.
+## Lineage
+
+{_lines({key: value for key, value in provenance.items() if key not in _OF_DATA})}
 """

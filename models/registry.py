@@ -2,22 +2,25 @@
 
 What a registered version consists of, all logged by its run: the scikit-learn pipeline (the truth
 about the weights, stored by skops, no pickle), and the run artifacts below ``tokt/``:
-``recipe.json`` (extractor spec, grid, classes, thresholds, provenance, metrics), ``golden.npz``
-and ``lineage.npz``. A version is registered after everything else is there.
+``recipe.json`` (extractor spec, grid, classes, thresholds, operating point, provenance, metrics),
+``golden.npz``, ``lineage.npz`` and ``held_out.parquet``. A version is registered after everything
+else is there.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
 import re
+import sqlite3
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +36,7 @@ from .bundle import (
     lineage_from_bytes,
 )
 from .card import model_card
+from .operating_point import OperatingPoint
 from .pipeline import linear_model_from
 
 # Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
@@ -47,8 +51,12 @@ from mlflow.entities.model_registry import ModelVersion
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
+if TYPE_CHECKING:
+    import pandas
+
 EXPERIMENT = "tokt"
-RECIPE_VERSION = 1
+RECIPE_VERSION = 2
+"""Version 1 has no operating point, and no decision values in ``held_out.parquet``."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -85,13 +93,21 @@ def _use(uri: str) -> None:
 
 
 def _create_database(path: Path) -> None:
-    """Make MLflow's tables under a temporary name, so that a kill leaves no half-made file."""
+    """Make MLflow's tables under a temporary name, so that a kill leaves no half-made file.
+
+    MLflow migrates a new database through all its past; in memory that waits for no disk.
+    """
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
     atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         fresh = folder / path.name
-        store = SqlAlchemyStore(f"sqlite:///{fresh}", (folder / "unused").as_uri())
+        store = SqlAlchemyStore("sqlite:///:memory:", (folder / "unused").as_uri())
+        with (
+            closing(sqlite3.connect(fresh)) as file,
+            closing(store.engine.raw_connection()) as made,
+        ):
+            made.driver_connection.backup(file)
         store.engine.dispose()
         if not path.exists():
             fresh.replace(path)
@@ -111,6 +127,10 @@ class RegisteredVersion:
     def label(self) -> str:
         """``name/version``."""
         return f"{self.name}/{self.version}"
+
+
+def _provenance(version: RegisteredVersion, recipe: dict[str, Any]) -> dict[str, Any]:
+    return {**recipe["provenance"], "mlflow_run_id": version.run_id}
 
 
 class Registry:
@@ -247,12 +267,53 @@ class Registry:
         return self.find(version.label)
 
     def recipe(self, version: RegisteredVersion) -> dict[str, Any]:
-        """The run's ``recipe.json``: all of a model but its weights."""
+        """The run's ``recipe.json``: all of a model but its weights.
+
+        Raises
+        ------
+        ToktError
+            If it is missing, or a newer tokt wrote it.
+        """
         text = self._artifact(version, "recipe.json").decode("utf-8")
         recipe: dict[str, Any] = json.loads(text)
-        if recipe.get("recipe_version") != RECIPE_VERSION:
+        written = recipe.get("recipe_version")
+        if type(written) is not int or not 1 <= written <= RECIPE_VERSION:
             raise ToktError(f"model {version.label} was trained by another generation of tokt")
-        return recipe
+        return {"operating_point": OperatingPoint().to_json(), **recipe}
+
+    def held_out(self, reference: str) -> pandas.DataFrame:
+        """What cross-validation said of every patch, by a model that did not learn from it.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The dataset's patches with fold (-1: never tested), obstacle_score and, since recipe
+            version 2, target (index of the class) and value_0 .. value_{k-1}.
+
+        Raises
+        ------
+        ToktError
+            If there is no such version, or its run holds no such table.
+        """
+        import pandas as pd
+
+        data = self._artifact(self.find(reference), "held_out.parquet")
+        return pd.read_parquet(io.BytesIO(data))
+
+    def card(self, reference: str) -> str:
+        """The model card of a registered version, as its bundle has it.
+
+        Raises
+        ------
+        ToktError
+            If there is no such version, or it was not trained by tokt.
+        """
+        version = self.find(reference)
+        return self._card(version, self.recipe(version))
+
+    @staticmethod
+    def _card(version: RegisteredVersion, recipe: dict[str, Any]) -> str:
+        return model_card(version.label, recipe, _provenance(version, recipe))
 
     def bundle(self, reference: str) -> Bundle:
         """A registered version as a checked bundle; the same version gives the same bytes.
@@ -276,18 +337,18 @@ class Registry:
             tuple(item["name"] for item in recipe["classes"]),
             tuple(item["obstacle"] for item in recipe["classes"]),
         )
-        provenance = {**recipe["provenance"], "mlflow_run_id": version.run_id}
         return BundleContent(
             name=version.name,
             version=version.version,
             extractor_spec=recipe["extractor"],
             grid=Grid.from_json(recipe["grid"]),
             model=model,
-            provenance=provenance,
+            provenance=_provenance(version, recipe),
             metrics=recipe["metrics"],
             golden=golden_from_bytes(self._artifact(version, "golden.npz"), where),
             trained_on=lineage_from_bytes(self._artifact(version, "lineage.npz"), where),
-            card=model_card(version.label, recipe, provenance),
+            card=self._card(version, recipe),
+            operating_point=OperatingPoint.from_json(recipe["operating_point"]),
         )
 
     def _artifact(self, version: RegisteredVersion, name: str) -> bytes:

@@ -236,7 +236,7 @@ CASES = {
     "one class only": (
         only_rows(lambda row: row[-1] == "ocean"),
         BUILD,
-        r"one class only: every patch is clear",
+        r"one class only: every patch is clear \(ocean\); .* that has obstacle patches too",
     ),
     "only unsure": (only_rows(lambda row: row[-1] == "unsure"), BUILD, r"no labelled patch"),
     "unknown task": (nothing, (*BUILD, "--task", "seven"), r"task is one of binary, classes"),
@@ -260,7 +260,11 @@ CASES = {
     "embargo over everything": (nothing, (*TRAIN, "--embargo", 50), r"neighbour frames"),
     "unknown extractor": (nothing, (*TRAIN[:3], "sift"), r"unknown extractor 'sift'"),
     "unknown preset": (nothing, (*TRAIN, "--preset", "good"), r"unknown preset 'good'"),
-    "no extractor": (nothing, TRAIN[:2], r"--extractor"),
+    "false-status rate": (nothing, (*TRAIN, "--false-status-rate", 0), r"between 0 and 1"),
+    "frame rule": (nothing, (*TRAIN, "--frame-rule", "often"), r"--frame-rule is auto or .* 2/3"),
+    "more hits than frames": (nothing, (*TRAIN, "--frame-rule", "3/2"), r"K of N frames"),
+    "no patches": (nothing, (*TRAIN, "--least-patches", 0), r"at least 1 patch"),
+    "class weight": (nothing, (*TRAIN, "--class-weight", "heavy"), r"none, balanced, auto"),
     "model name": (nothing, (*TRAIN, "--name", "a/b"), r"model name 'a/b'"),
     "thesis images without thesis": (nothing, (*TRAIN, "--ocean", "x.png"), r"--preset thesis"),
     "thesis image missing": (

@@ -13,14 +13,15 @@ from sklearn.svm import LinearSVC
 
 from ..models.linear import LinearModel
 from ..models.pipeline import linear_model_from
-from .presets import TrainingSettings
+from .presets import Choice, TrainingSettings
 
 
 def fit_classifier(
     features: NDArray[np.float64],
     targets: NDArray[np.int64],
-    penalty: float,
+    choice: Choice,
     settings: TrainingSettings,
+    weights: NDArray[np.float64] | None = None,
 ) -> Pipeline:
     """Fit scaler and LinearSVC; deterministic for the same input.
 
@@ -32,16 +33,24 @@ def fit_classifier(
     ----------
     features : array of float64, shape (n, dim)
     targets : array of int, shape (n,)
-    penalty : float
-        LinearSVC's C.
+    choice : Choice
+        LinearSVC's C and the weights of the classes.
     settings : TrainingSettings
+    weights : array of float64, shape (n,), optional
+        How much each patch's error counts; the scaler takes all patches alike.
     """
-    svc = LinearSVC(C=penalty, random_state=settings.seed, dual=not settings.scale, max_iter=5000)
+    svc = LinearSVC(
+        C=choice.penalty,
+        class_weight=choice.class_weight,
+        random_state=settings.seed,
+        dual=not settings.scale,
+        max_iter=5000,
+    )
     steps = [("scaler", StandardScaler())] if settings.scale else []
     pipeline = Pipeline([*steps, ("svc", svc)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        pipeline.fit(np.asarray(features), targets)
+        pipeline.fit(np.asarray(features), targets, svc__sample_weight=weights)
     return pipeline
 
 

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from sklearn.pipeline import Pipeline
 
 from ..features.mission import format_frames
-from ..inference.verdict import STATUS_MEAN_THRESHOLD
 from ..models.linear import LinearModel
-from .classifier import decision_values, fit_classifier
+from ..models.operating_point import FrameRule
+from .classifier import decision_values, fit_classifier, linear_model
 from .dataset import DatasetVersion
+from .frame_figures import frame_figures
 from .metrics import class_metrics, obstacle_metrics
-from .presets import TrainingSettings
+from .operating_point import DEFAULT_TARGET, Target, choose_frame_rule
+from .parallel import mapped
+from .presets import Choice, TrainingSettings
 from .splits import Fold, blocked_folds
+from .trainable import check_features, inner_folds
+
+Tables = Sequence[NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -44,46 +50,142 @@ class HeldOut:
     values : array of float64, shape (n_patches, n_outputs)
     fold : array of int, shape (n_patches,)
         The fold in which a patch was tested; -1 for none.
-    penalties : tuple of float
-        The C of each fold.
+    choices : tuple of Choice
+        What each fold's model was trained with.
+    rules : tuple of FrameRule
+        Each fold's frame rule, chosen on its training part alone.
+    stressed : mapping of str to array of float64, shape (n_patches, n_outputs)
+        By picture change: decision values of the patches on pictures so changed.
     """
 
     values: NDArray[np.float64]
     fold: NDArray[np.int64]
-    penalties: tuple[float, ...]
+    choices: tuple[Choice, ...]
+    rules: tuple[FrameRule, ...]
+    stressed: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
-def choose_penalty(
+@dataclass(frozen=True)
+class Chosen:
+    """The best candidate of a cross-validation.
+
+    Parameters
+    ----------
+    choice : Choice
+    values : array of float64, shape (n_patches, n_outputs)
+        Its decision values of patches that were held out.
+    """
+
+    choice: Choice
+    values: NDArray[np.float64]
+
+
+def learn(
+    features: NDArray[np.float64],
+    targets: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    choice: Choice,
+    settings: TrainingSettings,
+    changed: Tables = (),
+) -> Pipeline:
+    """Fit to some patches, as they are and as they look on changed pictures.
+
+    Parameters
+    ----------
+    features : array of float64, shape (n_patches, dim)
+    targets : array of int, shape (n_patches,)
+    rows : array of int
+        What to learn from.
+    choice, settings
+        As for `fit_classifier`.
+    changed : sequence of arrays like `features`
+        The same patches on changed pictures.
+    """
+    tables = [table[rows] for table in (features, *changed)]
+    known = np.tile(targets[rows], len(tables))
+    weights = np.repeat([1.0] + [settings.change_weight] * len(changed), len(rows))
+    return fit_classifier(np.concatenate(tables), known, choice, settings, weights)
+
+
+def choose(
     patches: pd.DataFrame,
     features: NDArray[np.float64],
     targets: NDArray[np.int64],
     settings: TrainingSettings,
     split: Split,
-) -> float:
-    """The candidate C with the best pooled F1 (macro-F1 for several classes) in a blocked CV.
+    changed: Tables = (),
+    jobs: int = 1,
+) -> Chosen:
+    """The candidate with the best pooled F1 (macro-F1 for several classes) in a blocked CV.
 
-    The smaller C wins a tie. With one candidate nothing is measured.
+    The simpler one wins a tie.
+
+    Parameters
+    ----------
+    patches : DataFrame
+        Columns mission, frame, group.
+    features : array of float64, shape (n_patches, dim)
+    targets : array of int, shape (n_patches,)
+    settings : TrainingSettings
+    split : Split
+    changed : sequence of arrays like `features`
+        Learnt from too, as in `learn`; tested on is `features` alone.
+    jobs : int
+        Processes; -1 for one a core. The result does not depend on it.
+
+    Raises
+    ------
+    ToktError
+        If there are too few groups; see `blocked_folds`.
     """
-    if len(settings.penalties) == 1:
-        return settings.penalties[0]
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
-    scores = []
-    for penalty in settings.penalties:
-        predicted = np.empty_like(targets)
+    tasks = [
+        _Fit(features, targets, fold, choice, settings, changed)
+        for choice in settings.choices
+        for fold in folds
+    ]
+    results = map(_tested, tasks) if jobs == 1 else mapped(_tested, tasks, jobs)
+    best, best_score = None, -np.inf
+    for choice in settings.choices:
+        values = np.empty((len(targets), _outputs(len(np.unique(targets)))))
         for fold in folds:
-            model = fit_classifier(features[fold.train], targets[fold.train], penalty, settings)
-            predicted[fold.test] = model.predict(features[fold.test])
-        scores.append(_f1(targets, predicted))
-    return settings.penalties[int(np.argmax(scores))]
+            values[fold.test] = next(results)
+        score = _f1(targets, values)
+        if best is None or score > best_score:
+            best, best_score = Chosen(choice, values), score
+    if best is None:
+        raise ValueError("settings hold no candidate")
+    return best
 
 
-def _f1(targets: NDArray[np.int64], predicted: NDArray[np.int64]) -> float:
-    if targets.max() <= 1:
-        return float(
-            obstacle_metrics(targets == 1, np.asarray(predicted - 0.5, np.float64))["f1"] or 0.0
-        )
-    names = tuple(str(index) for index in range(int(targets.max()) + 1))
-    return float(class_metrics(targets, predicted, names)["macro_f1"] or 0.0)
+@dataclass(frozen=True)
+class _Fit:
+    """One fold of one candidate."""
+
+    features: NDArray[np.float64]
+    targets: NDArray[np.int64]
+    fold: Fold
+    choice: Choice
+    settings: TrainingSettings
+    changed: Tables
+
+
+def _tested(task: _Fit) -> NDArray[np.float64]:
+    """Decision values of the fold's test rows."""
+    rows = task.fold.train
+    model = learn(task.features, task.targets, rows, task.choice, task.settings, task.changed)
+    return decision_values(model, task.features[task.fold.test])
+
+
+def _outputs(classes: int) -> int:
+    return 1 if classes == 2 else classes
+
+
+def _f1(targets: NDArray[np.int64], values: NDArray[np.float64]) -> float:
+    if values.shape[1] == 1:
+        return float(obstacle_metrics(targets == 1, values[:, 0])["f1"] or 0.0)
+    names = tuple(str(index) for index in range(values.shape[1]))
+    return float(class_metrics(targets, values.argmax(axis=1), names)["macro_f1"] or 0.0)
 
 
 def cross_validate(
@@ -92,78 +194,71 @@ def cross_validate(
     settings: TrainingSettings,
     split: Split,
     progress: Callable[..., Any],
+    target: Target = DEFAULT_TARGET,
+    changed: Tables = (),
+    stress: Mapping[str, NDArray[np.float64]] | None = None,
+    jobs: int = 1,
 ) -> HeldOut:
-    """Nested cross-validation: C is chosen anew inside the training part of each fold.
-
-    Raises
-    ------
-    ToktError
-        If the dataset has too few groups; see `blocked_folds`.
-    """
-    patches, targets = dataset.patches, dataset.targets()
-    folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
-    inner = Split(max(2, split.folds - 1), split.embargo_frames)
-    outputs = 1 if len(dataset.classes()) == 2 else len(dataset.classes())
-    values = np.full((len(targets), outputs), np.nan)
-    number = np.full(len(targets), -1)
-    penalties = []
-    features = np.asarray(features)
-    for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
-        penalty = _inner_choice(patches, features, targets, fold, settings, inner)
-        model = fit_classifier(features[fold.train], targets[fold.train], penalty, settings)
-        values[fold.test] = decision_values(model, features[fold.test])
-        number[fold.test] = index
-        penalties.append(penalty)
-    return HeldOut(values, number, tuple(penalties))
-
-
-def _inner_choice(
-    patches: pd.DataFrame,
-    features: NDArray[np.float64],
-    targets: NDArray[np.int64],
-    fold: Fold,
-    settings: TrainingSettings,
-    inner: Split,
-) -> float:
-    part = patches.iloc[fold.train]
-    return choose_penalty(part, features[fold.train], targets[fold.train], settings, inner)
-
-
-def ocean_frame_statuses(
-    dataset: DatasetVersion, said_obstacle: NDArray[np.bool_], tested: NDArray[np.bool_]
-) -> dict[str, Any]:
-    """False statuses on frames whose every patch is labelled clear and was tested.
+    """Nested cross-validation: what is chosen is chosen inside the training part of each fold.
 
     Parameters
     ----------
     dataset : DatasetVersion
-    said_obstacle, tested : arrays of bool, shape (n_patches,)
+    features : array of float64, shape (n_patches, dim)
+    settings : TrainingSettings
+    split : Split
+    progress : callable
+        ``progress(items, total, what)`` passes the items through.
+    target : Target
+        What the folds' frame rules are chosen for.
+    changed : sequence of arrays like `features`
+        Of the settings' picture changes; learnt from too, never tested on.
+    stress : mapping of str to array like `features`, optional
+        Of picture changes to test on beside.
+    jobs : int
+        As for `choose`.
 
-    Returns
-    -------
-    dict
-        ocean_frames, false_status (counts), false_status_frames (``mission:frame``).
+    Raises
+    ------
+    ToktError
+        If the dataset has too few groups (see `blocked_folds`), or the features are not finite
+        or all the same.
     """
-    keys = ["mission", "camera", "frame"]
-    grid = dataset.grid
-    table = dataset.patches[keys].copy()
-    table["clear"] = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    table["tested"], table["said"] = tested, said_obstacle
-    frames = table.groupby(keys).agg(
-        n=("clear", "size"), clear=("clear", "all"), tested=("tested", "all"), said=("said", "sum")
-    )
-    ocean = frames[(frames.n == grid.n_patches) & frames.clear & frames.tested]
-    sizes = dataset.frames.set_index(keys).loc[ocean.index, ["height", "width"]]
-    means = []
-    for said, height, width in zip(ocean.said, sizes.height, sizes.width, strict=True):
-        resized = grid.resized(height, width)
-        means.append(255.0 * said * math.prod(grid.patch_size(*resized)) / math.prod(resized))
-    false = ocean[np.asarray(means) > STATUS_MEAN_THRESHOLD]
-    return {
-        "ocean_frames": len(ocean),
-        "false_status": len(false),
-        "false_status_frames": [f"{mission}:{frame}" for mission, _, frame in false.index],
-    }
+    features = np.asarray(features)
+    stress = stress or {}
+    for table in (features, *changed, *stress.values()):
+        check_features(dataset, table)
+    patches, targets = dataset.patches, dataset.targets()
+    folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
+    inner = Split(inner_folds(split.folds), split.embargo_frames)
+    values = np.full((len(targets), _outputs(len(dataset.classes()))), np.nan)
+    stressed = {name: values.copy() for name in stress}
+    number = np.full(len(targets), -1)
+    choices, rules = [], []
+    for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
+        part = patches.iloc[fold.train], features[fold.train], targets[fold.train]
+        chosen = choose(*part, settings, inner, [table[fold.train] for table in changed], jobs)
+        pipeline = learn(features, targets, fold.train, chosen.choice, settings, changed)
+        model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
+        rules.append(_inner_rule(dataset, fold.train, model.obstacle_score(chosen.values), target))
+        values[fold.test] = decision_values(pipeline, features[fold.test])
+        for name, table in stress.items():
+            stressed[name][fold.test] = decision_values(pipeline, table[fold.test])
+        number[fold.test] = index
+        choices.append(chosen.choice)
+    return HeldOut(values, number, tuple(choices), tuple(rules), stressed)
+
+
+def _inner_rule(
+    dataset: DatasetVersion,
+    rows: NDArray[np.int64],
+    score: NDArray[np.float64],
+    target: Target,
+) -> FrameRule:
+    """The frame rule that a fold's training part asks for."""
+    scores, tested = np.full(len(dataset.patches), np.nan), np.zeros(len(dataset.patches), bool)
+    scores[rows], tested[rows] = score, True
+    return choose_frame_rule(dataset, scores, tested, target)[0]
 
 
 def held_out_metrics(
@@ -187,19 +282,23 @@ def held_out_metrics(
     folds = [
         {
             **obstacle_metrics(truth[fold == index], score[fold == index]),
-            "penalty": penalty,
+            "penalty": choice.penalty,
+            "class_weight": choice.class_weight,
             "frames": format_frames(frames[fold == index].tolist()),
         }
-        for index, penalty in enumerate(held_out.penalties)
+        for index, choice in enumerate(held_out.choices)
     ]
-    said = np.zeros(len(tested), bool)
-    said[tested] = model.obstacle_patches(values)
+    all_scores = model.obstacle_score(held_out.values)
     return {
         "patch": {
             **obstacle_metrics(truth, score),
             **class_metrics(targets, model.predicted(values), model.classes),
         },
         "folds": folds,
-        "frames": ocean_frame_statuses(dataset, said, tested),
+        "frames": frame_figures(dataset, all_scores, held_out.fold, held_out.rules),
+        "frames_at_zero": frame_figures(
+            dataset, all_scores, held_out.fold, [FrameRule()] * len(held_out.rules)
+        ),
+        "fold_rules": [rule.to_json() for rule in held_out.rules],
         "patches_tested": int(tested.sum()),
     }

@@ -190,6 +190,23 @@ class DatasetVersion:
         return tuple(self.taxonomy.is_obstacle(name) for name in self.classes())
 
 
+def thin_classes(dataset: DatasetVersion, wanted: int) -> list[str]:
+    """A line for each class that stands in fewer than `wanted` groups of frames.
+
+    Each group of such a class is a large part of what is known of it: a model may learn the place
+    instead of the class, and figures hang on a few frames.
+    """
+    targets = dataset.targets()
+    groups = dataset.patches.group.groupby(targets).nunique()
+    lines = []
+    for target, n in groups[groups < wanted].items():
+        labels = ", ".join(sorted(dataset.patches.label[targets == target].unique()))
+        what = "group of frames" if n == 1 else "groups of frames"
+        so = "it cannot be held out, so training will refuse" if n == 1 else "its figures are rough"
+        lines.append(f"{labels} is in {n} {what} only: {so}; label it in {wanted} or more")
+    return lines
+
+
 def read_stored_frame(path: Path, digest: str) -> NDArray[np.uint8]:
     """A dataset's frame file, checked against its pixel hash.
 
@@ -233,8 +250,10 @@ def _check_classes(plan: DatasetPlan) -> None:
         )
     if plan.task == "binary" and len(sides) < 2:
         side = OBSTACLE if sides.pop() else CLEAR
+        other = CLEAR if side == OBSTACLE else OBSTACLE
         raise ToktError(
-            f"dataset {plan.name} has one class only: every patch is {side} ({', '.join(labels)})"
+            f"dataset {plan.name} has one class only: every patch is {side} ({', '.join(labels)}); "
+            f"a model learns from both, so add a mission that has {other} patches too"
         )
 
 

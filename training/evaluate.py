@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 from ..features.errors import ToktError
 from ..features.image_file import pixel_sha256
 from ..features.mission import LEFT, Mission
-from ..inference.policy import judge_image
-from ..inference.verdict import OBSTACLE, UNKNOWN
+from ..inference.detector import GridDetector
+from ..inference.policy import SinglePolicy
+from ..inference.sources import Frame
+from ..inference.verdict import OBSTACLE, UNKNOWN, Verdict
 from ..labels.merge import merge_annotators
 from ..labels.record import LabelRecord
 from ..labels.taxonomy import UNSURE, Taxonomy
 from ..models.bundle import Bundle
+from ..models.operating_point import frame_step, missed_before
 from .dataset import CLEAR
 from .dataset import OBSTACLE as OBSTACLE_CLASS
 from .metrics import class_metrics, first_of_three, obstacle_metrics
@@ -33,23 +36,30 @@ class Scored:
     ----------
     frames : list of int
         Frame numbers in order.
-    places : list of int
-        The place of each frame in the mission: 0 for its first one.
+    missed : list of int
+        Frames of the mission between the one scored before and this one.
     values : array of float64, shape (n_frames, n_patches, n_outputs)
-    status : list of int
-        1 obstacle, 0 clear, -1 unknown: the runtime's own verdict.
-    mean : list of float
-        Mean of the 0/255 mask; NaN where the verdict is unknown.
+    verdicts : list of Verdict
+        The runtime's own, at the operating point.
     seen_in_training : list of int
         Frames whose very pixels the model learnt from.
     """
 
     frames: list[int]
-    places: list[int]
+    missed: list[int]
     values: NDArray[np.float64]
-    status: list[int]
-    mean: list[float]
+    verdicts: list[Verdict]
     seen_in_training: list[int]
+
+    @property
+    def status(self) -> list[int]:
+        """1 obstacle, 0 clear, -1 unknown."""
+        return [verdict.status for verdict in self.verdicts]
+
+    @property
+    def mean(self) -> list[float]:
+        """Mean of the 0/255 mask; NaN where the verdict is unknown."""
+        return [np.nan if verdict.mean is None else verdict.mean for verdict in self.verdicts]
 
 
 def score_mission(
@@ -58,39 +68,43 @@ def score_mission(
     progress: Callable[..., Any],
     frames: Sequence[int] | None = None,
 ) -> Scored:
-    """Run a model over the left frames of a mission, as the runtime does.
+    """Run a model over the left frames of a mission, as one run of the runtime does.
+
+    The frame rule sees the frames in their order; where frames are missing between them, or were
+    not asked for, what it did not see is unknown to it.
 
     Raises
     ------
     ToktError
         If a frame cannot be read.
     """
-    numbers = list(frames) if frames is not None else mission.frames(LEFT)
+    numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
+    missed = missed_before(numbers, frame_step(mission.frames(LEFT)))
     known = set(bundle.content.trained_on.tolist())
-    values, status, mean, seen = [], [], [], []
-    for number in progress(numbers, len(numbers), "scoring"):
+    policy = SinglePolicy(GridDetector(bundle))
+    values, verdicts, seen = [], [], []
+    for index, number in enumerate(progress(numbers, len(numbers), "scoring")):
         image = mission.read(number, LEFT)
-        judgement = judge_image(bundle, image)
+        judgement = policy.judge(Frame(number, 0.0, image, None, missed=missed[index]))
         decided = judgement.decision_values
         values.append(bundle.decision_values(image) if decided is None else decided)
-        status.append(judgement.verdict.status)
-        mean.append(np.nan if judgement.verdict.mean is None else judgement.verdict.mean)
+        verdicts.append(judgement.verdict)
         if int(frame_id(pixel_sha256(image))) in known:
             seen.append(number)
-    order = {number: place for place, number in enumerate(mission.frames(LEFT))}
-    places = [order[number] for number in numbers]
-    return Scored(numbers, places, np.stack(values), status, mean, seen)
+    return Scored(numbers, missed, np.stack(values), verdicts, seen)
 
 
-def _first_detection(scored: Scored) -> int | None:
+def first_detection(frames: list[int], missed: list[int], status: list[int]) -> int | None:
     """The first of three frames with status 1 that follow each other in the mission.
 
-    Where only a part of the mission was judged, frames on both sides of a gap do not count as
-    following each other.
+    Parameters
+    ----------
+    frames, missed, status : list of int
+        As in `Scored`. Frames on both sides of missing ones do not follow each other.
     """
-    starts = [i for i, gap in enumerate(np.diff(scored.places, prepend=-2)) if gap != 1]
-    for start, end in pairwise([*starts, len(scored.places)]):
-        found = first_of_three(scored.frames[start:end], scored.status[start:end])
+    starts = [i for i, gap in enumerate(missed) if gap or i == 0]
+    for start, end in pairwise([*starts, len(frames)]):
+        found = first_of_three(frames[start:end], status[start:end])
         if found is not None:
             return found
     return None
@@ -107,24 +121,27 @@ def _frame_figures(
     """
     ocean, obstacle = [], []
     for number in scored.frames:
-        said = [record.label for record in labels.get(number, [])]
-        sides = [label != UNSURE and taxonomy.is_obstacle(str(label)) for label in said]
+        names = [record.label for record in labels.get(number, [])]
+        sides = [label != UNSURE and taxonomy.is_obstacle(str(label)) for label in names]
         if any(sides):
             obstacle.append(number)
-        elif len(said) == n_patches and UNSURE not in said:
+        elif len(names) == n_patches and UNSURE not in names:
             ocean.append(number)
-    status = dict(zip(scored.frames, scored.status, strict=True))
+    said = scored.status
+    status = dict(zip(scored.frames, said, strict=True))
     false = [number for number in ocean if status[number] == OBSTACLE]
+    missed = [number for number in obstacle if status[number] != OBSTACLE]
     return {
         "n": len(scored.frames),
         "ocean_frames": len(ocean),
         "false_status": len(false),
         "false_status_frames": false,
         "obstacle_frames": len(obstacle),
-        "detected": sum(status[number] == OBSTACLE for number in obstacle),
+        "detected": len(obstacle) - len(missed),
+        "missed_frames": missed,
         "first_obstacle_frame": obstacle[0] if obstacle else None,
-        "first_detection": _first_detection(scored),
-        "unknown": scored.status.count(UNKNOWN),
+        "first_detection": first_detection(scored.frames, scored.missed, said),
+        "unknown": said.count(UNKNOWN),
         "not_judged": len(scored.frames) - len(ocean) - len(obstacle),
     }
 
@@ -181,9 +198,10 @@ def evaluate(
     -------
     dict
         patch (precision, recall, f1, average_precision, per_class, confusion, by_label), frames
-        (n, ocean_frames, false_status, detected, obstacle_frames, first_detection, ...),
-        unsure_ignored, seen_in_training (frames whose very pixels were learnt from),
-        mission_in_training, model.
+        (at the operating point: n, ocean_frames, false_status, detected, obstacle_frames,
+        first_detection, ...), operating_point, latency_frames (from the first alarm to the
+        first status at the least), unsure_ignored,
+        seen_in_training (frames whose very pixels were learnt from), mission_in_training, model.
 
     Raises
     ------
@@ -229,6 +247,8 @@ def evaluate_scored(
         "mission": mission,
         "patch": {"n": len(sure), **_patch_figures(bundle, scored, sure, taxonomy)},
         "frames": _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
+        "operating_point": bundle.operating_point.to_json(),
+        "latency_frames": bundle.operating_point.rule.latency_frames,
         "unsure_ignored": len(merged.records) - len(sure),
         "seen_in_training": len(scored.seen_in_training),
         "mission_in_training": mission_in_training(bundle, records),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +19,9 @@ from ..features.errors import ToktError
 from ..features.extractor import build_extractor
 from ..features.grid import Grid
 from ..features.kernels import KERNELS, LIBRARY
+from . import picture_changes
 from .dataset import DatasetVersion, read_stored_frame
+from .parallel import mapped
 
 _LIBRARIES = ("numpy", "opencv-python-headless")
 _REFERENCES = ("scikit-image", "mahotas")
@@ -35,16 +37,37 @@ def _source_hash() -> str:
     return digest.hexdigest()
 
 
-def _cache_key(dataset: DatasetVersion, spec: dict[str, Any]) -> str:
+def feature_key(dataset: DatasetVersion, spec: dict[str, Any], change: str = "") -> str:
+    """A name for a dataset's features: another one whenever they might come out otherwise.
+
+    It covers the dataset, the spec, this code and the versions of the libraries that compute.
+    """
     computing = _LIBRARIES + (_REFERENCES if KERNELS.name == LIBRARY else ())
     libraries = {name: version(name) for name in computing}
-    return json_sha256([dataset.hash, spec, libraries, _source_hash()])[:24]
+    parts = [dataset.hash, spec, libraries, _source_hash()]
+    if change:
+        code = Path(picture_changes.__file__).read_bytes()
+        parts += [change, hashlib.sha256(code).hexdigest()]
+    return json_sha256(parts)[:24]
 
 
-def _describe(
-    path: Path, digest: str, cells: NDArray[np.int64], spec: dict[str, Any], grid: Grid
-) -> NDArray[np.float64]:
-    return build_extractor(spec).describe(read_stored_frame(path, digest), grid)[cells]
+@dataclass(frozen=True)
+class _Task:
+    """One frame to describe."""
+
+    path: Path
+    digest: str
+    cells: NDArray[np.int64]
+    spec: dict[str, Any]
+    grid: Grid
+    change: str
+
+
+def _describe(task: _Task) -> NDArray[np.float64]:
+    frame = read_stored_frame(task.path, task.digest)
+    if task.change:
+        frame = picture_changes.changed(frame, task.change)
+    return build_extractor(task.spec).describe(frame, task.grid)[task.cells]
 
 
 def _cached(path: Path, shape: tuple[int, int]) -> NDArray[np.float64] | None:
@@ -65,6 +88,8 @@ def feature_table(
     cache: Path,
     progress: Callable[..., Any],
     jobs: int = -1,
+    dask: str | None = None,
+    change: str = "",
 ) -> NDArray[np.float64]:
     """Features of every patch of a dataset, in the order of ``dataset.patches``.
 
@@ -79,35 +104,36 @@ def feature_table(
         ``progress(items, total, what)`` passes the items through.
     jobs : int
         Processes; -1 for one a core. The result does not depend on it.
+    dask : str, optional
+        Address of a dask scheduler, whose workers see the dataset under the same path. The
+        result does not depend on it either.
+    change : str
+        A change (`picture_changes`) that is made to every frame first.
 
     Returns
     -------
     numpy.ndarray
         float64, shape (n_patches, dim), memory-mapped read-only.
     """
-    path = cache / f"{dataset.name}-{_cache_key(dataset, spec)}.npy"
+    path = cache / f"{dataset.name}-{feature_key(dataset, spec, change)}.npy"
     shape = (len(dataset.patches), build_extractor(spec).dim)
     table = _cached(path, shape)
     if table is None:
-        _compute(dataset, spec, path, shape, progress, jobs)
+        _compute(_tasks(dataset, spec, change), path, shape, progress, jobs, dask)
         table = _cached(path, shape)
     if table is None:
         raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
     return table
 
 
-def _compute(
-    dataset: DatasetVersion,
-    spec: dict[str, Any],
-    path: Path,
-    shape: tuple[int, int],
-    progress: Callable[..., Any],
-    jobs: int,
-) -> None:
+def _tasks(
+    dataset: DatasetVersion, spec: dict[str, Any], change: str
+) -> list[tuple[NDArray[np.int64], _Task]]:
+    """The dataset's frames, each with the rows of its patches."""
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     keys = ["mission", "camera", "frame"]
     stored = {
-        key: (dataset.path / "frames" / file, digest)
+        key: (dataset.path.resolve() / "frames" / file, digest)
         for *key_parts, file, digest in frames[[*keys, "file", "digest"]].itertuples(
             index=False, name=None
         )
@@ -115,16 +141,27 @@ def _compute(
     }
     groups = patches.groupby(keys, sort=False).indices
     cells = (patches.row * grid.cols + patches.col).to_numpy()
-    tasks = (
-        joblib.delayed(_describe)(*stored[key], cells[rows], spec, grid)
-        for key, rows in groups.items()
-    )
-    run = joblib.Parallel(n_jobs=jobs, return_as="generator")
+    return [
+        (rows, _Task(*stored[key], cells[rows], spec, grid, change)) for key, rows in groups.items()
+    ]
+
+
+def _compute(
+    tasks: list[tuple[NDArray[np.int64], _Task]],
+    path: Path,
+    shape: tuple[int, int],
+    progress: Callable[..., Any],
+    jobs: int,
+    dask: str | None,
+) -> None:
+    change = tasks[0][1].change
+    what = f"features, {change}" if change else "features"
     atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)
-        results = progress(run(tasks), len(groups), "features")
-        for rows, values in zip(groups.values(), results, strict=True):
+        described = mapped(_describe, (task for _, task in tasks), jobs, dask)
+        results = progress(described, len(tasks), what)
+        for (rows, _), values in zip(tasks, results, strict=True):
             table[rows] = values
         table.flush()
         digest = hashlib.sha256(table.data).hexdigest()

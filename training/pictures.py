@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ..features.extractor import gray_picture
 from ..features.grid import Grid
-from ..inference.policy import judge_image
-from ..inference.verdict import Verdict
+from ..inference.verdict import OBSTACLE, Verdict
 from ..labels.record import LabelRecord
 from ..labels.taxonomy import UNSURE, Taxonomy
 from ..models.bundle import Bundle
@@ -35,6 +34,7 @@ class Judged:
         As the camera gave it.
     predicted, labelled, unsure : arrays of bool, shape (n_patches,)
     verdict : Verdict
+        The runtime's, in a run over the frames before.
     """
 
     image: NDArray[np.uint8]
@@ -44,18 +44,23 @@ class Judged:
     verdict: Verdict
 
 
-def judge(
+def beside_labels(
     bundle: Bundle,
     image: NDArray[np.uint8],
+    values: NDArray[np.float64],
+    verdict: Verdict,
     records: Iterable[LabelRecord],
     taxonomy: Taxonomy,
 ) -> Judged:
-    """Put what the runtime says of a frame beside its labels.
+    """Put what the runtime said of a frame beside its labels.
 
     Parameters
     ----------
     bundle : Bundle
     image : array of uint8
+    values : array of float64, shape (n_patches, n_outputs)
+        Its decision values.
+    verdict : Verdict
     records : iterable of LabelRecord
         Of this frame, one a patch.
     taxonomy : Taxonomy
@@ -66,11 +71,7 @@ def judge(
         cell = record.row * grid.cols + record.col
         unsure[cell] = record.label == UNSURE
         labelled[cell] = not unsure[cell] and taxonomy.is_obstacle(str(record.label))
-    judgement = judge_image(bundle, image)
-    predicted = np.zeros(grid.n_patches, bool)
-    if judgement.decision_values is not None:
-        predicted = bundle.model.obstacle_patches(judgement.decision_values)
-    return Judged(image, predicted, labelled, unsure, judgement.verdict)
+    return Judged(image, bundle.model.obstacle_patches(values), labelled, unsure, verdict)
 
 
 def enhanced(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -82,7 +83,8 @@ def draw(judged: Judged, grid: Grid) -> NDArray[np.uint8]:
     """The frame, contrast-enhanced, beside its mask.
 
     Left: thin green outlines are patches labelled as an obstacle, thin gray ones `unsure`, filled
-    orange ones predicted. Right: the mask with its box and its centre.
+    orange ones predicted. Right: the mask with its box and its centre; empty but where the status
+    is 1.
     """
     gray = gray_picture(judged.image, grid)
     height, width = gray.shape
@@ -96,9 +98,8 @@ def draw(judged: Judged, grid: Grid) -> NDArray[np.uint8]:
     for chosen, color in ((judged.unsure, _UNSURE_BGR), (judged.labelled, _LABEL_BGR)):
         for y0, y1, x0, x1 in boxes[chosen]:
             cv2.rectangle(view, (x0 + 1, y0 + 1), (x1 - 2, y1 - 2), color, 1)
-    mask = cv2.resize(
-        grid.paint(judged.predicted, height, width), size, interpolation=cv2.INTER_NEAREST
-    )
+    white = judged.predicted & (judged.verdict.status == OBSTACLE)
+    mask = cv2.resize(grid.paint(white, height, width), size, interpolation=cv2.INTER_NEAREST)
     right = np.asarray(cv2.cvtColor(np.asarray(mask // 2, np.uint8), cv2.COLOR_GRAY2BGR), np.uint8)
     _draw_verdict(right, judged.verdict, width, height)
     gap = np.full((size[1], 6, 3), 255, np.uint8)

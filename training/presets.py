@@ -2,10 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..features.errors import ToktError
 from ..features.extractor import Extractor, Haralick, extractor_named
+from ..features.grid import Grid
+from .picture_changes import change_named
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a cross-validation chooses among.
+
+    Parameters
+    ----------
+    penalty : float
+        LinearSVC's C.
+    class_weight : "balanced" or None
+        ``balanced`` weighs a patch by how rare its class is.
+    """
+
+    penalty: float
+    class_weight: str | None = None
 
 
 @dataclass(frozen=True)
@@ -18,8 +36,15 @@ class TrainingSettings:
     scale : bool
         Whether features are brought to zero mean and unit variance.
     penalties : tuple of float
-        Candidates for LinearSVC's C; with several, the choice is made by a blocked
+        Candidates for LinearSVC's C.
+    class_weights : tuple of "balanced" or None
+        Candidates for the classes' weights. The choice among all pairs is made by a blocked
         cross-validation inside the training part of each fold.
+    changes : tuple of str
+        Picture changes (`picture_changes`): every training part is learnt from as it is and as
+        each of them makes it. Tested on is what the camera gave.
+    change_weight : float
+        How much a patch of a changed picture counts, against 1 as it is.
     two_images : bool
         Train on one ocean image against one other image, as the thesis does, not on the
         dataset.
@@ -32,6 +57,17 @@ class TrainingSettings:
     penalties: tuple[float, ...]
     two_images: bool
     seed: int = 42
+    class_weights: tuple[str | None, ...] = (None,)
+    changes: tuple[str, ...] = ()
+    change_weight: float = 1.0
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """The candidates, the simpler first: a smaller C, then no weights."""
+        weights = sorted(self.class_weights, key=lambda weight: weight is not None)
+        return tuple(
+            Choice(penalty, weight) for penalty in sorted(self.penalties) for weight in weights
+        )
 
 
 PRESETS = {
@@ -40,37 +76,93 @@ PRESETS = {
         "plain", scale=True, penalties=(0.01, 0.1, 1.0, 10.0), two_images=False
     ),
     "best": TrainingSettings(
-        "best", scale=True, penalties=(0.01, 0.1, 1.0, 10.0), two_images=False
+        "best",
+        scale=True,
+        penalties=(0.1, 1.0),
+        two_images=False,
+        changes=("gain_0.5", "jpeg_60"),
+        change_weight=0.05,
     ),
 }
 
 CHOSEN_ON = (
-    "The preset's features were chosen among joins of LBP and Haralick by blocked cross-validation "
-    "on the sea-trial mission: figures on that mission are somewhat too good for it, and only "
-    "another dive is a test."
+    "The preset's parts were worked out and its join found by tokt search, both by blocked "
+    "cross-validation on the sea-trial mission (those for ready-cut patches on photos of the "
+    "seabed): figures on that data are somewhat too good, and only another dive is a test."
 )
-_BEST = {
-    "lbp": "lbp_24_8+lbp_24_8_frame",
-    "haralick": "haralick+lbp_10_5_frame+lbp_24_8_frame",
-}
+DEFAULT_EXTRACTOR = "haralick"
+# What `tokt search` found on the sea-trial mission by its rule: the simplest within 0.01 of the best.
+_SHAPES = "lbp_flat_8_5+lbp_flat_8_9+lbp_flat_8_13+lines+lines_fine"
+_BEST = {"lbp": _SHAPES, "haralick": f"haralick_flat+{_SHAPES}"}
+_BEST_READY_CUT = (
+    "lbp_8_1+lbp_8_2+lbp_12_3+lbp_10_5+lbp_24_8+haralick_log+haralick_log_64+haralick_log_16"
+    "+lines+structure_3+structure_7+structure_11"
+)
 
 
-def settings_named(preset: str) -> TrainingSettings:
-    """The preset's settings. Raises ToktError if there is none of that name."""
+def settings_named(preset: str, grid: Grid | None = None) -> TrainingSettings:
+    """The preset's settings, for frames cut by `grid` (or by any).
+
+    For ready-cut patches, which are photos of all kinds as they are, ``best`` learns from no
+    changed ones; and it tries smaller C only, since folds that hold out whole kinds of photos
+    choose too large a one. Raises ToktError if there is no preset of that name.
+    """
     if preset not in PRESETS:
         raise ToktError(f"unknown preset {preset!r} (known: {', '.join(PRESETS)})")
-    return PRESETS[preset]
+    settings = PRESETS[preset]
+    if preset == "best" and _ready_cut(grid):
+        return replace(settings, changes=(), penalties=(0.01, 0.03, 0.1, 0.3))
+    return settings
 
 
-def extractor_for(name: str, preset: str) -> Extractor:
+def _ready_cut(grid: Grid | None) -> bool:
+    return grid is not None and grid.width is None
+
+
+def weighted(settings: TrainingSettings, class_weight: str | None) -> TrainingSettings:
+    """The settings with ``none``, ``balanced`` or ``auto`` (the better one) class weights.
+
+    Raises ToktError for any other word; None keeps what the settings have.
+    """
+    if class_weight is None:
+        return settings
+    known: dict[str, tuple[str | None, ...]] = {
+        "none": (None,),
+        "balanced": ("balanced",),
+        "auto": (None, "balanced"),
+    }
+    if class_weight not in known:
+        raise ToktError(f"class weights are {', '.join(known)}, not {class_weight!r}")
+    if settings.two_images and class_weight == "auto":
+        raise ToktError("preset thesis chooses nothing: class weights none or balanced")
+    return replace(settings, class_weights=known[class_weight])
+
+
+def learning_changes(settings: TrainingSettings, names: str | None) -> TrainingSettings:
+    """The settings with these picture changes (``gain_0.5,jpeg_60``, or ``none``).
+
+    Raises ToktError for a change that is not there; None keeps what the settings have.
+    """
+    if names is None:
+        return settings
+    changes = () if names == "none" else tuple(dict.fromkeys(names.split(",")))
+    for name in changes:
+        change_named(name)
+    if settings.two_images and changes:
+        raise ToktError("preset thesis learns from two images as they are: no --changes")
+    return replace(settings, changes=changes)
+
+
+def extractor_for(name: str, preset: str, grid: Grid | None = None) -> Extractor:
     """The extractor a preset uses for ``lbp``, ``haralick`` or a more exact name.
 
-    ``best`` widens the two plain names: ``lbp`` to LBP (24,8) with both border rules, and
-    ``haralick`` to Haralick joined with LBP of the whole frame. ``thesis`` leaves grey level 0
-    out of Haralick's counts, as the thesis does.
+    ``best`` widens the two plain names: to LBP, lines and structure of the frame without its
+    background, ``haralick`` with Haralick's figures of it as well. For ready-cut patches, which
+    have no background of their own frame around them, both are LBP and Haralick at several
+    scales. ``thesis`` leaves grey level 0 out of Haralick's counts, as the thesis does.
     """
-    if preset == "best":
-        return extractor_named(_BEST.get(name, name))
+    if preset == "best" and name in _BEST:
+        return extractor_named(_BEST_READY_CUT if _ready_cut(grid) else _BEST[name])
     if preset == "thesis" and name == "haralick":
         return Haralick(ignore_zeros=True)
     return extractor_named(name)

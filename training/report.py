@@ -19,7 +19,7 @@ from ..labels.merge import merge_annotators
 from ..labels.record import LabelRecord
 from ..labels.taxonomy import UNSURE
 from . import plots
-from .pictures import draw, jpeg_uri, judge
+from .pictures import beside_labels, draw, jpeg_uri
 
 if TYPE_CHECKING:
     from .demo import DemoRun
@@ -61,12 +61,14 @@ def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
 
 
 def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[str, Any]]:
-    bundle = run.bundles[run.champion]
+    bundle, scored = run.bundles[run.champion], run.scored[run.champion]
+    said = dict(zip(scored.frames, zip(scored.values, scored.verdicts, strict=True), strict=True))
     pictures = []
     for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
         image = run.mission.read(frame, LEFT)
-        judged = judge(bundle, image, labels.get(frame, []), run.taxonomy)
-        verdict = judged.verdict
+        values, verdict = said[frame]
+        records = labels.get(frame, [])
+        judged = beside_labels(bundle, image, values, verdict, records, run.taxonomy)
         pictures.append(
             {
                 "frame": frame,
@@ -76,6 +78,7 @@ def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[s
                 "mean": verdict.mean,
                 "x": verdict.x,
                 "y": verdict.y,
+                "health": verdict.health,
             }
         )
     return pictures
@@ -100,6 +103,12 @@ def _curves(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> dict[str, str
         "confusion": plots.data_uri(plots.confusion(champion)),
         "timings": plots.data_uri(plots.timings(run.seconds, latency)),
     }
+
+
+def _first_words(first: int | dict[str, int | None] | None) -> str:
+    """A first detection, or those of several missions."""
+    found = list(first.values()) if isinstance(first, dict) else [first]
+    return ", ".join("none" if frame is None else str(frame) for frame in found) or "none"
 
 
 def _rows(run: DemoRun) -> list[dict[str, Any]]:
@@ -131,16 +140,19 @@ def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
     """
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters["figure"] = lambda value: "–" if value is None else f"{value:.3f}"
+    environment.filters["first"] = _first_words
     template = environment.from_string(
         resources.files(__package__).joinpath("report.html").read_text("utf-8")
     )
     labels = _labels_by_frame(run)
-    champion = run.bundles[run.champion]
+    champion, trained = run.bundles[run.champion], run.trained[run.champion]
     latency = np.array([entry["latency_ms"] for entry in run.replay.log]) if run.replay else None
     html = template.render(
         run=run,
         champion=champion,
         provenance=champion.content.provenance,
+        point=champion.operating_point,
+        cross_validated=trained.metrics,
         bundle_file=bundle_file.name,
         rows=_rows(run),
         pictures=_pictures(run, labels),

@@ -64,33 +64,45 @@ def blocked_folds(
     ToktError
         If there are fewer groups than folds, or a fold's training part lacks a class.
     """
-    _check_groups(patches.group.to_numpy(), targets, n_folds)
+    _check_groups(patches, targets, n_folds)
     classes = np.unique(targets)
     mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()
     folds = []
     for train, test in _whole_groups(patches.group.to_numpy(), targets, n_folds):
         kept = train[~_near(mission, frame, train, test, embargo_frames)]
-        if len(np.unique(targets[kept])) < len(classes):
+        lacking = np.setdiff1d(classes, targets[kept])
+        if len(lacking):
             raise ToktError(
-                "a fold's training part lacks a class once its neighbour frames are left out; "
-                "label more of the mission or ask for fewer folds"
+                f"a fold's training part lacks {_labels(patches, np.isin(targets, lacking))} once "
+                "the neighbour frames of its test part are left out; label more of the mission or "
+                "ask for fewer folds"
             )
         folds.append(Fold(kept, test))
     return folds
 
 
-def _check_groups(groups: NDArray[np.object_], targets: NDArray[np.int64], n_folds: int) -> None:
+def _check_groups(patches: pd.DataFrame, targets: NDArray[np.int64], n_folds: int) -> None:
+    groups = patches.group.to_numpy()
     n_groups = len(np.unique(groups))
     if n_groups < n_folds:
         raise ToktError(
             f"{n_groups} groups of frames are too few for {n_folds} folds; label more of the "
             "mission or ask for fewer folds"
         )
-    per_class = [len(np.unique(groups[targets == target])) for target in np.unique(targets)]
-    if min(per_class) < 2:
-        raise ToktError("one class is in a single group of frames only: it cannot be held out")
+    for target in np.unique(targets):
+        if len(np.unique(groups[targets == target])) < 2:
+            raise ToktError(
+                f"{_labels(patches, targets == target)} is in a single group of frames only (or is "
+                "left in one, once others are held out to be tested on): label it in more places "
+                "of the mission, at best in as many groups as there are folds"
+            )
     if np.bincount(targets).max() < n_folds:
         raise ToktError(f"no class has as many patches as there are folds ({n_folds})")
+
+
+def _labels(patches: pd.DataFrame, rows: NDArray[np.bool_]) -> str:
+    """The labels of a class, for people."""
+    return ", ".join(sorted(patches.label[rows].unique())) if "label" in patches else "one class"
 
 
 def _whole_groups(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import tempfile
+import time
 import warnings
 from importlib.metadata import version
 from pathlib import Path
@@ -17,12 +18,14 @@ import numpy as np
 import pandas as pd
 from mlflow.data.dataset_source_registry import resolve_dataset_source
 from mlflow.data.meta_dataset import MetaDataset
+from mlflow.entities import Metric
 from mlflow.models import infer_signature
 
 from .. import __version__
 from ..features.kernels import KERNELS
 from ..features.mission import format_frames
 from ..models.bundle import Golden, golden_bytes, lineage_bytes
+from ..models.operating_point import OperatingPoint
 from ..models.registry import RECIPE_VERSION, RegisteredVersion, Registry
 from . import plots
 from .classifier import decision_values
@@ -30,6 +33,7 @@ from .dataset import DatasetVersion
 from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
+_LONGEST_DESCRIPTION = 5000  # what MLflow's database keeps of one
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
 
 
@@ -85,6 +89,10 @@ def _trained_frames(trained: Trained) -> dict[str, str]:
     return {str(name): format_frames(numbers.tolist()) for name, numbers in frames}
 
 
+def _frame_counts(dataset: DatasetVersion) -> dict[str, int]:
+    return {str(name): int(n) for name, n in dataset.frames.mission.value_counts().items()}
+
+
 def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
     request, model = trained.request, trained.model
     dataset = request.dataset
@@ -97,14 +105,21 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
         "grid": dataset.grid.to_json(),
         "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
         "thresholds": model.thresholds.tolist(),
+        "operating_point": OperatingPoint(trained.rule, trained.operating_point).to_json(),
+        "fold_rules": [rule.to_json() for rule in trained.held_out.rules],
         "metrics": trained.metrics,
         "provenance": {
             "dataset": dataset.label,
             "dataset_hash": dataset.hash,
             "dataset_sources": "; ".join(dataset.info["sources"]),
+            "missions": _frame_counts(dataset),
+            "label_counts": dataset.info["labels"],
             "trained_frames": _trained_frames(trained),
             "preset": request.settings.preset,
-            "penalty": trained.penalty,
+            "penalty": trained.choice.penalty,
+            "class_weight": trained.choice.class_weight or "none",
+            "learnt_changes": ", ".join(request.settings.changes) or "none",
+            **({"search": request.search} if request.search else {}),
             "code_version": code_version(),
             "mlflow_model_id": model_id,
             "libraries": ", ".join(f"{name} {version(name)}" for name in _LIBRARIES),
@@ -124,8 +139,26 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
         "cv_macro_f1": patch["macro_f1"],
         "cv_ocean_frames": frames["ocean_frames"],
         "cv_false_status_frames": frames["false_status"],
+        "cv_false_status_frames_at_margin_0": metrics["frames_at_zero"]["false_status"],
+        "cv_obstacle_frames": frames["obstacle_frames"],
+        "cv_detected_frames": frames["detected"],
+        "cv_detected_frames_at_margin_0": metrics["frames_at_zero"]["detected"],
+        **{f"stress_f1_{name}": one["f1"] for name, one in metrics.get("stress", {}).items()},
+        **{f"cv_first_detection_{name}": at for name, at in frames["first_detection"].items()},
     }
     return {name: float(value) for name, value in figures.items() if value is not None}
+
+
+def _logged_metrics(metrics: dict[str, Any]) -> list[Metric]:
+    """The headline figures, and those of each fold as its step: one commit for all of them."""
+    now = int(time.time() * 1000)
+    headlines = [Metric(name, value, now, 0) for name, value in _flat_metrics(metrics).items()]
+    return headlines + [
+        Metric(f"fold_{figure}", fold[figure], now, index)
+        for index, fold in enumerate(metrics["folds"])
+        for figure in ("f1", "precision", "recall", "average_precision")
+        if fold[figure] is not None
+    ]
 
 
 def _write_artifacts(folder: Path, trained: Trained, model_id: str) -> None:
@@ -133,10 +166,18 @@ def _write_artifacts(folder: Path, trained: Trained, model_id: str) -> None:
     (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
     (folder / "golden.npz").write_bytes(golden_bytes(_golden(trained)))
     (folder / "lineage.npz").write_bytes(lineage_bytes(trained.trained_on))
-    held_out = trained.request.dataset.patches.copy()
-    held_out["fold"] = trained.held_out.fold
-    held_out["obstacle_score"] = trained.model.obstacle_score(trained.held_out.values)
-    held_out.to_parquet(folder / "held_out.parquet", index=False)
+    _held_out_table(trained).to_parquet(folder / "held_out.parquet", index=False)
+
+
+def _held_out_table(trained: Trained) -> pd.DataFrame:
+    """What each patch was called by a model that did not learn from it."""
+    dataset, values = trained.request.dataset, trained.held_out.values
+    return dataset.patches.assign(
+        fold=trained.held_out.fold,
+        target=dataset.targets(),
+        obstacle_score=trained.model.obstacle_score(values),
+        **{f"value_{output}": values[:, output] for output in range(values.shape[1])},
+    )
 
 
 def _log_figures(trained: Trained) -> None:
@@ -149,6 +190,15 @@ def _log_figures(trained: Trained) -> None:
     confusion = trained.metrics["patch"]["confusion"]
     mlflow.log_dict(confusion, "plots/confusion.json")
     mlflow.log_figure(plots.confusion(confusion), "plots/confusion.png")
+    mlflow.log_dict(
+        {
+            **OperatingPoint(trained.rule, trained.operating_point).to_json(),
+            "fold_rules": trained.metrics["fold_rules"],
+            "frames": trained.metrics["frames"],
+            "frames_at_margin_0": trained.metrics["frames_at_zero"],
+        },
+        "tokt/operating_point.json",
+    )
 
 
 def _lineage(dataset: DatasetVersion) -> MetaDataset:
@@ -182,11 +232,7 @@ def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
         mlflow.start_run(experiment_id=experiment, run_name=request.name) as run,
     ):
         mlflow.log_params(parameters(trained))
-        mlflow.log_metrics(_flat_metrics(trained.metrics))
-        for index, fold in enumerate(trained.metrics["folds"]):
-            for figure in ("f1", "precision", "recall", "average_precision"):
-                if fold[figure] is not None:
-                    mlflow.log_metric(f"fold_{figure}", fold[figure], step=index)
+        registry.client.log_batch(run.info.run_id, metrics=_logged_metrics(trained.metrics))
         info = mlflow.sklearn.log_model(
             trained.pipeline,
             name="model",
@@ -201,7 +247,22 @@ def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
             mlflow.log_artifacts(folder, "tokt")
     tags = {"dataset": request.dataset.label, "extractor": request.extractor_name}
     tags["preset"] = request.settings.preset
+    if request.search:
+        tags["search"] = request.search
     registered = registry.register(
         request.name, info.model_uri, run.info.run_id, info.model_id, tags
     )
+    _log_card(registered, registry)
     return registry.set_alias(registered.label, NEWEST_ALIAS)
+
+
+def _log_card(registered: RegisteredVersion, registry: Registry) -> None:
+    """Keep the card, which names the version, beside what it is made from, and as description."""
+    card = registry.card(registered.label)
+    description = card
+    if len(card) > _LONGEST_DESCRIPTION:
+        more = "\n\n(The whole card is the run's artifact tokt/card.md.)"
+        description = card[: _LONGEST_DESCRIPTION - len(more)] + more
+    with registry.reported():
+        registry.client.log_text(registered.run_id, card, "tokt/card.md")
+        registry.client.update_model_version(registered.name, registered.version, description)

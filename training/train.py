@@ -10,18 +10,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
+from threadpoolctl import ThreadpoolController
 
 from ..features.errors import ToktError
 from ..features.extractor import Extractor
 from ..features.image_file import pixel_sha256, read_image
 from ..models.linear import LinearModel
+from ..models.operating_point import FrameRule
 from .classifier import converged, decision_values, fit_classifier, linear_model
-from .cross_validation import HeldOut, Split, choose_penalty, cross_validate, held_out_metrics
+from .cross_validation import (
+    HeldOut,
+    Split,
+    choose,
+    cross_validate,
+    held_out_metrics,
+    learn,
+)
 from .dataset import DatasetVersion
 from .feature_table import feature_table
-from .presets import CHOSEN_ON, TrainingSettings
+from .operating_point import DEFAULT_TARGET, Target, choose_frame_rule
+from .presets import CHOSEN_ON, Choice, TrainingSettings
 from .splits import blocked_folds
+from .stress import stress_figures
 from .thesis_images import rendered_other_image
+from .trainable import check_blocks, check_features, inner_folds
 
 _LEAST_BLOCK_FRAMES = 5
 _WEAK = (
@@ -47,6 +59,12 @@ class TrainRequest:
     ocean_image, other_image : Path or None
         For the preset `thesis` only; by default a clear frame of the dataset and a rendered
         texture.
+    target : Target
+        What the operating point is chosen for.
+    search : str or None
+        The search that the extractor comes from.
+    selection : str
+        How the extractor was chosen, in a sentence; stands with the figures.
     """
 
     dataset: DatasetVersion
@@ -57,6 +75,9 @@ class TrainRequest:
     split: Split
     ocean_image: Path | None = None
     other_image: Path | None = None
+    target: Target = DEFAULT_TARGET
+    search: str | None = None
+    selection: str = ""
 
 
 @dataclass(frozen=True)
@@ -70,22 +91,29 @@ class Trained:
         scikit-learn's, fitted on all training data.
     model : LinearModel
         The same with the scaler folded in.
-    penalty : float
-        LinearSVC's C.
+    choice : Choice
+        What it was fitted with.
     held_out : HeldOut
     metrics : dict
         As `held_out_metrics`, with ``split``: how they were measured, in words.
     trained_on : array of uint64
         First 8 bytes of the pixel hash of every frame learnt from.
+    rule : FrameRule
+        Chosen on held-out decision values of all blocks; the figures of `metrics` come from the
+        folds' own rules.
+    operating_point : dict
+        How the rule was chosen, as `choose_frame_rule` tells it.
     """
 
     request: TrainRequest
     pipeline: Pipeline
     model: LinearModel
-    penalty: float
+    choice: Choice
     held_out: HeldOut
     metrics: dict[str, Any]
     trained_on: NDArray[np.uint64]
+    rule: FrameRule
+    operating_point: dict[str, Any]
 
 
 def frame_id(digest: str) -> np.uint64:
@@ -93,13 +121,34 @@ def frame_id(digest: str) -> np.uint64:
     return np.uint64(int(digest[:16], 16))
 
 
-def train(request: TrainRequest, cache: Path, progress: Callable[..., Any]) -> Trained:
+def train(
+    request: TrainRequest,
+    cache: Path,
+    progress: Callable[..., Any],
+    jobs: int = -1,
+    dask: str | None = None,
+    stress: tuple[str, ...] = (),
+) -> Trained:
     """Train and measure; nothing is written but the feature cache.
+
+    Parameters
+    ----------
+    request : TrainRequest
+    cache : Path
+        Folder of the feature cache.
+    progress : callable
+        ``progress(items, total, what)`` passes the items through.
+    jobs, dask
+        Where features are computed, as for `feature_table`, and on how many processes is
+        cross-validated; the model depends on neither.
+    stress : tuple of str
+        Picture changes to test on beside; `metrics` then has ``stress`` (`stress_figures`).
 
     Raises
     ------
     ToktError
-        If the dataset cannot be split as asked, or was changed on disk.
+        If the dataset cannot be split as asked, was changed on disk, or has features that
+        nothing can be learnt from.
     """
     dataset, settings = request.dataset, request.settings
     dataset.check()
@@ -110,22 +159,74 @@ def train(request: TrainRequest, cache: Path, progress: Callable[..., Any]) -> T
         request = replace(request, split=Split(request.split.folds, embargo_frames=0))
     split, targets = request.split, dataset.targets()
     # Minutes of computing features come next: say now if they would be for nothing.
-    blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)
-    features = feature_table(dataset, request.extractor.spec, cache, progress)
     if settings.two_images:
-        return _train_on_two_images(request, np.asarray(features))
-    held_out = cross_validate(dataset, features, settings, split, progress)
-    penalty = choose_penalty(dataset.patches, np.asarray(features), targets, settings, split)
-    pipeline = fit_classifier(features, targets, penalty, settings)
+        blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)
+    else:
+        check_blocks(dataset, split.folds, split.embargo_frames)
+    wanted = dict.fromkeys(("", *settings.changes, *stress))
+    spec = request.extractor.spec
+    tables = {
+        change: np.asarray(feature_table(dataset, spec, cache, progress, jobs, dask, change))
+        for change in wanted
+    }
+    # One thread, so that sums are added up in the same order on every machine.
+    with ThreadpoolController().limit(limits=1):
+        if settings.two_images:
+            return _train_on_two_images(request, tables, stress)
+        return _train_on_dataset(request, tables, stress, progress, jobs)
+
+
+def _train_on_dataset(
+    request: TrainRequest,
+    tables: dict[str, NDArray[np.float64]],
+    stress: tuple[str, ...],
+    progress: Callable[..., Any],
+    jobs: int,
+) -> Trained:
+    dataset, settings, split = request.dataset, request.settings, request.split
+    features, changed = tables[""], [tables[name] for name in settings.changes]
+    stressed = {name: tables[name] for name in stress}
+    targets = dataset.targets()
+    held_out = cross_validate(
+        dataset, features, settings, split, progress, request.target, changed, stressed, jobs
+    )
+    chosen = choose(dataset.patches, features, targets, settings, split, changed, jobs)
+    everything = np.arange(len(targets))
+    pipeline = learn(features, targets, everything, chosen.choice, settings, changed)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
-    metrics = held_out_metrics(dataset, held_out, model)
-    metrics["split"] = _split_in_words(request)
-    metrics["converged"] = converged(pipeline)
+    score, tested = model.obstacle_score(chosen.values), np.ones(len(targets), bool)
+    rule, operating_point = choose_frame_rule(dataset, score, tested, request.target)
+    metrics = _metrics(request, held_out, model, pipeline, _split_in_words(request))
     trained_on = np.array([frame_id(digest) for digest in dataset.frames.digest], np.uint64)
-    return Trained(request, pipeline, model, penalty, held_out, metrics, np.unique(trained_on))
+    return Trained(
+        request,
+        pipeline,
+        model,
+        chosen.choice,
+        held_out,
+        metrics,
+        np.unique(trained_on),
+        rule,
+        operating_point,
+    )
+
+
+def _metrics(
+    request: TrainRequest, held_out: HeldOut, model: LinearModel, pipeline: Pipeline, split: str
+) -> dict[str, Any]:
+    metrics = held_out_metrics(request.dataset, held_out, model)
+    if held_out.stressed:
+        learnt = request.settings.changes
+        metrics["stress"] = stress_figures(request.dataset, held_out, model, learnt)
+    return {**metrics, "split": split, "converged": converged(pipeline)}
 
 
 def _split_in_words(request: TrainRequest) -> str:
+    selection = CHOSEN_ON if request.settings.preset == "best" else request.selection
+    return f"{_folds_in_words(request)} {selection}".rstrip()
+
+
+def _folds_in_words(request: TrainRequest) -> str:
     split = request.split
     if request.dataset.block_frames is None:
         return (
@@ -137,12 +238,30 @@ def _split_in_words(request: TrainRequest) -> str:
     return (
         f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
         f"({request.dataset.block_frames} frames a block); training frames within "
-        f"{split.embargo_frames} frames of a test frame left out; C chosen inside each "
-        f"training part by {max(2, split.folds - 1)}-fold blocked cross-validation among "
-        f"{', '.join(f'{value:g}' for value in request.settings.penalties)}. "
-        "Decision threshold 0, not tuned. Patches marked unsure neither trained nor scored on."
-        f"{' ' + CHOSEN_ON if request.settings.preset == 'best' else ''}"
+        f"{split.embargo_frames} frames of a test frame left out; {_candidates(request.settings)} "
+        f"chosen inside each training part by {inner_folds(split.folds)}-fold blocked "
+        "cross-validation. Patches at decision threshold 0, not tuned; frames by a rule that was "
+        "chosen inside each training part too. Patches marked unsure neither trained nor scored on."
+        f"{_changes(request.settings)}"
     )
+
+
+def _changes(settings: TrainingSettings) -> str:
+    if not settings.changes:
+        return ""
+    changes = ", ".join(settings.changes)
+    return (
+        f" Learnt from frames as they are and, counting {settings.change_weight:g} each, changed "
+        f"({changes}); tested on as they are."
+    )
+
+
+def _candidates(settings: TrainingSettings) -> str:
+    penalties = f"C (of {', '.join(f'{value:g}' for value in settings.penalties)})"
+    if settings.class_weights == (None,):
+        return penalties
+    weights = " or ".join(weight or "none" for weight in settings.class_weights)
+    return f"{penalties} and class weights (of {weights})"
 
 
 def _first_clear_frame(dataset: DatasetVersion) -> int:
@@ -164,9 +283,12 @@ def _check_two_images(dataset: DatasetVersion) -> None:
         raise ToktError("preset thesis needs whole frames; this dataset is a folder of patches")
 
 
-def _train_on_two_images(request: TrainRequest, features: NDArray[np.float64]) -> Trained:
+def _train_on_two_images(
+    request: TrainRequest, tables: dict[str, NDArray[np.float64]], stress: tuple[str, ...]
+) -> Trained:
     """The thesis's training: the patches of one ocean image against those of one other image."""
     dataset, settings = request.dataset, request.settings
+    check_features(dataset, tables[""])
     index = None if request.ocean_image else _first_clear_frame(dataset)
     ocean = (
         read_image(request.ocean_image) if request.ocean_image else dataset.read_frame(index or 0)
@@ -174,24 +296,37 @@ def _train_on_two_images(request: TrainRequest, features: NDArray[np.float64]) -
     other = read_image(request.other_image) if request.other_image else rendered_other_image()
     rows = [request.extractor.describe(image, dataset.grid) for image in (ocean, other)]
     targets = np.repeat([0, 1], dataset.grid.n_patches)
-    penalty = settings.penalties[0]
-    pipeline = fit_classifier(np.vstack(rows), targets, penalty, settings)
+    (choice,) = settings.choices
+    pipeline = fit_classifier(np.vstack(rows), targets, choice, settings)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
     learnt_from = [pixel_sha256(image) for image in (ocean, other)]
-    held_out = _test_on_all(request, features, pipeline, learnt_from)
-    metrics = held_out_metrics(dataset, held_out, model)
+    held_out = _test_on_all(request, tables, stress, pipeline, learnt_from)
     names = (
         _name(request.ocean_image, "a frame of the dataset"),
         _name(request.other_image, "a rendered texture"),
     )
-    metrics["split"] = (
+    split = (
         f"Trained on two images only, as the thesis: ocean = {names[0]} and other = {names[1]}; "
         "tested on every other frame of the dataset. The folds only say how the figures vary "
         "along the mission."
     )
-    metrics["converged"] = converged(pipeline)
+    metrics = _metrics(request, held_out, model, pipeline, split)
     images = np.array([frame_id(digest) for digest in learnt_from], np.uint64)
-    return Trained(request, pipeline, model, penalty, held_out, metrics, np.unique(images))
+    return Trained(
+        request,
+        pipeline,
+        model,
+        choice,
+        held_out,
+        metrics,
+        np.unique(images),
+        FrameRule(),
+        {
+            "method": "none",
+            "words": "As the thesis: any patch over its threshold, in any frame, is an alarm.",
+            "reachable": False,
+        },
+    )
 
 
 def _name(path: Path | None, default: str) -> str:
@@ -200,7 +335,8 @@ def _name(path: Path | None, default: str) -> str:
 
 def _test_on_all(
     request: TrainRequest,
-    features: NDArray[np.float64],
+    tables: dict[str, NDArray[np.float64]],
+    stress: tuple[str, ...],
     pipeline: Pipeline,
     learnt_from: list[str],
 ) -> HeldOut:
@@ -214,9 +350,12 @@ def _test_on_all(
     for index, fold in enumerate(folds):
         number[fold.test] = index
     number[digests.isin(learnt_from).to_numpy()] = -1
-    values = decision_values(pipeline, features)
-    values[number < 0] = np.nan
-    return HeldOut(values, number, tuple([request.settings.penalties[0]] * len(folds)))
+    values = {name: decision_values(pipeline, tables[name]) for name in ("", *stress)}
+    for part in values.values():
+        part[number < 0] = np.nan
+    rules = tuple([FrameRule()] * len(folds))
+    choices = request.settings.choices * len(folds)
+    return HeldOut(values.pop(""), number, choices, rules, values)
 
 
 def parameters(trained: Trained) -> dict[str, Any]:
@@ -227,7 +366,11 @@ def parameters(trained: Trained) -> dict[str, Any]:
         "dataset_hash": request.dataset.hash,
         "extractor": request.extractor_name,
         "features": request.extractor.dim,
-        "penalty_chosen": trained.penalty,
+        "penalty_chosen": trained.choice.penalty,
+        "class_weight_chosen": trained.choice.class_weight,
+        "search": request.search,
+        **{f"target_{key}": value for key, value in asdict(request.target).items()},
+        **{f"rule_{key}": value for key, value in trained.rule.to_json().items()},
         **{f"setting_{key}": value for key, value in asdict(request.settings).items()},
         **{f"split_{key}": value for key, value in asdict(request.split).items()},
     }

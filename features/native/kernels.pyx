@@ -6,7 +6,7 @@ several threads can share one frame. The caller vouches for the sizes; what it m
 here is only what memoryviews check: dtype, dimensions, C order.
 """
 
-from libc.stdint cimport int32_t, int64_t, uint8_t, uint16_t, uint32_t
+from libc.stdint cimport int16_t, int32_t, int64_t, uint8_t, uint16_t, uint32_t
 
 
 cdef extern from "instructions.h" nogil:
@@ -85,7 +85,79 @@ cdef extern from "area.h" nogil:
                         uint8_t *out)
 
 
-INTERFACE = 1
+cdef extern from "deep.h" nogil:
+    ctypedef struct DeepTable:
+        const int32_t *first
+        const int32_t *source
+        const int32_t *weight
+
+    size_t deep_scratch(const AreaFrame *frame, int width)
+    void deep_gray_rows(const AreaFrame *frame, const DeepTable *rows, const DeepTable *columns,
+                        int first, int last, int width, double step, int32_t *scratch,
+                        uint16_t *out)
+
+
+cdef extern from "levels.h" nogil:
+    ctypedef struct DeepPicture:
+        const uint16_t *pixels
+        int height
+        int width
+
+    ctypedef struct LevelsRecipe:
+        int smooth
+        int window
+        int ratio
+        double ratio_of
+        double least_around
+        double offset
+        double top
+
+    void levels_total(const DeepPicture *picture, int64_t *total)
+    size_t levels_scratch(const LevelsRecipe *recipe, int width)
+    void levels_rows(const DeepPicture *picture, const LevelsRecipe *recipe, double scale, int first,
+                     int last, double *scratch, uint8_t *out)
+    void levels_count(const uint8_t *pixels, Py_ssize_t stride, int height, int width,
+                      int64_t *counts)
+
+
+cdef extern from "structure.h" nogil:
+    ctypedef struct PatchedPicture:
+        const uint8_t *pixels
+        int height
+        int width
+        int cols
+        int patch_height
+        int patch_width
+
+    size_t structure_scratch(const PatchedPicture *picture)
+    void structure_rows(const PatchedPicture *picture, int first, int last, int32_t *scratch,
+                        int64_t *sums)
+
+
+cdef extern from "lines.h" nogil:
+    ctypedef struct LineKinds:
+        int middle
+        int count
+        const int32_t *samples
+
+    size_t lines_scratch(const PatchedPicture *picture, const LineKinds *kinds)
+    void lines_rows(const PatchedPicture *picture, const LineKinds *kinds, int first, int last,
+                    int16_t *scratch, int64_t *sums)
+
+
+cdef extern from "nearest.h" nogil:
+    ctypedef struct NearestPoints:
+        int points
+        int reach
+        int across_patches
+        const int32_t *moves
+
+    size_t nearest_scratch(const PatchedPicture *picture, const NearestPoints *points)
+    void nearest_rows(const PatchedPicture *picture, const NearestPoints *points, int first,
+                      int last, uint8_t *scratch, int64_t *histograms)
+
+
+INTERFACE = 2
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -237,3 +309,150 @@ def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables column
     with nogil:
         area_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], near_tie,
                        &scratch[0], &out[0, 0])
+
+
+cdef class DeepTables:
+    """How the rows or columns of a frame make up those of a deep picture; see ``deep.h``."""
+
+    cdef DeepTable table
+    cdef const int32_t[::1] first, source, weight
+
+    def __init__(self, const int32_t[::1] first, const int32_t[::1] source,
+                 const int32_t[::1] weight):
+        self.first, self.source, self.weight = first, source, weight
+        self.table.first = &self.first[0]
+        self.table.source = &self.source[0]
+        self.table.weight = &self.weight[0]
+
+
+def deep_scratch_size(const uint8_t[:, :, ::1] frame, int width):
+    """Number of int32 values that `deep_gray` needs for a picture of this width."""
+    cdef AreaFrame view = area_frame(frame)
+    return deep_scratch(&view, width)
+
+
+def deep_gray(const uint8_t[:, :, ::1] frame, DeepTables rows, DeepTables columns, int first,
+              int last, double step, int32_t[::1] scratch, uint16_t[:, ::1] out):
+    """Write rows first..last of a frame's deep picture."""
+    cdef AreaFrame view = area_frame(frame)
+    with nogil:
+        deep_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], step,
+                       &scratch[0], &out[0, 0])
+
+
+cdef DeepPicture deep_picture(const uint16_t[:, ::1] deep) noexcept nogil:
+    cdef DeepPicture picture
+    picture.pixels = &deep[0, 0]
+    picture.height, picture.width = deep.shape[0], deep.shape[1]
+    return picture
+
+
+def deep_total(const uint16_t[:, ::1] deep):
+    """Sum of a deep picture."""
+    cdef DeepPicture picture = deep_picture(deep)
+    cdef int64_t total
+    with nogil:
+        levels_total(&picture, &total)
+    return total
+
+
+cdef class LevelsKernel:
+    """How a deep picture becomes levels; see ``levels.h``."""
+
+    cdef LevelsRecipe recipe
+
+    def __init__(self, int smooth, int window, bint ratio, double ratio_of, double least_around,
+                 double offset, double top):
+        self.recipe.smooth, self.recipe.window, self.recipe.ratio = smooth, window, ratio
+        self.recipe.ratio_of, self.recipe.least_around = ratio_of, least_around
+        self.recipe.offset, self.recipe.top = offset, top
+
+    def scratch_size(self, int width):
+        """Number of doubles that `rows` needs for a picture of this width."""
+        return levels_scratch(&self.recipe, width)
+
+    def rows(self, const uint16_t[:, ::1] deep, double scale, int first, int last,
+             double[::1] scratch, uint8_t[:, ::1] out):
+        """Write rows first..last of the picture in levels."""
+        cdef DeepPicture picture = deep_picture(deep)
+        with nogil:
+            levels_rows(&picture, &self.recipe, scale, first, last, &scratch[0], &out[0, 0])
+
+
+def level_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
+                 int first, int last, int64_t[:, ::1] counts):
+    """Write the histograms of patch rows first..last."""
+    cdef int row, col
+    with nogil:
+        for row in range(first, last):
+            for col in range(cols):
+                levels_count(&gray[row * patch_height, col * patch_width], gray.shape[1],
+                             patch_height, patch_width, &counts[row * cols + col, 0])
+
+
+cdef PatchedPicture patched(const uint8_t[:, ::1] gray, int cols, int patch_height,
+                            int patch_width) noexcept nogil:
+    cdef PatchedPicture picture
+    picture.pixels = &gray[0, 0]
+    picture.height, picture.width, picture.cols = gray.shape[0], gray.shape[1], cols
+    picture.patch_height, picture.patch_width = patch_height, patch_width
+    return picture
+
+
+def structure_scratch_size(const uint8_t[:, ::1] gray):
+    """Number of int32 values that `structure_sums` needs for a picture."""
+    cdef PatchedPicture picture = patched(gray, 1, 1, 1)
+    return structure_scratch(&picture)
+
+
+def structure_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
+                   int first, int last, int32_t[::1] scratch, int64_t[:, ::1] sums):
+    """Write the sums of patch rows first..last."""
+    cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
+    with nogil:
+        structure_rows(&picture, first, last, &scratch[0], &sums[0, 0])
+
+
+def lines_scratch_size(const uint8_t[:, ::1] gray, int patch_height, const int32_t[::1] samples):
+    """Number of int16 values that `line_sums` needs for a picture."""
+    cdef PatchedPicture picture = patched(gray, 1, patch_height, 1)
+    cdef LineKinds kinds
+    kinds.middle, kinds.count, kinds.samples = 0, samples.shape[0], &samples[0]
+    return lines_scratch(&picture, &kinds)
+
+
+def line_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width, int middle,
+              const int32_t[::1] samples, int first, int last, int16_t[::1] scratch,
+              int64_t[:, :, ::1] sums):
+    """Write the sums of patch rows first..last."""
+    cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
+    cdef LineKinds kinds
+    kinds.middle, kinds.count, kinds.samples = middle, samples.shape[0], &samples[0]
+    with nogil:
+        lines_rows(&picture, &kinds, first, last, &scratch[0], &sums[0, 0, 0])
+
+
+cdef NearestPoints nearest_points(const int32_t[:, ::1] moves, int reach,
+                                  bint across_patches) noexcept nogil:
+    cdef NearestPoints points
+    points.points, points.reach, points.across_patches = moves.shape[0], reach, across_patches
+    points.moves = &moves[0, 0]
+    return points
+
+
+def nearest_scratch_size(const uint8_t[:, ::1] gray, int patch_height, int patch_width,
+                         const int32_t[:, ::1] moves, int reach, bint across_patches):
+    """Number of bytes that `nearest_counts` needs for a picture."""
+    cdef PatchedPicture picture = patched(gray, 1, patch_height, patch_width)
+    cdef NearestPoints points = nearest_points(moves, reach, across_patches)
+    return nearest_scratch(&picture, &points)
+
+
+def nearest_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
+                   const int32_t[:, ::1] moves, int reach, bint across_patches, int first,
+                   int last, uint8_t[::1] scratch, int64_t[:, ::1] counts):
+    """Write the histograms of patch rows first..last."""
+    cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
+    cdef NearestPoints points = nearest_points(moves, reach, across_patches)
+    with nogil:
+        nearest_rows(&picture, &points, first, last, &scratch[0], &counts[0, 0])

@@ -18,6 +18,7 @@ from starlette.types import ASGIApp, Scope
 from ...features.errors import ToktError
 from . import (
     agreement_routes,
+    audit_routes,
     label_routes,
     live_routes,
     mission_routes,
@@ -31,6 +32,7 @@ from .session import Session
 
 _ROUTES = (
     agreement_routes,
+    audit_routes,
     label_routes,
     live_routes,
     mission_routes,

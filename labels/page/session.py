@@ -15,6 +15,7 @@ from ..action import ActionHead
 from ..record import utc_now
 from ..store import LabelStore
 from ..taxonomy import Taxonomy
+from .audits import Audits
 from .board import Board
 from .changed import FrameName
 from .label_sheet import LabelSheet
@@ -68,6 +69,7 @@ class Session:
     def __post_init__(self) -> None:
         self.pictures = PatchPictures(self.mission, self.grid)
         self.sheet = LabelSheet(self.mission, self.board)
+        self.audits = Audits(self.store, self.board)
 
     @property
     def grid(self) -> Grid:

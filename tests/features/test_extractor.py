@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import json
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -12,12 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
+from tokt.features import frame_pictures
 from tokt.features.canonical import canonical_json, json_sha256
 from tokt.features.errors import ToktError
 from tokt.features.extractor import (
     NAMED,
+    Context,
     Haralick,
+    Join,
     Lbp,
+    Levels,
+    Lines,
+    Moments,
+    Structure,
     build_extractor,
     extractor_named,
     gray_picture,
@@ -26,7 +34,8 @@ from tokt.features.grid import Grid
 
 Image = NDArray[np.uint8]
 GRID = Grid(4, 5, 110)
-LBP_NAMES = [name for name in NAMED if name.startswith("lbp")]
+FLAT = Levels(8, 64, 3, 21)
+LBP_NAMES = [name for name, one in NAMED.items() if isinstance(one, Lbp) and one.image is None]
 
 
 def looked_at(frame: Image, grid: Grid) -> Image:
@@ -212,6 +221,18 @@ SPECS = [
     *(extractor_named(name).spec for name in NAMED),
     Haralick(ignore_zeros=True).spec,
     extractor_named("haralick+lbp_24_8_frame").spec,
+    Moments().spec,
+    Moments(FLAT).spec,
+    Haralick(False, FLAT).spec,
+    Context(Lbp(8, 1, "frame", Levels(8.5, 32)), "max").spec,
+    Context(Join([Haralick(True, FLAT), Lbp(24, 8, "frame")]), "mean").spec,
+    Join([Context(Haralick(True, FLAT), "range"), Lbp(24, 16, "frame")]).spec,
+    Haralick(True, FLAT, "log").spec,
+    Haralick(False, None, "linear").spec,
+    Lbp(8, 5, "frame", FLAT, "nearest").spec,
+    Lbp(8, 5, "patch", None, "bilinear").spec,
+    Structure(FLAT).spec,
+    Lines((2, 64), FLAT).spec,
 ]
 
 
@@ -231,7 +252,8 @@ LBP = Lbp(10, 5, "patch").spec
         ({"name": "lpb"}, "unknown extractor 'lpb'"),
         ({"name": None}, "unknown extractor None"),
         ({"name": ["lbp"]}, "unknown extractor"),
-        ({"version": 2}, "version 2"),
+        ({"version": 2}, "missing in its spec: sampling"),
+        ({"version": 3}, "version 3"),
         ({"version": True}, "version True"),
         ({"version": 1.0}, "version 1.0"),
         ({"version": "1"}, "version '1'"),
@@ -254,6 +276,42 @@ def test_refused_specs(edit: dict[str, Any], words: str) -> None:
         build_extractor({**LBP, **edit})
 
 
+FLAT_JSON = FLAT.to_json()
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        ({"resize": "area"}, "image"),
+        ({"gray": "mean"}, "image"),
+        ({"sharpen": 1}, "image: unknown or missing in its spec: sharpen"),
+        ({"gain": 0}, "gain is above 0"),
+        ({"gain": float("nan")}, "gain is above 0"),
+        ({"gain": True}, "gain is above 0"),
+        ({"gain": "8"}, "gain is above 0"),
+        ({"levels": 7}, "levels is a whole number, 8 to 256, not 7"),
+        ({"levels": 64.0}, "levels is a whole number"),
+        ({"smooth": 2}, "smooth is an odd number"),
+        ({"smooth": 0}, "smooth is an odd number"),
+        ({"flatten": 61}, "flatten is null or an object"),
+        ({"flatten": {"window": 61}}, "flatten: unknown or missing in its spec: by"),
+        ({"flatten": {"window": 60, "by": "ratio"}}, "window is an odd number"),
+        ({"flatten": {"window": 257, "by": "ratio"}}, "window is an odd number"),
+        ({"flatten": {"window": 61, "by": "log"}}, "flatten is by"),
+    ],
+)
+def test_refused_images(edit: dict[str, Any], words: str) -> None:
+    with pytest.raises(ToktError, match=words):
+        build_extractor({**LBP, "image": {**FLAT_JSON, **edit}})
+
+
+@pytest.mark.parametrize("key", FLAT_JSON)
+def test_an_image_that_lacks_a_key_is_refused(key: str) -> None:
+    image = {name: value for name, value in FLAT_JSON.items() if name != key}
+    with pytest.raises(ToktError, match="image"):
+        build_extractor({**LBP, "image": image})
+
+
 @pytest.mark.parametrize("key", LBP)
 def test_a_missing_key_is_refused(key: str) -> None:
     with pytest.raises(ToktError):
@@ -272,7 +330,7 @@ def test_a_join_of_joins_is_refused_at_any_depth() -> None:
     spec: dict[str, Any] = {"name": "join", "version": 1, "parts": [LBP, LBP]}
     for _ in range(5000):
         spec = {"name": "join", "version": 1, "parts": [spec, LBP]}
-    with pytest.raises(ToktError, match="plain extractors"):
+    with pytest.raises(ToktError, match="cannot stand inside another join"):
         build_extractor(spec)
 
 
@@ -289,6 +347,8 @@ def damaged_specs(draw: st.DrawFn) -> Any:
     target = spec
     if spec["name"] == "join" and draw(st.booleans()):
         target = spec["parts"][draw(st.integers(0, 1))]
+    elif isinstance(spec.get("image"), dict) and draw(st.booleans()):
+        target = spec["image"]
     for _ in range(draw(st.integers(1, 2))):
         key = draw(st.sampled_from([*target, "other"]))
         if draw(st.booleans()):
@@ -315,6 +375,145 @@ def test_names() -> None:
     for text in ("", "lbp+", "+", "lbp_10", "lbp haralick"):
         with pytest.raises(ToktError, match="unknown extractor"):
             extractor_named(text)
+
+
+def test_context_is_what_the_neighbours_have(colour: Image) -> None:
+    part = Haralick(False, FLAT)
+    alone = part.describe(colour, GRID).reshape(GRID.rows, GRID.cols, -1)
+    for statistic, of in (("mean", np.mean), ("max", np.max), ("min", np.min), ("range", np.ptp)):
+        found = Context(part, statistic).describe(colour, GRID)
+        assert np.array_equal(found[:, :13].reshape(alone.shape), alone)
+        for patch, row in enumerate(found[:, 13:]):
+            y, x = divmod(patch, GRID.cols)
+            box = np.s_[max(0, y - 1) : y + 2, max(0, x - 1) : x + 2]
+            others = np.delete(
+                alone[box].reshape(-1, 13),
+                (y - box[0].start) * alone[box].shape[1] + x - box[1].start,
+                axis=0,
+            )
+            np.testing.assert_allclose(row, of(others, axis=0), rtol=1e-13, atol=1e-15)
+
+
+def test_context_of_one_patch_is_itself(gray: Image) -> None:
+    alone = Lbp(8, 1, "patch").describe(gray, Grid(1, 1, None))
+    for statistic, expected in (("mean", alone), ("max", alone), ("range", 0 * alone)):
+        found = Context(Lbp(8, 1, "patch"), statistic).describe(gray, Grid(1, 1, None))
+        assert np.array_equal(found, np.hstack([alone, expected]))
+
+
+def test_moments_are_those_of_the_levels(colour: Image) -> None:
+    found = Moments().describe(colour, GRID)
+    for patch, row in zip(crops(looked_at(colour, GRID), GRID), found, strict=True):
+        percentiles = np.percentile(patch, (2, 10, 50, 90, 98), method="inverted_cdf")
+        expected = [patch.mean(), patch.std(), patch.min(), patch.max(), *percentiles]
+        np.testing.assert_allclose(row, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_version_2_of_lbp_and_haralick(colour: Image) -> None:
+    """A linear scale and bilinear sampling are version 1; a log scale changes five features."""
+    one = Haralick(False).describe(colour, GRID)
+    assert np.array_equal(Haralick(False, None, "linear").describe(colour, GRID), one)
+    log = Haralick(False, None, "log").describe(colour, GRID)
+    grow = [1, 3, 6, 9]
+    np.testing.assert_allclose(np.exp(log[:, grow]) - 0.1, one[:, grow], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.tanh(log[:, 2]), one[:, 2].clip(-0.99, 0.9999), rtol=1e-12)
+    rest = [0, 4, 5, 7, 8, 10, 11, 12]
+    assert np.array_equal(log[:, rest], one[:, rest])
+    same = Lbp(8, 2, "frame", None, "bilinear").describe(colour, GRID)
+    assert np.array_equal(same, Lbp(8, 2, "frame").describe(colour, GRID))
+    nearest = Lbp(8, 2, "frame", None, "nearest").describe(colour, GRID)
+    assert not np.array_equal(same, nearest) and np.allclose(nearest.sum(axis=1), 1)
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ({**Haralick(True).spec, "version": 2}, "missing in its spec: scale"),
+        ({**Haralick(True, None, "log").spec, "version": 1}, "unknown .* spec: scale"),
+        ({**Haralick(True, None, "log").spec, "scale": "ln"}, "scale is 'linear' or 'log'"),
+        ({**Lbp(8, 2, "frame", None, "nearest").spec, "sampling": 1}, "sampling is"),
+        ({**Lines((8,)).spec, "samples": 8}, "samples is a list"),
+        ({**Lines((8,)).spec, "samples": []}, "powers of 2"),
+        ({**Lines((8,)).spec, "samples": [16, 8]}, "increasing powers of 2"),
+        ({**Lines((8,)).spec, "samples": [8, 128]}, "2 to 64"),
+        ({**Lines((8,)).spec, "samples": [8.0]}, "powers of 2"),
+        ({**Structure().spec, "version": 2}, "version 2 is not known"),
+    ],
+)
+def test_refused_new_specs(spec: dict[str, Any], words: str) -> None:
+    with pytest.raises(ToktError, match=words):
+        build_extractor(spec)
+
+
+def test_a_line_is_seen_and_dots_are_not() -> None:
+    """The same number of brighter pixels, in one row or anywhere."""
+    rng = np.random.default_rng(8)
+    dots, line = np.full((2, 60, 80), 128, np.uint8)
+    line[30, 5:75] = 140
+    dots.ravel()[rng.choice(dots.size, 70, replace=False)] = 140
+    one = Grid(1, 1, None)
+    ridge, strongest, one_way = Lines((16,)).describe(line, one)[0]
+    dotted = Lines((16,)).describe(dots, one)[0]
+    assert strongest > dotted[1] + 0.7 and one_way > dotted[2] + 0.7
+    assert Structure().describe(line, one)[0, 2] > Structure().describe(dots, one)[0, 2] + 0.3
+    turned = Lines((16,)).describe(line.T.copy(), one)[0]
+    assert turned == pytest.approx([ridge, strongest, one_way], abs=0.1)
+
+
+def test_even_pictures_have_finite_edges_and_lines() -> None:
+    for value in (0, 128, 255):
+        frame = np.full((60, 80), value, np.uint8)
+        for image in (None, FLAT):
+            for part in (Structure(image), Lines((2, 64), image), Haralick(False, image, "log")):
+                assert np.isfinite(part.describe(frame, Grid(3, 4, 80))).all()
+
+
+def test_pictures_are_prepared_once(colour: Image, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+
+    class Counted:
+        def __getattr__(self, name: str) -> Any:
+            def call(*arguments: Any) -> Any:
+                calls.append(name)
+                return getattr(kernels, name)(*arguments)
+
+            return call
+
+    kernels = frame_pictures.KERNELS
+    monkeypatch.setattr(frame_pictures, "KERNELS", Counted())
+    other = Levels(2.0, 32)
+    joined = Join(
+        [Haralick(False, FLAT), Lbp(8, 1, "frame", FLAT), Moments(other), Lbp(8, 2, "frame")]
+    )
+    plain = gray_picture(colour, GRID)
+    calls.clear()
+    found = Context(joined, "mean").describe(colour, GRID, gray=plain)
+    assert calls == ["deep_gray", "to_levels", "to_levels"]
+    assert np.array_equal(found, Context(joined, "mean").describe(colour, GRID, threads=3))
+    assert found.shape == (20, 2 * (13 + 10 + 9 + 10)) and np.isfinite(found).all()
+    assert len(set(Context(joined, "mean").names)) == found.shape[1]
+
+
+def test_a_spec_in_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "my+spec.json"
+    spec = Context(Haralick(False, FLAT), "mean").spec
+    file.write_text(json.dumps(spec), encoding="utf-8")
+    assert extractor_named(f"spec:{file}").spec == spec
+    for content, words in (
+        (b"", "not JSON"),
+        (b"\xff\xfe", "not JSON"),
+        (b"[" * 100_000, "not JSON"),
+        (b"3", "is an object, not int"),
+        (json.dumps({**spec, "statistic": "mode"}).encode(), "statistic is one of"),
+        (json.dumps({**spec, "part": spec}).encode(), "cannot stand inside another context"),
+    ):
+        file.write_bytes(content)
+        with pytest.raises(ToktError, match=words) as caught:
+            extractor_named(f"spec:{file}")
+        assert str(caught.value).startswith(str(file)) and "\n" not in str(caught.value)
+    for missing in (tmp_path / "none.json", tmp_path):
+        with pytest.raises(ToktError, match=r"No such file|Is a directory"):
+            extractor_named(f"spec:{missing}")
 
 
 def test_canonical_json() -> None:

@@ -16,6 +16,7 @@ from tokt.features import reference
 from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
 from tokt.features.kernels import COMPILED, NUMPY, Kernels, load_kernels
+from tokt.features.levels import Levels
 
 from .drawn import Image, examples, paint, painted, pictures
 from .exact_haralick import exact_haralick, matrices, spreads
@@ -54,6 +55,7 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
     height, width = gray.shape
     plain = np.asarray(gray)
     bgr = np.stack([plain, plain[::-1], plain[:, ::-1]], axis=2)
+    deep = kernels.deep_gray(bgr, height * 5 // 7, width * 2 // 3, threads)
     return [
         kernels.lbp_counts(gray, grid, 10, 5, "patch", threads),
         kernels.lbp_counts(gray, grid, 7, 1.5, "frame", threads),
@@ -61,6 +63,15 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
         kernels.haralick_features(gray, grid, True, threads),
         kernels.resized_gray(gray, height * 5 // 8, width * 3 // 4, threads),
         kernels.resized_gray(bgr, height * 5 // 7, width * 2 // 3, threads),
+        kernels.deep_gray(gray, height * 3 // 2, width, threads),
+        deep,
+        kernels.to_levels(deep, Levels(8, 256, 3, 21), threads),
+        kernels.to_levels(deep, Levels(0.7, 32, 1, 255, "ratio"), threads),
+        kernels.level_counts(gray, grid, threads),
+        kernels.lbp_nearest_counts(gray, grid, 8, 5, "patch", threads),
+        kernels.lbp_nearest_counts(gray, grid, 8, 13, "frame", threads),
+        kernels.structure_sums(gray, grid, threads),
+        kernels.line_sums(gray, grid, 128, (2, 16), threads),
     ]
 
 
@@ -334,13 +345,13 @@ def test_what_was_computed_before_does_not_matter(kernels: Kernels) -> None:
 
 @needs_compiled
 def test_what_the_scratch_memory_holds_does_not_matter() -> None:
-    from tokt.features import compiled_kernels
+    from tokt.features.compiled_scratch import SCRATCH
 
     gray, grid = paint("noise", (80, 150), 1, 0, 0), Grid(2, 3, None)
     expected = described(COMPILED_KERNELS, gray, grid)
     for lbp, area in ((np.nan, 127.5), (np.inf, 255.0), (-1e300, -0.5)):
-        for (use, _), array in compiled_kernels._scratch.arrays.items():
-            array.fill(lbp if use == "lbp" else area)
+        for (use, _), array in SCRATCH.arrays.items():
+            array.fill(lbp if use in ("lbp", "levels") else area)
         assert all(map(same_bits, expected, described(COMPILED_KERNELS, gray, grid)))
 
 
@@ -400,12 +411,17 @@ Calls = list[tuple[str, Any]]
 
 
 def calls(kernels: Kernels) -> Calls:
-    """The three kernels as functions of a picture alone."""
+    """The kernels as functions of a picture alone."""
     return [
         ("lbp", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "patch")),
         ("frame", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "frame")),
         ("haralick", lambda picture: kernels.haralick_features(picture, ONE, False)),
+        ("counts", lambda picture: kernels.level_counts(picture, ONE)),
+        ("nearest", lambda picture: kernels.lbp_nearest_counts(picture, ONE, 8, 1, "patch")),
+        ("structure", lambda picture: kernels.structure_sums(picture, ONE)),
+        ("lines", lambda picture: kernels.line_sums(picture, ONE, 128, (2, 4))),
         ("area", lambda picture: kernels.resized_gray(picture, 7, 9)),
+        ("area_deep", lambda picture: kernels.deep_gray(picture, 7, 9)),
     ]
 
 
@@ -428,7 +444,7 @@ def test_no_pixels(kernels: Kernels, shape: tuple[int, ...]) -> None:
 @fast
 def test_bgr_has_no_texture(kernels: Kernels) -> None:
     for name, call in calls(kernels):
-        if name != "area":
+        if not name.startswith("area"):
             with pytest.raises(ValueError):
                 call(np.zeros((30, 40, 3), np.uint8))
 
@@ -465,6 +481,12 @@ def test_threads_out_of_range(kernels: Kernels, threads: Any) -> None:
         lambda: kernels.lbp_counts(PIXELS, ONE, 8, 1, "patch", threads),
         lambda: kernels.haralick_features(PIXELS, ONE, False, threads),
         lambda: kernels.resized_gray(PIXELS, 7, 9, threads),
+        lambda: kernels.deep_gray(PIXELS, 7, 9, threads),
+        lambda: kernels.to_levels(PIXELS.astype(np.uint16), Levels(1), threads),
+        lambda: kernels.level_counts(PIXELS, ONE, threads),
+        lambda: kernels.lbp_nearest_counts(PIXELS, ONE, 8, 1, "patch", threads),
+        lambda: kernels.structure_sums(PIXELS, ONE, threads),
+        lambda: kernels.line_sums(PIXELS, ONE, 128, (2, 4), threads),
     ):
         with pytest.raises((TypeError, ValueError)):
             call()

@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tokt.features.extractor import extractor_named
+from tokt.features.frame_pictures import FramePictures
 from tokt.features.grid import Grid
+from tokt.features.levels import Levels
 from tokt.models.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.linear import LinearModel
+from tokt.models.operating_point import OperatingPoint
 
 MISSION = Path(
     os.environ.get(
@@ -87,18 +90,23 @@ class NoiseScorer:
     label: str = "noise/1"
     grid: Grid = Grid()  # noqa: RUF009 - frozen
     frame_sizes: tuple[tuple[int, int], ...] = ((271, 360),)
+    images: tuple[Levels | None, ...] = (None,)
+    operating_point: OperatingPoint = OperatingPoint()  # noqa: RUF009 - frozen
 
     @property
     def model(self) -> NoiseScorer:
         return self
 
     def decision_values(
-        self, frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, threads: int = 1
+        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
     ) -> NDArray[np.float64]:
         height, width = self.grid.resized(*frame.shape[:2])
         gray = frame if frame.ndim == 2 else frame.mean(axis=2).astype(np.uint8)
         cells = self.grid.cells(np.asarray(cv2.resize(gray, (width, height))))
         return cells.std(axis=(1, 2))[:, None] - 5.0
+
+    def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return values[:, 0]
 
     def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
         return values[:, 0] > 0

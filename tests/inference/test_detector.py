@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from tokt.features.extractor import gray_picture
+from tokt.features.frame_pictures import FramePictures
 from tokt.features.grid import Grid
 from tokt.features.image_file import decode_image, read_image
 from tokt.inference.detector import GridDetector
@@ -43,9 +44,9 @@ def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None
     given: list[Any] = []
     values = noise_scorer.decision_values
 
-    def listen(frame: np.ndarray, gray: np.ndarray, threads: int) -> np.ndarray:
-        given.append((gray, threads))
-        return values(frame, gray, threads)
+    def listen(frame: np.ndarray, pictures: FramePictures, threads: int) -> np.ndarray:
+        given.append((pictures.picture(None), threads))
+        return values(frame, pictures, threads)
 
     noise_scorer.decision_values, noise_scorer.frame_sizes = listen, ((1024, 1360),)
     picture = noisy(60, 9, 1024, 1360)[:, :, None].repeat(3, 2)

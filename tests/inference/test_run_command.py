@@ -60,7 +60,9 @@ def test_a_run_sends_logs_and_sums_up(
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert (summary["frames"], summary["obstacle"], summary["sent"]) == (3, 1, 3)
-    assert len(done.stderr.splitlines()) == 1 and "3 frames" in done.stderr
+    rule, sums = done.stderr.splitlines()
+    assert rule == "model noise/7: status 1 with 1 patch over the threshold, in one frame"
+    assert "3 frames" in sums
     statuses = [receiver.recv(4096).split(b",")[1].strip() for _ in range(3)]
     assert statuses == [b"0", b"1", b"0"]
     assert [(line["frame"], line["model"]) for line in lines(log)] == [
@@ -103,7 +105,7 @@ def test_ctrl_c_ends_cleanly(
     process.send_signal(number)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
-    assert len(err.splitlines()) == 1
+    assert len(err.splitlines()) == 2
     assert log.read_bytes().endswith(b"\n")
     assert json.loads(out)["frames"] == len(lines(log)) < 200
 

@@ -11,6 +11,7 @@ from tokt.features.extractor import extractor_named
 from tokt.features.grid import Grid
 from tokt.models.bundle import BundleContent, Golden
 from tokt.models.linear import LinearModel
+from tokt.models.operating_point import FrameRule, OperatingPoint
 
 TWO = (("ocean", False), ("other", True))
 
@@ -62,6 +63,7 @@ def small_content(
         ),
         trained_on=rng.integers(0, 2**63, 9).astype(np.uint64),
         card=f"# {name}/{seed}\n\nDrawn for a test: bølge.\n",
+        operating_point=OperatingPoint(FrameRule(0.25, 2, 1, 3), {"target_rate": 1e-4}),
     )
 
 

@@ -28,6 +28,7 @@ from tokt.models.bundle import (
     bundle_from_bytes,
     read_bundle,
 )
+from tokt.models.operating_point import FrameRule, OperatingPoint
 
 Members = dict[str, bytes]
 SEVERAL = (("ocean", False), ("sand", True), ("tower", True))
@@ -91,9 +92,8 @@ def fingerprint(bundle: Bundle) -> str:
     ]
     words = [content.name, content.version, content.extractor_spec, content.grid.to_json()]
     more = [content.provenance, content.metrics, content.card, content.model.classes]
-    return canonical_json(
-        [[array.tolist() for array in arrays], *words, *more, content.model.obstacle]
-    )
+    more += [content.model.obstacle, content.operating_point.to_json()]
+    return canonical_json([[array.tolist() for array in arrays], *words, *more])
 
 
 def read(data: bytes) -> Bundle:
@@ -139,6 +139,7 @@ def test_round_trip(
     assert bundle.grid == content.grid
     assert found.extractor_spec == content.extractor_spec == bundle.extractor.spec
     assert (found.provenance, found.metrics) == (content.provenance, content.metrics)
+    assert bundle.operating_point == content.operating_point
     assert found.card == content.card
     assert found.golden.frames == content.golden.frames
     for name in ("weights", "bias", "thresholds"):
@@ -194,7 +195,9 @@ def test_a_changed_byte_is_refused_or_changes_nothing(data: bytes) -> None:
     truth = fingerprint(read(data))
     chance = random.Random(4)
     structure = zip_metadata(data)
-    flips = [(offset, 1 << bit) for offset in structure for bit in range(8)]
+    # Two bits of every byte that no hash covers, and all of them; a sample of the rest.
+    bits = [(offset, chance.sample(range(8), 2)) for offset in structure]
+    flips = [(offset, 1 << bit) for offset, two in bits for bit in two]
     flips += [(offset, 0xFF) for offset in structure]
     flips += [(offset, chance.randint(1, 255)) for offset in chance.sample(range(len(data)), 1200)]
     accepted = 0
@@ -312,6 +315,7 @@ MANIFEST_EDITS: list[tuple[str, Any]] = [
     ("classes", [{"name": "ocean", "obstacle": True}, {"name": "other", "obstacle": True}]),
     ("provenance", {}),
     ("metrics", {"patch": {"f1": 1.0}}),
+    ("operating_point", OperatingPoint(FrameRule(0.5, 2, 2, 4)).to_json()),
 ]
 
 
@@ -351,9 +355,9 @@ def test_manifest_entries_added_or_missing(members: Members) -> None:
 
 
 def test_format_versions(members: Members) -> None:
-    assert "newer than this tokt" in refuse(rehash(members, {"format_version": 2}))
+    assert "newer than this tokt" in refuse(rehash(members, {"format_version": 3}))
     # Whatever else a newer format changes, that is what is said.
-    assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 2}', "x": b""}))
+    assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 3}', "x": b""}))
     for wrong in (0, -1, None, "1", 1.0, True, [1]):
         refuse(rehash(members, {"format_version": wrong}), "no format version")
 
@@ -368,6 +372,11 @@ WRONG_ENTRIES: list[tuple[str, Any]] = [
     ("extractor", "lbp"),
     ("extractor", {"name": "lbp"}),
     ("extractor", {"name": "join", "version": 1, "parts": 3}),
+    ("operating_point", FrameRule().to_json()),
+    ("operating_point", {**FrameRule(0.5, 2, 2, 3).to_json(), "chosen": []}),
+    ("operating_point", {**FrameRule().to_json(), "hits": 2, "chosen": {}}),
+    ("operating_point", {**FrameRule().to_json(), "margin": -1.0, "chosen": {}}),
+    ("operating_point", {**FrameRule().to_json(), "least_patches": 7, "chosen": {}}),
     ("grid", {"rows": 2, "cols": 3}),
     ("grid", {"rows": "2", "cols": 3, "width": 36}),
     ("grid", {"rows": 2.0, "cols": 3, "width": 36}),

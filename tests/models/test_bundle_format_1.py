@@ -1,4 +1,4 @@
-"""A bundle of format 1 as the first tokt wrote it, laid out by hand; it must load for ever.
+"""Bundles of format 1: one laid out by hand, and a file that tokt wrote; they must load for ever.
 
 Nothing here may be changed together with models/bundle.py: it stands for files on ships.
 """
@@ -9,13 +9,15 @@ import hashlib
 import io
 import json
 import zipfile
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from skimage.feature import local_binary_pattern
-from tokt.models.bundle import bundle_from_bytes
+from tokt.models.bundle import bundle_bytes, bundle_from_bytes
+from tokt.models.operating_point import FrameRule, OperatingPoint
 
 MANIFEST = """
 {
@@ -91,3 +93,23 @@ def test_format_1_loads(stamp: tuple[int, int, int, int, int, int]) -> None:
     assert bundle.content.trained_on.tolist() == [1, 2**64 - 1]
     np.testing.assert_allclose(bundle.decision_values(_frame()), values, rtol=0, atol=1e-12)
     assert bundle.model.obstacle_patches(values).sum() == 1
+    assert bundle.operating_point == OperatingPoint(FrameRule(0.0, 1, 1, 1), {})
+
+
+def test_a_file_of_format_1_loads_and_is_the_same_model_in_this_format() -> None:
+    """Written by the commit before format 2, with three classes."""
+    data = (Path(__file__).parent / "bundle_of_format_1.zip").read_bytes()
+
+    old = bundle_from_bytes(data, "old.tokt")
+    new = bundle_from_bytes(bundle_bytes(old.content), "new.tokt")
+
+    assert (old.label, old.sha256[:12]) == ("yesterday/3", "a9d11a95918e")
+    assert old.operating_point == new.operating_point == OperatingPoint()
+    assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
+    assert old.sha256 != new.sha256
+    for one, other in zip(
+        (old.model.weights, *old.content.golden.decision_values),
+        (new.model.weights, *new.content.golden.decision_values),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)

@@ -4,8 +4,30 @@ from typing import Any
 
 from tokt.models.card import model_card
 
+DEEP = {
+    "resize": "area_deep",
+    "gray": "bt601",
+    "flatten": {"window": 31, "by": "frame"},
+    "gain": 8.0,
+    "levels": 256,
+}
 RECIPE: dict[str, Any] = {
     "extractor_name": "lbp",
+    "extractor": {
+        "name": "join",
+        "parts": [
+            {"name": "lbp", "points": 24, "radius": 8, "border": "frame", "image": DEEP},
+            {"name": "lines", "samples": [8, 16], "image": DEEP},
+            {"name": "context", "part": {"name": "haralick"}, "statistic": "mean"},
+        ],
+    },
+    "operating_point": {
+        **{"margin": 0.5, "least_patches": 2, "hits": 2, "window": 3},
+        "chosen": {
+            **{"target_rate": 1e-4, "method": "By hand.", "words": "Seen: 3 of 99.", "tail": {}},
+            "upper_bound": {"confidence": 0.95, "of_frames": 0.0761, "of_blocks": 0.5},
+        },
+    },
     "dim": 12,
     "grid": {"rows": 1, "cols": 1, "width": None},
     "thresholds": [0.25],
@@ -22,30 +44,87 @@ RECIPE: dict[str, Any] = {
             "average_precision": None,
             "macro_f1": 0.75,
         },
-        "folds": [{"f1": 0.25}, {"f1": None}],
-        "frames": {"false_status": 3, "ocean_frames": 99},
+        "folds": [
+            {"f1": 0.75, "frames": "1-20"},
+            {"f1": 0.25, "frames": ",".join(map(str, range(101, 200, 2)))},
+            {"f1": None, "frames": "41-60"},
+        ],
+        "frames": {
+            **{"false_status": 3, "ocean_frames": 99, "false_status_frames": ["d:7", "d:8", "d:9"]},
+            **{"obstacle_frames": 40, "detected": 20, "first_detection": {"d": 141}},
+            "missed_frames": [f"d:{number}" for number in range(100, 120)],
+        },
+        "stress": {
+            "gain_0.5": {
+                **{"f1": 0.8, "fall": 0.076, "false_status": 4, "ocean_frames": 99},
+                **{"detected": 15, "obstacle_frames": 40, "learnt": True},
+            }
+        },
     },
 }
 
 
+PROVENANCE = {
+    "mlflow_run_id": "abc",
+    "dataset": "dive@12",
+    "label_counts": {"ocean": 900, "tower": 100},
+    "missions": {"d": 99},
+}
+
+
 def test_card_states_what_was_measured() -> None:
-    card = model_card("tower/3", RECIPE, {"mlflow_run_id": "abc", "dataset": "dive@12"})
+    card = model_card("tower/3", RECIPE, PROVENANCE)
     assert card.startswith("# tower/3\n")
-    assert "ocean (clear), tower (obstacle)" in card
     for line in (
+        "- classes: ocean (clear), tower (obstacle)",
         "| obstacle patches: F1 | 0.877 |",
         "| macro-F1 over the classes | 0.750 |",
         "| precision | 1.000 |",
         "| average precision | undefined |",
-        "| F1 of the folds | 0.250, undefined |",
+        "| F1 of the folds | 0.750, 0.250, undefined |",
         "| open-ocean frames with a false status | 3 of 99 |",
+        "| obstacle frames with status 1 | 20 of 40 |",
+        "| first of three frames in a row | d 141 |",
         "five folds by blocks of 20 frames",
         "- dataset: dive@12",
-        "- mlflow_run_id: abc",
-        "- extractor: `lbp`, 12 features a patch",
-        "- decision thresholds: 0.25",
+        "- label counts: ocean 900; tower 100",
+        "- missions: d 99",
+        "- mlflow run id: abc",
+        "- patch thresholds: 0.25",
+        "- target rate: 0.0001",
+        "- upper bound: confidence 0.95; of_blocks 0.5; of_frames 0.0761",
+        "Seen: 3 of 99.",
+        "By hand.",
+        "- false status on open ocean: d:7, d:8, d:9",
+        "| gain 0.5 (learnt from) | 0.800 | 0.076 | 4 of 99 | 15 of 40 |",
     ):
         assert line in card.splitlines(), line
+    for words in (
+        "`lbp`, 12 features a patch: LBP (24,8) across patch edges + lines of 8, 16 samples on the "
+        "picture below one grey level (background of 31 px taken away by frame, gain 8.0, "
+        "levels 256); Haralick's 13 figures of grey-level co-occurrence, of each patch and the "
+        "mean of its neighbours",
+        "2 patches over the threshold by more than 0.5, in 2 of 3 frames",
+        "the first status comes 1 frame after the first alarm",
+        "- lowest fold: F1 0.250 on frames 101,103",
+        "an obstacle and no status 1: d:100, d:101",
+        "and 8 more",
+        "Not for:",
+    ):
+        assert words in card, words
+    assert len(card.splitlines()) < 100, "two pages"
+
+
+def test_a_recipe_of_version_1_has_a_card_too() -> None:
+    old = {key: value for key, value in RECIPE.items() if key != "operating_point"}
+    old["metrics"] = {
+        **RECIPE["metrics"],
+        "frames": {"false_status": 3, "ocean_frames": 99, "false_status_frames": []},
+    }
+    card = model_card("tower/3", old, {"dataset": "dive@12"})
+    assert "Status 1 with 1 patch over the threshold, in one frame" in card
+    assert "not chosen for a stated rate" in card
+    assert "| open-ocean frames with a false status | 3 of 99 |" in card
 
 
 def test_card_is_the_same_at_each_export() -> None:

@@ -19,6 +19,7 @@ from tokt.features.errors import ToktError
 from tokt.features.extractor import build_extractor
 from tokt.features.grid import Grid
 from tokt.models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.operating_point import OperatingPoint
 from tokt.models.store import Store
 
 
@@ -449,7 +450,8 @@ def fit_for_patches(make_content: Callable[..., BundleContent]) -> Bundle:
         values,
         np.array([content.model.obstacle_patches(value) for value in values]),
     )
-    data = bundle_bytes(replace(content, grid=grid, golden=golden))
+    plain = OperatingPoint()
+    data = bundle_bytes(replace(content, grid=grid, golden=golden, operating_point=plain))
     return bundle_from_bytes(data, "patches")
 
 

@@ -15,13 +15,14 @@ import cv2
 import numpy as np
 import pytest
 from tokt.features.errors import ToktError
+from tokt.features.extractor import Levels, Moments
 from tokt.features.kernels import KERNELS, load_kernels
 from tokt.features.mission import open_mission
 from tokt.labels.synthetic.mission import simulate_mission
 from tokt.training.bench.cases import HaralickKernel, LbpKernel, WholeFrame
 from tokt.training.bench.haralick_agreement import HaralickAgreement
 from tokt.training.bench.measure import BASELINE, OURS, in_turns, result, single_thread
-from tokt.training.bench.models import TEXTURES, learn, lesson_from_two_images
+from tokt.training.bench.models import TEXTURES, learn, learn_features, lesson_from_two_images
 from tokt.training.bench.pictures import Picture, spread_over, textured_frame
 from tokt.training.bench.run import Effort, measure_in_process
 from tokt.training.bench.start_case import first_verdict
@@ -36,6 +37,7 @@ CASES = [
     "lbp_10_5.frame",
     "lbp_24_8.frame",
     "haralick.frame",
+    "best.frame",
     "extract.dataset",
     "extract.dataset_all_cores",
     "start",
@@ -133,7 +135,12 @@ def test_the_real_missions_frames_are_judged_alike(
     found = json.loads(ran.out)
     assert [case["name"] for case in found["cases"] if not case["exact"]] == []
     assert ran.code == 0 and found["frame_size"] == "1360x1024 colour"
-    frames = [case for case in found["cases"] if case["name"].endswith(".frame")]
+    frames = [case for case in found["cases"] if "obstacle_patches" in case]
+    assert [case["name"] for case in frames] == [
+        "lbp_10_5.frame",
+        "lbp_24_8.frame",
+        "haralick.frame",
+    ]
     assert all(case["obstacle_patches"] > 20 and case["ties"] == 0 for case in frames)
 
 
@@ -266,8 +273,13 @@ def test_refused_frames_are_not_timed(
     effort = replace(ONE_OF_EACH, compared=4, timed=4)
     with single_thread():
         models = [learn(texture, lesson, black) for texture in TEXTURES]
-        results, compared, timed = measure_in_process(mission, models, effort, no_progress, str)
+        best = learn_features("best", Moments(Levels(8, 64, 1, 61)), lesson, black)
+        results, compared, timed = measure_in_process(
+            mission, models, best, effort, no_progress, str
+        )
     assert (compared, timed) == (4, 1)
+    ours = next(case for case in results if case.name == "best.frame")
+    assert ours.exact and ours.extras["pictures_checked"] == 4 and ours.extras["floor_ms"] > 0
     frame = next(case for case in results if case.name == "haralick.frame")
     assert frame.extras["frames_refused"] == 3 and frame.extras["libraries_ms"] > 0
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from sklearn.metrics import f1_score
 from tokt.training.compare.bootstrap import compare_f1
-from tokt.training.evaluate import Scored, _first_detection
 
 
 def _patches(seed: int, n_blocks: int = 12, each: int = 200):
@@ -49,14 +48,3 @@ def test_equal_models_are_seldom_called_different() -> None:
         said = [truth ^ (rng.random(truth.size) < 0.15) for _ in range(2)]
         wrong += compare_f1(truth, said[0], said[1], groups).verdict != "cannot tell"
     assert wrong <= 8, "a 95 % interval over 12 blocks should miss 0 in about one of 15 cases"
-
-
-def test_three_in_a_row_do_not_reach_over_a_gap() -> None:
-    def first(places: list[int], status: list[int]) -> int | None:
-        values = np.zeros((len(places), 1, 1))
-        numbers = [10 * place for place in places]
-        return _first_detection(Scored(numbers, places, values, status, [], []))
-
-    assert first([0, 1, 2, 3], [0, 1, 1, 1]) == 10
-    assert first([4, 5, 19], [1, 1, 1]) is None
-    assert first([4, 5, 19, 20, 21], [1, 1, 1, 1, 1]) == 190

@@ -259,7 +259,8 @@ def stored(workspace) -> Path:
 
 def train_on(stored, run_tokt):
     workspace = stored.parents[2]
-    return run_tokt("train", "tiny", "--extractor", "lbp", "--workspace", workspace)
+    split = ("--folds", 3, "--embargo", 1)
+    return run_tokt("train", "tiny", "--extractor", "lbp", *split, "--workspace", workspace)
 
 
 def test_a_changed_frame_is_detected_at_training(stored, run_tokt):
@@ -413,6 +414,23 @@ def test_a_folder_that_is_no_class_is_refused(patch_folder, tmp_path, run_tokt):
     ran = run_tokt("dataset", "build", "cut", "--patches", patch_folder, "--workspace", tmp_path)
     assert ran.code == 2
     assert "unknown class 'coral'" in ran.err
+    assert "append a [[classes]] table to taxonomy.toml in the workspace" in ran.err
+
+
+def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_path, run_tokt):
+    rows = tiny_truth.labels()
+    for row in rows:
+        if row[3] == 9:
+            row[5] = {5: "reef", 9: "sand", 13: "sand"}.get(row[2], row[5])
+    labels = tiny_truth.write_labels(tmp_path / "few.csv", rows)
+    where = ("--labels", labels, "--task", "classes", "--block", 4, "--workspace", tmp_path)
+    ran = run_tokt("dataset", "build", "few", "--mission", tiny.path, *where)
+    assert ran.code == 0, ran.err
+    assert [line for line in ran.err.splitlines() if line.startswith("WARNING")] == [
+        "WARNING: sand is in 2 groups of frames only: its figures are rough; label it in 5 or more",
+        "WARNING: reef is in 1 group of frames only: it cannot be held out, so training will "
+        "refuse; label it in 5 or more",
+    ]
 
 
 # --- size --------------------------------------------------------------------------------------

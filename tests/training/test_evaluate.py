@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from tokt.features.mission import open_mission
-from tokt.models.bundle import read_bundle
+from tokt.models.bundle import bundle_bytes, read_bundle
+from tokt.models.operating_point import FrameRule, OperatingPoint
+from tokt.training.evaluate import first_detection
 
 SEVERAL = """format = 1
 [[classes]]
@@ -82,6 +85,50 @@ def test_counts_are_those_of_a_count_by_hand(evaluate, tiny_bundle, tiny, tiny_t
         n for n in range(1, 39) if {n, n + 1, n + 2} <= set(alarms)
     )
     assert result["unsure_ignored"] == 2 * len(tower)
+
+
+def test_frames_are_judged_at_the_operating_point_across_a_gap(
+    evaluate, tiny_bundle, tiny, tiny_truth, tmp_path
+):
+    """2 of 3 frames with 2 patches above a margin; frames 15 to 17 are not looked at."""
+    bundle, mission = read_bundle(tiny_bundle), open_mission(tiny.path)
+    tower = [frame for frame in range(1, 41) if tiny_truth.cells(frame)]
+    wanted = [frame for frame in range(1, 41) if not 15 <= frame <= 17]
+    scores = {frame: np.sort(bundle.decision_values(mission.read(frame))[:, 0]) for frame in wanted}
+    margin = float(np.median([scores[frame][-2] for frame in tower if frame in wanted]))
+    point = OperatingPoint(FrameRule(margin, 2, 2, 3), {"target_rate": 1e-4})
+    file = tmp_path / "ruled.tokt"
+    file.write_bytes(bundle_bytes(replace(bundle.content, operating_point=point)))
+    alarm = {frame: scores[frame][-2] > margin for frame in wanted}
+    status = {}
+    for frame in wanted:
+        last = [alarm.get(number) for number in (frame - 2, frame - 1, frame)]
+        unknown = last.count(None) + last.count(True) >= 2 and alarm[frame]
+        status[frame] = 1 if last.count(True) >= 2 else -1 if unknown else 0
+    assert {status[frame] for frame in tower if frame in wanted} == {1, 0, -1}
+
+    result, _ = evaluate(file, "--frames", "1-14,18-40")
+
+    frames, plain = result["frames"], evaluate(tiny_bundle, "--frames", "1-14,18-40")[0]
+    seen = [frame for frame in tower if status.get(frame) == 1]
+    assert frames["missed_frames"] == sorted(set(tower) & set(wanted) - set(seen))
+    assert frames["detected"] == len(seen) < plain["frames"]["detected"]
+    assert frames["unknown"] == list(status.values()).count(-1) > 0
+    assert frames["false_status_frames"] == [
+        frame for frame in wanted if frame not in tower and status[frame] == 1
+    ]
+    assert result["patch"] == plain["patch"]
+    assert result["operating_point"] == point.to_json()
+    assert (result["latency_frames"], plain["latency_frames"]) == (1, 0)
+
+
+def test_three_in_a_row_do_not_reach_over_a_gap() -> None:
+    def first(missed: list[int], status: list[int]) -> int | None:
+        return first_detection(list(range(10, 10 * len(missed) + 1, 10)), missed, status)
+
+    assert first([0, 0, 0, 0], [0, 1, 1, 1]) == 20
+    assert first([0, 0, 13], [1, 1, 1]) is None
+    assert first([0, 0, 13, 0, 0], [1, 1, 1, 1, 1]) == 30
 
 
 def test_keys_that_scripts_use(evaluate, tiny_bundle):

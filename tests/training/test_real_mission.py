@@ -43,16 +43,24 @@ def train(workspace, run_tokt):
     return run
 
 
-@pytest.mark.parametrize(("extractor", "least"), [("lbp", 0.85), ("haralick", 0.88)])
-def test_best_reaches_in_blocked_cross_validation(train, workspace, extractor, least):
-    result = train("approach", "--extractor", extractor)
-    cv = result["cv"]
-    assert cv["patch"]["f1"] >= least  # measured: 0.903 and 0.926
+def test_best_reaches_in_blocked_cross_validation(train, workspace):
+    """Without the changed pictures, which take three times as long; with them it is the same."""
+    result = train("approach", "--changes", "none")
+    cv, frames = result["cv"], result["cv"]["frames"]
+    assert cv["patch"]["f1"] >= 0.95  # measured: 0.954
     assert cv["converged"]
-    assert cv["frames"]["ocean_frames"] == 99
     assert cv["patches_tested"] == 20841
+    # By each fold's rule, chosen for 1 false status in 10,000 frames on its training part.
+    assert (frames["ocean_frames"], frames["false_status"]) == (99, 0)
+    assert frames["obstacle_frames"] == 107 and frames["detected"] >= 90  # measured: 94
+    # The tower is labelled from 140 on, and a patch of it must be seen in 3 of 5 frames.
+    assert frames["first_detection"]["approach"] <= 142
+    assert cv["frames_at_zero"]["false_status"] > 0  # what the rule is for
+    chosen = result["operating_point"]["chosen"]
+    assert (chosen["ocean_frames"], chosen["ocean_blocks"]) == (99, 5)
+    assert chosen["reachable"] is False and chosen["false_status"] == 0
     # Exporting checks that the folded weights agree with scikit-learn's to 1e-9 on real frames.
-    assert Registry(workspace).bundle(f"approach-{extractor}").content.metrics == cv
+    assert Registry(workspace).bundle("approach-haralick").content.metrics == cv
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,26 +11,33 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from sklearn.metrics import average_precision_score, precision_recall_fscore_support
+from sklearn.metrics import (
+    average_precision_score,
+    balanced_accuracy_score,
+    precision_recall_fscore_support,
+)
 from sklearn.model_selection import StratifiedKFold
+from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 from tokt.features.errors import ToktError
 from tokt.features.extractor import extractor_named
+from tokt.features.grid import Grid
+from tokt.models.operating_point import FrameRule
 from tokt.models.registry import Registry
 from tokt.training import cross_validation
 from tokt.training.classifier import fit_classifier, linear_model
 from tokt.training.cross_validation import (
     HeldOut,
     Split,
+    choose,
     cross_validate,
     held_out_metrics,
-    ocean_frame_statuses,
 )
 from tokt.training.dataset import open_dataset
 from tokt.training.feature_table import feature_table
 from tokt.training.metrics import class_metrics, first_of_three, obstacle_metrics
-from tokt.training.presets import PRESETS, extractor_for, settings_named
-from tokt.training.splits import blocked_folds
+from tokt.training.presets import PRESETS, Choice, extractor_for, settings_named, weighted
+from tokt.training.splits import Fold, blocked_folds
 from tokt.training.train import TrainRequest, frame_id, train
 
 PLAIN = settings_named("plain")
@@ -50,28 +59,44 @@ def request_for(trained, tmp_path):
 # --- the same each time ------------------------------------------------------------------------
 
 
+ELSEWHERE = """
+import json, sys
+from pathlib import Path
+from tokt.training.cross_validation import Split
+from tokt.training.dataset import open_dataset
+from tokt.training.presets import extractor_for, settings_named
+from tokt.training.train import TrainRequest, train
+
+data = open_dataset("tiny", Path(sys.argv[1]))
+lbp, plain = extractor_for("lbp", "plain"), settings_named("plain")
+request = TrainRequest(data, "tiny-lbp", lbp, "lbp", plain, Split(3, 1))
+made = train(request, Path(sys.argv[2]), lambda items, *_: items, jobs=2)
+model, held_out = made.model, made.held_out
+arrays = [model.weights, model.bias, held_out.values]
+print(json.dumps([*(array.tobytes().hex() for array in arrays), made.metrics, made.rule.to_json()]))
+"""
+
+
 @pytest.mark.slow
-def test_another_process_trains_bit_identical_weights(trained, workspace):
-    command = [sys.executable, "-m", "tokt", "train", "tiny", "--extractor", "lbp"]
-    command += ["--preset", "plain", "--folds", "3", "--embargo", "1"]
-    subprocess.run([*command, "--workspace", str(workspace)], capture_output=True, check=True)
-    one = Registry(trained).bundle("tiny-lbp/1").content
-    two = Registry(workspace).bundle("tiny-lbp/2").content
-    assert one.model.weights.tobytes() == two.model.weights.tobytes()
-    assert one.model.bias.tobytes() == two.model.bias.tobytes()
-    assert one.metrics == two.metrics
-    assert one.golden.decision_values.tobytes() == two.golden.decision_values.tobytes()
-
-
-def test_features_do_not_depend_on_the_number_of_processes(
-    trained, tmp_path, no_progress, monkeypatch
-):
-    dataset = open_dataset("tiny", trained / "datasets")
-    spec = extractor_for("lbp", "plain").spec
-    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "2")
-    many = feature_table(dataset, spec, tmp_path / "two", no_progress, jobs=2)
-    one = feature_table(dataset, spec, tmp_path / "one", no_progress, jobs=1)
-    assert np.array_equal(many, one)
+def test_another_process_with_processes_of_its_own_trains_bit_identical_weights(trained, tmp_path):
+    """Against `tokt train` in this process, alone: weights, held-out values, figures, rule."""
+    ran = subprocess.run(
+        [sys.executable, "-c", ELSEWHERE, str(trained / "datasets"), str(tmp_path)],
+        capture_output=True,
+        check=True,
+        env={**os.environ, "LOKY_MAX_CPU_COUNT": "2"},
+    )
+    weights, bias, values, metrics, rule = json.loads(ran.stdout)
+    registry = Registry(trained)
+    content = registry.bundle("tiny-lbp/1").content
+    assert bytes.fromhex(weights) == content.model.weights.tobytes()
+    assert bytes.fromhex(bias) == content.model.bias.tobytes()
+    assert bytes.fromhex(values) == registry.held_out("tiny-lbp/1").value_0.to_numpy().tobytes()
+    assert metrics == content.metrics and rule == content.operating_point.rule.to_json()
+    (first,), (second,) = (
+        list(cache.glob("tiny-*.npy")) for cache in (trained / "cache", tmp_path)
+    )
+    assert first.read_bytes() == second.read_bytes()
 
 
 def test_features_are_computed_once(trained, tmp_path, no_progress):
@@ -99,31 +124,56 @@ def blocks(fabricate):
     return fabricate(labels, [f"dive#{n // 10:03d}" for n in range(300)])
 
 
-def pooled_ap(dataset, features, split=None):
-    split = split or Split(5, 5)
-    held_out = cross_validate(
-        dataset, features, replace(PLAIN, penalties=(1.0,)), split, lambda items, *_: items
-    )
+def pooled_ap(dataset, features):
+    settings = replace(PLAIN, penalties=(1.0,))
+    held_out = cross_validate(dataset, features, settings, Split(5, 5), quiet)
     return average_precision_score(dataset.targets(), held_out.values[:, 0])
 
 
-def test_what_only_tells_frames_apart_is_worth_nothing(blocks):
-    """Random features of a block and the frame number: a random split calls them perfect."""
-    prevalence, random_split, ours = blocks.targets().mean(), [], []
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        number = np.arange(300)
-        of_block = rng.normal(size=(30, 40))[number // 10]
-        features = np.column_stack([of_block + rng.normal(0, 0.05, of_block.shape), number])
-        ours.append(pooled_ap(blocks, features))
-        values = np.empty(300)
-        shuffled = StratifiedKFold(5, shuffle=True, random_state=seed)
-        for learn, test in shuffled.split(features, blocks.targets()):
-            model = LinearSVC(max_iter=5000).fit(features[learn], blocks.targets()[learn])
-            values[test] = model.decision_function(features[test])
-        random_split.append(average_precision_score(blocks.targets(), values))
-    assert np.mean(random_split) > 0.95
-    assert np.mean(ours) < prevalence + 0.15
+def quiet(items, *_):
+    return items
+
+
+def shuffled(seed):
+    """16 blocks of 12 frames: 4 tracks, seen in 3 near copies each, 2 of them obstacles by lot.
+
+    So labels are permuted inside blocks, near copies together, and every block has as many of
+    each: nothing but having seen a track before can tell them apart.
+    """
+    rng = np.random.default_rng(seed)
+    obstacle = np.array([rng.permutation([0, 0, 1, 1]) for _ in range(16)])
+    looks = rng.normal(size=(16, 4, 40))
+    number = np.arange(16 * 12)
+    block, track = number // 12, number % 4
+    features = looks[block, track] + rng.normal(0, 0.02, (len(number), 40))
+    return features, obstacle[block, track]
+
+
+def against_chance(made, seed, monkeypatch):
+    """Average precision and balanced accuracy of the nested cross-validation; chance is 0.5."""
+    features, truth = shuffled(seed)
+    monkeypatch.setattr(made, "targets", lambda: truth)
+    settings = replace(PLAIN, penalties=(0.01, 1.0))
+    values = cross_validate(made, features, settings, Split(4, 2), quiet).values[:, 0]
+    said = (values > 0).astype(int)
+    return average_precision_score(truth, values), balanced_accuracy_score(truth, said)
+
+
+def test_labels_shuffled_inside_blocks_are_told_apart_no_better_than_by_chance(
+    fabricate, monkeypatch
+):
+    made = fabricate(["ocean", "reef"] * 96, [f"dive#{n // 12:03d}" for n in range(192)])
+    found = [against_chance(made, seed, monkeypatch) for seed in range(4)]
+    assert np.abs(np.mean(found, axis=0) - 0.5).max() < 0.1
+
+    def leaking(patches, targets, n_folds, embargo_frames):
+        """A random split, which leaves near copies on both sides."""
+        splitter = StratifiedKFold(n_folds, shuffle=True, random_state=0)
+        return [Fold(*parts) for parts in splitter.split(patches, targets)]
+
+    monkeypatch.setattr(cross_validation, "blocked_folds", leaking)
+    # What the bound above would not let through.
+    assert min(against_chance(made, 0, monkeypatch)) > 0.9
 
 
 def test_a_real_signal_is_found(blocks):
@@ -148,14 +198,15 @@ def test_choice_and_weights_of_a_fold_do_not_see_its_test_part(blocks, monkeypat
 
     def run(targets):
         monkeypatch.setattr(type(blocks), "targets", lambda self: targets)
-        return cross_validate(blocks, features, PLAIN, split, lambda items, *_: items)
+        return cross_validate(blocks, features, PLAIN, split, quiet)
 
     clean = run(truth)
     for number, fold in enumerate(folds):
         poisoned = truth.copy()
         poisoned[fold.test] = 1 - poisoned[fold.test]
         found = run(poisoned)
-        assert found.penalties[number] == clean.penalties[number]
+        assert found.choices[number] == clean.choices[number]
+        assert found.rules[number] == clean.rules[number]
         assert np.array_equal(found.values[fold.test], clean.values[fold.test])
         others = np.setdiff1d(np.arange(300), fold.test)
         assert not np.array_equal(found.values[others], clean.values[others])
@@ -164,9 +215,9 @@ def test_choice_and_weights_of_a_fold_do_not_see_its_test_part(blocks, monkeypat
 def test_rows_within_the_embargo_are_not_learnt_from(blocks, monkeypatch):
     seen = []
 
-    def spy(features, targets, penalty, settings):
+    def spy(features, targets, choice, settings, weights):
         seen.append(features[:, 0])
-        return fit_classifier(features, targets, penalty, settings)
+        return fit_classifier(features, targets, choice, settings, weights)
 
     monkeypatch.setattr(cross_validation, "fit_classifier", spy)
     number = np.arange(300, dtype=float)
@@ -175,9 +226,11 @@ def test_rows_within_the_embargo_are_not_learnt_from(blocks, monkeypatch):
         np.column_stack([number, number % 7]),
         replace(PLAIN, penalties=(1.0,)),
         Split(5, 5),
-        lambda items, *_: items,
+        quiet,
     )
-    for index, learnt in enumerate(seen):
+    assert len(seen) == 25  # four inner folds and the outer one, five times
+    for index, learnt in enumerate(np.split(np.arange(25), 5)):
+        learnt = np.concatenate([seen[call] for call in learnt])
         tested = np.flatnonzero(held_out.fold == index)
         assert np.abs(learnt[:, None] - tested).min() > 5
 
@@ -225,22 +278,6 @@ def test_first_of_three(status, first):
     assert first_of_three(list(range(10, 10 + len(status))), status) == first
 
 
-def test_ocean_frames_are_whole_clear_tested_frames(trained, tiny_truth):
-    dataset = open_dataset("tiny", trained / "datasets")
-    patches = dataset.patches
-    said, tested = np.zeros(len(patches), bool), np.ones(len(patches), bool)
-    said[(patches.frame == 2) & (patches.row == 0) & (patches.col == 0)] = True
-    said[patches.frame == 5] = True
-    tested[(patches.frame == 1) & (patches.row == 9)] = False
-    clear = [n for n in range(1, 41) if not tiny_truth.cells(n)]
-    found = ocean_frame_statuses(dataset, said, tested)
-    assert found["ocean_frames"] == len(clear) - 1  # frame 1 was not tested whole
-    # One patch of 100 is a mean of 2.55, over the threshold of 0.345.
-    assert found["false_status_frames"] == ["tiny:2"]
-    nobody = ocean_frame_statuses(dataset, said, np.zeros(len(patches), bool))
-    assert nobody == {"ocean_frames": 0, "false_status": 0, "false_status_frames": []}
-
-
 # --- presets -----------------------------------------------------------------------------------
 
 
@@ -250,7 +287,7 @@ def test_thesis_preset_is_the_thesiss(request_for, tmp_path, no_progress, tiny_t
     svc = trained.pipeline.named_steps["svc"]
     assert list(trained.pipeline.named_steps) == ["svc"]  # unscaled
     assert (svc.C, svc.random_state) == (100.0, 42)
-    assert trained.penalty == 100.0
+    assert trained.choice.penalty == 100.0
     # The first all-clear frame of the dataset is what it learnt from, so it is not a test.
     dataset = request.dataset
     learnt = dataset.patches.frame.to_numpy() == 1
@@ -302,11 +339,18 @@ def test_thesis_preset_needs_whole_frames_and_two_sides(fabricate, tmp_path, no_
 
 
 def test_best_widens_the_plain_names_and_plain_does_not():
-    assert extractor_for("lbp", "plain").dim == 12
-    assert extractor_for("haralick", "plain").dim == 13
-    assert extractor_for("lbp", "best").dim == 52
-    assert extractor_for("haralick", "best").dim == 13 + 12 + 26
-    assert extractor_for("lbp_10_5_frame", "best").dim == 12
+    ready_cut = Grid(1, 1, None)
+    for grid in (None, ready_cut):
+        assert extractor_for("lbp", "plain", grid).dim == 12
+        assert extractor_for("haralick", "plain", grid).dim == 13
+        assert extractor_for("lbp_10_5_frame", "best", grid).dim == 12
+    wide = extractor_for("lbp", "best", Grid(10, 10))
+    assert wide.dim > 30 and extractor_for("haralick", "best").dim == 13 + wide.dim
+    assert extractor_for("haralick", "best", ready_cut).dim == 129
+    assert settings_named("best", Grid(10, 10)).changes == ("gain_0.5", "jpeg_60")
+    ready_cut_settings = settings_named("best", ready_cut)
+    assert ready_cut_settings.changes == () and max(ready_cut_settings.penalties) < 1
+    assert settings_named("plain", ready_cut) == PLAIN
     assert extractor_for("haralick", "thesis").spec["ignore_zeros"] is True
     assert {name: preset.seed for name, preset in PRESETS.items()} == dict.fromkeys(PRESETS, 42)
 
@@ -315,7 +359,7 @@ def test_best_trains_better_than_plain_on_its_own_ground(request_for, tmp_path, 
     best = train(request_for("best"), tmp_path, no_progress)
     assert best.metrics["converged"]
     assert best.metrics["patch"]["f1"] > 0.9
-    assert best.penalty in PRESETS["best"].penalties
+    assert best.choice.penalty in PRESETS["best"].penalties
     assert len(best.trained_on) == 40
     # The folded model and the pipeline are one and the same.
     features = feature_table(best.request.dataset, best.request.extractor.spec, tmp_path, None)
@@ -332,14 +376,70 @@ def test_three_classes_are_scored_by_class(fabricate):
     values = np.eye(3)[targets]
     values[1] = [0, 0, 2]  # a reef taken for an installation: the right side, the wrong class
     values[0] = [0, 2, 0]  # water taken for a reef: a false alarm
-    trained = fit_classifier(values, targets, 1.0, PLAIN)
+    trained = fit_classifier(values, targets, Choice(1.0), PLAIN)
     model = linear_model(trained, made.classes(), made.obstacle_flags())
-    held_out = HeldOut(values, np.arange(30) % 2, (1.0, 1.0))
+    held_out = HeldOut(values, np.arange(30) % 2, (Choice(1.0),) * 2, (FrameRule(),) * 2)
     figures = held_out_metrics(made, held_out, model)["patch"]
     assert figures["recall"] == 1.0
     assert figures["precision"] == 20 / 21
     assert figures["confusion"]["counts"][1] == [0, 9, 1]
     assert figures["per_class"]["reef"]["recall"] == 0.9
+
+
+# --- class weights -----------------------------------------------------------------------------
+
+
+def test_class_weights_are_linearsvcs_and_the_simpler_choice_comes_first():
+    rng = np.random.default_rng(3)
+    targets = (np.arange(200) % 10 == 0).astype(np.int64)
+    values = rng.normal(size=(200, 3)) + targets[:, None]
+    svc = fit_classifier(values, targets, Choice(0.1, "balanced"), PLAIN)["svc"]
+    scaled = StandardScaler().fit_transform(values)
+    own = LinearSVC(C=0.1, class_weight="balanced", dual=False).fit(scaled, targets)
+    assert np.array_equal(svc.coef_, own.coef_)
+    both = weighted(replace(PLAIN, penalties=(1.0, 0.1)), "auto")
+    order = [(0.1, None), (0.1, "balanced"), (1.0, None), (1.0, "balanced")]
+    assert both.choices == tuple(Choice(*one) for one in order)
+    with pytest.raises(ToktError, match="none, balanced, auto, not 'heavy'"):
+        weighted(PLAIN, "heavy")
+
+
+def test_balanced_weights_are_chosen_where_they_score_better(blocks):
+    """Ten clear patches to one obstacle, and much overlap: unweighted, nothing is called one."""
+    rng = np.random.default_rng(8)
+    features = (blocks.targets() + rng.normal(0, 1.4, 300))[:, None]
+    settings = replace(PLAIN, penalties=(1e-4,), class_weights=(None, "balanced"))
+    chosen = choose(blocks.patches, features, blocks.targets(), settings, Split(3, 2))
+    assert chosen.choice == Choice(1e-4, "balanced")
+    assert chosen.values.shape == (300, 1) and np.isfinite(chosen.values).all()
+
+
+# --- what cannot be trained on -----------------------------------------------------------------
+
+
+def test_features_that_nothing_can_be_learnt_from_are_refused(blocks):
+    features = np.random.default_rng(0).normal(size=(300, 4))
+    features[:, 2] = 7.0  # one that is the same everywhere does no harm
+    assert np.isfinite(cross_validate(blocks, features, PLAIN, Split(3, 2), quiet).values).all()
+    for bad in (np.nan, np.inf):
+        features[[41, 50], 1] = bad
+        with pytest.raises(
+            ToktError, match=r"2 patches.*not a finite.*left frame 41, row 0, col 0"
+        ):
+            cross_validate(blocks, features, PLAIN, Split(3, 2), quiet)
+    with pytest.raises(ToktError, match=r"same features.*blank"):
+        cross_validate(blocks, np.full((300, 4), 3.0), PLAIN, Split(3, 2), quiet)
+
+
+def test_a_class_in_too_few_blocks_is_named_before_the_features(fabricate, tmp_path):
+    """Two blocks of reef: one to test on, and one to learn from leaves none to choose on."""
+    labels = ["reef" if n // 10 in (2, 7) else "ocean" for n in range(100)]
+    made = fabricate(labels, [f"dive#{n // 10:03d}" for n in range(100)])
+    lbp = extractor_named("lbp")
+    request = TrainRequest(made, "m", lbp, "lbp", PLAIN, Split(4, 1))
+    with pytest.raises(ToktError, match="reef is in a single group of frames only"):
+        train(request, tmp_path / "cache", quiet)
+    assert not (tmp_path / "cache").exists()
 
 
 def test_early_refusal_comes_before_the_features(request_for, tmp_path, no_progress):

@@ -8,13 +8,29 @@ from typing import Annotated
 import typer
 
 from ..features.errors import ToktError
-from . import bench, dataset, demo, doctor, evaluate, label, labels, models, run, simulate, train
+from . import (
+    bench,
+    compare,
+    dataset,
+    demo,
+    doctor,
+    evaluate,
+    label,
+    labels,
+    models,
+    run,
+    search,
+    simulate,
+    train,
+)
 
 _EXTRAS = {
     **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
     **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
     **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
     "pymba": "camera",
+    **dict.fromkeys(("dask", "distributed", "psutil"), "cluster"),
+    "threadpoolctl": "train",
 }
 
 app = typer.Typer(
@@ -53,6 +69,8 @@ app.command("label")(label.label)
 app.add_typer(labels.labels_app, name="labels")
 app.add_typer(dataset.dataset_app, name="dataset")
 app.command("train")(train.train)
+app.command("search")(search.search)
+app.command("compare")(compare.compare)
 app.command("evaluate")(evaluate.evaluate)
 app.add_typer(models.models_app, name="models")
 app.command("export")(models.export)

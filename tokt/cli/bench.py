@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from ..features.errors import ToktError
 from .options import JsonOption
 from .output import print_json, progress, say
 
@@ -25,7 +26,8 @@ def bench(
         int | None,
         typer.Option(
             help="Compare results on so many frames of it; default: all. With --label: frames of "
-            "the mission that the page shows; default: 10000.",
+            "the mission that the page shows; default: 10000. With --scale: the most frames; "
+            "default: 10000.",
             min=1,
         ),
     ] = None,
@@ -39,8 +41,17 @@ def bench(
             "--effort", help="Measure instead the labelling effort with suggestions and without."
         ),
     ] = False,
+    scale: Annotated[
+        bool,
+        typer.Option(
+            "--scale", help="Measure instead what training costs for 10^4 to 10^6 patches."
+        ),
+    ] = False,
     out: Annotated[
-        Path, typer.Option(help="Folder for bench.json and bench.png, or label.json and label.png.")
+        Path,
+        typer.Option(
+            help="Folder for bench.json and bench.png, label.json and label.png, or scale.json."
+        ),
     ] = Path("bench-out"),
     quick: Annotated[
         bool, typer.Option("--quick", help="Few frames and repetitions: a look, no figures.")
@@ -50,8 +61,14 @@ def bench(
     """Speed against scikit-image, mahotas and the thesis's pipeline; exit code 1 if not exact.
 
     With --label and --effort: the labelling page in a headless Chromium (needs Playwright); exit
-    code 1 if a label came out wrong.
+    code 1 if a label came out wrong. With --scale: time and memory of each step of training on
+    rendered frames, in a temporary folder that needs some GB.
     """
+    if scale:
+        if label or effort or mission or labels:
+            raise ToktError("--scale renders its own mission and goes with --frames and --quick")
+        _scale_bench(frames, out, quick, json)
+        return
     if label or effort:
         _label_bench(mission, labels, frames, label, effort, out, quick, json)
         return
@@ -98,3 +115,18 @@ def _label_bench(
     if not found.faithful:
         say("tokt: warning: not every label came out as it was asked for")
         raise typer.Exit(_NOT_EXACT)
+
+
+def _scale_bench(frames: int | None, out: Path, quick: bool, json: bool) -> None:
+    from ..training.bench.scale_run import FULL, QUICK, run_scale_bench
+    from ..training.bench.scale_table import print_scale_table
+
+    extent = QUICK if quick else FULL
+    if frames is not None:
+        extent = extent.up_to(frames)
+    found = run_scale_bench(out, extent, progress, say)
+    if json:
+        print_json(found.to_json())
+    else:
+        print_scale_table(found)
+    say(f"written: {out / 'scale.json'}")

@@ -79,9 +79,9 @@ def build(
     from ..features.grid import DEFAULT_GRID, Grid
     from ..features.mission import open_mission, parse_frames
     from ..labels.taxonomy import load_taxonomy
-    from ..training.dataset import build_dataset
+    from ..training.dataset import build_dataset, thin_classes
     from ..training.mission_source import plan_from_missions, plan_from_patch_folder
-    from ..training.splits import BLOCK_FRAMES
+    from ..training.splits import BLOCK_FRAMES, FOLDS
 
     if bool(mission) == bool(patches):
         raise ToktError("give either --mission DIR or --patches DIR")
@@ -118,6 +118,8 @@ def build(
             f"note: {dataset.info['frames_that_are_copies']} frames are copies of others; blocks "
             "that share a picture stay on one side of every split"
         )
+    for line in thin_classes(dataset, FOLDS):
+        say(f"WARNING: {line}")
     _show(dataset.label, dataset.info, json)
 
 
@@ -132,7 +134,9 @@ def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = Fal
         return
     for item in found:
         info = item.info
-        print(f"{item.label}  {item.task}  {info['patches']} patches in {info['frames']} frames")
+        grouped = "" if info["block_frames"] else ", UNGROUPED"
+        counts = f"{info['patches']} patches in {info['frames']} frames{grouped}"
+        print(f"{item.label}  {item.task}  {counts}")
 
 
 @dataset_app.command("show")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,6 +11,9 @@ from .dataset import labels_for
 from .figures import print_patches
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
 from .output import print_json, progress, say
+
+if TYPE_CHECKING:
+    from ..models.bundle import Bundle
 
 
 def evaluate(
@@ -56,16 +59,17 @@ def evaluate(
     if json:
         print_json(result)
         return
-    _print_evaluation(bundle.label, result)
+    _print_evaluation(bundle, result)
 
 
-def _print_evaluation(label: str, result: dict[str, Any]) -> None:
+def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     patch, frames = result["patch"], result["frames"]
     print(
-        f"{label} on {result['mission']}: {patch['n']} patches, "
+        f"{bundle.label} on {result['mission']}: {patch['n']} patches, "
         f"{result['unsure_ignored']} unsure ones ignored"
     )
     print_patches(patch)
+    print(f"  status 1 with {bundle.operating_point.rule.words()}")
     print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
     print(f"  first of three frames in a row with status 1: {frames['first_detection']}")

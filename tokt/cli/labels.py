@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from ..features.errors import ToktError
+from .label_audit import audit_labels
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
 from .output import print_json, progress, say
 
@@ -27,6 +28,8 @@ labels_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
+
+labels_app.command("audit")(audit_labels)
 
 LabelFile = Annotated[
     Path,

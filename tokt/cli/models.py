@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,12 +13,23 @@ from ..features.errors import ToktError
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
 from .output import print_json, say
 
+if TYPE_CHECKING:
+    from ..models.bundle import Bundle
+
 models_app = typer.Typer(help="Registered model versions.", no_args_is_help=False)
 
 ModelArgument = Annotated[
     str, typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
 ]
 StoreArgument = Annotated[Path, typer.Argument(help="The store's folder.")]
+FlagsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--taxonomy",
+        metavar="FILE",
+        help="Taxonomy file that says which classes are obstacles. Default: as trained.",
+    ),
+]
 ReasonOption = Annotated[str, typer.Option(help="Why; kept in the store's history.")]
 
 
@@ -60,8 +72,11 @@ def show(
                 "classes": list(content.model.classes),
                 "obstacle": list(content.model.obstacle),
                 "thresholds": content.model.thresholds.tolist(),
+                "operating_point": content.operating_point.to_json(),
+                "latency_frames": content.operating_point.rule.latency_frames,
                 "provenance": dict(content.provenance),
                 "metrics": dict(content.metrics),
+                "card": content.card,
             }
         )
         return
@@ -85,20 +100,45 @@ def alias(
     print(f"{version.label} is now {version.name}@{alias}")
 
 
+def _shipped(model: str, workspace: Path, taxonomy: Path | None) -> Bundle:
+    """The bundle to ship, with the obstacle flags of a taxonomy file if one is given."""
+    from ..models.load import load_model
+
+    bundle = load_model(model, workspace)
+    if taxonomy is None:
+        return bundle
+    from ..labels.taxonomy import Taxonomy
+    from ..models.reflag import PROVENANCE_KEY, reflagged
+
+    known = {item.name: item.obstacle for item in Taxonomy.load(taxonomy).classes}
+    sha256 = hashlib.sha256(taxonomy.read_bytes()).hexdigest()
+    found = reflagged(bundle, known, taxonomy.name, sha256)
+    if found is bundle:
+        say(f"note: {taxonomy} has the obstacles that {bundle.label} was trained with")
+        return bundle
+    changed = found.content.provenance[PROVENANCE_KEY]["changed"].items()
+    words = ", ".join(f"{name} is {'an obstacle' if flag else 'clear'}" for name, flag in changed)
+    say(
+        f"WARNING: {found.label} by {taxonomy}: {words}. The operating point was chosen for other "
+        "flags and is void: status 1 with 1 patch over the threshold, in one frame"
+    )
+    return found
+
+
 def export(
     model: ModelArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="The file, ending in .tokt.")],
+    taxonomy: FlagsOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Write a model version as a bundle, the one file that is shipped."""
     from ..features.atomic import write_bytes
     from ..models.bundle import SUFFIX
-    from ..models.load import load_model
 
     if output.suffix != SUFFIX:
         raise ToktError(f"a bundle's name ends in {SUFFIX}, unlike {output}")
-    bundle = load_model(model, workspace)
+    bundle = _shipped(model, workspace, taxonomy)
     try:
         write_bytes(output, bundle.data)
     except OSError as error:
@@ -113,14 +153,14 @@ def deploy(
     model: ModelArgument,
     store: StoreArgument,
     reason: ReasonOption = "",
+    taxonomy: FlagsOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Check a model and make it the active one of a store."""
-    from ..models.load import load_model
     from ..models.store import Store
 
-    entry = Store(store).deploy(load_model(model, workspace), reason, notice=say)
+    entry = Store(store).deploy(_shipped(model, workspace, taxonomy), reason, notice=say)
     _print_activation(store, asdict(entry), json)
 
 
@@ -170,6 +210,8 @@ def _print_active(active: dict[str, Any], provenance: dict[str, Any] | None) -> 
     for key, what in _ORIGIN.items():
         text = str(provenance.get(key, "not recorded in the bundle"))
         print(f"  {what}: {' '.join(text.split())}")
+    if "obstacle_flags" in provenance:
+        print(f"  obstacles set when it was shipped: {provenance['obstacle_flags']}")
 
 
 def _print_activation(store: Path, entry: dict[str, object], json: bool) -> None:

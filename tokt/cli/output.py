@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+_LONGEST_SILENCE_S = 30.0
 
 
 def print_json(value: Any) -> None:
@@ -21,7 +24,10 @@ def say(text: str) -> None:
 
 
 def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
-    """Yield `items`, showing a bar on a terminal and a few plain lines elsewhere."""
+    """Yield `items`, showing how far it is and how long it will take.
+
+    A bar on a terminal; elsewhere a line each quarter, and at least every half minute.
+    """
     if sys.stderr.isatty():
         from rich.console import Console
         from rich.progress import track
@@ -29,7 +35,20 @@ def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
         yield from track(items, what, total, console=Console(stderr=True), transient=True)
         return
     step = max(1, total // 4)
+    began = said = time.monotonic()
     for done, item in enumerate(items, 1):
         yield item
-        if done % step == 0 or done == total:
-            say(f"{what}: {done}/{total}")
+        now = time.monotonic()
+        if done % step == 0 or done == total or now - said > _LONGEST_SILENCE_S:
+            said = now
+            say(f"{what}: {done}/{total}{_remaining((now - began) / done * (total - done))}")
+
+
+def _remaining(seconds: float) -> str:
+    """A rough time to go, where it is long enough to matter."""
+    if seconds < _LONGEST_SILENCE_S:
+        return ""
+    minutes = math.ceil(seconds / 60)
+    if minutes < 120:
+        return f", about {minutes} min left"
+    return f", about {math.ceil(minutes / 60)} h left"

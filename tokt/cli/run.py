@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..inference.detector import PatchScorer
     from ..inference.runtime import Summary
     from ..inference.udp import UdpSender
+    from ..models.bundle import Bundle
 
 _FORMATS = {"v1": 1, "v2": 2}
 _STATUS_WORDS = {1: "obstacle", 0: "clear", -1: "unknown"}
@@ -80,19 +81,53 @@ def run(
     chosen = None if frames is None else parse_frames(frames)
     stereo = None if calibration is None else load_calibration(calibration)
     frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo is not None, pixel_format)
-    built = build_policy(policy, _model_loader(store, bundle), stereo, threads)
+    loaded: list[Bundle] = []
+    load = _remembering(_model_loader(store, bundle), loaded)
+    built = build_policy(policy, load, stereo, threads)
     with ExitStack() as opened:
         senders = _open_senders(udp, format_, opened)
         log_file = None if log is None else opened.enter_context(closing(JsonLines(log)))
         runtime = Runtime(frames_in, built, senders, SYSTEM_CLOCK, log_file, log_values)
+        for model in loaded:
+            say(_rule_line(model))
         with stop_on_signal(frames_in.stop):
             summary = runtime.run()
     say(_summary_line(summary, senders))
     if as_json:
-        print_json({"policy": policy, "format": format_, **summary.to_json()})
+        print_json({"policy": policy, "format": format_, **_rule_json(loaded), **summary.to_json()})
 
 
-def _model_loader(store: Path | None, bundle: Path | None) -> Callable[[], PatchScorer] | None:
+def _remembering(
+    load: Callable[[], Bundle] | None, loaded: list[Bundle]
+) -> Callable[[], PatchScorer] | None:
+    """The same loader, which adds its model to `loaded`."""
+    if load is None:
+        return None
+
+    def load_and_remember() -> PatchScorer:
+        loaded.append(load())
+        return loaded[0]
+
+    return load_and_remember
+
+
+def _rule_line(bundle: Bundle) -> str:
+    rule = bundle.operating_point.rule
+    late = f"; {rule.latency_words()}" if rule.latency_frames else ""
+    return f"model {bundle.label}: status 1 with {rule.words()}{late}"
+
+
+def _rule_json(loaded: list[Bundle]) -> dict[str, Any]:
+    """What the summary says of the frame rule; None without a model."""
+    rule = loaded[0].operating_point.rule if loaded else None
+    return {
+        "model": loaded[0].label if loaded else None,
+        "frame_rule": rule and rule.to_json(),
+        "latency_frames": rule and rule.latency_frames,
+    }
+
+
+def _model_loader(store: Path | None, bundle: Path | None) -> Callable[[], Bundle] | None:
     if store is not None and bundle is not None:
         raise ToktError("give --store or --bundle, not both")
     if store is not None:

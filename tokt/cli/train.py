@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,13 +11,23 @@ from .figures import figure, print_patches
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
 from .output import print_json, progress
 
+if TYPE_CHECKING:
+    from ..training.operating_point import Target
+    from ..training.train import Trained
+
+AUTO = "auto"
+
 
 def train(
     dataset: Annotated[str, typer.Argument(help="NAME or NAME@HASH.")],
     extractor: Annotated[
-        str,
-        typer.Option(help="lbp, haralick, or exact ones joined by + (lbp_24_8_frame+haralick)."),
-    ],
+        str | None,
+        typer.Option(
+            help="lbp, haralick, exact ones joined by + (lbp_24_8_frame+haralick), or "
+            "spec:FILE.json. Default: haralick, the best one with preset best.",
+            show_default=False,
+        ),
+    ] = None,
     preset: Annotated[str, typer.Option(help="thesis, plain or best.")] = "best",
     name: Annotated[
         str | None, typer.Option(help="The model's name; default: DATASET-EXTRACTOR.")
@@ -26,64 +36,154 @@ def train(
     embargo: Annotated[
         int, typer.Option(help="Frames left out of training on each side of a test frame.", min=1)
     ] = 5,
+    class_weight: Annotated[
+        str | None,
+        typer.Option(help="none, balanced, or auto (the better one). Default: the preset's."),
+    ] = None,
+    changes: Annotated[
+        str | None,
+        typer.Option(
+            help="Picture changes to learn from too, as gain_0.5,jpeg_60, or none. Default: the "
+            "preset's."
+        ),
+    ] = None,
+    stress: Annotated[
+        bool, typer.Option("--stress", help="Test the folds on changed pictures, too.")
+    ] = False,
+    false_status_rate: Annotated[
+        float, typer.Option(help="False statuses an ocean frame that the operating point allows.")
+    ] = 1e-4,
+    confidence: Annotated[
+        float, typer.Option(help="That the rate is kept; 0.5 for the best estimate.")
+    ] = 0.5,
+    least_patches: Annotated[
+        str, typer.Option(help="Patches that make a frame an alarm: a number, or auto.")
+    ] = AUTO,
+    frame_rule: Annotated[
+        str, typer.Option(help="Alarms that make a status: K/N of the last frames, or auto.")
+    ] = AUTO,
     ocean: Annotated[
         Path | None, typer.Option(help="Ocean image of preset thesis; default: a clear frame.")
     ] = None,
     other: Annotated[
         Path | None, typer.Option(help="Other image of preset thesis; default: a rendered one.")
     ] = None,
+    jobs: Annotated[int, typer.Option(help="Processes; -1 for one a core.")] = -1,
+    dask: Annotated[
+        str | None, typer.Option(help="A dask scheduler to use instead, as tcp://HOST:8786.")
+    ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Cross-validate, train, log and register one model version."""
+    """Cross-validate, choose the operating point, train, log and register one model version."""
     from ..features.errors import ToktError
     from ..models.registry import Registry, check_model_name
     from ..training.cross_validation import Split
     from ..training.dataset import open_dataset
-    from ..training.presets import extractor_for, settings_named
+    from ..training.picture_changes import STRESS
+    from ..training.presets import (
+        DEFAULT_EXTRACTOR,
+        extractor_for,
+        learning_changes,
+        settings_named,
+        weighted,
+    )
     from ..training.tracking import log_and_register
     from ..training.train import TrainRequest
     from ..training.train import train as train_task
 
-    settings = settings_named(preset)
+    data = open_dataset(dataset, workspace / "datasets")
+    settings = weighted(settings_named(preset, data.grid), class_weight)
+    settings = learning_changes(settings, changes)
     if (ocean or other) and not settings.two_images:
         raise ToktError("--ocean and --other go with --preset thesis")
-    data = open_dataset(dataset, workspace / "datasets")
-    chosen = extractor_for(extractor, preset)
-    model_name = name or f"{data.name}-{extractor.replace('+', '_')}"
+    target = _target(false_status_rate, confidence, least_patches, frame_rule)
+    named = extractor or DEFAULT_EXTRACTOR
+    chosen = extractor_for(named, preset, data.grid)
+    model_name = name or f"{data.name}-{_file_name(named)}"
     check_model_name(model_name)
     request = TrainRequest(
-        data, model_name, chosen, extractor, settings, Split(folds, embargo), ocean, other
+        data, model_name, chosen, named, settings, Split(folds, embargo), ocean, other, target
     )
     registry = Registry(workspace, create=True)
     registry.experiment_id()  # a registry that cannot be reached is said before the work
-    trained = train_task(request, workspace / "cache", progress)
+    tested = STRESS if stress else ()
+    trained = train_task(request, workspace / "cache", progress, jobs, dask, tested)
     version = log_and_register(trained, registry)
-    result: dict[str, Any] = {
-        "model": {"name": version.name, "version": version.version, "aliases": version.aliases},
-        "run_id": version.run_id,
-        "dataset": data.label,
-        "dataset_hash": data.hash,
-        "extractor": chosen.spec,
-        "preset": preset,
-        "penalty": trained.penalty,
-        "cv": trained.metrics,
-    }
+    model = {"name": version.name, "version": version.version, "aliases": version.aliases}
     if json:
-        print_json(result)
+        print_json({"model": model, "run_id": version.run_id, **_result(trained)})
         return
-    _print_training(version.label, trained.metrics)
+    _print_training(version.label, trained)
 
 
-def _print_training(label: str, metrics: dict[str, Any]) -> None:
+def _file_name(extractor: str) -> str:
+    """The part of a model's name that says its extractor."""
+    if extractor.startswith("spec:"):
+        return Path(extractor.removeprefix("spec:")).stem
+    return extractor.replace("+", "_")
+
+
+def _target(rate: float, confidence: float, least_patches: str, frame_rule: str) -> Target:
+    from ..training.operating_point import Target
+
+    least = None if least_patches == AUTO else _number(least_patches, "--least-patches", "2")
+    if frame_rule == AUTO:
+        return Target(rate, confidence, least, None)
+    hits, _, window = frame_rule.partition("/")
+    asked = [_number(text, "--frame-rule", "2/3") for text in (hits, window)]
+    return Target(rate, confidence, least, (asked[0], asked[1]))
+
+
+def _number(text: str, option: str, example: str) -> int:
+    from ..features.errors import ToktError
+
+    if not (text.isascii() and text.isdigit()):
+        raise ToktError(f"{option} is {AUTO} or something like {example}, not {text!r}")
+    return int(text)
+
+
+def _result(trained: Trained) -> dict[str, Any]:
+    request = trained.request
+    return {
+        "dataset": request.dataset.label,
+        "dataset_hash": request.dataset.hash,
+        "extractor": request.extractor.spec,
+        "preset": request.settings.preset,
+        "penalty": trained.choice.penalty,
+        "class_weight": trained.choice.class_weight,
+        "cv": trained.metrics,
+        "operating_point": {**trained.rule.to_json(), "chosen": trained.operating_point},
+    }
+
+
+def _print_training(label: str, trained: Trained) -> None:
+    metrics = trained.metrics
     patch, frames = metrics["patch"], metrics["frames"]
     print(f"{label} (alias challenger)")
     print(f"  {metrics['split']}")
     print_patches(patch)
     if patch["f1"] is not None:
         print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
+        print(f"  at the operating point: {_frames(frames)}")
+        print(f"  any patch over 0 an alarm: {_frames(metrics['frames_at_zero'])}")
+    for name, one in metrics.get("stress", {}).items():
         print(
-            f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames"
+            f"  on pictures changed by {name}: F1 {figure(one['f1'])}, false status in "
+            f"{one['false_status']} of {one['ocean_frames']} ocean frames, "
+            f"{one['detected']} of {one['obstacle_frames']} obstacle frames found"
+            f"{' (learnt from)' if one['learnt'] else ''}"
         )
+    print(f"  operating point: {trained.rule.words()}")
+    print(f"  {trained.operating_point['words']}")
     if not metrics["converged"]:
         print("  the solver stopped at its iteration limit (unscaled features)")
+
+
+def _frames(frames: dict[str, Any]) -> str:
+    first = ", ".join(f"{mission} {frame}" for mission, frame in frames["first_detection"].items())
+    return (
+        f"false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames, "
+        f"{frames['detected']} of {frames['obstacle_frames']} obstacle frames found, "
+        f"first of three in a row {first}"
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,9 +57,13 @@ class Case(ABC):
     def findings(self) -> dict[str, Any]:
         """What the checks found, as JSON values."""
 
+    def timed(self) -> dict[str, Callable[[Picture], object]]:
+        """What is timed in turns."""
+        return {BASELINE: self.baseline, OURS: self.ours}
+
     def measure(self, pictures: Sequence[Picture], rounds: int) -> Result:
         """Time both ways on some pictures."""
-        times = in_turns({BASELINE: self.baseline, OURS: self.ours}, pictures, rounds)
+        times = in_turns(self.timed(), pictures, rounds)
         return result(self.name, times, self.exact, self.findings())
 
 
@@ -249,9 +253,7 @@ class WholeFrame(Case):
             **self._found,
         }
 
-    def measure(self, pictures: Sequence[Picture], rounds: int) -> Result:
-        """Time both ways, the libraries used well, and the floors, on some pictures."""
-        ways = {BASELINE: self.baseline, OURS: self.ours, LIBRARIES: self.libraries}
-        floors = {FLOOR: self.floor, MEMORY: self.memory}
-        times = in_turns({**ways, **floors}, pictures, rounds)
-        return result(self.name, times, self.exact, self.findings())
+    def timed(self) -> dict[str, Callable[[Picture], object]]:
+        """Both ways, the libraries used well, and the floors."""
+        more = {LIBRARIES: self.libraries, FLOOR: self.floor, MEMORY: self.memory}
+        return {**super().timed(), **more}

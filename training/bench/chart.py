@@ -38,6 +38,11 @@ def _times(case: Result) -> str:
     return text if case.exact else f"{text}\nNOT EXACT"
 
 
+def _name(case: Result) -> str:
+    """What stands at the left of a case; most are tokt against others, one is not."""
+    return f"{case.name}\n(plain to best)" if "asked" in case.extras else case.name
+
+
 def _floor_ratio(case: Result) -> float | None:
     """The ratio if ours took no more than the floor; None where that says nothing."""
     floor = case.extras.get("floor_ms")
@@ -117,7 +122,7 @@ def _dress(axes: Any, results: Sequence[Result], left: float, right: float) -> N
     axes.set_xlabel("times faster (bar: medians; whisker: 10th to 90th percentile)")
     axes.grid(axis="x", alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_yticks(range(len(results)), [case.name for case in results])
+    axes.set_yticks(range(len(results)), [_name(case) for case in results])
     axes.set_ylim(len(results) - 0.4, -0.6)
     times = axes.secondary_yaxis("right")
     times.set_yticks(range(len(results)), [_times(case) for case in results], fontsize=9)

@@ -20,7 +20,7 @@ from ...labels.taxonomy import UNSURE, Taxonomy
 from ...models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from ...models.linear import LinearModel
 from ..classifier import fit_classifier, linear_model
-from ..presets import settings_named
+from ..presets import Choice, settings_named
 from ..thesis_images import rendered_other_image
 from .library_way import DescribeAll, all_haralick, all_lbp_10_5, all_lbp_24_8
 from .thesis_way import GRID, DescribePatch, describe_haralick, describe_lbp_10_5, describe_lbp_24_8
@@ -150,28 +150,35 @@ def learn(texture: Texture, lesson: Lesson, golden_frame: NDArray[np.uint8]) -> 
     golden_frame : array of uint8
         The frame that the bundle proves itself with; its size is the size the bundle accepts.
     """
+    return learn_features(texture.name, texture.extractor, lesson, golden_frame)
+
+
+def learn_features(
+    name: str, extractor: Extractor, lesson: Lesson, golden_frame: NDArray[np.uint8]
+) -> TwoModels:
+    """`learn` for any extractor, also one the thesis has no way for."""
     settings = settings_named(lesson.settings)
     penalty = settings.penalties[0] if settings.two_images else _PENALTY
-    rows = [texture.extractor.describe(frame, GRID)[cells] for frame, cells, _ in lesson.pictures]
+    rows = [extractor.describe(frame, GRID)[cells] for frame, cells, _ in lesson.pictures]
     targets = np.concatenate([flags for _, _, flags in lesson.pictures]).astype(np.int64)
-    pipeline = fit_classifier(np.vstack(rows), targets, penalty, settings)
+    pipeline = fit_classifier(np.vstack(rows), targets, Choice(penalty), settings)
     model = linear_model(pipeline, ("ocean", "other"), (False, True))
     classifier = LinearSVC(C=penalty, random_state=settings.seed)
     classifier.coef_, classifier.intercept_ = model.weights.copy(), model.bias.copy()
     classifier.classes_, classifier.n_features_in_ = np.array([0, 1]), model.dim
-    data = bundle_bytes(_content(texture, model, golden_frame))
-    return TwoModels(classifier, bundle_from_bytes(data, f"the bench's model {texture.name}"))
+    data = bundle_bytes(_content(name, extractor, model, golden_frame))
+    return TwoModels(classifier, bundle_from_bytes(data, f"the bench's model {name}"))
 
 
 def _content(
-    texture: Texture, model: LinearModel, golden_frame: NDArray[np.uint8]
+    name: str, extractor: Extractor, model: LinearModel, golden_frame: NDArray[np.uint8]
 ) -> BundleContent:
-    values = model.decision_values(texture.extractor.describe(golden_frame, GRID))
+    values = model.decision_values(extractor.describe(golden_frame, GRID))
     png = cv2.imencode(".png", golden_frame)[1].tobytes()
     return BundleContent(
-        name=f"bench-{texture.name.replace('_', '-')}",
+        name=f"bench-{name.replace('_', '-')}",
         version="1",
-        extractor_spec=texture.extractor.spec,
+        extractor_spec=extractor.spec,
         grid=GRID,
         model=model,
         provenance={"made_by": "tokt bench"},

@@ -23,11 +23,21 @@ from ...features.mission import Mission, open_mission
 from ...labels.synthetic.mission import simulate_mission
 from ...labels.taxonomy import Taxonomy
 from ..mission_source import labels_of_mission, read_labels
+from ..presets import DEFAULT_EXTRACTOR, extractor_for
+from .best_case import BestFrame
 from .cases import Case, HaralickKernel, LbpKernel, WholeFrame
 from .chart import chart_png
 from .dataset_cases import measure_extraction
 from .measure import SPREAD_IS, Result, single_thread
-from .models import TEXTURES, Lesson, TwoModels, learn, lesson_from_labels, lesson_from_two_images
+from .models import (
+    TEXTURES,
+    Lesson,
+    TwoModels,
+    learn,
+    learn_features,
+    lesson_from_labels,
+    lesson_from_two_images,
+)
 from .pictures import Picture, spread_over, textured_frame
 from .start_case import measure_start
 from .thesis_way import GRID
@@ -128,6 +138,7 @@ def _compare(cases: Sequence[Case], pictures: Iterable[Picture]) -> list[bool]:
 def measure_in_process(
     mission: Mission,
     models: Sequence[TwoModels],
+    best: TwoModels,
     effort: Effort,
     progress: Progress,
     say: Say,
@@ -141,7 +152,8 @@ def measure_in_process(
         HaralickKernel("haralick.kernel"),
     ]
     texture_kernel = HaralickKernel("haralick_texture.kernel")
-    frames = [WholeFrame(*pair) for pair in zip(TEXTURES, models, strict=True)]
+    frames: list[Case] = [WholeFrame(*pair) for pair in zip(TEXTURES, models, strict=True)]
+    frames.append(BestFrame(models[-1].bundle, best.bundle))
     textured = Picture(textured_frame())
     _compare([texture_kernel], [textured])
     pictures = (Picture(mission.read(number)) for number in compared)
@@ -207,7 +219,8 @@ def _measure(
     lesson = _lesson(mission, labels)
     with single_thread(), _same_kernels_everywhere():
         models = [learn(texture, lesson, first) for texture in TEXTURES]
-        results, compared, timed = measure_in_process(mission, models, effort, progress, say)
+        best = learn_features("best", extractor_for(DEFAULT_EXTRACTOR, "best"), lesson, first)
+        results, compared, timed = measure_in_process(mission, models, best, effort, progress, say)
         results += _outside(mission, models, effort, folder, say)
     about = {
         "machine": machine(),

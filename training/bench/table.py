@@ -29,6 +29,12 @@ def _remark(case: Result) -> str:
         )
     if extras.get("ours_mb") and extras.get("baseline_mb"):
         return f"peak memory {extras['baseline_mb']:.0f} MB to {extras['ours_mb']:.0f} MB"
+    if "pictures_checked" in extras:
+        return (
+            f"ours against ours: {extras['baseline_is']} against preset best "
+            f"({extras['features']} features; pictures alone {_figure(extras['floor_ms'])} ms); "
+            f"asked: {extras['asked']}"
+        )
     if "max_relative_difference" in extras:
         worst = extras["max_relative_difference"]
         return "not finite" if worst is None else f"largest relative difference {worst:.1g}"

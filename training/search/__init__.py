@@ -1,1 +1,1 @@
-"""Searching for the extractor and settings of a model, resumable and in parallel."""
+"""Search for the best extractor of a dataset, by a rule that is written down before."""

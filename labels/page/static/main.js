@@ -37,6 +37,7 @@ async function start() {
   const later = (name) => (again) => import(`./${name}_view.js${again}`);
   addLaterView("overview", "Overview", later("overview"));
   addLaterView("sheet", "Review sheet", later("sheet"));
+  addLaterView("audit", "", later("audit"));
   addLaterView("agreement", "Agreement", later("agreement"));
   startRouting(home());
   setTimeout(loadLaterViews, LOAD_LATER_MS);

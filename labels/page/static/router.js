@@ -8,9 +8,9 @@ let current = null;
 let first = "";
 
 /**
- * Register a view.
+ * Register a view. `under`: the view whose link stands for it.
  * @param {string} name First word of its addresses.
- * @param {{title: string, show: Function, hide: Function, keys?: KeyEntry[],
+ * @param {{title: string, under?: string, show: Function, hide: Function, keys?: KeyEntry[],
  *   classKeys?: Function, link?: () => string}} view
  *   `show(root, parts)` is called with the address's further words, and again when they change
  *   while the view stays; `root` is emptied when another view takes over.
@@ -22,7 +22,7 @@ export function addView(name, view) {
 /**
  * Register a view whose module is loaded when it is first shown, and registers itself then.
  * @param {string} name
- * @param {string} title
+ * @param {string} title Of its link; "" for a view that others lead to.
  * @param {(again: string) => Promise} load `again` belongs at the end of the module's address:
  *   browsers do not fetch an address again that could not be had.
  */
@@ -121,7 +121,8 @@ function decode(word) {
 }
 
 function buildLinks() {
-  const links = [...views].map(([name, view]) => {
+  const linked = [...views].filter(([, view]) => view.title);
+  const links = linked.map(([name, view]) => {
     const follow = (event) => {
       event.preventDefault();
       go(views.get(name).link?.() ?? `#/${name}`);
@@ -133,8 +134,9 @@ function buildLinks() {
 }
 
 function markLink() {
+  const shown = views.get(current).under ?? current;
   for (const link of document.querySelectorAll("#views a")) {
-    if (link.dataset.view === current) link.setAttribute("aria-current", "page");
+    if (link.dataset.view === shown) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
 }

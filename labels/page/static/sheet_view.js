@@ -196,6 +196,8 @@ function showPage(cursor) {
 }
 
 function showTabs() {
+  const audit = el("a", { class: "tab", text: "Audit", attrs: { href: "#/audit" } });
+  audit.title = "labels that a model which did not learn them contradicts";
   parts.tabs.replaceChildren(
     ...classes().map(({ name }) => {
       const count = (mission.counts[name] ?? 0).toLocaleString("en");
@@ -204,6 +206,7 @@ function showTabs() {
       tab.append(classTag(name), el("span", { class: "count", text: count }));
       return tab;
     }),
+    audit,
   );
 }
 

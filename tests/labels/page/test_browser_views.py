@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tokt.features.grid import Grid
 from tokt.labels.agreement import agreement
+from tokt.labels.audit_file import Audit, AuditedPatch, write_audit
 from tokt.labels.record import LabelRecord
 from tokt.labels.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
@@ -387,6 +388,47 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     assert len(settled(server)) == 2
     undo(page)
     assert settled(server) == {}
+
+
+def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(
+    open_page: Callable[..., Page],
+    server: Server,
+    changes: Callable[..., dict[Key, str | None]],
+) -> None:
+    doubts = [
+        AuditedPatch(*place, "ocean", "reef", margin, "a model takes it for obstacle by 2")
+        for place, margin in [
+            (("tiny", "left", 9, 0, 0), -3.0),
+            (("tiny", "left", 10, 9, 9), -2.0),
+            (("other_dive", "left", 9, 0, 1), -1.5),
+            (("tiny", "left", 30, 0, 3), -1.0),
+        ]
+    ]
+    write_audit(server.workspace, Audit("tiny", "dataset tiny", GRID, "a rule.", tuple(doubts)))
+    (server.workspace / "audits" / "broken.json").write_text("{", "utf-8")
+    listed = {one["name"]: one for one in server.get("/api/audits")["audits"]}
+    assert listed["tiny"]["patches"] == 3
+    assert "broken.json is damaged; audit again" in listed["broken"]["fault"]
+    assert server.request("GET", "/api/audit?name=tiny&blind=1").status == 403
+    assert server.request("GET", "/api/audit?name=../labels").status == 404
+
+    page = open_page("#/audit/tiny", ".tile")
+    assert patches(page) == [(9, 0), (10, 99), (30, 3)]
+    assert changes() == {} and settled(server) == {}
+    page.keyboard.press("y")  # the label is right
+    page.keyboard.press("n")  # the suggestion is
+    page.keyboard.press("3")  # neither; nobody has labelled this one
+    toast(page, "1 patch is decided; Ctrl+Z undoes.")
+    saved(page)
+    assert changes() == {(10, 99): "reef"}
+    assert settled(server) == {(9, 0): ("ocean", "anna"), (30, 3): ("sand", "anna")}
+    page.get_by_role("button", name="decided 3").wait_for()
+    page.reload()
+    page.wait_for_selector(".tile-scroller[data-empty='Everything is decided.']")
+    for _ in range(3):
+        undo(page)
+    page.get_by_role("button", name="decided 0").wait_for()
+    assert changes() == {} and settled(server) == {}
 
 
 def test_a_second_labelling_is_blind_and_by_another_person(

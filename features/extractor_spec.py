@@ -1,0 +1,143 @@
+"""JSON specs become extractors, whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from .checks import check_samples
+from .context import STATISTICS, Context
+from .errors import ToktError
+from .haralick import LINEAR, LOG, Haralick
+from .join import Join
+from .lbp import BILINEAR, NEAREST, Lbp
+from .levels import Levels
+from .lines import Lines
+from .moments import Moments
+from .structure import Structure
+from .texture import PLAIN_IMAGE, Texture
+
+Spec = Mapping[str, Any]
+Outer = frozenset[str]
+
+
+def _image_from(spec: Spec) -> Levels | None:
+    if spec["image"] == PLAIN_IMAGE:
+        return None
+    try:
+        return Levels.from_json(spec["image"])
+    except ToktError as error:
+        raise ToktError(f"extractor {spec['name']}: {error}") from None
+
+
+def _lbp_from(spec: Spec, outer: Outer) -> Lbp:
+    points, radius, border = spec["points"], spec["radius"], spec["border"]
+    if type(points) is not int or type(radius) is not int:
+        raise ToktError(f"lbp: points and radius are whole numbers, not {points!r}, {radius!r}")
+    if not 4 <= points <= 64 or not 1 <= radius <= 32:
+        raise ToktError(f"lbp: {points} points at radius {radius} is out of range (4-64, 1-32)")
+    if border not in ("patch", "frame"):
+        raise ToktError(f"lbp: border is 'patch' or 'frame', not {border!r}")
+    return Lbp(points, radius, border, _image_from(spec))
+
+
+def _lbp_2_from(spec: Spec, outer: Outer) -> Lbp:
+    sampling = spec["sampling"]
+    if sampling not in (BILINEAR, NEAREST):
+        raise ToktError(f"lbp: sampling is '{BILINEAR}' or '{NEAREST}', not {sampling!r}")
+    plain = _lbp_from(spec, outer)
+    return Lbp(plain.points, plain.radius, plain.border, plain.image, sampling)
+
+
+def _haralick_from(spec: Spec, outer: Outer) -> Haralick:
+    if type(spec["ignore_zeros"]) is not bool:
+        raise ToktError("haralick: ignore_zeros is true or false")
+    return Haralick(spec["ignore_zeros"], _image_from(spec))
+
+
+def _haralick_2_from(spec: Spec, outer: Outer) -> Haralick:
+    if spec["scale"] not in (LINEAR, LOG):
+        raise ToktError(f"haralick: scale is '{LINEAR}' or '{LOG}', not {spec['scale']!r}")
+    plain = _haralick_from(spec, outer)
+    return Haralick(plain.ignore_zeros, plain.image, spec["scale"])
+
+
+def _structure_from(spec: Spec, outer: Outer) -> Structure:
+    return Structure(_image_from(spec))
+
+
+def _lines_from(spec: Spec, outer: Outer) -> Lines:
+    samples = spec["samples"]
+    try:
+        if not isinstance(samples, list):
+            raise ValueError("samples is a list")
+        check_samples(samples, 0)
+    except ValueError as error:
+        raise ToktError(f"lines: {error}") from None
+    return Lines(samples, _image_from(spec))
+
+
+def _moments_from(spec: Spec, outer: Outer) -> Moments:
+    return Moments(_image_from(spec))
+
+
+def _context_from(spec: Spec, outer: Outer) -> Context:
+    statistic = spec["statistic"]
+    if not isinstance(statistic, str) or statistic not in STATISTICS:
+        raise ToktError(f"context: statistic is one of {', '.join(STATISTICS)}, not {statistic!r}")
+    return Context(_built(spec["part"], outer | {"context"}), statistic)
+
+
+def _join_from(spec: Spec, outer: Outer) -> Join:
+    parts = spec["parts"]
+    if not isinstance(parts, list) or len(parts) < 2:
+        raise ToktError("extractor join: takes two or more other extractors")
+    return Join([_built(part, outer | {"join"}) for part in parts])
+
+
+# By version, the builder and the keys beside name and version.
+_BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Texture], set[str]]]] = {
+    "lbp": {
+        1: (_lbp_from, {"points", "radius", "border", "image"}),
+        2: (_lbp_2_from, {"points", "radius", "border", "sampling", "image"}),
+    },
+    "haralick": {
+        1: (_haralick_from, {"ignore_zeros", "image"}),
+        2: (_haralick_2_from, {"ignore_zeros", "scale", "image"}),
+    },
+    "moments": {1: (_moments_from, {"image"})},
+    "structure": {1: (_structure_from, {"image"})},
+    "lines": {1: (_lines_from, {"samples", "image"})},
+    "context": {1: (_context_from, {"part", "statistic"})},
+    "join": {1: (_join_from, {"parts"})},
+}
+
+
+def _built(spec: Any, outer: Outer) -> Texture:
+    """Build what a spec describes that stands inside others of the names in `outer`."""
+    if not isinstance(spec, Mapping):
+        raise ToktError(f"an extractor's spec is an object, not {type(spec).__name__}")
+    name, version = spec.get("name"), spec.get("version")
+    if not isinstance(name, str) or name not in _BUILDERS:
+        raise ToktError(f"unknown extractor {name!r} (known: {', '.join(_BUILDERS)})")
+    if name in outer:
+        raise ToktError(f"extractor {name}: cannot stand inside another {name}")
+    if type(version) is not int or version not in _BUILDERS[name]:
+        raise ToktError(f"extractor {name}: version {version!r} is not known here")
+    builder, keys = _BUILDERS[name][version]
+    if set(spec) != keys | {"name", "version"}:
+        wrong = ", ".join(sorted(map(str, set(spec) ^ (keys | {"name", "version"}))))
+        raise ToktError(f"extractor {name}: unknown or missing in its spec: {wrong}")
+    return builder(spec, outer)
+
+
+def build_extractor(spec: Spec) -> Texture:
+    """Build the extractor a spec describes.
+
+    Raises
+    ------
+    ToktError
+        If the spec names an extractor, version or option this tokt does not know. A spec is
+        never read with a part of it ignored.
+    """
+    return _built(spec, frozenset())

@@ -1,0 +1,172 @@
+"""Deep pictures and their levels in numpy and OpenCV, in whole numbers up to the last steps."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .checks import check_deep, check_frame, check_gray, check_size
+from .grid import Grid
+from .levels import DEPTH, LEAST_AROUND, RATIO, RATIO_OF, Levels
+
+Floats = NDArray[np.float64]
+
+BGR_WEIGHTS = (1868, 9617, 4899)
+"""ITU-R BT.601 in parts of 2**14, as OpenCV has them."""
+WHOLE_WEIGHT = sum(BGR_WEIGHTS)
+MOST_PIXELS = 1 << 31
+"""Pixels of a frame; of more, a sum could pass 2**53, up to which double precision is exact."""
+
+
+def check_deep_size(shape: tuple[int, ...], height: int, width: int) -> None:
+    """Whether a deep picture of that size can be made of a frame; ValueError if not."""
+    check_size(height, width)
+    if shape[0] * shape[1] >= MOST_PIXELS:
+        raise ValueError(f"a frame of {shape[1]}x{shape[0]} pixels has too many")
+
+
+def deep_step(shape: tuple[int, ...]) -> float:
+    """What the whole number summed for a pixel of a deep picture is multiplied by."""
+    return 256.0 / (WHOLE_WEIGHT * shape[0] * shape[1])
+
+
+@lru_cache(maxsize=16)
+def overlaps(source: int, target: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which of `source` pixels a pixel of `target` lies over, and how much of each it covers.
+
+    With each source pixel `target` units long and each target pixel `source` units, both lengths
+    are the same whole number, and so is every overlap.
+
+    Returns
+    -------
+    first : array of int64, shape (target,)
+        The first source pixel.
+    weight : array of int64, shape (most, target)
+        Units of that and the following ones; a column sums to `source`. Beyond the last it is 0.
+    """
+    start = np.arange(target, dtype=np.int64) * source
+    first = start // target
+    most = int(((start + source - 1) // target - first).max()) + 1
+    begin = (first + np.arange(most)[:, None]) * target
+    covered = np.minimum(begin + target, start + source) - np.maximum(begin, start)
+    return first, np.maximum(covered, 0)
+
+
+def _shrunk(rows: Floats, target: int) -> Floats:
+    """Sums of the rows that each of `target` rows lies over, times the overlap."""
+    first, weight = overlaps(len(rows), target)
+    sums = np.zeros((target, rows.shape[1]))
+    for step, part in enumerate(weight):
+        sums += part[:, None] * rows[np.minimum(first + step, len(rows) - 1)]
+    return sums
+
+
+def deep_gray(
+    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+) -> NDArray[np.uint16]:
+    """A frame resized by area and gray, in 1/256 grey level, rounded once.
+
+    A picture larger than the frame is made by the same rule: its pixels are the frame's, mixed
+    where a border between two falls into one.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (rows, columns) or (rows, columns, 3)
+        Gray or BGR.
+    height, width : int
+        Of the picture, in pixels.
+    threads : int
+        Taken so that all kernels are called alike.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint16, shape (height, width), 0 to 255 * 256.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the frame is not (rows, columns) or (rows, columns, 3) of uint8, or a size not positive.
+
+    References
+    ----------
+    ITU-R BT.601, weights 4899, 9617, 1868 of 16384 as in OpenCV.
+    """
+    frame = check_frame(frame, threads)
+    check_deep_size(frame.shape, height, width)
+    # Up to 2**22, so single precision is exact.
+    if frame.ndim == 3:
+        gray = frame.astype(np.float32) @ np.array(BGR_WEIGHTS, np.float32)
+    else:
+        gray = frame * np.float32(WHOLE_WEIGHT)
+    sums = _shrunk(_shrunk(gray.astype(np.float64), height).T, width).T
+    return np.ascontiguousarray(np.floor(sums * deep_step(frame.shape) + 0.5), np.uint16)
+
+
+@lru_cache(maxsize=32)
+def shares(length: int, side: int) -> Floats:
+    """One by the number of a box's rows (or columns) that lie in the picture, for each centre."""
+    at = np.arange(length)
+    return 1.0 / (np.minimum(at + side // 2, length - 1) - np.maximum(at - side // 2, 0) + 1)
+
+
+def _box_mean(deep: NDArray[np.uint16], side: int) -> Floats:
+    """Mean of the pixels of a box that lie in the picture."""
+    if side == 1:
+        return deep.astype(np.float64)
+    # Sums of whole numbers, exact in any order.
+    sums = cv2.boxFilter(
+        deep, cv2.CV_64F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    height, width = deep.shape
+    return np.asarray(sums * shares(width, side) * shares(height, side)[:, None])
+
+
+def to_levels(deep: NDArray[np.uint16], levels: Levels, threads: int = 1) -> NDArray[np.uint8]:
+    """A deep picture as levels; what they are says `tokt.features.levels.Levels`.
+
+    Parameters
+    ----------
+    deep : array of uint16, shape (height, width)
+        In 1/256 grey level.
+    levels : Levels
+    threads : int
+        Taken so that all kernels are called alike.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, shape (height, width), 0 to ``levels.levels - 1``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `deep` is not a two-dimensional array of uint16.
+    """
+    deep = check_deep(deep, threads)
+    value = _box_mean(deep, levels.smooth)
+    if levels.window:
+        around = _box_mean(deep, levels.window)
+        value -= around
+        if levels.by == RATIO:
+            value *= RATIO_OF * DEPTH
+            value /= np.maximum(around, LEAST_AROUND * DEPTH)
+    value *= levels.scale(int(deep.sum(dtype=np.int64)), deep.size)
+    value += levels.offset
+    return np.floor(value).clip(0, levels.levels - 1).astype(np.uint8)
+
+
+def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+    """How many pixels of each patch have each of 256 levels, int64, shape (n_patches, 256).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8.
+    """
+    patches = grid.cells(check_gray(gray, threads)).reshape(grid.n_patches, -1)
+    flat = patches + 256 * np.arange(grid.n_patches)[:, None]
+    return np.bincount(flat.ravel(), minlength=256 * grid.n_patches).reshape(-1, 256)

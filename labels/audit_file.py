@@ -1,0 +1,185 @@
+"""Label audits as files: labels that a model which did not learn them contradicts, ranked.
+
+``audits/NAME.json`` in the workspace::
+
+    {"format": 1, "name": "approach", "of": "dataset approach@0a1b...", "grid": {...},
+     "rule": "how the patches were found, in words",
+     "patches": [{"mission": "approach", "camera": "left", "frame": 17, "row": 3, "col": 4,
+                  "label": "ocean", "suggested": "subsea_installation", "margin": -1.25,
+                  "reason": "in words"}]}
+
+An audit proposes; it changes no label. `tokt.training.audit` makes one, the labelling page shows
+it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from ..features.atomic import write_text
+from ..features.errors import ToktError
+from ..features.grid import Grid
+from .label_csv import AUDIT_COLUMNS, COLUMNS
+
+FOLDER = "audits"
+
+FORMAT = 1
+"""To change the format: raise this, keep reading the older ones, and prove it with a test."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,99}")
+_KINDS = {"int": int, "str": str, "float": float}
+
+
+@dataclass(frozen=True)
+class AuditedPatch:
+    """One label that is doubted.
+
+    Parameters
+    ----------
+    mission, camera : str
+    frame, row, col : int
+    label : str
+        What people labelled it.
+    suggested : str
+        The class that it is taken for.
+    margin : float
+        Below 0: by how much, in decision values, the label's class loses.
+    reason : str
+        For people.
+    """
+
+    mission: str
+    camera: str
+    frame: int
+    row: int
+    col: int
+    label: str
+    suggested: str
+    margin: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Audit:
+    """A ranked list of doubted labels.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    of : str
+        The dataset or model that was audited.
+    grid : Grid
+        Which rows and columns count in.
+    rule : str
+        How the patches were found and ranked, in words.
+    patches : tuple of AuditedPatch
+        The worst first.
+
+    Raises
+    ------
+    ToktError
+        If the name cannot be a file's.
+    """
+
+    name: str
+    of: str
+    grid: Grid
+    rule: str
+    patches: tuple[AuditedPatch, ...]
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise ToktError(f"audit name {self.name!r}: use letters, digits, '-', '_', '.', '@'")
+
+
+def write_audit(workspace: Path, audit: Audit) -> Path:
+    """Keep an audit in the workspace, in place of an earlier one of its name.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be written.
+    """
+    file = workspace / FOLDER / f"{audit.name}.json"
+    value = {"format": FORMAT, **asdict(audit), "grid": audit.grid.to_json()}
+    _write(file, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    return file
+
+
+def read_audit(file: Path) -> Audit:
+    """Read what `write_audit` wrote.
+
+    Raises
+    ------
+    ToktError
+        If the file cannot be read, is damaged, or is of a newer format.
+    """
+    try:
+        value = json.loads(file.read_bytes())
+        version = value["format"]
+        if type(version) is int and version > FORMAT:
+            raise ToktError(
+                f"audit {file} has format {version}, newer than this tokt reads ({FORMAT}); "
+                "update tokt"
+            )
+        if type(version) is not int or version < 1:
+            raise ValueError(version)
+        patches = tuple(_patch(item) for item in value["patches"])
+        texts = (value["name"], value["of"], value["rule"])
+        if not all(isinstance(text, str) for text in texts):
+            raise ValueError(texts)
+        return Audit(texts[0], texts[1], Grid.from_json(value["grid"]), texts[2], patches)
+    except OSError as error:
+        raise ToktError(f"audit {file}: {error.strerror or error}") from None
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise ToktError(f"audit {file} is damaged; audit again") from None
+
+
+def _patch(item: Any) -> AuditedPatch:
+    for field in fields(AuditedPatch):
+        if type(item[field.name]) is not _KINDS[str(field.type)]:
+            raise ValueError(field.name)
+    patch = AuditedPatch(**item)
+    if min(patch.frame, patch.row, patch.col) < 0 or not math.isfinite(patch.margin):
+        raise ValueError(patch)
+    return patch
+
+
+def audit_files(workspace: Path) -> list[Path]:
+    """The audits kept in a workspace, by name."""
+    return sorted((workspace / FOLDER).glob("*.json"))
+
+
+def write_audit_csv(file: Path, patches: Iterable[AuditedPatch]) -> None:
+    """Write doubted labels as a label file with `AUDIT_COLUMNS` more, the worst first.
+
+    `read_label_csv` reads it: labels corrected in it, in a spreadsheet, can be imported.
+
+    Raises
+    ------
+    ToktError
+        If the file cannot be written.
+    """
+    out = io.StringIO(newline="")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow((*COLUMNS, *AUDIT_COLUMNS))
+    for patch in patches:
+        row = {**asdict(patch), "margin": f"{patch.margin:.4f}"}
+        writer.writerow(row[name] for name in (*COLUMNS, *AUDIT_COLUMNS))
+    _write(file, out.getvalue())
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        write_text(file, text)
+    except OSError as error:
+        raise ToktError(f"cannot write {file}: {error.strerror or error}") from None

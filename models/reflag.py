@@ -1,0 +1,102 @@
+"""Say anew, when a model is shipped, which of its classes are obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..features.errors import ToktError
+from .bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
+from .card import model_card
+from .operating_point import OperatingPoint
+
+PROVENANCE_KEY = "obstacle_flags"
+_VOID = (
+    "Which classes are obstacles was changed after training: figures of obstacle patches and of "
+    "frames, and the operating point chosen for them, do not hold and were left out."
+)
+_OF_STATUSES = ("frames", "frames_at_zero", "fold_rules", "stress")
+_OBSTACLE_FIGURES = ("precision", "recall", "f1", "average_precision")
+
+
+def reflagged(bundle: Bundle, flags: Mapping[str, bool], taxonomy: str, sha256: str) -> Bundle:
+    """The same model with other obstacle flags; the same bundle where none differs.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    flags : mapping
+        For each class whether it is an obstacle; may hold others than the model's.
+    taxonomy, sha256 : str
+        Name and hash of the file that says so, for the provenance.
+
+    Raises
+    ------
+    ToktError
+        If the model has one output only, a class of it has no flag, or the flags leave it
+        nothing to tell apart.
+    """
+    model = bundle.model
+    if len(model.bias) == 1:
+        raise ToktError(
+            f"model {bundle.label} tells {model.classes[0]} from {model.classes[1]} and nothing "
+            "else: which side is the obstacle was fixed when it was trained (a model of --task "
+            "classes can be shipped with other flags)"
+        )
+    missing = [name for name in model.classes if name not in flags]
+    if missing:
+        raise ToktError(
+            f"taxonomy {taxonomy} has no class {', '.join(missing)}, which model {bundle.label} "
+            "tells apart"
+        )
+    changed = {
+        name: flags[name]
+        for name, was in zip(model.classes, model.obstacle, strict=True)
+        if flags[name] != was
+    }
+    if not changed:
+        return bundle
+    anew = replace(model, obstacle=tuple(flags[name] for name in model.classes))
+    golden = bundle.content.golden
+    obstacle = np.stack([anew.obstacle_patches(values) for values in golden.decision_values])
+    source = {"taxonomy": taxonomy, "sha256": sha256, "changed": changed, "was": bundle.sha256}
+    content = replace(
+        bundle.content,
+        model=anew,
+        golden=replace(golden, obstacle=obstacle),
+        operating_point=OperatingPoint(chosen={"void": _VOID}),
+        metrics=_left(bundle.content.metrics),
+        provenance={**bundle.content.provenance, PROVENANCE_KEY: source},
+    )
+    found = bundle_from_bytes(bundle_bytes(_with_card(content)), f"model {bundle.label}")
+    if found.deployment_fault:
+        raise ToktError(
+            f"model {bundle.label} with the obstacles of {taxonomy}: {found.deployment_fault}"
+        )
+    return found
+
+
+def _left(metrics: Mapping[str, Any]) -> dict[str, Any]:
+    """The figures that do not depend on which classes are obstacles."""
+    left = {key: value for key, value in metrics.items() if key not in _OF_STATUSES}
+    patch = {**metrics.get("patch", {}), **dict.fromkeys(_OBSTACLE_FIGURES)}
+    return {**left, "patch": patch, "folds": [], "voided": _VOID}
+
+
+def _with_card(content: BundleContent) -> BundleContent:
+    pairs = zip(content.model.classes, content.model.obstacle, strict=True)
+    recipe = {
+        "extractor": content.extractor_spec,
+        "extractor_name": content.provenance.get("extractor_name"),
+        "dim": content.model.dim,
+        "grid": content.grid.to_json(),
+        "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
+        "thresholds": content.model.thresholds.tolist(),
+        "metrics": content.metrics,
+        "operating_point": content.operating_point.to_json(),
+    }
+    label = f"{content.name}/{content.version}"
+    return replace(content, card=model_card(label, recipe, content.provenance))

@@ -1,0 +1,189 @@
+"""The rule that training chooses and the runtime applies: its words, bounds and states."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.models.operating_point import (
+    CLEAR,
+    OBSTACLE,
+    UNKNOWN,
+    FrameRule,
+    FrameRuleState,
+    OperatingPoint,
+)
+
+RULES = st.integers(1, 5).flatmap(
+    lambda window: st.builds(
+        FrameRule,
+        margin=st.floats(0, 10),
+        least_patches=st.integers(1, 4),
+        hits=st.integers(1, window),
+        window=st.just(window),
+        margin_now=st.none() | st.floats(10, 20),
+    )
+)
+PATCHES = 3
+SCORES = st.lists(st.sampled_from([-1.0, 5.0, 15.0, 30.0]), min_size=PATCHES, max_size=PATCHES)
+FRAMES = st.lists(SCORES | st.none(), max_size=20)
+
+
+def _added(state: FrameRuleState, scores: list[float] | None) -> int:
+    return state.add(None if scores is None else np.array(scores))
+
+
+def _status_by_definition(rule: FrameRule, frames: list[list[float] | None], white: int) -> int:
+    """Of the last frame; patch by patch, with what is not known once as nothing, once as over."""
+    window = ([None] * rule.window + frames)[-rule.window :]
+    now = window[-1]
+    if now is None:
+        return UNKNOWN
+    certain = possible = strong = 0
+    for patch in range(PATCHES):
+        over = sum(past is not None and past[patch] > rule.margin for past in window)
+        open_ = sum(past is None for past in window)
+        certain += over >= rule.hits
+        possible += now[patch] > rule.margin and over + open_ >= rule.hits
+        strong += rule.margin_now is not None and now[patch] > rule.margin_now
+    needed = max(rule.least_patches, white)
+    if certain >= needed or strong >= white:
+        return OBSTACLE
+    return UNKNOWN if possible >= needed else CLEAR
+
+
+@given(RULES, FRAMES, st.sampled_from([1, 1, 2]))
+def test_the_states_are_those_of_the_definition(
+    rule: FrameRule, frames: list[list[float] | None], white: int
+) -> None:
+    state = FrameRuleState(rule)
+
+    statuses = [state.add(None if scores is None else np.array(scores), white) for scores in frames]
+
+    expected = [_status_by_definition(rule, frames[: i + 1], white) for i in range(len(frames))]
+    assert statuses == expected
+
+
+@given(RULES, FRAMES, st.integers(0, 8), FRAMES)
+def test_a_gap_is_as_many_frames_that_were_not_judged(
+    rule: FrameRule,
+    before: list[list[float] | None],
+    gap: int,
+    after: list[list[float] | None],
+) -> None:
+    skipped, added = FrameRuleState(rule), FrameRuleState(rule)
+    for scores in before:
+        _added(skipped, scores), _added(added, scores)
+    skipped.skip(gap)
+    for _ in range(gap):
+        added.add(None)
+
+    assert [_added(skipped, scores) for scores in after] == [
+        _added(added, scores) for scores in after
+    ]
+
+
+@given(RULES, st.lists(st.tuples(SCORES, st.booleans()), max_size=20))
+def test_frames_not_judged_turn_no_obstacle_that_shows_into_clear(
+    rule: FrameRule, frames: list[tuple[list[float], bool]]
+) -> None:
+    """Each frame: its scores, and whether it could be judged."""
+    full, partly = FrameRuleState(rule), FrameRuleState(rule)
+
+    for scores, judged in frames:
+        truth = _added(full, scores)
+        told = _added(partly, scores if judged else None)
+        shows = np.count_nonzero(np.array(scores) > rule.margin) >= max(
+            rule.least_patches, np.count_nonzero(full.confirmed)
+        )
+        if not judged or (shows and truth != CLEAR):
+            assert told != CLEAR
+
+
+def test_by_default_any_patch_over_its_threshold_is_an_obstacle_at_once() -> None:
+    rule, state = FrameRule(), FrameRuleState(FrameRule())
+    frames = ([-1.0, 1e-12], [-1.0, 0.0], None)
+    assert [_added(state, scores) for scores in frames] == [OBSTACLE, CLEAR, UNKNOWN]
+    assert rule.latency_frames == 0
+
+
+def test_what_moves_from_patch_to_patch_is_not_confirmed_and_what_stays_is() -> None:
+    rule = FrameRule(0.5, 1, 2, 3)
+    moving, staying = FrameRuleState(rule), FrameRuleState(rule)
+    nothing = [0.0, 0.0, 0.0]
+    for state in (moving, staying):
+        assert [_added(state, nothing) for _ in range(3)] == [CLEAR] * 3
+    assert [_added(moving, np.roll([1.0, 0.0, 0.0], i).tolist()) for i in range(3)] == [CLEAR] * 3
+    assert [_added(staying, [0.0, 1.0, 0.0]) for _ in range(3)] == [CLEAR, OBSTACLE, OBSTACLE]
+
+
+def test_a_strong_patch_does_not_wait() -> None:
+    state = FrameRuleState(FrameRule(0.5, 2, 3, 3, margin_now=4.0))
+    for _ in range(3):
+        _added(state, [0.0, 0.0, 0.0])
+    assert _added(state, [0.0, 4.0, 0.0]) == CLEAR
+    assert _added(state, [0.0, 4.1, 0.0]) == OBSTACLE
+    assert _added(state, [0.0, 0.0, 0.0]) == CLEAR
+
+
+@given(RULES)
+def test_an_operating_point_is_the_same_after_json(rule: FrameRule) -> None:
+    point = OperatingPoint(rule, {"target_rate": 1e-4})
+    assert OperatingPoint.from_json(json.loads(json.dumps(point.to_json()))) == point
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"margin": -0.1},
+        {"margin": float("nan")},
+        {"margin": float("inf")},
+        {"margin": "0"},
+        {"least_patches": 0},
+        {"least_patches": 1.0},
+        {"hits": 0},
+        {"hits": 3, "window": 2},
+        {"hits": 1, "window": 61},
+        {"hits": True},
+        {"margin": None},
+        {"margin": 2.0, "margin_now": 1.9},
+        {"margin_now": float("inf")},
+        {"margin_now": "1"},
+    ],
+)
+def test_a_rule_out_of_bounds_is_refused_in_words(wrong: dict[str, object]) -> None:
+    with pytest.raises(ToktError, match="frame rule"):
+        FrameRule.from_json({**FrameRule().to_json(), **wrong})
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        [],
+        {"chosen": {}},
+        {**FrameRule().to_json(), "chosen": None},
+        {**FrameRule().to_json(), "chosen": {}, "more": 1},
+    ],
+)
+def test_what_is_no_operating_point_is_refused(value: object) -> None:
+    with pytest.raises(ToktError):
+        OperatingPoint.from_json(value)
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        (FrameRule(), "1 patch over the threshold, in one frame"),
+        (
+            FrameRule(0.51234, 2, 2, 3),
+            "2 patches over the threshold by more than 0.5123, each in 2 of 3 frames",
+        ),
+    ],
+)
+def test_a_rule_can_be_read(rule: FrameRule, words: str) -> None:
+    assert rule.words() == words

@@ -1,0 +1,187 @@
+"""A class that nobody programmed, from a taxonomy file to the verdict, and what is said without it.
+
+A rendered dive of small frames: water, kelp in the left half of some frames, and a pipeline, which
+only the taxonomy file knows, across others.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+GRID, WIDTH, HEIGHT, CELLS = "4x4@96", 96, 72, 4
+WATER, KELP, PIPELINE = "water", "kelp", "pipeline"
+TAXONOMY = """format = 1
+[[classes]]
+name = "water"
+obstacle = false
+color = "#0072b2"
+key = "w"
+[[classes]]
+name = "kelp"
+obstacle = true
+color = "#009e73"
+key = "k"
+[[classes]]
+name = "pipeline"
+obstacle = true
+color = "#e69f00"
+key = "p"
+"""
+CLASSES = [WATER, KELP, PIPELINE]
+FRAMES = range(1, 37)
+BLOCK = ("--grid", GRID, "--block", 3)
+TRAIN = ("--extractor", "haralick+lbp", "--preset", "plain", "--folds", 3, "--embargo", 1)
+
+
+def shown(frame: int) -> str:
+    """What a frame shows: three frames of each in turn."""
+    return CLASSES[frame // 3 % 3]
+
+
+def label(frame: int, row: int, col: int) -> str:
+    if shown(frame) == KELP and col < 2:
+        return KELP
+    return PIPELINE if shown(frame) == PIPELINE and row == 2 else WATER
+
+
+def draw(frame: int, dive: int) -> np.ndarray[Any, Any]:
+    rng = np.random.default_rng([dive, frame])
+    image = rng.normal(70, 3, (HEIGHT, WIDTH))
+    if shown(frame) == KELP:
+        image[:, : WIDTH // 2] += rng.normal(0, 25, (24, 16)).repeat(3, 0).repeat(3, 1)
+    if shown(frame) == PIPELINE:
+        image[36:54] += 30 * np.sin(np.arange(18) / 2)[:, None]
+    return np.asarray(image.clip(0, 255), np.uint8)
+
+
+def render(folder: Path, dive: int) -> Path:
+    """A mission with its label file."""
+    (folder / "Left").mkdir(parents=True)
+    lines = ["mission,camera,frame,row,col,label"]
+    for frame in FRAMES:
+        cv2.imwrite(str(folder / "Left" / f"dive_L_{frame}.png"), draw(frame, dive))
+        lines += [
+            f"{folder.name},left,{frame},{row},{col},{label(frame, row, col)}"
+            for row in range(CELLS)
+            for col in range(CELLS)
+        ]
+    (folder / "labels.csv").write_text("\n".join(lines) + "\n", "utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def chain(
+    run_tokt: Callable[..., Any], trained: Path, tmp_path_factory: pytest.TempPathFactory
+) -> SimpleNamespace:
+    """Label import, dataset, training: a workspace whose taxonomy file has the own class."""
+    folder = tmp_path_factory.mktemp("own_class")
+    workspace = folder / ".tokt"
+    workspace.mkdir()
+    shutil.copy(trained / "mlflow.db", workspace)  # making its tables takes seconds
+    (workspace / "taxonomy.toml").write_text(TAXONOMY, "utf-8")
+
+    def tokt(*arguments: object) -> Any:
+        ran = run_tokt(*arguments, "--workspace", workspace, "--json")
+        assert ran.code == 0, ran.err
+        return json.loads(ran.out)
+
+    learnt, other = render(folder / "learnt", 1), render(folder / "other", 2)
+    tokt("labels", "import", learnt / "labels.csv", "--grid", GRID)
+    dataset = tokt(
+        *("dataset", "build", "own", "--task", "classes", *BLOCK),
+        *("--mission", learnt),
+    )
+    model = tokt("train", "own", "--name", "own", *TRAIN)
+    return SimpleNamespace(
+        folder=folder, workspace=workspace, tokt=tokt, other=other, dataset=dataset, model=model
+    )
+
+
+@pytest.fixture
+def receiver() -> Iterator[str]:
+    """A UDP port of this machine that nobody else gets the datagrams of."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.bind(("127.0.0.1", 0))
+        yield f"127.0.0.1:{own.getsockname()[1]}"
+
+
+def statuses(chain: SimpleNamespace, run_tokt: Callable[..., Any], udp: str, store: Path) -> Any:
+    """What the runtime says of the other dive's frames, by what they show."""
+    log = store.parent / f"{store.name}.jsonl"
+    ran = run_tokt(
+        *("run", "--store", store, "--source", chain.other, "--policy", "texture"),
+        *("--udp", udp, "--log", log),
+    )
+    assert ran.code == 0, ran.err
+    found: dict[str, list[int]] = {name: [] for name in CLASSES}
+    for frame, line in zip(FRAMES, log.read_text("utf-8").splitlines(), strict=True):
+        found[shown(frame)].append(json.loads(line)["status"])
+    return {name: (sum(s == 1 for s in said), len(said)) for name, said in found.items()}
+
+
+def test_an_own_class_is_learnt_evaluated_and_judged_at_run_time(chain, run_tokt, receiver):
+    assert chain.dataset["labels"] == {"kelp": 96, "pipeline": 48, "water": 432}
+    assert list(chain.model["cv"]["patch"]["per_class"]) == CLASSES
+    assert chain.model["cv"]["patch"]["macro_f1"] > 0.9
+    score = chain.tokt(
+        "evaluate", "own", "--mission", chain.other, "--labels", chain.other / "labels.csv"
+    )
+    assert score["patch"]["per_class"][PIPELINE]["f1"] > 0.9
+    assert score["patch"]["per_class"][PIPELINE]["n"] == 48
+    bundle = chain.folder / "own.tokt"
+    chain.tokt("export", "own", "-o", bundle)
+    store = chain.folder / "store"
+    assert run_tokt("deploy", bundle, store).code == 0
+    found = statuses(chain, run_tokt, receiver, store)
+    assert found[WATER][0] == 0
+    assert found[PIPELINE][0] >= 8 and found[KELP][0] >= 8
+
+
+def test_the_taxonomy_given_at_deployment_says_what_is_an_obstacle(chain, run_tokt, receiver):
+    harmless = chain.folder / "kelp_is_soft.toml"
+    harmless.write_text(TAXONOMY.replace('kelp"\nobstacle = true', 'kelp"\nobstacle = false'))
+    store = chain.folder / "store_soft"
+    ran = run_tokt(
+        *("deploy", "own", store, "--taxonomy", harmless, "--workspace", chain.workspace)
+    )
+    assert ran.code == 0, ran.err
+    found = statuses(chain, run_tokt, receiver, store)
+    assert found[WATER][0] == 0 and found[PIPELINE][0] >= 8
+    assert found[KELP][0] <= 1
+
+
+def test_the_audit_suggests_an_own_class(chain, tmp_path):
+    labels = (chain.folder / "learnt" / "labels.csv").read_text("utf-8")
+    wrong = f"learnt,left,7,2,1,{label(7, 2, 1)}\n"
+    assert wrong.endswith("pipeline\n") and wrong in labels
+    (tmp_path / "wrong.csv").write_text(labels.replace(wrong, wrong.replace(PIPELINE, KELP)))
+    chain.tokt(
+        *("dataset", "build", "spoilt", "--task", "classes", *BLOCK),
+        *("--mission", chain.folder / "learnt", "--labels", tmp_path / "wrong.csv"),
+    )
+    worst, *_ = chain.tokt("labels", "audit", "spoilt", "--folds", 3)["patches"]
+    assert [worst[key] for key in ("frame", "row", "col", "label", "suggested")] == [
+        *(7, 2, 1),
+        *(KELP, PIPELINE),
+    ]
+
+
+def test_without_the_taxonomy_file_it_is_said_how_to_add_the_class(chain, run_tokt, tmp_path):
+    ran = run_tokt(
+        *("labels", "import", chain.other / "labels.csv", "--grid", GRID),
+        *("--workspace", tmp_path / "new"),
+    )
+    assert (ran.code, ran.out) == (2, "")
+    (line,) = ran.err.splitlines()
+    assert "unknown class 'water'" in line
+    assert "[[classes]]" in line and "taxonomy.toml" in line

@@ -1,0 +1,100 @@
+"""Label audit: planted wrong labels come first, and nothing is learnt from them twice."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from tokt.labels.audit_file import read_audit
+from tokt.labels.label_csv import read_label_csv
+from tokt.labels.taxonomy import Taxonomy
+from tokt.training.audit import believable, label_margins
+from tokt.training.splits import Fold
+
+PLANTED = [(5, 0, 0), (6, 9, 9), (17, 1, 2), (18, 8, 0), (29, 4, 29 % 8), (30, 5, 30 % 8 + 1)]
+"""Frame, row and column: four patches of open water, then two of the tower."""
+
+
+@pytest.fixture(scope="module")
+def planted(tiny, tiny_truth, run_tokt, tmp_path_factory):
+    """A workspace with dataset `spoilt`: the tiny mission with six wrong labels."""
+    folder = tmp_path_factory.mktemp("audit")
+    rows = tiny_truth.labels()
+    for row in rows:
+        if (row[2], row[3], row[4]) in PLANTED:
+            row[5] = "ocean" if row[5] == "subsea_installation" else "subsea_installation"
+    labels = tiny_truth.write_labels(folder / "spoilt.csv", rows)
+    ran = run_tokt(
+        *("dataset", "build", "spoilt", "--mission", tiny.path, "--labels", labels),
+        *("--block", 4, "--workspace", folder / ".tokt"),
+    )
+    assert ran.code == 0, ran.err
+    return folder / ".tokt"
+
+
+def test_planted_wrong_labels_come_first_and_no_label_is_changed(planted, run_tokt, tmp_path):
+    before = {path: path.read_bytes() for path in (planted / "datasets").rglob("*.parquet")}
+    out = tmp_path / "audit.csv"
+    ran = run_tokt(
+        *("labels", "audit", "spoilt", "-o", out, "--top", 6, "--folds", 3, "--json"),
+        *("--workspace", planted),
+    )
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert {(p["frame"], p["row"], p["col"]) for p in found["patches"]} == set(PLANTED)
+    margins = [patch["margin"] for patch in found["patches"]]
+    assert margins == sorted(margins) and margins[-1] < 0
+    tower = next(p for p in found["patches"] if p["frame"] == 29)
+    assert (tower["label"], tower["suggested"]) == ("ocean", "subsea_installation")
+    assert "takes it for obstacle" in tower["reason"]
+    assert "labelled neighbours are subsea_installation" in tower["reason"]
+    assert before == {path: path.read_bytes() for path in (planted / "datasets").rglob("*.parquet")}
+    kept = read_audit(planted / "audits" / f"{found['name']}.json")
+    assert [patch.margin for patch in kept.patches] == margins
+    # The list is a label file: what is corrected in it can be imported.
+    records = read_label_csv(out, Taxonomy.load())
+    assert [(r.frame, r.row, r.col) for r in records] == [
+        (p["frame"], p["row"], p["col"]) for p in found["patches"]
+    ]
+
+
+def test_audit_of_a_model_starts_from_its_registered_held_out_values(workspace, run_tokt):
+    from tokt.models.registry import Registry
+
+    ran = run_tokt("labels", "audit", "tiny-lbp@challenger", "--json", "--workspace", workspace)
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert found["of"].startswith("model tiny-lbp/1 (tiny@")
+    assert found["name"] == "tiny-lbp-1"
+    assert "3 folds over whole blocks" in found["rule"]
+    table = Registry(workspace).held_out("tiny-lbp/1")
+    wrong = table[(table.value_0 > 0) != (table.target == 1)]
+    contradicted = set(wrong[["frame", "row", "col"]].itertuples(index=False, name=None))
+    listed = {(p["frame"], p["row"], p["col"]) for p in found["patches"]}
+    assert len(listed & contradicted) >= 0.8 * len(listed)
+
+
+def test_margin_is_what_the_label_wins_by():
+    one = label_margins(np.array([[2.0], [2.0], [-0.5]]), np.array([1, 0, 0]))
+    assert one.tolist() == [2.0, -2.0, 0.5]
+    several = label_margins(np.array([[1.0, 3.0, -1.0], [1.0, 3.0, -1.0]]), np.array([1, 2]))
+    assert several.tolist() == [2.0, -4.0]
+
+
+def test_second_pass_learns_no_contradicted_label_but_half_of_a_class_at_least():
+    targets = np.array([0, 0, 0, 0, 1, 1, 1, 1])
+    margins = np.array([1.0, -1.0, 1.0, 1.0, -1.0, -4.0, -3.0, -2.0])
+    kept = believable(Fold(np.arange(8), np.arange(0)), margins, targets)
+    assert kept.tolist() == [0, 2, 3, 4, 7]
+
+
+def test_what_cannot_be_audited_is_said(workspace, run_tokt):
+    nothing = run_tokt("labels", "audit", "nothing", "--workspace", workspace)
+    assert (nothing.code, nothing.out) == (2, "")
+    assert "no model 'nothing' in the registry" in nothing.err
+    folds = run_tokt("labels", "audit", "tiny-lbp/1", "--folds", 4, "--workspace", workspace)
+    assert folds.code == 2 and "model tiny-lbp/1 has its own" in folds.err
+    few = run_tokt("labels", "audit", "tiny", "--folds", 50, "--workspace", workspace)
+    assert few.code == 2 and "too few for 50 folds" in few.err
+    assert not (workspace / "audits").exists()

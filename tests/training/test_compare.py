@@ -1,0 +1,496 @@
+"""`tokt compare`: its figures against evaluate's, what it refuses, and the page in a browser."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import mlflow
+import numpy as np
+import pandas as pd
+import pytest
+from tokt.features.errors import ToktError
+from tokt.models.operating_point import FrameRule
+from tokt.models.registry import Registry
+from tokt.training.compare.explorer import explorer_data
+from tokt.training.compare.frames import FrameSeries, frame_figures, statuses
+from tokt.training.compare.held_out import judge_held_out
+from tokt.training.compare.judged import Judged
+from tokt.training.compare.report import report_html
+from tokt.training.metrics import obstacle_metrics
+
+LBP, THESIS = "tiny-lbp/1", "tiny-thesis/1"
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One run of the command, and what it worked on."""
+
+    workspace: Path
+    page: Path
+    json: dict[str, Any]
+    judged: Judged
+    err: str
+
+    def model(self, label: str) -> dict[str, Any]:
+        return next(model for model in self.json["models"] if model["model"] == label)
+
+
+@pytest.fixture(scope="module")
+def compared(trained, run_tokt, tmp_path_factory) -> Compared:
+    """A cross-validated model against one of the thesis's kind, on what both held out."""
+    folder = tmp_path_factory.mktemp("compare")
+    workspace = folder / ".tokt"
+    shutil.copytree(trained, workspace, ignore=shutil.ignore_patterns("mlartifacts"))
+    ran = run_tokt(
+        *("train", "tiny", "--extractor", "lbp", "--preset", "thesis", "--name", "tiny-thesis"),
+        *("--folds", 3, "--workspace", workspace),
+    )
+    assert ran.code == 0, ran.err
+    page = folder / "report.html"
+    ran = run_tokt(
+        "compare", "tiny-lbp", "tiny-thesis", "-o", page, "--json", "--workspace", workspace
+    )
+    assert ran.code == 0, ran.err
+    judged = judge_held_out([LBP, THESIS], workspace)
+    return Compared(workspace, page, json.loads(ran.out), judged, ran.err)
+
+
+def test_held_out_figures_are_those_of_the_training(compared) -> None:
+    registry = Registry(compared.workspace)
+    recipe = registry.recipe(registry.find(LBP))["metrics"]
+    mine, frames = compared.model(LBP), recipe["frames"]
+    # The thesis's model learnt from one frame, which is left out for both.
+    left_out = recipe["patches_tested"] - compared.json["patches"]
+    assert 0 < left_out <= 100
+    assert mine["frames"]["ocean_frames"] == frames["ocean_frames"] - 1
+    assert mine["frames"]["obstacle_frames"] == frames["obstacle_frames"]
+    assert mine["frames"]["detected"] == frames["detected"]
+    assert mine["patch"]["f1"] == pytest.approx(recipe["patch"]["f1"], abs=0.01)
+    assert any(f"{left_out} of" in note for note in compared.json["notes"])
+
+
+def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch) -> None:
+    """On all that the model's folds tested, with nothing left out for another model."""
+    monkeypatch.setattr("tokt.training.compare.held_out.check_different", lambda labels: None)
+    judged = judge_held_out([LBP, LBP], compared.workspace)
+    mine = judged.figures(judged.contenders[0])["frames"]
+    registry = Registry(compared.workspace)
+    frames = registry.recipe(registry.find(LBP))["metrics"]["frames"]
+    for name in ("ocean_frames", "false_status", "obstacle_frames", "detected"):
+        assert mine[name] == frames[name], name
+    assert mine["false_status_frames"] == frames["false_status_frames"]
+    (sequence,) = mine["sequences"]
+    assert frames["first_detection"] == {"tiny": sequence["first_detection"]}
+    assert frames["first_obstacle_frame"] == {"tiny": sequence["first_obstacle_frame"]}
+
+
+def test_the_verdict_is_in_words_with_how_sure_it_is(compared) -> None:
+    (pair,) = compared.json["pairs"]
+    assert pair["models"] == [LBP, THESIS]
+    assert pair["difference"] == pytest.approx(
+        compared.model(LBP)["patch"]["f1"] - compared.model(THESIS)["patch"]["f1"]
+    )
+    assert pair["verdict"] == "better" and pair["interval"]["low"] > 0 and pair["p"] <= 0.05
+    assert f"{LBP} is better than {THESIS}" in compared.json["words"][0]
+    assert f"{pair['interval']['low']:+.3f}" in compared.json["words"][0]
+    for name in ("f1", "average_precision"):
+        bounds = compared.model(LBP)["intervals"][name]
+        assert bounds["low"] <= compared.model(LBP)["patch"][name] <= bounds["high"]
+    assert compared.json["ranking"] == [LBP, THESIS]
+    time = compared.model(LBP)["time"]
+    assert 0 < time["low_ms"] <= time["median_ms"] <= time["high_ms"] and time["runs"] >= 30
+
+
+def test_the_learning_curve_tests_on_what_was_held_out(compared) -> None:
+    curve = compared.json["learning_curve"]
+    assert curve["model"] == LBP
+    registry = Registry(compared.workspace)
+    recipe = registry.recipe(registry.find(LBP))["metrics"]
+    # All blocks, each fold's own settings: the cross-validation once more.
+    assert curve["points"][-1]["mean"] == pytest.approx(recipe["patch"]["f1"], abs=1e-9)
+    assert [point["fraction"] for point in curve["points"]] == [0.25, 0.5, 0.75, 1.0]
+    assert len(curve["stretches"]) == 11 and len(curve["words"]) >= 3
+    labels = {row["label"]: row["n"] for row in curve["by_label"]}
+    assert sum(labels.values()) == recipe["patches_tested"]
+
+
+def test_the_worst_errors_are_errors_and_have_pictures(compared) -> None:
+    errors = compared.json["errors"]
+    assert {error["kind"] for error in errors} == {"miss", "false alarm"}
+    assert all(error["said"][label] != error["label"] for error in errors for label in error["of"])
+    for error in errors:
+        said = [error["scores"][label] > 0 for label in error["of"]]
+        assert all(said) if error["kind"] == "false alarm" else not any(said)
+        assert (error["label"] == "ocean") == (error["kind"] == "false alarm")
+    page = compared.page.read_text("utf-8")
+    assert page.count("data:image/jpeg;base64,") == len(errors)
+    assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")
+    assert "https://" not in page
+
+
+def test_a_comparison_is_a_run_of_mlflow(compared) -> None:
+    registry = Registry(compared.workspace)
+    run_id = compared.err.rpartition("MLflow run: ")[2].split()[0]
+    run = registry.client.get_run(run_id)
+    assert run.info.run_name == "compare" and run.data.tags["models"] == f"{LBP}, {THESIS}"
+    assert run.data.metrics[f"{LBP}/f1"] == compared.model(LBP)["patch"]["f1"]
+    page = mlflow.artifacts.load_text(f"runs:/{run_id}/compare/report.html")
+    assert page == compared.page.read_text("utf-8")
+    assert mlflow.artifacts.load_dict(f"runs:/{run_id}/compare/comparison.json") == compared.json
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["tiny-lbp"], "at least two models"),
+        (["tiny-lbp", LBP], "given twice"),
+        (["tiny-lbp", "nobody"], "no model 'nobody'"),
+        (["tiny-lbp", "tiny-thesis", "--frames", "1-9"], "go with --mission"),
+        (["tiny-lbp", "tiny-thesis", "--learning-curve", "other"], "not one of the models"),
+        (["tiny-lbp", "tiny-thesis", "--learning-curve", "tiny-thesis"], "from two images"),
+        (["tiny-lbp", "tiny-thesis", "-o", "."], "names the report's file"),
+    ],
+)
+def test_what_cannot_be_compared_is_one_line(compared, run_tokt, arguments, said) -> None:
+    ran = run_tokt("compare", *arguments, "--workspace", compared.workspace)
+    assert ran.code == 2 and said in ran.err
+    assert ran.err.splitlines()[-1].startswith("tokt: error: ") and "Traceback" not in ran.err
+
+
+def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) -> None:
+    held_out, recipe = Registry.held_out, Registry.recipe
+
+    def turned(self, reference):
+        table = held_out(self, reference)
+        return table.assign(fold=(table.fold + 1) % 3) if reference == THESIS else table
+
+    def another(self, version):
+        found = recipe(self, version)
+        if version.label == THESIS:
+            found["provenance"] |= {"dataset_hash": "0" * 64, "dataset": "part@0000"}
+        return found
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Registry, "held_out", turned)
+        with pytest.raises(ToktError, match="in other folds: give --mission DIR and --labels CSV"):
+            judge_held_out([LBP, THESIS], compared.workspace)
+    monkeypatch.setattr(Registry, "recipe", another)
+    with pytest.raises(
+        ToktError, match=r"learnt from dataset tiny@.*from part@0000: give --mission"
+    ):
+        judge_held_out([LBP, THESIS], compared.workspace)
+
+
+def test_a_file_that_was_exported_is_the_registered_model(compared, run_tokt, tiny_bundle) -> None:
+    ran = run_tokt("compare", tiny_bundle, LBP, "--workspace", compared.workspace)
+    assert ran.code == 2 and f"{LBP} is given twice" in ran.err
+    ran = run_tokt("compare", tiny_bundle, LBP, "--workspace", tiny_bundle.parent)
+    assert ran.code == 2 and "no model has been trained in workspace" in ran.err
+
+
+def test_frames_that_were_learnt_from_are_refused(compared, run_tokt, tiny) -> None:
+    ran = run_tokt(
+        *("compare", "tiny-lbp", "tiny-thesis", "--mission", tiny.path, "--labels", tiny.labels),
+        *("--workspace", compared.workspace),
+    )
+    assert ran.code == 2
+    assert f"{LBP} learnt from 40 of the 40 frames (1-40)" in ran.err
+    assert f"{THESIS} learnt from 1 of the 40 frames" in ran.err
+
+
+@pytest.fixture
+def later_dive(tiny_truth, tmp_path) -> Path:
+    """Frames like the tiny mission's that no model has seen; every fourth number is missing."""
+    folder = tmp_path / "later" / "Left"
+    folder.mkdir(parents=True)
+    for frame in range(100, 130):
+        if frame % 4:
+            cv2.imwrite(str(folder / f"later_L_{frame}.png"), tiny_truth.draw(frame))
+    labels = ("ocean", "subsea_installation")
+    rows = [
+        ["later", "left", frame, row, col, labels[(row, col) in tiny_truth.cells(frame)]]
+        for frame in range(100, 130)
+        if frame % 4
+        for row in range(10)
+        for col in range(10)
+    ]
+    tiny_truth.write_labels(folder.parent / "labels.csv", rows)
+    return folder.parent
+
+
+def test_on_a_mission_the_figures_are_evaluates(compared, run_tokt, later_dive, tmp_path) -> None:
+    options = ("--mission", later_dive, "--labels", later_dive / "labels.csv", "--json")
+    options = (*options, "--workspace", compared.workspace)
+    page = tmp_path / "report.html"
+    ran = run_tokt("compare", "tiny-lbp", "tiny-thesis", *options, "-o", page)
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert (
+        found["mode"] == "mission" and "Leave --mission out" in found["learning_curve"]["missing"]
+    )
+    for model in found["models"]:
+        evaluated = json.loads(run_tokt("evaluate", model["model"], *options).out)
+        for name in ("f1", "precision", "recall", "average_precision", "per_class", "confusion"):
+            assert model["patch"][name] == evaluated["patch"][name]
+        for name in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
+            assert model["frames"][name] == evaluated["frames"][name], name
+        (sequence,) = model["frames"]["sequences"]
+        assert sequence["first_detection"] == evaluated["frames"]["first_detection"]
+    assert page.read_text("utf-8").startswith("<!doctype html>")
+
+
+def test_open_ocean_alone_gives_no_verdict_but_false_statuses(
+    compared, run_tokt, later_dive, open_page, tmp_path
+) -> None:
+    page = tmp_path / "ocean.html"
+    ran = run_tokt(
+        *("compare", "tiny-lbp", "tiny-thesis", "--mission", later_dive, "--json", "-o", page),
+        *("--labels", later_dive / "labels.csv", "--frames", "109-111"),
+        *("--workspace", compared.workspace),
+    )
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert found["pairs"] == [] and found["words"][0].startswith("Cannot tell which")
+    assert [model["frames"]["ocean_frames"] for model in found["models"]] == [3, 3]
+    assert open_page(page).locator('[data-is="falseStatus"]').first.inner_text() == "0 / 3"
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """Chromium without a window and without a network."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser found (looked for {', '.join(_BROWSERS)})")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(
+            executable_path=path, args=["--no-sandbox", "--disable-gpu", "--disable-quic"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def open_page(chromium):
+    """Open a report from disk; any console error, dialog or request of it fails the test."""
+    faults: list[str] = []
+    context = chromium.new_context(offline=True, viewport={"width": 390, "height": 800})
+
+    def start(path: Path):
+        page = context.new_page()
+        page.on("console", lambda message: faults.append(message.text))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
+        page.on(
+            "request",
+            lambda request: (
+                None if request.url.startswith(("file:", "data:")) else faults.append(request.url)
+            ),
+        )
+        page.goto(path.as_uri())
+        return page
+
+    yield start
+    context.close()
+    assert not faults
+
+
+def _shown(form) -> dict[str, str]:
+    names = ("precision", "recall", "f1", "falseStatus", "detected", "first")
+    return {name: form.locator(f'[data-is="{name}"]').inner_text() for name in names}
+
+
+def _expected(judged: Judged, index: int, rule: FrameRule) -> dict[str, str]:
+    contender = judged.contenders[index]
+    patch = obstacle_metrics(judged.truth, contender.score - rule.margin)
+    frames = frame_figures(judged.series, judged.status(contender, rule))
+    (sequence,) = frames["sequences"]
+    first = "none" if sequence["first_detection"] is None else str(sequence["first_detection"])
+    return {
+        **{
+            name: "–" if patch[name] is None else f"{patch[name]:.3f}"
+            for name in ("precision", "recall", "f1")
+        },
+        "falseStatus": f"{frames['false_status']} / {frames['ocean_frames']}",
+        "detected": f"{frames['detected']} / {frames['obstacle_frames']}",
+        "first": first + (" (before any labelled obstacle)" if sequence["false"] else ""),
+    }
+
+
+def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page) -> None:
+    page = open_page(compared.page)
+    for index, contender in enumerate(compared.judged.contenders):
+        form = page.locator("[data-model]").nth(index)
+        slider = form.locator('[data-is="slider"]')
+        assert form.get_attribute("data-model") == contender.label
+        # It opens at the model's operating point, and says so.
+        assert "operating point" in form.locator('[data-is="margin"]').inner_text()
+        assert _shown(form) == _expected(compared.judged, index, contender.rule)
+        thresholds = compared.json["explorer"]["models"][contender.label]["thresholds"]
+        assert 0.0 in thresholds and contender.rule.margin in thresholds
+        if contender.label == THESIS:
+            continue  # which sees nothing at all here
+        seen = set()
+        for step in (thresholds.index(0.0), len(thresholds) * 3 // 4):
+            for least, hits, window in ((1, 1, 1), (1, 2, 2), (2, 2, 3), (3, 3, 5)):
+                form.locator('[data-is="least"]').fill(str(least))
+                form.locator('[data-is="window"]').fill(str(window))
+                form.locator('[data-is="hits"]').fill(str(hits))
+                slider.fill(str(step))
+                now = contender.rule.margin_now
+                now = now if now is None else max(now, thresholds[step])
+                rule = FrameRule(thresholds[step], least, hits, window, now)
+                assert _shown(form) == _expected(compared.judged, index, rule), rule
+                seen.add(str(_shown(form)))
+        assert len(seen) > 4
+        form.locator('[data-is="own"]').click()
+        assert _shown(form) == _expected(compared.judged, index, contender.rule)
+        slider.press("ArrowRight")
+        assert "operating point" not in form.locator('[data-is="margin"]').inner_text()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    embedded = page.evaluate("JSON.parse(document.getElementById('comparison').textContent)")
+    assert embedded == compared.json
+
+
+def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_path) -> None:
+    """A rule that confirms next to nothing: what it finds, it finds at once."""
+    result = json.loads(json.dumps(compared.json))
+    (model,) = (model for model in result["models"] if model["model"] == LBP)
+    found = result["explorer"]["models"][LBP]
+    zero = found["thresholds"].index(0.0)
+    rule = FrameRule(0.0, 50, 9, 9, found["thresholds"][zero + 10])
+    found["rule"] = model["rule"] = rule.to_json()
+    path = tmp_path / "box.html"
+    path.write_text(report_html(replace(compared.judged, read_frame=None), result), "utf-8")
+    form = open_page(path).locator("[data-model]").first
+    assert form.get_attribute("data-model") == LBP
+    box, slider = form.locator('[data-is="at-once"]'), form.locator('[data-is="slider"]')
+    assert box.is_checked() and _shown(form) == _expected(compared.judged, 0, rule)
+    with_it = _shown(form)["detected"]
+    box.uncheck()
+    assert "operating point" not in form.locator('[data-is="margin"]').inner_text()
+    assert _shown(form) == _expected(compared.judged, 0, replace(rule, margin_now=None))
+    assert with_it != _shown(form)["detected"]
+    box.check()
+    # Beyond what is enough at once the margin takes it along.
+    slider.fill(str(zero + 20))
+    margin = found["thresholds"][zero + 20]
+    assert float(form.locator('[data-is="sudden"]').inner_text()) == pytest.approx(margin, 1e-3)
+    beyond = replace(rule, margin=margin, margin_now=margin)
+    assert _shown(form) == _expected(compared.judged, 0, beyond)
+
+
+def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_path) -> None:
+    """A dive may be called anything that a folder can be called."""
+    evil = "</script><img src=x onerror=\"alert('x')\">{{ 7 * 7 }}&amp;"
+    series = compared.judged.series
+    judged = replace(
+        compared.judged,
+        patches=compared.judged.patches.assign(mission=evil),
+        series=replace(series, table=series.table.assign(mission=evil)),
+        read_frame=None,
+    )
+    text = json.dumps(compared.json).replace('"tiny"', json.dumps(evil))
+    result = json.loads(text) | {"what": evil, "words": [evil], "notes": [evil]}
+    result["errors"][0]["label"] = evil
+    path = tmp_path / "evil.html"
+    path.write_text(report_html(judged, result), "utf-8")
+    page = open_page(path)
+    assert page.locator(".verdict").inner_text() == evil
+    assert page.locator("img[src=x]").count() == 0
+    assert page.locator("[data-model]").count() == 2
+
+
+def _random_dives(judged: Judged, white: int) -> Judged:
+    """Two cameras of random patches that persist, with missing frames and some not judged."""
+    rng = np.random.default_rng(white)
+    kept = np.sort(rng.choice(60, 50, replace=False))
+    table = pd.DataFrame(
+        {
+            "mission": "m",
+            "camera": np.repeat(["left", "right"], 50),
+            "frame": np.tile(kept, 2),
+            "kind": "ocean",
+            "fold": -1,
+        }
+    )
+    persisting = np.repeat(rng.normal(-0.5, 1, (20, 6)), 5, axis=0)
+    scores = persisting + rng.normal(0, 0.7, (100, 6))
+    scores[rng.random(scores.shape) < 0.1] = -np.inf
+    contender = replace(
+        judged.contenders[0],
+        score=scores[np.isfinite(scores)],
+        on_grid=scores,
+        white=white,
+        judged=rng.random(100) < 0.95,
+    )
+    finite = np.isfinite(scores).sum()
+    return replace(
+        judged,
+        truth=rng.random(finite) < 0.5,
+        contenders=[contender],
+        series=FrameSeries.of(table, 1),
+    )
+
+
+@pytest.mark.parametrize("white", [1, 2])
+def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, white: int) -> None:
+    page = open_page(compared.page)
+    judged = _random_dives(compared.judged, white)
+    contender, data = judged.contenders[0], explorer_data(judged)
+    thresholds = data["models"][LBP]["thresholds"]
+    rng, rules, asked = np.random.default_rng(7), [], []
+    for _ in range(60):
+        step, now = np.sort(rng.integers(thresholds.index(0.0), len(thresholds), 2)).tolist()
+        window = int(rng.integers(1, 7))
+        hits, least = int(rng.integers(1, window + 1)), int(rng.integers(1, 4))
+        now = now if rng.random() < 0.5 else None
+        counts = {"least_patches": least, "hits": hits, "window": window}
+        margin_now = None if now is None else thresholds[now]
+        rules.append(FrameRule(thresholds[step], **counts, margin_now=margin_now))
+        asked.append({"step": step, "now": now, **counts})
+    found = page.evaluate(
+        """([data, asked]) => {
+            Object.assign(explorer, data);
+            const model = Object.values(explorer.models)[0];
+            decode(model);
+            return asked.map((rule) => statuses(model, rule));
+        }""",
+        [data, asked],
+    )
+    expected = [judged.status(contender, rule).tolist() for rule in rules]
+    assert found == expected
+    assert set(np.ravel(expected)) == {-1, 0, 1}
+
+
+def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared) -> None:
+    table = compared.judged.series.table
+    rule = FrameRule(0.0, 1, 2, 2)
+    series = FrameSeries.of(table.drop(index=20))
+    (gap,) = np.flatnonzero(series.gaps)
+    judged = np.ones(len(series.table), bool)
+    status = statuses(series, np.ones((len(judged), 3)), judged, [rule])
+    assert gap == 20 and status[0] == status[gap] == -1
+    assert (np.delete(status, [0, gap]) == 1).all()
+    judged[30] = False
+    assert statuses(series, np.ones((len(judged), 3)), judged, [rule])[30:33].tolist() == [
+        -1,
+        -1,
+        1,
+    ]
+
+
+def test_a_fold_is_judged_by_its_own_rule_alone(compared) -> None:
+    """Over the frames before its first one too, whichever fold these are of."""
+    table = compared.judged.series.table.iloc[:4].assign(frame=range(4), fold=[0, 0, 1, 1])
+    series, judged = FrameSeries.of(table), np.ones(4, bool)
+    scores = np.array([[1, -np.inf], [1, -np.inf], [1, 3], [-1, 1.0]])
+    rules = [FrameRule(2.0), FrameRule(0.0, 2, 2, 3)]
+    assert statuses(series, scores, judged, rules).tolist() == [0, 0, 0, 1]
+    assert statuses(series, scores, judged, rules[:1]).tolist() == [0, 0, 1, 0]

@@ -1,0 +1,184 @@
+"""A real dask cluster: a scheduler and worker processes, each a program of its own, on loopback."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from distributed import Client
+from tokt.features.extractor import extractor_named
+from tokt.features.grid import DEFAULT_GRID
+from tokt.labels.taxonomy import Taxonomy
+from tokt.models.registry import Registry
+from tokt.training.cross_validation import Split
+from tokt.training.dataset import build_dataset, open_dataset
+from tokt.training.feature_table import feature_table
+from tokt.training.mission_source import plan_from_missions, read_labels
+from tokt.training.parallel import mapped
+from tokt.training.presets import settings_named
+from tokt.training.train import TrainRequest, train
+
+from tokt.cli.output import progress
+
+pytestmark = pytest.mark.xdist_group("dask")  # the cluster is started once
+
+_UP_S = 60
+EXTRACTORS = {"small": "lbp", "large": "lbp_24_8_frame"}
+SPACE = f"""
+format = 1
+penalties = {list(settings_named("plain").penalties)}
+class_weights = ["none"]
+
+[extractors]
+small = "{EXTRACTORS["small"]}"
+large = "{EXTRACTORS["large"]}"
+"""
+
+
+@contextmanager
+def _running(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A dask program, killed at the end; its log is ``NAME.log``."""
+    command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
+    environment = {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(folder)}
+    with (folder / f"{name}.log").open("wb") as log:
+        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.wait(10)
+
+
+class Cluster:
+    """A scheduler with two workers of one thread; more can be added."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self._folder, self._stack = folder, stack
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        self._start("scheduler", "scheduler", "--port", str(port))
+        self._wanted = 0
+        self.add_worker(), self.add_worker()
+        self.wait()
+
+    def _start(self, name: str, *arguments: str) -> subprocess.Popen[bytes]:
+        return self._stack.enter_context(_running(self._folder, name, *arguments))
+
+    def add_worker(self) -> subprocess.Popen[bytes]:
+        """Start one more."""
+        self._wanted += 1
+        options = ("--nthreads", "1", "--no-nanny", "--memory-limit", "1GB")
+        return self._start(f"worker-{self._wanted}", "worker", self.address, *options)
+
+    def wait(self) -> None:
+        """Until all workers have joined."""
+        deadline = time.monotonic() + _UP_S
+        while True:
+            try:
+                with Client(self.address, timeout=2, set_as_default=False) as client:
+                    client.wait_for_workers(self._wanted, timeout=_UP_S)
+                return
+            except OSError:
+                logs = sorted(self._folder.glob("*.log"))
+                assert time.monotonic() < deadline, "\n".join(log.read_text() for log in logs)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    with ExitStack() as stack:
+        yield Cluster(tmp_path_factory.mktemp("dask"), stack)
+
+
+@pytest.fixture
+def fresh(workspace: Path) -> Path:
+    """A workspace with the tiny dataset and its model, and no features computed yet."""
+    shutil.rmtree(workspace / "cache")
+    return workspace
+
+
+def test_a_worker_builds_the_same_dataset(cluster, tiny, trained, tmp_path):
+    taxonomy = Taxonomy.load()
+    records = read_labels([tiny.labels], taxonomy, DEFAULT_GRID)
+    plan, _ = plan_from_missions("tiny", "binary", [tiny.path], records, taxonomy, block_frames=4)
+    build = partial(build_dataset, root=tmp_path / "datasets", progress=progress)
+    (there,) = mapped(build, [plan], dask=cluster.address)
+    assert there.path.is_relative_to(tmp_path)
+    assert there.hash == open_dataset("tiny", trained / "datasets").hash
+
+
+def test_the_model_trained_on_a_cluster_is_the_same(cluster, trained, tmp_path, no_progress):
+    dataset, settings = open_dataset("tiny", trained / "datasets"), settings_named("plain")
+    request = TrainRequest(dataset, "m", extractor_named("lbp"), "lbp", settings, Split(3, 1))
+    there = train(request, tmp_path, no_progress, dask=cluster.address)
+    here = Registry(trained).bundle("tiny-lbp").content  # trained in one process
+    assert there.model.weights.tobytes() == here.model.weights.tobytes()
+    assert there.model.bias.tobytes() == here.model.bias.tobytes()
+    assert there.metrics["patch"] == here.metrics["patch"]
+    assert there.rule == here.operating_point.rule
+
+
+def test_a_search_on_a_cluster_finds_the_same(cluster, fresh, tmp_path, run_tokt, no_progress):
+    """Its winner is the very model that one process trains with the winner's extractor."""
+    (tmp_path / "space.toml").write_text(SPACE)
+    asked = ("search", "tiny", "--space", tmp_path / "space.toml", "--name", "found", "--folds", 3)
+    where = ("--dask", cluster.address, "--workspace", fresh)
+    ran = run_tokt(*asked, "--embargo", 1, "--json", *where)
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)
+    assert {rank["extractor"] for rank in result["ranks"]} == set(EXTRACTORS)
+    name = EXTRACTORS[result["winner"]["extractor"]]
+    dataset, settings = open_dataset("tiny", fresh / "datasets"), settings_named("plain")
+    request = TrainRequest(dataset, "m", extractor_named(name), name, settings, Split(3, 1))
+    here = train(request, tmp_path / "cache", no_progress, jobs=1)
+    there = Registry(fresh).bundle("found").content
+    assert there.model.weights.tobytes() == here.model.weights.tobytes()
+    assert there.model.bias.tobytes() == here.model.bias.tobytes()
+    assert there.metrics["patch"] == here.metrics["patch"]
+
+
+def test_features_are_the_same_when_a_worker_dies_at_its_work(
+    cluster, trained, tmp_path, no_progress
+):
+    dataset = open_dataset("tiny", trained / "datasets")
+    spec = extractor_named("haralick").spec
+    here = feature_table(dataset, spec, tmp_path / "here", no_progress, jobs=1)
+    doomed = cluster.add_worker()
+    cluster.wait()
+    doomed.send_signal(signal.SIGSTOP)  # takes its tasks and never ends them
+    threading.Timer(1.0, doomed.kill).start()
+    began = time.monotonic()
+    there = feature_table(dataset, spec, tmp_path / "there", no_progress, dask=cluster.address)
+    assert time.monotonic() - began >= 1.0  # it had tasks, and they were waited for
+    assert np.array_equal(here, there)
+
+
+@pytest.mark.parametrize("command", ["train", "search"])
+def test_no_scheduler_is_one_line_within_seconds(fresh, tmp_path, run_tokt, command):
+    (tmp_path / "space.toml").write_text(SPACE)
+    options = {"train": ("--extractor", "lbp"), "search": ("--space", tmp_path / "space.toml")}
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+        began = time.monotonic()
+        asked = ("--dask", address, "--folds", 3, "--embargo", 1, "--workspace", fresh)
+        ran = run_tokt(command, "tiny", *options[command], *asked)
+    assert time.monotonic() - began < 15
+    assert ran.code == 2 and ran.out == ""
+    errors = [line for line in ran.err.splitlines() if "error" in line]
+    assert len(errors) == 1
+    assert errors[0].startswith(f"tokt: error: the dask scheduler {address} cannot be reached")

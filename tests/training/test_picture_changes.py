@@ -1,0 +1,117 @@
+"""Changed pictures: what they are, that they are learnt from, and tested on beside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import LinearSVC
+from tokt.features.errors import ToktError
+from tokt.features.extractor import extractor_named
+from tokt.training import cross_validation
+from tokt.training.classifier import fit_classifier
+from tokt.training.cross_validation import Split, cross_validate
+from tokt.training.dataset import open_dataset
+from tokt.training.feature_table import feature_table
+from tokt.training.picture_changes import STRESS, changed
+from tokt.training.presets import learning_changes, settings_named
+from tokt.training.train import TrainRequest, train
+
+PLAIN = replace(settings_named("plain"), penalties=(1.0,))
+
+
+@pytest.mark.parametrize("shape", [(40, 60), (40, 60, 3)], ids=["gray", "colour"])
+def test_changes_are_what_they_say(shape):
+    frame = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    assert np.array_equal(changed(frame, "gain_0.5"), np.rint(frame / 2))
+    doubled = changed(frame, "gain_2")
+    assert np.array_equal(doubled, np.minimum(255, frame.astype(int) * 2))
+    noisy = changed(frame, "noise_1")
+    assert set(np.unique(noisy.astype(int) - frame)) == {-1, 0, 1}
+    assert np.array_equal(noisy, changed(frame, "noise_1"))
+    jpeg = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 60])[1]
+    assert np.array_equal(changed(frame, "jpeg_60"), cv2.imdecode(jpeg, cv2.IMREAD_UNCHANGED))
+    for name in STRESS:
+        assert changed(frame, name).shape == shape and changed(frame, name).dtype == np.uint8
+
+
+@pytest.mark.parametrize(
+    "name", ["gain_0", "gain_nan", "gain_", "jpeg_60.5", "jpeg_101", "noise_0", "fog_1", ""]
+)
+def test_unknown_changes_are_refused(name):
+    with pytest.raises(ToktError, match="no picture change"):
+        changed(np.zeros((4, 4), np.uint8), name)
+    with pytest.raises(ToktError, match="no picture change"):
+        learning_changes(PLAIN, f"gain_0.5,{name}")
+
+
+def test_changes_are_chosen_by_name():
+    assert learning_changes(PLAIN, "gain_0.5,jpeg_60,gain_0.5").changes == ("gain_0.5", "jpeg_60")
+    with_some = replace(PLAIN, changes=("noise_1",))
+    assert learning_changes(with_some, None) == with_some
+    assert learning_changes(with_some, "none").changes == ()
+    with pytest.raises(ToktError, match="preset thesis"):
+        learning_changes(settings_named("thesis"), "noise_1")
+
+
+def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricate, monkeypatch):
+    """The plain table holds row numbers, the changed one the same plus 1000."""
+    made = fabricate(["ocean", "reef"] * 30, [f"dive#{n // 5:03d}" for n in range(60)])
+    seen = []
+
+    def spy(features, targets, choice, settings, weights):
+        seen.append((features[:, 0], targets, weights))
+        return fit_classifier(features, targets, choice, settings, weights)
+
+    monkeypatch.setattr(cross_validation, "fit_classifier", spy)
+    number = np.arange(60.0)
+    plain = np.column_stack([number, number % 2])
+    other = plain + np.array([1000.0, 0])
+    quiet = lambda items, *_: items  # noqa: E731
+    settings = replace(PLAIN, change_weight=0.25)
+    held_out = cross_validate(
+        made, plain, settings, Split(3, 1), quiet, changed=[other], stress={"x": other}
+    )
+    assert len(seen) == 9
+    for rows, targets, weights in seen:
+        half = len(rows) // 2
+        assert weights.tolist() == [1.0] * half + [0.25] * half
+        assert (rows[half:] == rows[:half] + 1000).all() and (rows[:half] < 60).all()
+        assert (targets == rows % 2).all()
+    for fold in range(3):
+        learnt, targets, weights = seen[3 * fold + 2]
+        tested = np.flatnonzero(held_out.fold == fold)
+        # Neither a tested frame nor its changed self is learnt from.
+        assert not set(tested) & set(learnt % 1000)
+        both = np.column_stack([learnt, learnt % 2])
+        scaled = StandardScaler().fit(both)
+        svc = LinearSVC(C=1.0, dual=False, random_state=42, max_iter=5000)
+        svc.fit(scaled.transform(both), targets, sample_weight=weights)
+        model = make_pipeline(scaled, svc)
+        assert np.array_equal(held_out.values[tested, 0], model.decision_function(plain[tested]))
+        stressed = held_out.stressed["x"][tested, 0]
+        assert np.array_equal(stressed, model.decision_function(other[tested]))
+
+
+def test_learning_from_darker_frames_helps_on_darker_frames(trained, tmp_path, no_progress):
+    dataset = open_dataset("tiny", trained / "datasets")
+    haralick = extractor_named("haralick")
+
+    def run(settings):
+        request = TrainRequest(dataset, "m", haralick, "haralick", settings, Split(3, 1))
+        return train(request, tmp_path, no_progress, 1, stress=("gain_0.5",))
+
+    plain, taught = run(PLAIN), run(replace(PLAIN, changes=("gain_0.5",)))
+    before, after = (one.metrics["stress"]["gain_0.5"] for one in (plain, taught))
+    assert after["f1"] > before["f1"] + 0.1 and after["f1"] > 0.8
+    assert (before["learnt"], after["learnt"]) == (False, True)
+    assert np.isclose(after["fall"], taught.metrics["patch"]["f1"] - after["f1"])
+    assert after["ocean_frames"] == 15
+    assert "counting 1 each, changed (gain_0.5)" in taught.metrics["split"]
+    tables = [feature_table(dataset, haralick.spec, tmp_path, None, 1, change=name)
+              for name in ("", "gain_0.5")]  # fmt: skip
+    assert len(list(tmp_path.glob("*.npy"))) == 2 and not np.array_equal(*tables)

@@ -1,0 +1,123 @@
+"""The bench of scale: what it renders, what it watches, and what it says of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import sys
+from contextlib import redirect_stdout
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.mission import open_mission
+from tokt.training.bench import scale_run
+from tokt.training.bench.scale_mission import ScaleMission
+from tokt.training.bench.scale_run import Growth, worked_out
+from tokt.training.bench.scale_steps import FIT, TRIAL, Steps
+from tokt.training.bench.scale_watch import Cost, watched
+
+HEAVY = """
+import json, subprocess, sys, time
+print(json.dumps({"begin": "light"}), flush=True)
+time.sleep(0.3)
+print(json.dumps({"seconds": 1.5, "rows": 7}), flush=True)
+print(json.dumps({"begin": "heavy"}), flush=True)
+fill = "import time; held = bytearray(b'x' * 150_000_000); end = time.process_time() + 0.5\\n"
+fill += "while time.process_time() < end: pass"
+subprocess.run([sys.executable, "-c", fill])
+print(json.dumps({"seconds": 2.5}), flush=True)
+"""
+
+
+def in_this_process(command: list[str]) -> list[Cost]:
+    """`watched` without the seconds that a process of its own takes to start."""
+    _, _, _, work, frames, *steps = command
+    said = io.StringIO()
+    with redirect_stdout(said):
+        Steps(Path(work), int(frames)).run(steps)
+    lines = [json.loads(line) for line in said.getvalue().splitlines()]
+    assert [line["begin"] for line in lines[::2]] == steps
+    return [
+        Cost(step, line.pop("seconds"), 1.0, 1.0, line)
+        for step, line in zip(steps, lines[1::2], strict=True)
+    ]
+
+
+def test_every_step_is_measured_on_what_was_rendered(run_tokt, tmp_path, monkeypatch):
+    monkeypatch.setattr(scale_run, "watched", in_this_process)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    out = tmp_path / "out"
+    ran = run_tokt("bench", "--scale", "--quick", "--frames", 100, "--out", out, "--json")
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert json.loads((out / "scale.json").read_text()) == found
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]  # the temporary folder is gone
+    steps = {step["name"]: step["sizes"][0] for step in found["steps"]}
+    assert list(steps) == [
+        *("build", "features_1_job", "features_2_jobs", "fit", "figures", "search_trial")
+    ]
+    patches = steps["build"]["patches"]
+    assert 9000 < patches < 10_000  # some are unsure
+    assert all(step["patches"] == patches and step["seconds"] > 0 for step in steps.values())
+    for name in ("features_1_job", "features_2_jobs"):
+        assert steps[name]["table_mb"] == patches * steps[name]["features"] * 8 / 1e6
+    assert steps["search_trial"]["fits"] == 5 * (4 * 4 + 1)
+    assert {step["exponent"] for step in found["steps"]} == {None}
+
+
+def test_frames_of_the_story_come_again_with_other_noise_and_their_labels(tmp_path, no_progress):
+    mission = ScaleMission(tmp_path, 360, 5)
+    count = 8
+    assert mission.write_frames(count, no_progress) > 0
+    assert open_mission(mission.path).frames() == list(range(1, count + 1))
+    once, again = (mission.draw(number).astype(int) for number in (2, 7))
+    assert 0 < np.abs(once - again).mean() < 4
+    patches = mission.write_labels(tmp_path / "labels.csv", count)
+    with (tmp_path / "labels.csv").open(newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    assert len(rows) == patches == 100 * count
+    labels = {(int(row["frame"]), row["row"], row["col"]): row["label"] for row in rows}
+    third, eighth = (
+        [labels[n, str(r), str(c)] for r in range(10) for c in range(10)] for n in (3, 8)
+    )
+    assert third == eighth and len(set(third)) > 1
+
+
+def test_memory_is_that_of_the_step_and_of_all_it_starts():
+    light, heavy = watched([sys.executable, "-c", HEAVY])
+    assert (light.step, light.seconds, light.facts) == ("light", 1.5, {"rows": 7})
+    assert (heavy.step, heavy.seconds) == ("heavy", 2.5)
+    assert light.cpu_s < 0.4 < heavy.cpu_s < 2
+    assert light.peak_mb < 100 < 150 < heavy.peak_mb < 400
+
+
+def test_a_step_that_fails_is_said_in_its_own_words():
+    with pytest.raises(ToktError, match="code 1: ValueError: too much"):
+        watched([sys.executable, "-c", "raise ValueError('too much')"])
+
+
+def test_growth_and_what_is_worked_out_from_it():
+    sizes = (10_000, 100_000, 1_000_000)
+    costs = tuple(Cost("fit", 3e-9 * n**1.5, 1.0, 100.0) for n in sizes)
+    assert math.isclose(Growth("fit", sizes, costs).exponent, 1.5)
+    before = [Cost(FIT, 2.0, 1.0, 1.0), Cost(TRIAL, 100.0, 90.0, 1.0, {"fits": 85})]
+    assert worked_out(before, [Cost(FIT, 4.0, 1.0, 9.0)]) is None  # short enough to be measured
+    assert worked_out(None, [Cost(FIT, 4000.0, 1.0, 9.0)]) is None  # nothing to go by
+    found = worked_out(before, [Cost(FIT, 60.0, 1.5, 9.0)])
+    assert (found.cpu_s, found.peak_mb) == (75.0, 9.0)
+    assert (found.seconds, found.facts) == (3000.0, {"fits": 85, "worked_out": True})
+
+
+def test_too_little_room_and_too_few_frames_are_said_before_the_work(run_tokt, monkeypatch):
+    ran = run_tokt("bench", "--scale", "--frames", 99)
+    assert ran.code == 2 and "at least 100" in ran.err
+    ran = run_tokt("bench", "--scale", "--label")
+    assert ran.code == 2 and "--scale renders its own mission" in ran.err
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=10**9))
+    ran = run_tokt("bench", "--scale")
+    assert ran.code == 2 and "1.0 GB are free" in ran.err

@@ -1,0 +1,502 @@
+"""`tokt search`: the rule, the space, and a search that is stopped, or killed, and goes on."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.metrics import f1_score
+from tokt.features.errors import ToktError
+from tokt.features.extractor import build_extractor, extractor_named
+from tokt.models.registry import Registry
+from tokt.training.cross_validation import Split
+from tokt.training.dataset import open_dataset
+from tokt.training.presets import Choice, extractor_for, settings_named
+from tokt.training.search.budget import Budget, budget_from
+from tokt.training.search.nested import honest_score
+from tokt.training.search.rule import MOST_GIVEN_UP, ranked, winner
+from tokt.training.search.runs import SEARCH_TAG, TRIAL_TAG
+from tokt.training.search.score import Tally, f1
+from tokt.training.search.space import BUILT_IN, Trial, read_space
+from tokt.training.search.state import opened_state, read_finished
+from tokt.training.search.trial import Task, run_task
+
+SPACE = """
+format = 1
+penalties = [1.0]
+class_weights = ["none"]
+
+[extractors]
+fine = { name = "lbp", version = 1, points = 4, radius = 1, border = "patch", image = PLAIN }
+coarse = "lbp"
+both = "lbp_10_5+haralick"
+dead = "spec:dead.json"
+""".replace("PLAIN", '{ resize = "area", gray = "bt601" }')
+DULL = {
+    **{"resize": "area_deep", "gray": "bt601", "smooth": 1, "gain": 1e-6, "levels": 32},
+    "flatten": {"window": 9, "by": "frame"},
+}
+DEAD = {"name": "haralick", "version": 1, "ignore_zeros": False, "image": DULL}
+"""Sees every picture as the same gray."""
+SPLIT = ("--folds", 3, "--embargo", 1)
+
+
+@pytest.fixture(scope="module")
+def space_file(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("space") / "space.toml"
+    path.write_text(SPACE, "utf-8")
+    (path.parent / "dead.json").write_text(json.dumps(DEAD), "utf-8")
+    return path
+
+
+# --- the space -----------------------------------------------------------------------------------
+
+
+def test_a_space_goes_from_simple_to_rich(space_file):
+    space = read_space(space_file)
+    assert [(t.name, t.features, t.pictures) for t in space.trials] == [
+        ("fine", 6, 1),
+        ("coarse", 12, 1),
+        ("dead", 13, 1),
+        ("both", 25, 1),
+    ]
+    assert space.settings.choices == (Choice(1.0, None),)
+    assert space.trials[2].spec == build_extractor(DEAD).spec
+    assert space.trials[3].spec == extractor_named("lbp_10_5+haralick").spec
+
+
+def test_the_built_in_space_has_preset_best_in_it():
+    space = read_space(BUILT_IN)
+    costs = [trial.cost for trial in space.trials]
+    assert costs == sorted(costs)
+    specs = [trial.spec for trial in space.trials]
+    assert extractor_for("haralick", "best").spec in specs
+    assert replace(space.settings, preset="best") == settings_named("best")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ("format = 1", "format = 2", "format = 1"),
+        ("format = 1", "format = ", "not a TOML file"),
+        ("penalties = [1.0]", "penalties = []", "penalties is a list"),
+        ("penalties = [1.0]", "penalties = [true]", "penalties: a number above 0"),
+        ("penalties = [1.0]", "penalties = [nan]", "penalties: a number above 0"),
+        ("penalties = [1.0]", "", "missing: penalties"),
+        ('["none"]', '["heavy"]', "class_weights is a list"),
+        ("[extractors]", "[extractor]", "extractor"),
+        ('coarse = "lbp"', 'coarse = "lpb"', "extractor coarse: unknown extractor 'lpb'"),
+        ('coarse = "lbp"', "coarse = 3", "extractor coarse"),
+        ("spec:dead.json", "spec:none.json", "none.json"),
+        ('coarse = "lbp"', 'coarse = "lbp"\nagain = "lbp_10_5"', "are the same"),
+        ("points = 4", "points = 3", "extractor fine: lbp: 3 points"),
+        ("[extractors]", 'changes = ["gain"]\n[extractors]', "no picture change 'gain'"),
+        ("[extractors]", "changes = 3\n[extractors]", "changes is a list"),
+        ("[extractors]", "change_weight = 0\n[extractors]", "change_weight: a number above 0"),
+    ],
+)
+def test_a_wrong_space_is_one_line(tmp_path, before, after, said):
+    assert before in SPACE
+    (tmp_path / "dead.json").write_text(json.dumps(DEAD), "utf-8")
+    path = tmp_path / "space.toml"
+    path.write_text(SPACE.replace(before, after), "utf-8")
+    with pytest.raises(ToktError, match=r"space\.toml") as caught:
+        read_space(path)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "budget"),
+    [("30m", Budget(1800.0)), ("2h", Budget(7200.0)), ("12", Budget(None, 12)), (None, Budget())],
+)
+def test_budgets(text, budget):
+    assert budget_from(text) == budget
+
+
+@pytest.mark.parametrize("text", ["", "0", "-3", "1.5h", "ten", "10d", "٣m"])
+def test_wrong_budgets(text):
+    with pytest.raises(ToktError, match="budget"):
+        budget_from(text)
+
+
+# --- the score and the rule ----------------------------------------------------------------------
+
+
+@settings(max_examples=50)
+@given(st.integers(2, 4), st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), max_size=30))
+def test_f1_is_scikit_learns(classes: int, pairs: list[tuple[int, int]]) -> None:
+    counts = np.zeros((classes, classes), np.int64)
+    pairs = [(truth % classes, said % classes) for truth, said in pairs]
+    for truth, said in pairs:
+        counts[truth, said] += 1
+    truths, saids = [truth for truth, _ in pairs], [said for _, said in pairs]
+    if classes == 2:
+        expected = f1_score(truths, saids, zero_division=math.nan) if pairs else math.nan
+    else:
+        present = sorted(set(truths))
+        each = {"labels": present, "average": "macro", "zero_division": 0.0}
+        expected = f1_score(truths, saids, **each) if pairs else math.nan
+    assert f1(counts) == pytest.approx(expected, nan_ok=True)
+
+
+def made(hits: list[int], missed: list[int], folds: list[int] | None = None) -> Tally:
+    """A tally with a block an entry: so many obstacle patches found and missed."""
+    counts = np.array([[[10, 0], [miss, hit]] for hit, miss in zip(hits, missed, strict=True)])
+    blocks = np.arange(len(hits))
+    return Tally(blocks, np.array(folds or [0] * len(hits)), counts, len(hits))
+
+
+def trial(name: str, features: int) -> Trial:
+    return Trial(name, {"name": name}, features, 1)
+
+
+BEST = made([9, 10, 8, 10, 9, 10], [1, 0, 2, 0, 1, 0])
+EQUAL_BUT_FOR_NOISE = made([10, 9, 9, 9, 9, 10], [0, 1, 1, 1, 1, 0])
+WORSE = made([7, 8, 6, 8, 7, 8], [3, 2, 4, 2, 3, 2])
+
+
+def test_the_simplest_within_one_standard_error_wins():
+    tallies = {trial("rich", 50): BEST, trial("middle", 20): EQUAL_BUT_FOR_NOISE}
+    ranks = ranked({**tallies, trial("poor", 5): WORSE})
+    assert [rank.trial.name for rank in ranks] == ["poor", "middle", "rich"]
+    assert [rank.within for rank in ranks] == [False, True, True]
+    assert winner(ranks).trial.name == "middle"
+
+
+def test_a_shortfall_that_is_the_same_in_every_block_is_no_noise():
+    """Blocks differ from each other by far more than the trials do: it is paired."""
+    hits, missed = [50, 10, 90, 30], [50, 90, 10, 70]
+    less = made([hit - 2 for hit in hits], [miss + 2 for miss in missed])
+    ranks = ranked({trial("simple", 5): less, trial("rich", 50): made(hits, missed)})
+    simple = ranks[0]
+    assert simple.shortfall < simple.standard_error / 2
+    assert simple.shortfall > simple.shortfall_error
+    assert winner(ranks).trial.name == "rich"
+
+
+def test_a_large_standard_error_buys_no_large_shortfall():
+    """Few blocks that go either way: within one standard error, and yet far below."""
+    ranks = ranked(
+        {
+            trial("simple", 5): made([10, 5, 10], [0, 5, 0]),
+            trial("rich", 50): made([9, 10, 9], [1, 0, 1]),
+        }
+    )
+    assert MOST_GIVEN_UP < ranks[0].shortfall < ranks[0].shortfall_error
+    assert winner(ranks).trial.name == "rich"
+
+
+def test_of_equal_trials_the_simpler_wins_whatever_the_order():
+    one, other = trial("a", 5), trial("b", 5)
+    assert winner(ranked({other: BEST, one: BEST})).trial == one
+    assert winner(ranked({one: BEST, other: BEST})).trial == one
+
+
+def test_the_standard_error_is_that_of_whole_blocks():
+    """Patches of a block agree with each other: counting patches alone would say much less."""
+    blocks = [100, 0] * 10
+    told = made(blocks, blocks[::-1])
+    recalls = np.array(blocks) / 100
+    of_mean = recalls.std(ddof=1) / math.sqrt(len(recalls))
+    # F1 with no false alarm is 2r / (1 + r): its slope at r = 1/2 is 8/9.
+    assert told.standard_error == pytest.approx(8 / 9 * of_mean, rel=0.15)
+    assert Tally.from_json(json.loads(json.dumps(told.to_json()))).score == told.score
+
+
+def test_the_honest_score_takes_what_each_training_part_chose():
+    """Inside fold 0 `b` looks better, inside fold 1 `a`; each is then scored where it is worse."""
+    a, b = trial("a", 5), trial("b", 6)
+    whole = {a: made([10, 2], [0, 8], [0, 1]), b: made([4, 10], [6, 0], [0, 1])}
+    inside = [{a: WORSE, b: BEST}, {a: BEST, b: WORSE}]
+    honest = honest_score(whole, inside)
+    assert honest["chosen"] == ["b", "a"]
+    assert honest["score"] == pytest.approx(2 * 6 / (2 * 6 + 14))
+
+
+# --- what is kept on disk ------------------------------------------------------------------------
+
+FORMAT_1 = """{
+ "format": 1,
+ "choices": [[0.1, null], [1.0, "balanced"]],
+ "seconds": 1.5,
+ "tally": {"n_blocks": 3, "blocks": [0, 2], "folds": [0, 1],
+  "counts": [[[5, 1], [2, 2]], [[7, 0], [0, 1]]]}
+}
+"""
+
+
+def test_a_trial_of_format_1_is_read(tmp_path):
+    path = tmp_path / "trial.json"
+    path.write_text(FORMAT_1, "utf-8")
+    finished = read_finished(path)
+    assert finished is not None
+    assert finished.choices == (Choice(0.1), Choice(1.0, "balanced"))
+    assert finished.tally.score == pytest.approx(2 * 3 / (2 * 3 + 1 + 2))
+    assert finished.tally.of_fold(1).tolist() == [[7, 0], [0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ('"format": 1', '"format": 2', "newer tokt"),
+        ("{", "", "damaged"),
+        ('"folds": [0, 1]', '"folds": [0]', "damaged"),
+        ('"blocks": [0, 2]', '"blocks": [0, 3]', "damaged"),
+        ("[[5, 1], [2, 2]]", "[[5, 1], [2, -2]]", "damaged"),
+        ("[[5, 1], [2, 2]]", "[5, 1]", "damaged"),
+        ('"seconds": 1.5,', "", "damaged"),
+    ],
+)
+def test_a_trial_that_is_not_whole_is_one_line(tmp_path, before, after, said):
+    assert before in FORMAT_1
+    path = tmp_path / "trial.json"
+    path.write_text(FORMAT_1.replace(before, after, 1), "utf-8")
+    with pytest.raises(ToktError, match=said):
+        read_finished(path)
+
+
+def test_state_belongs_to_one_question_and_one_process(tmp_path):
+    def opened(question: str, fresh: bool = False) -> Any:
+        return opened_state(tmp_path, {"asked": question}, "sea", fresh=fresh)
+
+    with opened("one") as state:
+        state.trial_file("x").parent.mkdir()
+        state.trial_file("x").write_text(FORMAT_1, "utf-8")
+        with pytest.raises(ToktError, match="another process is at this search"), opened("one"):
+            pass
+        with opened("another") as other:
+            assert other.folder != state.folder
+    with opened("one") as again:
+        assert again == state
+        assert again.trial_file("x").exists()
+    with opened("one", fresh=True) as new:
+        assert new.id != state.id
+        assert not new.trial_file("x").exists()
+
+
+def test_state_of_a_newer_tokt_is_one_line(tmp_path):
+    with opened_state(tmp_path, {}, "sea", fresh=False) as state:
+        header = state.folder / "search.json"
+    header.write_text(header.read_text().replace('"format": 1', '"format": 2'), "utf-8")
+    with (
+        pytest.raises(ToktError, match="newer tokt"),
+        opened_state(tmp_path, {}, "sea", fresh=False),
+    ):
+        pass
+
+
+# --- a whole search ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def searched(trained, tmp_path_factory, run_tokt, space_file):
+    """A search of the tiny mission in two runs, stopped by its budget in between."""
+    workspace = tmp_path_factory.mktemp("searched") / ".tokt"
+    shutil.copytree(trained / "datasets", workspace / "datasets")
+    command = ("search", "tiny", "--space", space_file, *SPLIT, "--workspace", workspace)
+    first = run_tokt(*command, "--budget", 1)
+    assert first.code == 0, first.err
+    second = run_tokt(*command, "--nested", "--json")
+    assert second.code == 0, second.err
+    return workspace, command, first, json.loads(second.out)
+
+
+def search_runs(workspace: Path) -> list[Any]:
+    registry = Registry(workspace)
+    return list(registry.client.search_runs([registry.experiment_id()]))
+
+
+def test_a_budget_stops_and_says_how_to_go_on(searched):
+    _, _, first, result = searched
+    assert "1 of 4 tried; the same command tries the rest" in first.out
+    assert "trials: 1/1" in first.err
+    assert (result["tried"], result["trials"]) == (3, 4)
+
+
+def test_an_extractor_that_cannot_be_tried_stops_no_other(searched):
+    """One that sees every picture as the same gray has nothing to learn from."""
+    _, _, _, result = searched
+    assert set(result["faults"]) == {"dead"}
+    assert {rank["extractor"] for rank in result["ranks"]} == {"fine", "coarse", "both"}
+
+
+def test_a_space_of_nothing_to_learn_from_is_one_line(searched, run_tokt, tmp_path):
+    workspace, _, _, result = searched
+    spoiled = tmp_path / "space.toml"
+    spoiled.write_text(SPACE.partition("fine = ")[0] + 'dead = "spec:dead.json"\n', "utf-8")
+    (tmp_path / "dead.json").write_text(json.dumps(DEAD), "utf-8")
+    ran = run_tokt("search", "tiny", "--space", spoiled, *SPLIT, "--workspace", workspace)
+    assert ran.code == 2
+    assert "no extractor of the space can be tried" in ran.err
+    assert result["faults"]["dead"] in ran.err
+
+
+def test_the_winner_is_registered_with_where_it_comes_from(searched):
+    workspace, _, _, result = searched
+    label = f"{result['model']['name']}/{result['model']['version']}"
+    assert label.startswith("tiny-search/")
+    assert result["model"]["aliases"] == ["challenger"]
+    registry = Registry(workspace)
+    recipe = registry.recipe(registry.find(label))
+    assert recipe["provenance"]["search"] == result["search"]
+    assert recipe["provenance"]["preset"] == "search"
+    assert recipe["extractor"] == result["winner"]["spec"]
+    assert "CHOSEN ON THESE FOLDS" in recipe["metrics"]["split"]
+    assert "3 tried" in recipe["metrics"]["split"]
+    # What a trial is scored by is what training measures: the same folds, the same choices.
+    assert result["winner"]["score"] == pytest.approx(result["cv"]["patch"]["f1"], abs=1e-12)
+    spec_file = extractor_named(f"spec:{result['winner_file']}")
+    assert spec_file.spec == result["winner"]["spec"]
+
+
+def test_the_rule_is_written_down_before_a_trial_is_run(searched):
+    _, _, _, result = searched
+    folder = Path(result["folder"])
+    header = folder / "search.json"
+    assert json.loads(header.read_text("utf-8"))["question"]["rule"] == result["rule"]
+    trials = list((folder / "trials").iterdir())
+    assert len(trials) == 3
+    assert header.stat().st_mtime_ns <= min(path.stat().st_mtime_ns for path in trials)
+
+
+def test_runs_are_parent_and_children_once(searched, run_tokt):
+    workspace, command, _, result = searched
+    before = search_runs(workspace)
+    again = run_tokt(*command, "--nested", "--json")
+    assert again.code == 0, again.err
+    repeated = json.loads(again.out)
+    assert repeated["model"] == result["model"]
+    assert repeated["ranks"] == result["ranks"]
+    runs = search_runs(workspace)
+    assert len(runs) == len(before)
+    mine = [run for run in runs if run.data.tags.get(SEARCH_TAG) == result["search"]]
+    (parent,) = [run for run in mine if TRIAL_TAG not in run.data.tags]
+    children = [run for run in mine if TRIAL_TAG in run.data.tags]
+    assert parent.info.run_id == result["parent_run_id"]
+    assert parent.data.params["rule"] == result["rule"]
+    assert parent.data.metrics["winner_score"] == result["winner"]["score"]
+    assert {run.data.params["extractor"] for run in children} == {"fine", "coarse", "both"}
+    assert len(children) == 3
+    below = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent.info.run_id]
+    assert {run.info.run_id for run in children} < {run.info.run_id for run in below}
+    assert result["run_id"] in {run.info.run_id for run in below}
+    assert {run.info.status for run in mine} == {"FINISHED"}
+
+
+def test_a_cluster_that_is_not_there_is_one_line_and_loses_nothing(searched, run_tokt):
+    """What is finished needs no cluster; the one trial left does."""
+    _, command, _, _ = searched
+    ran = run_tokt(*command, "--dask", "127.0.0.1:1")
+    assert ran.code == 2
+    assert "dask scheduler 127.0.0.1:1 cannot be reached" in ran.err
+
+
+@pytest.mark.parametrize("wrong", [("--budget", "soon"), ("--jobs", 0), ("--space", "none.toml")])
+def test_wrong_options_are_one_line(searched, run_tokt, wrong):
+    _, command, _, _ = searched
+    ran = run_tokt(*command, *wrong)
+    assert ran.code == 2
+    assert ran.err.startswith("tokt: error: ")
+    assert len(ran.err.splitlines()) == 1
+
+
+def test_a_trial_learns_from_changed_frames_where_the_space_says_so(searched, space_file, tmp_path):
+    """Frames under heavy noise, learnt from too, spoil what is said of clean ones."""
+    workspace, _, _, _ = searched
+    space, dataset = read_space(space_file), open_dataset("tiny", workspace / "datasets")
+    asked = Task(
+        space.trials[0],
+        dataset.path,
+        workspace / "cache",
+        tmp_path / "trial.json",
+        replace(space.settings, changes=("noise_64",)),
+        Split(3, 1),
+    )
+    outcome = run_task(asked)
+    assert outcome.finished is not None
+    kept = read_finished(next(Path(workspace).glob(f"searches/*/trials/{space.trials[0].id}.json")))
+    assert kept is not None
+    assert outcome.finished.tally.score < kept.tally.score - 0.05
+
+
+# --- killed --------------------------------------------------------------------------------------
+
+HOST = """
+import json, os, signal, sys, time
+from pathlib import Path
+import tokt.training.search.search, mlflow.sklearn, matplotlib.figure, pyarrow.parquet
+import mlflow.store.tracking.sqlalchemy_store, mlflow.store.model_registry.sqlalchemy_store
+from tokt.cli import main
+
+searches, *words = sys.argv[1:]
+for awaited, jobs in (("*/trials/[!.]*.json", "1"), ("*/winner.json", "2"), (None, "1")):
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        sys.argv = ["tokt", *words, "--jobs", jobs]
+        try:
+            main()
+        except SystemExit as ended:
+            sys.stdout.flush()
+            os._exit(ended.code or 0)
+        finally:
+            os._exit(99)
+    while os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+        if awaited and list(Path(searches).glob(awaited)):
+            os.killpg(child, signal.SIGKILL)  # with its workers, which would wait minutes for it
+            break
+        time.sleep(0.002)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    print("ended", code, file=sys.stderr, flush=True)
+"""
+"""Imports everything once and forks a child a run, so that a kill costs no second of imports."""
+
+
+def finished_trials(folder: Path) -> dict[str, Any]:
+    """What is kept of each trial, but how long it took."""
+    found = {}
+    for path in sorted(folder.glob("*/[!.]*.json")):
+        found[str(path.relative_to(folder))] = json.loads(path.read_text("utf-8"))
+        found[str(path.relative_to(folder))].pop("seconds")
+    return found
+
+
+def model_bytes(workspace: Path, result: dict[str, Any]) -> tuple[bytes, bytes]:
+    model = Registry(workspace).bundle(result["model"]["name"]).content.model
+    return model.weights.tobytes(), model.bias.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_killed_twice_and_on_two_processes_it_ends_the_same(searched, trained, tmp_path):
+    """SIGKILL after the first trial, and before the winner is trained; the other trials on two."""
+    workspace, command, _, expected = searched
+    other = tmp_path / ".tokt"
+    shutil.copytree(trained / "datasets", other / "datasets")
+    words = [str(word).replace(str(workspace), str(other)) for word in command]
+    with (tmp_path / "out").open("w+") as out, (tmp_path / "err").open("w+") as err:
+        host = [sys.executable, "-c", HOST, str(other / "searches"), *words, "--nested", "--json"]
+        subprocess.run(host, stdout=out, stderr=err, timeout=200, check=False)
+        said, result = (tmp_path / "err").read_text(), (tmp_path / "out").read_text()
+    ended = [line.split()[1] for line in said.splitlines() if line.startswith("ended ")]
+    assert ended == ["-9", "-9", "0"], said
+    result = json.loads(result)
+    for same in ("search", "winner", "ranks", "nested", "selection", "faults"):
+        assert result[same] == expected[same]
+    assert finished_trials(Path(result["folder"])) == finished_trials(Path(expected["folder"]))
+    assert not list(other.rglob(".partial-*.json"))
+    assert model_bytes(other, result) == model_bytes(workspace, expected)
+    runs = [run for run in search_runs(other) if run.data.tags.get(SEARCH_TAG) == result["search"]]
+    assert len(runs) == 1 + 3
+    assert {run.info.status for run in runs} == {"FINISHED"}

@@ -1,0 +1,136 @@
+"""``tokt compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .dataset import labels_for
+from .figures import figure
+from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from .output import print_json, progress, say
+
+if TYPE_CHECKING:
+    from ..training.compare.judged import Judged
+
+
+def compare(
+    models: Annotated[
+        list[str], typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the report, one HTML file.")
+    ] = None,
+    mission: Annotated[
+        Path | None,
+        typer.Option(
+            "--mission",
+            help="Compare on this mission's frames; default: on what cross-validation held out.",
+        ),
+    ] = None,
+    labels: Annotated[
+        list[Path] | None,
+        typer.Option("--labels", help="Label file of it; repeatable. Default: the label store."),
+    ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Only these frames of it, as 1-99,132-246.")
+    ] = None,
+    learning_curve: Annotated[
+        str | None,
+        typer.Option(metavar="MODEL", help="Whose learning curve; default: the best model's."),
+    ] = None,
+    taxonomy: TaxonomyOption = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Say which model is better, by how much, and whether the data can tell."""
+    from ..features import atomic
+    from ..features.errors import ToktError
+    from ..models.registry import Registry
+    from ..training.compare.comparison import compare_models
+    from ..training.compare.held_out import judge_held_out
+    from ..training.compare.log import has_registry, log_comparison
+    from ..training.compare.report import report_html
+
+    if mission is None and (labels or frames or taxonomy):
+        raise ToktError("--labels, --frames and --taxonomy go with --mission")
+    if output is not None and output.is_dir():
+        raise ToktError(f"{output} is a folder; -o names the report's file")
+    judged = (
+        judge_held_out(models, workspace)
+        if mission is None
+        else _on_mission(models, mission, labels or [], frames, taxonomy, workspace)
+    )
+    result = compare_models(judged, workspace, progress, learning_curve)
+    html = report_html(judged, result)
+    if output is not None:
+        atomic.write_text(output, html)
+    if json:
+        print_json(result)
+    else:
+        _print_comparison(result)
+    if output is not None:
+        say(f"report: {output}")
+    if has_registry(workspace):
+        say(f"MLflow run: {log_comparison(result, html, Registry(workspace))}")
+    else:
+        say(f"not logged: no registry in workspace {workspace}")
+
+
+def _on_mission(
+    models: list[str],
+    mission: Path,
+    labels: list[Path],
+    frames: str | None,
+    taxonomy: Path | None,
+    workspace: Path,
+) -> Judged:
+    from ..features.mission import open_mission, parse_frames
+    from ..labels.taxonomy import load_taxonomy
+    from ..models.load import load_model
+    from ..training.compare.held_out import check_different
+    from ..training.compare.on_mission import judge_mission
+    from ..training.mission_source import labels_of_mission
+
+    classes = load_taxonomy(workspace, taxonomy)
+    opened = open_mission(mission)
+    wanted = parse_frames(frames) if frames else None
+    bundles = [load_model(model, workspace) for model in models]
+    check_different([bundle.label for bundle in bundles])
+    records = labels_for(labels, workspace, classes, bundles[0].grid, [opened])
+    mine, remark = labels_of_mission(opened, records, bundles[0].grid, only=bool(labels))
+    if remark:
+        say(f"note: {remark}")
+    return judge_mission(bundles, opened, mine, classes, progress, wanted)
+
+
+def _print_comparison(result: dict[str, Any]) -> None:
+    print(f"on {result['what']} ({result['mode']}; {result['blocks']} {result['unit']})")
+    for model in result["models"]:
+        patch, frames, spread = model["patch"], model["frames"], model["intervals"]
+        bounds = spread.get("f1")
+        between = f" ({figure(bounds['low'])} to {figure(bounds['high'])})" if bounds else ""
+        print(
+            f"  {model['model']}: F1 {figure(patch['f1'])}{between}, precision "
+            f"{figure(patch['precision'])}, recall {figure(patch['recall'])}, AP "
+            f"{figure(patch['average_precision'])}, macro-F1 {figure(patch['macro_f1'])}, "
+            f"{model['time']['median_ms']:.1f} ms a frame"
+        )
+        if frames is not None:
+            print(
+                f"    false status in {frames['false_status']} of {frames['ocean_frames']} ocean "
+                f"frames, obstacle seen in {frames['detected']} of {frames['obstacle_frames']}, "
+                f"first detection {', '.join(map(_first, frames['sequences']))}"
+            )
+    for line in (*result["words"], *result["learning_curve"].get("words", [])):
+        print(line)
+    for note in result["notes"]:
+        say(f"note: {note}")
+
+
+def _first(sequence: dict[str, Any]) -> str:
+    found = sequence["first_detection"]
+    early = " (before any labelled obstacle)" if sequence["false"] else ""
+    return f"{'none' if found is None else found}{early}"

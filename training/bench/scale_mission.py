@@ -1,0 +1,106 @@
+"""As many frames as one likes out of few rendered ones: each time with other noise."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.mission import LEFT, open_mission
+from ...labels.label_csv import COLUMNS
+from ...labels.synthetic.mission import simulate_mission
+
+NAME = "scale"
+_NOISE = 4  # grey levels; noise of a camera, and what tells one frame's pixels from another's
+_SHIFTS = 256
+_QUALITY = 90
+
+Image = NDArray[np.uint8]
+
+
+class ScaleMission:
+    """A mission that grows to any number of left frames.
+
+    The story repeats, so that a model of one block knows the next: what is measured on it is what
+    work costs, never how good a model is.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets the rendered frames and the mission.
+    width : int
+        Frame width in pixels.
+    story_frames : int
+        Rendered frames, shown over and over; a divisor of a block's frames makes all blocks of
+        one kind.
+    """
+
+    def __init__(self, folder: Path, width: int, story_frames: int) -> None:
+        story = folder / "story"
+        simulate_mission(story, n_frames=story_frames, width=width)
+        rendered = open_mission(story)
+        self.path = folder / NAME
+        self._pictures = [_gray(rendered.read(number)) for number in rendered.frames(LEFT)]
+        self._labels = _labels_by_frame(story / "labels.csv")
+        height, wide = self._pictures[0].shape
+        rng = np.random.default_rng(0)
+        size = (2, height + _SHIFTS, wide + _SHIFTS)
+        self._more, self._less = rng.integers(0, _NOISE, size, np.uint8)
+
+    def draw(self, number: int) -> Image:
+        """Frame `number`, from 1 on; no two are equal up to 65,536."""
+        picture = self._pictures[(number - 1) % len(self._pictures)]
+        height, width = picture.shape
+        down, right = divmod(number % _SHIFTS**2, _SHIFTS)
+        window = np.s_[down : down + height, right : right + width]
+        noisy = cv2.subtract(cv2.add(picture, self._more[window]), self._less[window])
+        return np.asarray(noisy, np.uint8)
+
+    def write_frames(self, count: int, progress: Callable[..., Any]) -> int:
+        """Write frames 1 to `count` as JPEG files; the bytes of all of them."""
+        folder = self.path / "Left"
+        folder.mkdir(parents=True)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            sizes = pool.map(partial(self._write, folder), range(1, count + 1))
+            return sum(progress(sizes, count, "frames to measure on"))
+
+    def _write(self, folder: Path, number: int) -> int:
+        _, data = cv2.imencode(".jpg", self.draw(number), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        (folder / f"{NAME}_L_{number}.jpg").write_bytes(data.tobytes())
+        return len(data)
+
+    def write_labels(self, path: Path, count: int) -> int:
+        """Write a label file of frames 1 to `count`; how many patches it labels."""
+        rows = list(self._rows(count))
+        with path.open("w", newline="", encoding="utf-8") as handle:
+            writer = csv.writer(handle, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            writer.writerows(rows)
+        return len(rows)
+
+    def _rows(self, count: int) -> Iterator[tuple[object, ...]]:
+        for number in range(1, count + 1):
+            for row, col, label in self._labels[(number - 1) % len(self._labels)]:
+                yield NAME, LEFT, number, row, col, label
+
+
+def _gray(image: Image) -> Image:
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+
+
+def _labels_by_frame(path: Path) -> list[list[tuple[str, str, str]]]:
+    """Row, column and label of each patch, frame by frame."""
+    found: dict[int, list[tuple[str, str, str]]] = {}
+    with path.open(newline="", encoding="utf-8") as handle:
+        for line in csv.DictReader(handle):
+            patch = (line["row"], line["col"], line["label"])
+            found.setdefault(int(line["frame"]), []).append(patch)
+    return [found[number] for number in sorted(found)]

@@ -1,0 +1,213 @@
+"""What training costs in time and memory, and how the cost grows with the number of patches."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...features import atomic
+from ...features.errors import ToktError
+from ...features.extractor import extractor_named
+from ...features.grid import DEFAULT_GRID
+from ...features.machine import machine
+from ...labels.synthetic.rig import FULL_WIDTH
+from ..splits import BLOCK_FRAMES, FOLDS
+from .scale_mission import ScaleMission
+from .scale_steps import (
+    BUILD,
+    EXTRACTOR,
+    FIGURES,
+    FIT,
+    ONE_JOB,
+    TRIAL,
+    TWO_JOBS,
+    cache_folder,
+    label_file,
+)
+from .scale_watch import Cost, watched
+
+_PROCESSES = ((BUILD,), (ONE_JOB,), (TWO_JOBS,), (FIT, FIGURES), (TRIAL,))
+_LONGEST_S = 900.0
+"""A cross-validation that would take longer is worked out from its fits instead."""
+_BYTES_A_PIXEL = 0.6  # of a noisy frame as JPEG, at most
+_KEPT_TWICE = 2.2  # the mission's frames, and the datasets' copies of them
+
+_FEWEST = FOLDS * BLOCK_FRAMES
+
+Progress = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much is measured.
+
+    Parameters
+    ----------
+    frames : tuple of int
+        The sizes to measure, ascending.
+    width : int
+        Frame width in pixels.
+    story : int
+        Different frames; the rest are these again with other noise.
+    """
+
+    frames: tuple[int, ...]
+    width: int
+    story: int
+
+    def up_to(self, frames: int) -> Extent:
+        """Each size a tenth of the next, `frames` the largest.
+
+        Raises
+        ------
+        ToktError
+            If these are too few to be split into folds.
+        """
+        sizes = [frames // part for part in (100, 10, 1) if frames // part >= _FEWEST]
+        if not sizes:
+            raise ToktError(f"--frames: at least {_FEWEST}, as many as a cross-validation needs")
+        return replace(self, frames=tuple(sizes))
+
+
+FULL = Extent((100, 1000, 10_000), FULL_WIDTH, BLOCK_FRAMES)
+QUICK = Extent((100, 200), 360, 5)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """One step's cost by number of patches.
+
+    Parameters
+    ----------
+    step : str
+    patches : tuple of int
+    costs : tuple of Cost
+        One for each number of patches.
+    """
+
+    step: str
+    patches: tuple[int, ...]
+    costs: tuple[Cost, ...]
+
+    @property
+    def exponent(self) -> float | None:
+        """The p in ``seconds ~ patches ** p``, by least squares; None for a single size."""
+        if len(self.patches) < 2:
+            return None
+        seconds = [cost.seconds for cost in self.costs]
+        return float(np.polyfit(np.log(self.patches), np.log(seconds), 1)[0])
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        sizes = zip(self.patches, self.costs, strict=True)
+        return {
+            "name": self.step,
+            "exponent": self.exponent,
+            "sizes": [
+                {"patches": patches, **_without_step(cost), **cost.facts} for patches, cost in sizes
+            ],
+        }
+
+
+def _without_step(cost: Cost) -> dict[str, float]:
+    return {"seconds": cost.seconds, "cpu_s": cost.cpu_s, "peak_mb": cost.peak_mb}
+
+
+@dataclass(frozen=True)
+class ScaleFound:
+    """All that was measured, and on what."""
+
+    growths: Sequence[Growth]
+    about: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return {"steps": [growth.to_json() for growth in self.growths], **self.about}
+
+
+def run_scale_bench(
+    out: Path, extent: Extent, progress: Progress, say: Callable[[str], None]
+) -> ScaleFound:
+    """Measure each step of training for growing numbers of patches; write ``scale.json``.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for the result.
+    extent : Extent
+    progress, say
+        As in the other benches.
+
+    Raises
+    ------
+    ToktError
+        If the disk has too little room for it, or a step fails.
+    """
+    with tempfile.TemporaryDirectory(prefix="tokt-scale-") as name:
+        work = Path(name)
+        _check_room(work, extent)
+        mission = ScaleMission(work, extent.width, extent.story)
+        size = mission.write_frames(max(extent.frames), progress)
+        costs: list[list[Cost]] = []
+        for frames in extent.frames:
+            mission.write_labels(label_file(work, frames), frames)
+            say(f"-- {frames} frames")
+            costs.append(_measure(work, frames, costs[-1] if costs else None, progress))
+            shutil.rmtree(cache_folder(work))
+    patches = tuple(int(found[0].facts["patches"]) for found in costs)
+    growths = [Growth(each[0].step, patches, each) for each in zip(*costs, strict=True)]
+    about = {
+        "extent": asdict(extent),
+        "bytes_a_frame": size / max(extent.frames),
+        "extractor": EXTRACTOR,
+        "machine": machine(),
+    }
+    found_all = ScaleFound(growths, about)
+    text = json.dumps(found_all.to_json(), indent=2, allow_nan=False) + "\n"
+    atomic.write_text(out / "scale.json", text)
+    return found_all
+
+
+def _measure(work: Path, frames: int, smaller: list[Cost] | None, progress: Progress) -> list[Cost]:
+    """The costs of every step for the first so many frames, given those of fewer frames."""
+    program = [sys.executable, "-m", "tokt.training.bench.scale_steps", str(work), str(frames)]
+    costs: list[Cost] = []
+    for steps in progress(_PROCESSES, len(_PROCESSES), f"steps for {frames} frames"):
+        known = worked_out(smaller, costs) if steps == (TRIAL,) else None
+        costs += [known] if known else watched([*program, *steps])
+    return costs
+
+
+def worked_out(smaller: list[Cost] | None, costs: list[Cost]) -> Cost | None:
+    """A long cross-validation's cost, were it as many fits long as that of fewer frames."""
+    if smaller is None:
+        return None
+    before = {cost.step: cost for cost in smaller}
+    fit = next(cost for cost in costs if cost.step == FIT)
+    fits = before[TRIAL].seconds / before[FIT].seconds
+    if fit.seconds * fits < _LONGEST_S:
+        return None
+    facts = {**before[TRIAL].facts, "worked_out": True}
+    return Cost(TRIAL, fit.seconds * fits, fit.cpu_s * fits, fit.peak_mb, facts)
+
+
+def _check_room(folder: Path, extent: Extent) -> None:
+    """Raise ToktError unless frames, datasets and feature tables will fit."""
+    largest = max(extent.frames)
+    pixels = extent.width**2 * 3 / 4
+    tables = 2 * largest * DEFAULT_GRID.n_patches * extractor_named(EXTRACTOR).dim * 8
+    needed = largest * pixels * _BYTES_A_PIXEL * _KEPT_TWICE + tables
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise ToktError(
+            f"measuring {largest} frames needs about {needed / 1e9:.1f} GB in {folder.parent}, "
+            f"where {free / 1e9:.1f} GB are free; ask for fewer --frames or set TMPDIR"
+        )

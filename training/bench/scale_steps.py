@@ -1,0 +1,174 @@
+"""The steps of training, timed one by one in a process of their own.
+
+Run as ``python -m tokt.training.bench.scale_steps WORK FRAMES STEP...``; what it prints is for
+`scale_watch.watched`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.pipeline import Pipeline
+
+from ...features.errors import ToktError
+from ...features.extractor import extractor_named
+from ...features.grid import DEFAULT_GRID
+from ...labels.taxonomy import Taxonomy
+from ..classifier import decision_values, fit_classifier, linear_model
+from ..cross_validation import HeldOut, Split, held_out_metrics
+from ..dataset import DatasetVersion, build_dataset, open_dataset
+from ..feature_table import feature_table
+from ..mission_source import plan_from_missions, read_labels
+from ..operating_point import DEFAULT_TARGET, choose_frame_rule
+from ..presets import settings_named
+from ..search.space import Trial
+from ..search.trial import Task, run_task
+from ..splits import EMBARGO_FRAMES, FOLDS, blocked_folds
+from .scale_mission import NAME
+
+EXTRACTOR = "lbp_24_8+lbp_24_8_frame"
+"""Of middle cost; by name, so that figures stay comparable when presets change."""
+BUILD, ONE_JOB, TWO_JOBS = "build", "features_1_job", "features_2_jobs"
+FIT, FIGURES, TRIAL = "fit", "figures", "search_trial"
+_SETTINGS = settings_named("plain")
+_CHOICE = _SETTINGS.choices[len(_SETTINGS.choices) // 2]
+_SPLIT = Split(FOLDS, EMBARGO_FRAMES)
+
+
+def label_file(work: Path, frames: int) -> Path:
+    """The labels of the first so many frames."""
+    return work / f"labels-{frames}.csv"
+
+
+def dataset_name(frames: int) -> str:
+    """The dataset of the first so many frames."""
+    return f"{NAME}-{frames}"
+
+
+def cache_folder(work: Path, jobs: int = 1) -> Path:
+    """Where features go that so many processes computed."""
+    return work / ("cache" if jobs == 1 else f"cache-{jobs}")
+
+
+class Steps:
+    """Training on the first frames of a scale mission, step by step.
+
+    Parameters
+    ----------
+    work : Path
+        Holds the mission, the label files and what comes of them.
+    frames : int
+    """
+
+    def __init__(self, work: Path, frames: int) -> None:
+        self._work, self._frames = work, frames
+        self._spec = extractor_named(EXTRACTOR).spec
+        self.steps: dict[str, Callable[[], dict[str, Any]]] = {
+            BUILD: self._build,
+            ONE_JOB: partial(self._compute_features, 1),
+            TWO_JOBS: partial(self._compute_features, 2),
+            FIT: self._fit,
+            FIGURES: self._measure,
+            TRIAL: self._try,
+        }
+
+    def run(self, names: Iterable[str]) -> None:
+        """Do some steps and print, before and after each, what `scale_watch.watched` reads."""
+        for name in names:
+            _tell({"begin": name})
+            began = time.monotonic()
+            facts = self.steps[name]()
+            _tell({"seconds": time.monotonic() - began, **facts})
+
+    @cached_property
+    def _dataset(self) -> DatasetVersion:
+        return open_dataset(dataset_name(self._frames), self._work / "datasets")
+
+    @cached_property
+    def _features(self) -> NDArray[np.float64]:
+        return self._table(1)
+
+    def _table(self, jobs: int) -> NDArray[np.float64]:
+        cache = cache_folder(self._work, jobs)
+        return feature_table(self._dataset, self._spec, cache, _quiet, jobs)
+
+    def _build(self) -> dict[str, Any]:
+        taxonomy = Taxonomy.load()
+        plan, _ = plan_from_missions(
+            dataset_name(self._frames),
+            "binary",
+            [self._work / NAME],
+            read_labels([label_file(self._work, self._frames)], taxonomy, DEFAULT_GRID),
+            taxonomy,
+        )
+        dataset = build_dataset(plan, self._work / "datasets", _quiet)
+        stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
+        return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}
+
+    def _compute_features(self, jobs: int) -> dict[str, Any]:
+        table = self._table(jobs)
+        facts = {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
+        if jobs > 1:
+            shutil.rmtree(cache_folder(self._work, jobs))
+        return facts
+
+    @cached_property
+    def _pipeline(self) -> Pipeline:
+        return fit_classifier(self._features, self._dataset.targets(), _CHOICE, _SETTINGS)
+
+    def _fit(self) -> dict[str, Any]:
+        return {"penalty": _CHOICE.penalty, "solver_steps": int(self._pipeline["svc"].n_iter_)}
+
+    def _measure(self) -> dict[str, Any]:
+        """Folds, operating point and figures, of values that any model might have given."""
+        dataset, targets = self._dataset, self._dataset.targets()
+        model = linear_model(self._pipeline, dataset.classes(), dataset.obstacle_flags())
+        values = decision_values(self._pipeline, self._features)
+        number = np.full(len(targets), -1)
+        folds = blocked_folds(dataset.patches, targets, _SPLIT.folds, _SPLIT.embargo_frames)
+        for index, fold in enumerate(folds):
+            number[fold.test] = index
+        tested = np.ones(len(targets), bool)
+        rule, _ = choose_frame_rule(dataset, model.obstacle_score(values), tested, DEFAULT_TARGET)
+        ways = len(folds)
+        held_out = HeldOut(values, number, (_CHOICE,) * ways, (rule,) * ways)
+        held_out_metrics(dataset, held_out, model)
+        return {}
+
+    def _try(self) -> dict[str, Any]:
+        """A trial of a search, and the part of training that takes longest."""
+        trial = Trial(EXTRACTOR, self._spec, extractor_named(EXTRACTOR).dim, 1)
+        task = Task(
+            trial,
+            self._dataset.path,
+            cache_folder(self._work),
+            self._work / f"trial-{self._frames}.json",
+            _SETTINGS,
+            _SPLIT,
+        )
+        outcome = run_task(task)
+        if outcome.fault is not None:
+            raise ToktError(outcome.fault)
+        inner = (_SPLIT.folds - 1) * len(_SETTINGS.choices)
+        return {"fits": _SPLIT.folds * (inner + 1)}
+
+
+def _tell(what: dict[str, Any]) -> None:
+    print(json.dumps(what), flush=True)
+
+
+def _quiet(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
+    yield from items
+
+
+if __name__ == "__main__":
+    Steps(Path(sys.argv[1]), int(sys.argv[2])).run(sys.argv[3:])

@@ -1,0 +1,141 @@
+"""Where each model is wrong: along the dive, and the worst patches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.mission import format_frames
+from .judged import Contender, Judged
+
+MISS, FALSE_ALARM, WRONG_CLASS = "miss", "false alarm", "wrong class"
+KINDS = (MISS, FALSE_ALARM, WRONG_CLASS)
+_MOST_STRETCHES = 40
+_APART = 5  # frames
+_PICTURES = 24  # of all kinds but wrong classes, and of all models together
+
+
+def _wrong(judged: Judged, contender: Contender, kind: str) -> NDArray[np.bool_]:
+    """Obstacles not seen, obstacles where none is, or another class on the right side."""
+    said = contender.score > 0
+    if kind == MISS:
+        return judged.truth & ~said
+    if kind == FALSE_ALARM:
+        return ~judged.truth & said
+    same_side = judged.truth == said
+    return np.asarray(same_side & (contender.predicted != contender.targets))
+
+
+def errors_by_stretch(judged: Judged) -> list[dict[str, Any]]:
+    """Errors of each model in each block, in order; neighbours joined if there are many.
+
+    Returns
+    -------
+    list of dict
+        mission, frames, patches, obstacle, and models {label: {kind: patches}}; empty where
+        patches do not come from frames.
+    """
+    if not judged.has_frames:
+        return []
+    names, block = judged.blocks
+    wrong = {
+        item.label: {kind: _wrong(judged, item, kind) for kind in KINDS}
+        for item in judged.contenders
+    }
+    rows = []
+    for part in np.array_split(np.arange(len(names)), min(len(names), _MOST_STRETCHES)):
+        mine = np.isin(block, part)
+        patches = judged.patches[mine]
+        rows.append(
+            {
+                "mission": ", ".join(sorted(set(patches.mission))),
+                "frames": format_frames(patches.frame.unique().tolist()),
+                "patches": int(mine.sum()),
+                "obstacle": int(judged.truth[mine].sum()),
+                "models": {
+                    label: {kind: int(found[mine].sum()) for kind, found in kinds.items()}
+                    for label, kinds in wrong.items()
+                },
+            }
+        )
+    return rows
+
+
+def words_on_stretches(label: str, rows: Sequence[dict[str, Any]]) -> str:
+    """Which stretch holds most of a model's errors."""
+    wrong = [sum(row["models"][label].values()) for row in rows]
+    if not sum(wrong):
+        return f"{label} makes no error on these patches."
+    worst = int(np.argmax(wrong))
+    row = rows[worst]
+    found = row["models"][label]
+    kinds = f"{found[MISS]} missed, {found[FALSE_ALARM]} false alarms"
+    kinds += f", {found[WRONG_CLASS]} of another class" if found[WRONG_CLASS] else ""
+    return (
+        f"{wrong[worst] / sum(wrong):.0%} of the {sum(wrong)} patches that {label} gets wrong lie "
+        f"in frames {row['frames']} of {row['mission']} ({kinds}; {row['patches']} of "
+        f"{sum(part['patches'] for part in rows)} patches)."
+    )
+
+
+def _worst(judged: Judged, contender: Contender, kind: str, count: int) -> list[int]:
+    """Rows of the most certain errors, none close to another: neighbours show the same thing."""
+    wrong = np.flatnonzero(_wrong(judged, contender, kind))
+    order = wrong[np.argsort(-contender.certainty[wrong], kind="stable")]
+    if not judged.has_frames:
+        return [int(row) for row in order[:count]]
+    keys = judged.patches[["mission", "camera", "frame"]].iloc[order]
+    found: list[int] = []
+    taken: list[tuple[str, str, int]] = []
+    for row, key in zip(order.tolist(), keys.itertuples(index=False, name=None), strict=True):
+        if len(found) == count:
+            break
+        if not any(key[:2] == (m, c) and abs(key[2] - f) < _APART for m, c, f in taken):
+            taken.append(key)
+            found.append(row)
+    return found
+
+
+def worst_errors(judged: Judged) -> list[dict[str, Any]]:
+    """The worst errors of each kind and model, far enough apart to differ.
+
+    Returns
+    -------
+    list of dict
+        kind, of (the models it was chosen for), mission, camera, frame, row, col, label, and by
+        model: scores (decision value on the obstacle side, None where there are no sides) and
+        said (class).
+    """
+    count = max(2, _PICTURES // (2 * len(judged.contenders)))
+    chosen: dict[tuple[str, int], list[str]] = {}
+    for kind in KINDS:
+        for item in judged.contenders:
+            for row in _worst(judged, item, kind, count):
+                chosen.setdefault((kind, row), []).append(item.label)
+    found = []
+    for (kind, row), of in chosen.items():
+        patch = judged.patches.iloc[row]
+        found.append(
+            {
+                "kind": kind,
+                "of": of,
+                "mission": str(patch.mission),
+                "camera": str(patch.camera),
+                "frame": int(patch.frame),
+                "row": int(patch.row),
+                "col": int(patch.col),
+                "label": str(patch.label),
+                "scores": {item.label: _finite(item.score[row]) for item in judged.contenders},
+                "said": {
+                    item.label: item.classes[int(item.predicted[row])] for item in judged.contenders
+                },
+            }
+        )
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,220 @@
+"""Frames in the order of the dive: what each model's patches come to under a frame rule."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ...features.grid import Grid
+from ...inference.verdict import STATUS_MEAN_THRESHOLD
+from ...models.operating_point import (
+    OBSTACLE,
+    UNKNOWN,
+    FrameRule,
+    FrameRuleState,
+    frame_step,
+    missed_before,
+)
+from ..evaluate import first_detection
+
+KEYS = ["mission", "camera", "frame"]
+OCEAN, OBSTACLE_FRAME, NEITHER = "ocean", "obstacle", "neither"
+
+
+@dataclass(frozen=True)
+class FrameSeries:
+    """The frames that are compared, dive by dive and camera by camera, in order.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns mission, camera, frame, kind (ocean, obstacle or neither) and fold (-1 where
+        there are none).
+    starts : array of int
+        Rows at which another dive or camera begins.
+    gaps : array of int, shape (n_frames,)
+        Frames missing just before each one, in its own sequence.
+    """
+
+    table: pd.DataFrame
+    starts: NDArray[np.int64]
+    gaps: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, table: pd.DataFrame, step: int | None = None) -> FrameSeries:
+        """Order the rows of a table of frames.
+
+        Parameters
+        ----------
+        table : DataFrame
+            As the attribute.
+        step : int, optional
+            In which the dives count their frames; by default as the frames themselves show.
+        """
+        table = table.sort_values(KEYS, ignore_index=True)
+        new = (table[["mission", "camera"]] != table[["mission", "camera"]].shift()).any(axis=1)
+        starts = np.flatnonzero(new)
+        missing: list[int] = []
+        for part in np.split(table.frame.to_numpy(), starts[1:]):
+            numbers = part.tolist()
+            missing += missed_before(numbers, step or frame_step(numbers))
+        return cls(table, starts, np.asarray(missing, np.int64))
+
+    def kind(self, name: str) -> NDArray[np.bool_]:
+        """Which frames are of a kind."""
+        return np.asarray(self.table.kind == name)
+
+    def names(self, chosen: NDArray[np.bool_]) -> list[str]:
+        """``mission:frame`` of some frames, with the camera where it is not the left one."""
+        return [
+            f"{row.mission}:{row.frame}"
+            if row.camera == "left"
+            else f"{row.mission}:{row.camera}:{row.frame}"
+            for row in self.table[chosen].itertuples(index=False)
+        ]
+
+
+def kind_of_frame(labels_clear: NDArray[np.bool_], whole: bool) -> str:
+    """What the labels say a frame holds; ocean only where every patch is labelled clear."""
+    if not labels_clear.all():
+        return OBSTACLE_FRAME
+    return OCEAN if whole else NEITHER
+
+
+def least_white(grid: Grid, height: int, width: int) -> int:
+    """Patches it takes to bring the mask's mean over the thesis's limit: 1, but in tiny grids."""
+    resized = grid.resized(height, width)
+    mean_of_one = 255.0 * math.prod(grid.patch_size(*resized)) / math.prod(resized)
+    return int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
+
+
+def on_grid(
+    scores: NDArray[np.float64],
+    frame: NDArray[np.int64],
+    cell: NDArray[np.int64],
+    shape: tuple[int, int],
+) -> NDArray[np.float64]:
+    """Scores of single patches at their places in their frames.
+
+    Parameters
+    ----------
+    scores : array of float64, shape (n,)
+    frame : array of int, shape (n,)
+        Row in the series.
+    cell : array of int, shape (n,)
+        Place in the grid.
+    shape : (int, int)
+        Frames and patches of a frame.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64; -inf, which exceeds no margin, where a patch has no score.
+    """
+    found = np.full(shape, -np.inf)
+    found[frame, cell] = scores
+    return found
+
+
+def statuses(
+    series: FrameSeries,
+    scores: NDArray[np.float64],
+    judged: NDArray[np.bool_],
+    rules: Sequence[FrameRule],
+    white: int = 1,
+) -> NDArray[np.int64]:
+    """The status of each frame, as the runtime would give it frame after frame.
+
+    Parameters
+    ----------
+    series : FrameSeries
+    scores : array of float64, shape (n_frames, n_patches)
+        Of `LinearModel.obstacle_score`; -inf where a patch has none.
+    judged : array of bool, shape (n_frames,)
+        False where the runtime would not judge the picture.
+    rules : sequence of FrameRule
+        One for all frames, or one a fold: then a frame's own fold's rule looks back over the
+        frames before, whichever fold these are of.
+    white : int
+        Of `least_white`.
+    """
+    found = np.full(len(scores), UNKNOWN)
+    fold = series.table.fold.to_numpy() if len(rules) > 1 else np.zeros(len(scores), int)
+    for index, rule in enumerate(rules):
+        mine = fold == index
+        found[mine] = np.array(_followed(series, scores, judged, rule, white), np.int64)[mine]
+    return found
+
+
+def _followed(
+    series: FrameSeries,
+    scores: NDArray[np.float64],
+    judged: NDArray[np.bool_],
+    rule: FrameRule,
+    white: int,
+) -> list[int]:
+    found = []
+    for rows in sequences(series):
+        state = FrameRuleState(rule)
+        places = zip(series.gaps[rows].tolist(), scores[rows], judged[rows], strict=True)
+        for gap, of_frame, good in places:
+            state.skip(gap)
+            found.append(state.add(of_frame if good else None, white))
+    return found
+
+
+def _first(frames: NDArray[np.int64], chosen: NDArray[np.bool_]) -> int | None:
+    return int(frames[chosen][0]) if chosen.any() else None
+
+
+def sequences(series: FrameSeries) -> list[slice]:
+    """Rows of each dive and camera."""
+    return [slice(a, b) for a, b in pairwise([*series.starts.tolist(), len(series.table)])]
+
+
+def frame_figures(series: FrameSeries, status: NDArray[np.int64]) -> dict[str, Any]:
+    """Statuses against what the labels say a frame holds.
+
+    Returns
+    -------
+    dict
+        Counts as `tokt evaluate` gives them, and `first_detection` for each dive and camera:
+        its first obstacle frame, the first of three frames in a row with status 1, and whether
+        that came before any labelled obstacle.
+    """
+    ocean, obstacle = series.kind(OCEAN), series.kind(OBSTACLE_FRAME)
+    said = status == OBSTACLE
+    first = []
+    for rows in sequences(series):
+        numbers = series.table.frame.to_numpy()[rows]
+        labelled = _first(numbers, obstacle[rows])
+        gaps = series.gaps[rows].tolist()
+        found = first_detection(numbers.tolist(), gaps, status[rows].tolist())
+        row = series.table.iloc[rows.start]
+        first.append(
+            {
+                "mission": str(row.mission),
+                "camera": str(row.camera),
+                "first_obstacle_frame": labelled,
+                "first_detection": found,
+                "false": found is not None and (labelled is None or found < labelled),
+            }
+        )
+    return {
+        "n": len(status),
+        "ocean_frames": int(ocean.sum()),
+        "false_status": int((said & ocean).sum()),
+        "false_status_frames": series.names(said & ocean),
+        "obstacle_frames": int(obstacle.sum()),
+        "detected": int((said & obstacle).sum()),
+        "unknown": int((status == UNKNOWN).sum()),
+        "not_judged": int((~ocean & ~obstacle).sum()),
+        "sequences": first,
+    }

@@ -1,0 +1,216 @@
+"""Registered models of one dataset, each on patches that its cross-validation held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ...features.grid import Grid
+from ...models.bundle import SUFFIX, Bundle, read_bundle
+from ...models.operating_point import FrameRule
+from ...models.registry import Registry
+from ..dataset import DatasetVersion, list_datasets
+from .frames import KEYS, FrameSeries, kind_of_frame, least_white, on_grid
+from .judged import HELD_OUT, Contender, Judged, certainty
+
+_PLACE = [*KEYS, "row", "col"]
+_TABLE = [*_PLACE, "label", "group"]
+_ASK = "give --mission DIR and --labels CSV to compare them on a mission"
+
+
+def _registered(reference: str, registry: Registry) -> str:
+    """``name/version`` in the registry; also of a bundle file that was exported from it."""
+    if not reference.endswith(SUFFIX):
+        return registry.find(reference).label
+    bundle = read_bundle(reference)
+    run = bundle.content.provenance.get("mlflow_run_id")
+    for version in registry.versions(bundle.name):
+        if version.version == bundle.version and version.run_id == run:
+            return version.label
+    raise ToktError(
+        f"{reference} is not of this workspace's registry, which alone knows what its "
+        f"cross-validation held out; {_ASK}"
+    )
+
+
+def _check_same_data(recipes: Mapping[str, Mapping[str, Any]]) -> str:
+    """The dataset hash that all models share."""
+    hashes = {label: str(recipe["provenance"]["dataset_hash"]) for label, recipe in recipes.items()}
+    first = next(iter(hashes))
+    for label, value in hashes.items():
+        if value != hashes[first]:
+            names = [str(recipes[item]["provenance"]["dataset"]) for item in (first, label)]
+            raise ToktError(
+                f"{first} learnt from dataset {names[0]}, {label} from {names[1]}: {_ASK}"
+            )
+    return hashes[first]
+
+
+def _check_same_folds(tables: Mapping[str, pd.DataFrame]) -> None:
+    first = next(iter(tables))
+    base = tables[first]
+    for label, table in tables.items():
+        same = len(table) == len(base) and table[_TABLE].equals(base[_TABLE])
+        both = (table.fold >= 0) & (base.fold >= 0) if same else None
+        if both is None or not table.fold[both].equals(base.fold[both]):
+            raise ToktError(f"{first} and {label} were cross-validated in other folds: {_ASK}")
+
+
+def _sorted(table: pd.DataFrame, label: str) -> pd.DataFrame:
+    if "value_0" not in table:
+        raise ToktError(f"model {label} was trained by an older tokt; train it again to compare it")
+    return table.sort_values(_PLACE, ignore_index=True)
+
+
+def _frames(table: pd.DataFrame, truth: NDArray[np.bool_], grid: Grid) -> pd.DataFrame:
+    """One row a frame, with its kind and its fold."""
+    groups = table.assign(clear=~truth).groupby(KEYS)
+    frames = groups.agg(n=("clear", "size"), clear=("clear", "all"), fold=("fold", "first"))
+    frames["kind"] = [
+        kind_of_frame(np.array([clear]), n == grid.n_patches)
+        for n, clear in zip(frames.n, frames.clear, strict=True)
+    ]
+    return frames.reset_index()[[*KEYS, "kind", "fold"]]
+
+
+def _contender(
+    bundle: Bundle,
+    recipe: Mapping[str, Any],
+    table: pd.DataFrame,
+    frame: NDArray[np.int64],
+) -> Contender:
+    """A model on the patches of a table; `frame` is each one's row in the series."""
+    columns = [name for name in table if str(name).startswith("value_")]
+    values = table[sorted(columns, key=lambda name: int(name.split("_")[1]))].to_numpy(np.float64)
+    score = table.obstacle_score.to_numpy(np.float64)
+    grid = bundle.grid
+    cell = (table.row * grid.cols + table.col).to_numpy(np.int64)
+    n_frames = int(frame.max()) + 1
+    return Contender(
+        bundle=bundle,
+        targets=table.target.to_numpy(np.int64),
+        predicted=bundle.model.predicted(values),
+        classes=bundle.model.classes,
+        certainty=certainty(bundle.model, values, table.target.to_numpy(np.int64)),
+        score=score,
+        on_grid=on_grid(score, frame, cell, (n_frames, grid.n_patches)),
+        white=least_white(grid, *bundle.frame_sizes[0]),
+        judged=np.ones(n_frames, bool),
+        fold_rules=[FrameRule.from_json(rule) for rule in recipe["fold_rules"]],
+        split=str(recipe["metrics"]["split"]),
+        recipe=recipe,
+    )
+
+
+def _find_dataset(workspace: Path, wanted: str) -> DatasetVersion | None:
+    found = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)
+    return next(found, None)
+
+
+def _chosen_by_search(recipe: Mapping[str, Any]) -> bool:
+    return recipe["provenance"]["preset"] not in ("plain", "thesis")
+
+
+def _notes(
+    total: int,
+    kept: int,
+    dataset: DatasetVersion | None,
+    grid: Grid,
+    recipes: Mapping[str, Mapping[str, Any]],
+) -> list[str]:
+    if grid.width is None:
+        notes = [
+            "Every patch is judged by a model that did not learn from it.",
+            "UNGROUPED: nothing says which patches come from one photo, so near copies may stand "
+            "on both sides, and intervals and p-values, which take each patch for a block of its "
+            "own, are too sure. There are no frames, and so no statuses.",
+        ]
+    else:
+        notes = [
+            "Every patch is judged by a model that did not learn from its block of frames. The "
+            "blocks are of the same dives as those learnt from, which flatters every model: "
+            "another dive can go much worse.",
+            "A frame's status rests on its labelled patches; those marked unsure are not scored. "
+            "Each frame is judged at the frame rule chosen without its fold.",
+        ]
+    chosen = [label for label, recipe in recipes.items() if _chosen_by_search(recipe)]
+    if chosen:
+        notes.append(
+            f"What {', '.join(chosen)} looks at was itself chosen by cross-validation, perhaps on "
+            "these very frames: against a model with plain features it looks somewhat too good."
+        )
+    if kept < total:
+        notes.append(
+            f"{total - kept} of {total} patches are left out for all: a model learnt from their "
+            "frames."
+        )
+    if dataset is None:
+        notes.append("The dataset is not in this workspace: no pictures, no learning curve.")
+    return notes
+
+
+def judge_held_out(references: Sequence[str], workspace: Path) -> Judged:
+    """Bring registered models together on what none of them learnt from.
+
+    Raises
+    ------
+    ToktError
+        If a model is not registered, or they are of different datasets or folds.
+    """
+    registry = Registry(workspace)
+    labels = [_registered(reference, registry) for reference in references]
+    check_different(labels)
+    recipes = {label: registry.recipe(registry.find(label)) for label in labels}
+    wanted = _check_same_data(recipes)
+    tables = {label: _sorted(registry.held_out(label), label) for label in labels}
+    _check_same_folds(tables)
+    tested = np.logical_and.reduce([table.fold.to_numpy() >= 0 for table in tables.values()])
+    if not tested.any():
+        raise ToktError(f"no patch was held out by all of these models; {_ASK}")
+    kept = {label: table[tested].reset_index(drop=True) for label, table in tables.items()}
+    first = kept[labels[0]]
+    bundles = {label: registry.bundle(label) for label in labels}
+    truth = np.asarray(bundles[labels[0]].model.obstacle, bool)[first.target.to_numpy()]
+    series = FrameSeries.of(_frames(first, truth, bundles[labels[0]].grid))
+    # The table is sorted as the series is.
+    frame = first.groupby(KEYS).ngroup().to_numpy(np.int64)
+    dataset = _find_dataset(workspace, wanted)
+    if dataset is not None:
+        dataset.check()
+    return Judged(
+        mode=HELD_OUT,
+        what=f"dataset {recipes[labels[0]]['provenance']['dataset']}",
+        patches=first[_TABLE],
+        truth=truth,
+        contenders=[_contender(bundles[x], recipes[x], kept[x], frame) for x in labels],
+        series=series,
+        read_frame=None if dataset is None else _reader(dataset),
+        dataset=dataset,
+        notes=_notes(len(tested), int(tested.sum()), dataset, bundles[labels[0]].grid, recipes),
+    )
+
+
+def check_different(labels: Sequence[str]) -> None:
+    """Raise ToktError where one model is named twice, or there is only one."""
+    for index, label in enumerate(labels):
+        if label in labels[:index]:
+            raise ToktError(f"model {label} is given twice")
+    if len(labels) < 2:
+        raise ToktError("compare needs at least two models")
+
+
+def _reader(dataset: DatasetVersion) -> Any:
+    index = {
+        key: row for row, key in enumerate(dataset.frames[KEYS].itertuples(index=False, name=None))
+    }
+
+    def read(mission: str, camera: str, frame: int) -> NDArray[np.uint8]:
+        return dataset.read_frame(index[mission, camera, frame])
+
+    return read

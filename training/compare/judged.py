@@ -1,0 +1,171 @@
+"""What is compared: the same patches and frames, as each model judged them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ...models.bundle import Bundle
+from ...models.linear import LinearModel
+from ...models.operating_point import FrameRule
+from ..dataset import DatasetVersion
+from ..metrics import class_metrics, obstacle_metrics
+from .bootstrap import block_numbers
+from .frames import FrameSeries, frame_figures, statuses
+
+HELD_OUT, MISSION = "held out", "mission"
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One model, and what it says of every patch and frame that is compared.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    targets : array of int, shape (n_patches,)
+        Index of each label among `classes`.
+    predicted : array of int, shape (n_patches,)
+    classes : tuple of str
+        The model's, and whatever else was labelled.
+    certainty : array of float64, shape (n_patches,)
+        By how much the predicted class's value exceeds the labelled one's.
+    score : array of float64, shape (n_patches,)
+        Above 0 where the model says obstacle.
+    on_grid : array of float64, shape (n_frames, n_patches)
+        The scores of each frame; -inf where a patch has none.
+    white : int
+        Patches it takes to bring a mask's mean over the thesis's limit.
+    judged : array of bool, shape (n_frames,)
+        Whether the runtime would judge the frame at all.
+    fold_rules : list of FrameRule or None
+        Each fold's own rule, chosen without that fold; None outside of cross-validation.
+    split : str
+        How the model was cross-validated, in its own words.
+    recipe : mapping or None
+        As the registry has it, for a registered model.
+    """
+
+    bundle: Bundle
+    targets: NDArray[np.int64]
+    predicted: NDArray[np.int64]
+    classes: tuple[str, ...]
+    certainty: NDArray[np.float64]
+    score: NDArray[np.float64]
+    on_grid: NDArray[np.float64]
+    white: int
+    judged: NDArray[np.bool_]
+    fold_rules: list[FrameRule] | None
+    split: str
+    recipe: Mapping[str, Any] | None = None
+
+    @property
+    def label(self) -> str:
+        """``name/version``."""
+        return self.bundle.label
+
+    @property
+    def rule(self) -> FrameRule:
+        """The frame rule that the bundle ships."""
+        return self.bundle.operating_point.rule
+
+
+def certainty(
+    model: LinearModel, values: NDArray[np.float64], targets: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """By how much the predicted class's value exceeds the labelled one's; 0 where it is right."""
+    excess = values - model.thresholds
+    predicted = model.predicted(values)
+    if excess.shape[1] == 1:
+        found = np.abs(excess[:, 0])
+    else:
+        # A label that the model does not know has no value of its own to exceed.
+        known = targets < excess.shape[1]
+        rows = np.arange(len(excess))
+        of_label = np.where(known, excess[rows, np.where(known, targets, 0)], 0.0)
+        found = excess[rows, predicted] - of_label
+    return np.where(predicted == targets, 0.0, found)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Models on the same patches.
+
+    Parameters
+    ----------
+    mode : {"held out", "mission"}
+    what : str
+        The dataset or mission, for people.
+    patches : DataFrame
+        Columns mission, camera, frame, row, col, label, group; one row a labelled patch.
+    truth : array of bool, shape (n_patches,)
+        Whether the label is an obstacle.
+    contenders : list of Contender
+    series : FrameSeries
+    read_frame : callable or None
+        ``read_frame(mission, camera, frame)`` gives the picture; None where it is not at hand.
+    dataset : DatasetVersion or None
+        What the models were cross-validated on.
+    notes : list of str
+        What a reader must know of how the figures came about.
+    """
+
+    mode: str
+    what: str
+    patches: pd.DataFrame
+    truth: NDArray[np.bool_]
+    contenders: list[Contender]
+    series: FrameSeries
+    read_frame: Callable[[str, str, int], NDArray[np.uint8]] | None
+    dataset: DatasetVersion | None
+    notes: list[str]
+
+    @property
+    def unit(self) -> str:
+        """What counts as independent."""
+        return "blocks of frames" if self.has_frames else "single patches"
+
+    @cached_property
+    def blocks(self) -> tuple[list[str], NDArray[np.int64]]:
+        """Names of the blocks, and the block number of each patch."""
+        return block_numbers(self.patches.group.to_numpy())
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether patches come from frames that a runtime could judge; ready-cut ones do not."""
+        return self.contenders[0].bundle.grid.width is not None
+
+    @property
+    def two_sided(self) -> bool:
+        """Whether every model tells obstacles from what is none."""
+        return all(bool(np.isfinite(item.score).all()) for item in self.contenders)
+
+    def status(self, contender: Contender, rule: FrameRule | None = None) -> NDArray[np.int64]:
+        """The status of each frame: by the rules in force, or by one for all."""
+        rules = contender.fold_rules if rule is None else [rule]
+        return statuses(
+            self.series,
+            contender.on_grid,
+            contender.judged,
+            rules or [contender.rule],
+            contender.white,
+        )
+
+    def figures(self, contender: Contender) -> dict[str, Any]:
+        """Patches at their thresholds, and frames at the operating point."""
+        return {
+            "patch": {
+                "n": len(self.truth),
+                **obstacle_metrics(self.truth, contender.score),
+                **class_metrics(contender.targets, contender.predicted, contender.classes),
+            },
+            "frames": frame_figures(self.series, self.status(contender))
+            if self.has_frames
+            else None,
+        }

@@ -1,0 +1,360 @@
+"""Would more labels help, and which? Models of a part of the training blocks, on held-out folds.
+
+Nothing is chosen anew: each fold keeps the settings that its own training part chose.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.mission import format_frames
+from ...models.registry import Registry
+from ..classifier import decision_values, linear_model
+from ..cross_validation import learn
+from ..dataset import DatasetVersion
+from ..feature_table import feature_table
+from ..presets import Choice, TrainingSettings
+from ..splits import Fold, blocked_folds
+from .bootstrap import block_numbers, drawn_blocks, interval, summed
+from .judged import Contender
+from .learning_words import learning_words
+from .measure import Measure
+
+FRACTIONS = (0.25, 0.5, 0.75, 1.0)
+REPEATS = 3
+_MOST_VALUES = 600_000  # rows times features of one fit: about 0.1 s
+_MOST_STRETCHES = 16
+_Counts = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """All that a fit needs."""
+
+    dataset: DatasetVersion
+    features: NDArray[np.float64]
+    changed: list[NDArray[np.float64]]
+    targets: NDArray[np.int64]
+    folds: list[Fold]
+    choices: list[Choice]
+    settings: TrainingSettings
+    measure: Measure
+    block: NDArray[np.int64]
+    names: list[str]
+    every: int
+
+    def counts(self, predicted: NDArray[np.int64], rows: NDArray[np.int64]) -> _Counts:
+        """What predictions of some rows add to each block's counts."""
+        flags = np.asarray(self.dataset.obstacle_flags(), bool)
+        targets = self.targets[rows]
+        sides = flags[targets], flags[predicted]
+        return self.measure.counts(targets, predicted, *sides, self.block[rows], len(self.names))
+
+    def predict(self, index: int, blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Predictions of a fold's test rows by a model of some of its training blocks."""
+        fold = self.folds[index]
+        train = fold.train[np.isin(self.block[fold.train], blocks)]
+        pipeline = learn(
+            self.features, self.targets, train, self.choices[index], self.settings, self.changed
+        )
+        model = linear_model(pipeline, self.dataset.classes(), self.dataset.obstacle_flags())
+        return model.predicted(decision_values(pipeline, self.features[fold.test]))
+
+
+def _thinned(dataset: DatasetVersion, folds: list[Fold], dim: int) -> tuple[list[Fold], int]:
+    """One training patch in n, drawn with a fixed seed, so that a fit takes a tenth of a second.
+
+    A class that would be lost stays whole.
+    """
+    every = max(1, -(-max(len(fold.train) for fold in folds) * dim // _MOST_VALUES))
+    if every == 1:
+        return folds, 1
+    targets = dataset.targets()
+    kept = np.random.default_rng(0).random(len(targets)) < 1 / every
+    for fold in folds:
+        for target in np.unique(targets):
+            if not kept[fold.train][targets[fold.train] == target].any():
+                kept |= targets == target
+    return [Fold(fold.train[kept[fold.train]], fold.test) for fold in folds], every
+
+
+def _settings(parameters: Mapping[str, str]) -> TrainingSettings:
+    """What the model was trained with, from what its run logged."""
+    values: dict[str, Any] = {}
+    for field in fields(TrainingSettings):
+        text = parameters.get(f"setting_{field.name}")
+        if text is not None:  # an older tokt knew fewer settings
+            values[field.name] = text if field.name == "preset" else ast.literal_eval(text)
+    return TrainingSettings(**values)
+
+
+def _set_up(
+    contender: Contender, dataset: DatasetVersion, workspace: Path, progress: Callable[..., Any]
+) -> _Setting:
+    recipe: Any = contender.recipe
+    registry = Registry(workspace)
+    with registry.reported():
+        run = registry.client.get_run(registry.find(contender.label).run_id)
+    parameters = run.data.params
+    targets = dataset.targets()
+    folds = blocked_folds(
+        dataset.patches,
+        targets,
+        int(parameters["split_folds"]),
+        int(parameters["split_embargo_frames"]),
+    )
+    spec, settings = dict(contender.bundle.content.extractor_spec), _settings(parameters)
+    features, *changed = (
+        np.asarray(feature_table(dataset, spec, workspace / "cache", progress, change=change))
+        for change in ("", *settings.changes)
+    )
+    folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(changed)))
+    names, block = block_numbers(dataset.patches.group.to_numpy())
+    choices = [
+        Choice(float(fold["penalty"]), fold.get("class_weight"))
+        for fold in recipe["metrics"]["folds"]
+    ]
+    measure = Measure(len(dataset.classes()))
+    return _Setting(
+        dataset=dataset,
+        features=features,
+        changed=changed,
+        targets=targets,
+        folds=folds,
+        choices=choices,
+        settings=settings,
+        measure=measure,
+        block=block,
+        names=names,
+        every=every,
+    )
+
+
+def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> NDArray[np.int64]:
+    """A fold's training blocks as they are added: first enough of them to have every class."""
+    block, targets = setting.block[fold.train], setting.targets[fold.train]
+    order = rng.permutation(np.unique(block))
+    first = []
+    for target in np.unique(targets):
+        having = set(block[targets == target].tolist())
+        first.append(next(number for number in order.tolist() if number in having))
+    needed = list(dict.fromkeys(first))
+    return np.array([*needed, *(number for number in order.tolist() if number not in needed)])
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One fit: a fold, the blocks it learns from, and what it belongs to."""
+
+    fold: int
+    blocks: NDArray[np.int64]
+    key: tuple[str, float, int]
+
+
+def _curve_tasks(setting: _Setting) -> list[_Task]:
+    rng = np.random.default_rng(0)
+    tasks = []
+    for index, fold in enumerate(setting.folds):
+        orders = [_order(setting, fold, rng) for _ in range(REPEATS)]
+        for fraction in FRACTIONS:
+            for repeat, order in enumerate(orders[: 1 if fraction == 1 else REPEATS]):
+                kept = max(len(np.unique(setting.targets)), round(fraction * len(order)))
+                tasks.append(_Task(index, order[:kept], ("curve", fraction, repeat)))
+    return tasks
+
+
+def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
+    """Blocks one by one, or neighbours together where there are many."""
+    if setting.dataset.block_frames is None:
+        return []
+    count = min(len(setting.names), _MOST_STRETCHES)
+    return list(np.array_split(np.arange(len(setting.names)), count))
+
+
+def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> list[_Task]:
+    tasks = []
+    for number, left_out in enumerate(stretches):
+        for index, fold in enumerate(setting.folds):
+            there = np.unique(setting.block[fold.train])
+            rest = np.setdiff1d(there, left_out)
+            known = setting.targets[fold.train][np.isin(setting.block[fold.train], rest)]
+            lacking = len(np.unique(known)) < len(np.unique(setting.targets))
+            if len(rest) < len(there) and not lacking:
+                tasks.append(_Task(index, rest, ("without", number, 0)))
+    return tasks
+
+
+def _run(
+    setting: _Setting, tasks: list[_Task], progress: Callable[..., Any]
+) -> Iterator[tuple[_Task, NDArray[np.int64]]]:
+    for task in progress(tasks, len(tasks), "learning curve"):
+        yield task, setting.predict(task.fold, task.blocks)
+
+
+def _wrong_by_label(
+    setting: _Setting, found: dict[tuple[float, int], NDArray[np.int64]]
+) -> list[dict[str, Any]]:
+    """For each label the share of its patches that is judged wrong, by fraction."""
+    labels = setting.dataset.patches.label.to_numpy()
+    rows = []
+    for label in sorted(set(labels)):
+        mine = labels == label
+        shares = [
+            float(
+                np.mean(
+                    [
+                        (predicted[mine] != setting.targets[mine]).mean()
+                        for (part, _), predicted in found.items()
+                        if part == fraction
+                    ]
+                )
+            )
+            for fraction in FRACTIONS
+        ]
+        rows.append({"label": str(label), "n": int(mine.sum()), "wrong": shares})
+    return rows
+
+
+def learning_curve(
+    contender: Contender, dataset: DatasetVersion, workspace: Path, progress: Callable[..., Any]
+) -> dict[str, Any]:
+    """Learn from growing parts of the training blocks, and from all but one stretch.
+
+    Parameters
+    ----------
+    contender : Contender
+        Registered, and not of preset `thesis`, which learns from two images alone.
+    dataset : DatasetVersion
+    workspace : Path
+    progress : callable
+
+    Returns
+    -------
+    dict
+        model, measure, points (fraction, blocks, mean, least, most), gains (from, to,
+        difference, low, high), by_label, stretches (frames, obstacle, help, low, high; most
+        helpful first), words (list of str) and how.
+    """
+    setting = _set_up(contender, dataset, workspace, progress)
+    stretches = _stretches(setting)
+    tasks = _curve_tasks(setting) + _without_tasks(setting, stretches)
+    curve = {
+        (fraction, repeat): np.zeros(len(setting.targets), np.int64)
+        for fraction in FRACTIONS
+        for repeat in range(1 if fraction == 1 else REPEATS)
+    }
+    without: dict[int, dict[int, NDArray[np.int64]]] = {}
+    for task, predicted in _run(setting, tasks, progress):
+        kind, part, repeat = task.key
+        if kind == "curve":
+            curve[part, repeat][setting.folds[task.fold].test] = predicted
+        else:
+            without.setdefault(int(part), {})[task.fold] = predicted
+    draws = drawn_blocks(len(setting.names))
+    rows = np.arange(len(setting.targets))
+    counts = {key: setting.counts(predicted, rows) for key, predicted in curve.items()}
+    result = {
+        "model": contender.label,
+        "measure": setting.measure.name,
+        "measure_title": setting.measure.title,
+        "points": _points(setting, counts),
+        "gains": [_gain(setting, counts, draws, part) for part in (0.5, 0.75)],
+        "by_label": _wrong_by_label(setting, curve),
+        "stretches": _helped(setting, stretches, curve[1.0, 0], without, draws),
+        "how": _how(setting),
+    }
+    result["words"] = learning_words(result)
+    return result
+
+
+def _value(setting: _Setting, counts: _Counts) -> float:
+    return float(setting.measure.figure(counts.sum(axis=0)[None])[0])
+
+
+def _points(setting: _Setting, counts: dict[tuple[float, int], _Counts]) -> list[dict[str, Any]]:
+    blocks = np.mean([len(np.unique(setting.block[fold.train])) for fold in setting.folds])
+    points = []
+    for fraction in FRACTIONS:
+        values = [_value(setting, part) for (of, _), part in counts.items() if of == fraction]
+        points.append(
+            {
+                "fraction": fraction,
+                "blocks": round(float(fraction * blocks), 1),
+                "mean": float(np.mean(values)),
+                "least": float(np.min(values)),
+                "most": float(np.max(values)),
+            }
+        )
+    return points
+
+
+def _gain(
+    setting: _Setting,
+    counts: dict[tuple[float, int], _Counts],
+    draws: NDArray[np.float64],
+    part: float,
+) -> dict[str, Any]:
+    """What the blocks beyond a part of them brought, with its interval over test blocks."""
+    figure = setting.measure.figure
+    whole, fewer = counts[1.0, 0], [counts[part, repeat] for repeat in range(REPEATS)]
+    spread = figure(summed(draws, whole)) - np.mean(
+        [figure(summed(draws, item)) for item in fewer], axis=0
+    )
+    bounds = interval(spread, len(setting.names))
+    difference = _value(setting, whole) - float(np.mean([_value(setting, x) for x in fewer]))
+    return {"from": part, "to": 1.0, "difference": difference, **_bounds(bounds)}
+
+
+def _bounds(found: tuple[float, float] | None) -> dict[str, float | None]:
+    low, high = found or (None, None)
+    return {"low": low, "high": high}
+
+
+def _helped(
+    setting: _Setting,
+    stretches: list[NDArray[np.int64]],
+    whole: NDArray[np.int64],
+    without: dict[int, dict[int, NDArray[np.int64]]],
+    draws: NDArray[np.float64],
+) -> list[dict[str, Any]]:
+    """How much worse the other blocks are judged when a stretch is not learnt from."""
+    figure = setting.measure.figure
+    patches = setting.dataset.patches
+    obstacle = np.asarray(setting.dataset.obstacle_flags(), bool)[setting.targets]
+    found = []
+    for number, parts in without.items():
+        # Only of the folds that had the stretch to learn from.
+        rows = np.concatenate([setting.folds[index].test for index in parts])
+        other = setting.counts(np.concatenate(list(parts.values())), rows)
+        same = setting.counts(whole[rows], rows)
+        bounds = interval(figure(summed(draws, same)) - figure(summed(draws, other)), len(draws[0]))
+        mine = np.isin(setting.block, stretches[number])
+        found.append(
+            {
+                "mission": ", ".join(sorted(set(patches.mission[mine]))),
+                "frames": format_frames(patches.frame[mine].unique().tolist()),
+                "patches": int(mine.sum()),
+                "obstacle": int(obstacle[mine].sum()),
+                "help": _value(setting, same) - _value(setting, other),
+                **_bounds(bounds),
+            }
+        )
+    return sorted(found, key=lambda row: -float(row["help"]))
+
+
+def _how(setting: _Setting) -> str:
+    thin = f" (one patch in {setting.every} of them, drawn)" if setting.every > 1 else ""
+    same = "blocks are of the same dives" if setting.dataset.block_frames else "are of one folder"
+    return (
+        f"Each fold's model learnt anew from a part of its training blocks{thin}, tested on the "
+        f"fold that was held out; {REPEATS} random orders of the blocks (seed 0), settings as each "
+        f"fold had chosen them. All {same}: this says nothing of what labels of another dive would "
+        "bring."
+    )

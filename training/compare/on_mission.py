@@ -1,0 +1,223 @@
+"""Models on a labelled mission that none of them learnt from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ...features.image_file import pixel_sha256
+from ...features.mission import LEFT, Mission, format_frames
+from ...inference.policy import judge_image
+from ...labels.merge import merge_annotators
+from ...labels.record import LabelRecord
+from ...labels.taxonomy import UNSURE, Taxonomy
+from ...models.bundle import Bundle
+from ...models.operating_point import frame_step
+from ..dataset import CLEAR
+from ..dataset import OBSTACLE as OBSTACLE_CLASS
+from ..evaluate import mission_in_training
+from ..splits import BLOCK_FRAMES, block_of
+from ..train import frame_id
+from .frames import KEYS, FrameSeries, kind_of_frame, least_white
+from .judged import MISSION, Contender, Judged, certainty
+
+
+def _check_grids(bundles: Sequence[Bundle]) -> None:
+    first = bundles[0]
+    for bundle in bundles:
+        if bundle.grid != first.grid:
+            raise ToktError(
+                f"{first.label} judges patches of grid {first.grid}, {bundle.label} of "
+                f"{bundle.grid}: they cannot be compared patch by patch"
+            )
+
+
+def check_unseen(
+    bundles: Sequence[Bundle],
+    mission: Mission,
+    frames: Sequence[int],
+    progress: Callable[..., Any],
+) -> None:
+    """Refuse models that learnt from the very frames they would be compared on.
+
+    Raises
+    ------
+    ToktError
+        Saying which model, how many frames, and which.
+    """
+    known = {bundle.label: set(bundle.content.trained_on.tolist()) for bundle in bundles}
+    seen: dict[str, list[int]] = {bundle.label: [] for bundle in bundles}
+    for number in progress(frames, len(frames), "looking for frames that were learnt from"):
+        digest = int(frame_id(pixel_sha256(mission.read(number, LEFT))))
+        for label, learnt in known.items():
+            if digest in learnt:
+                seen[label].append(number)
+    faults = [
+        f"{label} learnt from {len(numbers)} of the {len(frames)} frames ({format_frames(numbers)})"
+        for label, numbers in seen.items()
+        if numbers
+    ]
+    if faults:
+        raise ToktError(
+            f"refused: {'; '.join(faults)}; leave such frames out with --frames, or leave "
+            "--mission out to compare what cross-validation held out"
+        )
+
+
+@dataclass(frozen=True)
+class _Scores:
+    """A model's decision values of whole frames, and which of these the runtime would judge."""
+
+    frames: Sequence[int]
+    values: NDArray[np.float64]
+    judged: NDArray[np.bool_]
+    white: int
+
+
+def _score(
+    bundles: Sequence[Bundle],
+    mission: Mission,
+    frames: Sequence[int],
+    progress: Callable[..., Any],
+) -> list[_Scores]:
+    values: list[list[NDArray[np.float64]]] = [[] for _ in bundles]
+    judged: list[list[bool]] = [[] for _ in bundles]
+    for number in progress(frames, len(frames), "scoring"):
+        image = mission.read(number, LEFT)
+        for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True):
+            found = judge_image(bundle, image).decision_values
+            its_judged.append(found is not None)
+            its_values.append(bundle.decision_values(image) if found is None else found)
+    white = least_white(bundles[0].grid, *image.shape[:2])
+    pairs = zip(values, judged, strict=True)
+    return [_Scores(frames, np.stack(a), np.array(b, bool), white) for a, b in pairs]
+
+
+def _patches(records: Sequence[LabelRecord]) -> pd.DataFrame:
+    rows = [
+        (r.mission, r.camera, r.frame, r.row, r.col, str(r.label), block_of(r.mission, r.frame))
+        for r in records
+    ]
+    return pd.DataFrame(rows, columns=[*KEYS, "row", "col", "label", "group"])
+
+
+def _frames(
+    name: str, frames: Sequence[int], records: Sequence[LabelRecord], taxonomy: Taxonomy, n: int
+) -> pd.DataFrame:
+    by_frame: dict[int, list[str]] = {}
+    for record in records:
+        by_frame.setdefault(record.frame, []).append(str(record.label))
+    rows = []
+    for number in frames:
+        said = by_frame.get(number, [])
+        sure = [label for label in said if label != UNSURE]
+        clear = np.array([not taxonomy.is_obstacle(label) for label in sure], bool)
+        rows.append((name, LEFT, number, kind_of_frame(clear, len(sure) == n), -1))
+    return pd.DataFrame(rows, columns=[*KEYS, "kind", "fold"])
+
+
+def _contender(
+    bundle: Bundle, patches: pd.DataFrame, truth: NDArray[np.bool_], scores: _Scores
+) -> Contender:
+    place = {number: index for index, number in enumerate(scores.frames)}
+    frame = patches.frame.map(place).to_numpy()
+    cell = (patches.row * bundle.grid.cols + patches.col).to_numpy()
+    values = scores.values[frame, cell]
+    model = bundle.model
+    labels = patches.label.tolist()
+    if model.classes == (CLEAR, OBSTACLE_CLASS):
+        labels = [OBSTACLE_CLASS if side else CLEAR for side in truth]
+    classes = (*model.classes, *sorted(set(labels) - set(model.classes)))
+    order = {name: index for index, name in enumerate(classes)}
+    targets = np.array([order[label] for label in labels], np.int64)
+    return Contender(
+        bundle=bundle,
+        targets=targets,
+        predicted=model.predicted(values),
+        classes=classes,
+        certainty=certainty(model, values, targets),
+        score=model.obstacle_score(values),
+        on_grid=np.stack([model.obstacle_score(frame) for frame in scores.values]),
+        white=scores.white,
+        judged=scores.judged,
+        fold_rules=None,
+        split=str(bundle.content.metrics.get("split", "")),
+    )
+
+
+def judge_mission(
+    bundles: Sequence[Bundle],
+    mission: Mission,
+    records: Sequence[LabelRecord],
+    taxonomy: Taxonomy,
+    progress: Callable[..., Any],
+    frames: Sequence[int] | None = None,
+) -> Judged:
+    """Bring models together on a mission's left frames.
+
+    Parameters
+    ----------
+    bundles : sequence of Bundle
+    mission : Mission
+    records : sequence of LabelRecord
+        Of this mission, in the models' grid; several annotators are merged.
+    taxonomy : Taxonomy
+        Says which labels are obstacles.
+    progress : callable
+    frames : sequence of int, optional
+        Compare on these frames only.
+
+    Raises
+    ------
+    ToktError
+        If a model learnt from one of the frames, the grids differ, or nothing is labelled.
+    """
+    _check_grids(bundles)
+    numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
+    wanted = set(numbers)
+    merged = merge_annotators(r for r in records if r.camera == LEFT and r.frame in wanted).records
+    sure = [record for record in merged if record.label != UNSURE]
+    if not sure:
+        raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
+    check_unseen(bundles, mission, numbers, progress)
+    patches = _patches(sure)
+    truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
+    name = sure[0].mission
+    table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
+    scores = _score(bundles, mission, numbers, progress)
+    return Judged(
+        mode=MISSION,
+        what=f"mission {mission.name}, frames {format_frames(numbers)}",
+        patches=patches,
+        truth=truth,
+        contenders=[
+            _contender(bundle, patches, truth, mine)
+            for bundle, mine in zip(bundles, scores, strict=True)
+        ],
+        series=FrameSeries.of(table, frame_step(mission.frames(LEFT))),
+        read_frame=lambda _, camera, frame: mission.read(frame, camera),
+        dataset=None,
+        notes=_notes(bundles, sure, len(merged) - len(sure)),
+    )
+
+
+def _notes(bundles: Sequence[Bundle], sure: Sequence[LabelRecord], unsure: int) -> list[str]:
+    notes = [
+        "No model learnt from any of these frames: they were compared pixel by pixel with what "
+        f"each model learnt from. {unsure} patches marked unsure are not scored. Each frame is "
+        "judged at the frame rule in the model's bundle. Blocks of "
+        f"{BLOCK_FRAMES} frames count as independent."
+    ]
+    same = [bundle.label for bundle in bundles if mission_in_training(bundle, sure)]
+    if same:
+        notes.append(
+            f"WARNING: {', '.join(same)} learnt from other frames of this very mission, which "
+            "flatters against a model that did not; another dive can go much worse."
+        )
+    return notes

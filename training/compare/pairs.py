@@ -1,0 +1,220 @@
+"""Which of two models is better, by how much, and whether the data can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from .bootstrap import (
+    CONFIDENCE,
+    average_precision,
+    drawn_blocks,
+    interval,
+    ranked_counts,
+    spread_of_ap,
+    summed,
+)
+from .judged import Judged
+from .measure import Measure
+from .permutation import SwapTest, holm, swap_test
+
+BETTER, WORSE, CANNOT_TELL = "better", "worse", "cannot tell"
+_POWER = 0.8
+_UNDEFINED = (
+    "Cannot tell which model is better: no patch here is labelled as an obstacle, or a model knows "
+    "one side alone, so there is no F1. False statuses are all that can be compared."
+)
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Resampled:
+    """A figure, its counts in each block for each model, and its value in each resample."""
+
+    name: str
+    title: str
+    figure: Callable[[_Array], _Array]
+    counts: dict[str, _Array]
+    spread: dict[str, _Array]
+
+    def value(self, label: str) -> float:
+        return float(self.figure(self.counts[label].sum(axis=0)[None])[0])
+
+    def change(self, first: str, second: str) -> _Array:
+        return self.spread[first] - self.spread[second]
+
+
+def main_measure(judged: Judged) -> Measure:
+    """Macro-F1 where all models tell the same several classes apart, else the obstacles' F1."""
+    classes = {contender.classes for contender in judged.contenders}
+    return Measure(len(classes.pop())) if len(classes) == 1 else Measure()
+
+
+def _resampled(judged: Judged, measure: Measure, draws: _Array) -> _Resampled:
+    names, block = judged.blocks
+    counts = {
+        item.label: measure.counts(
+            item.targets, item.predicted, judged.truth, item.score > 0, block, len(names)
+        )
+        for item in judged.contenders
+    }
+    spread = {label: measure.figure(summed(draws, part)) for label, part in counts.items()}
+    return _Resampled(measure.name, measure.title, measure.figure, counts, spread)
+
+
+def _ap_measure(judged: Judged, draws: _Array) -> _Resampled | None:
+    if not judged.truth.any() or not judged.two_sided:
+        return None
+    names, block = judged.blocks
+    counts = {
+        item.label: ranked_counts(judged.truth, item.score, block, len(names))
+        for item in judged.contenders
+    }
+    spread = {label: spread_of_ap(draws, part) for label, part in counts.items()}
+    return _Resampled("average_precision", "AP", average_precision, counts, spread)
+
+
+def _bounds(spread: _Array, blocks: int) -> dict[str, float] | None:
+    found = interval(spread, blocks)
+    return None if found is None else {"low": found[0], "high": found[1]}
+
+
+def _detectable(spread: _Array, questions: int) -> float | None:
+    """The difference that would be called one in 4 of 5 repeats, from its standard error."""
+    found = spread[np.isfinite(spread)]
+    if len(found) < 2 or not found.std():
+        return None
+    alpha = (1 - CONFIDENCE) / questions
+    return float((norm.ppf(1 - alpha / 2) + norm.ppf(_POWER)) * found.std())
+
+
+def _verdict(difference: float, bounds: dict[str, float] | None, p: float) -> str:
+    if bounds is None or p > 1 - CONFIDENCE or bounds["low"] <= 0 <= bounds["high"]:
+        return CANNOT_TELL
+    return BETTER if difference > 0 else WORSE
+
+
+def _said(pair: dict[str, Any], title: str, test: SwapTest, questions: int) -> str:
+    """The verdict on a pair, for people."""
+    first, second = pair["models"]
+    bounds, p = pair["interval"], pair["p_adjusted"]
+    if not test.differing:
+        return f"{first} and {second} say the same of every patch: nothing tells them apart."
+    spread = (
+        "" if bounds is None else f" (95 % interval {bounds['low']:+.3f} to {bounds['high']:+.3f}"
+    )
+    spread += f", p = {p:.2g}{', adjusted' if questions > 1 else ''})" if spread else ""
+    by = f"{title} {pair['values'][0]:.3f} against {pair['values'][1]:.3f}"
+    if pair["verdict"] != CANNOT_TELL:
+        return (
+            f"{first} is {pair['verdict']} than {second}: {by}, a difference of "
+            f"{pair['difference']:+.3f}{spread}."
+        )
+    seen = (
+        ""
+        if pair["detectable"] is None
+        else (
+            f" With these blocks a difference of about {pair['detectable']:.3f} would be found "
+            "in 4 of 5 repeats."
+        )
+    )
+    if test.least_p * questions > 1 - CONFIDENCE:
+        seen = (
+            f" They differ in {test.differing} blocks only: too few for any difference to be told "
+            "from luck."
+        )
+    return (
+        f"Cannot tell whether {first} or {second} is better: {by}, a difference of "
+        f"{pair['difference']:+.3f}{spread}.{seen}"
+    )
+
+
+def compare_pairs(judged: Judged) -> dict[str, Any]:
+    """Intervals for each model and a verdict on each pair.
+
+    The verdict is *better* or *worse* only where the block permutation test, adjusted for the
+    number of pairs, gives p <= 0.05 and the bootstrap interval of the difference leaves 0 out.
+
+    Returns
+    -------
+    dict
+        measure, blocks, intervals {label: {measure: {low, high}}}, pairs (none where there is no
+        F1 to compare by; models, values, difference, interval, p, p_adjusted, detectable,
+        average_precision, verdict, words), and method in words.
+    """
+    names, _ = judged.blocks
+    draws = drawn_blocks(len(names))
+    measure, ap = _resampled(judged, main_measure(judged), draws), _ap_measure(judged, draws)
+    shown = [measure] if ap is None else [measure, ap]
+    if measure.name != "f1" and judged.two_sided:
+        shown.append(_resampled(judged, Measure(), draws))
+    labels = [contender.label for contender in judged.contenders]
+    defined = measure.name != "f1" or bool(judged.truth.any() and judged.two_sided)
+    couples = list(combinations(labels, 2))
+    return {
+        "measure": measure.name,
+        "measure_title": measure.title,
+        "blocks": len(names),
+        "intervals": {
+            label: {item.name: _bounds(item.spread[label], len(names)) for item in shown}
+            for label in labels
+        },
+        "pairs": _pairs(measure, ap, couples, len(names)) if defined else [],
+        "method": _method(len(names), judged.unit, len(couples)) if defined else _UNDEFINED,
+    }
+
+
+def _pairs(
+    measure: _Resampled, ap: _Resampled | None, couples: list[tuple[str, str]], blocks: int
+) -> list[dict[str, Any]]:
+    tests = [swap_test(measure.counts[a], measure.counts[b], measure.figure) for a, b in couples]
+    adjusted = holm([test.p for test in tests])
+    pairs = []
+    for (a, b), test, p in zip(couples, tests, adjusted, strict=True):
+        difference = measure.value(a) - measure.value(b)
+        bounds = _bounds(measure.change(a, b), blocks)
+        pair: dict[str, Any] = {
+            "models": [a, b],
+            "values": [measure.value(a), measure.value(b)],
+            "difference": difference,
+            "interval": bounds,
+            "p": test.p,
+            "p_adjusted": p,
+            "swaps": test.swaps,
+            "exact": test.exact,
+            "differing_blocks": test.differing,
+            "detectable": _detectable(measure.change(a, b), len(couples)),
+            "average_precision": None if ap is None else _ap_pair(ap, a, b, blocks),
+            "verdict": _verdict(difference, bounds, p),
+        }
+        pair["words"] = _said(pair, measure.title, test, len(couples))
+        pairs.append(pair)
+    return pairs
+
+
+def _ap_pair(ap: _Resampled, a: str, b: str, blocks: int) -> dict[str, Any]:
+    return {
+        "difference": ap.value(a) - ap.value(b),
+        "interval": _bounds(ap.change(a, b), blocks),
+    }
+
+
+def _method(blocks: int, unit: str, questions: int) -> str:
+    several = (
+        f" {questions} pairs were asked about at once: their p-values are adjusted (Holm), their "
+        "intervals are not."
+        if questions > 1
+        else ""
+    )
+    return (
+        f"{blocks} {unit} count as independent. Intervals: 95 %, bootstrap over whole "
+        "blocks, the same blocks for all models. p: the two models' verdicts swapped block by "
+        "block, all ways where there are few blocks. A model is called better or worse only where "
+        f"p is at most 0.05 and the interval of the difference leaves 0 out.{several}"
+    )

@@ -1,0 +1,180 @@
+"""The frames of a dataset, and one number a frame from the scores of its patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ..inference.verdict import STATUS_MEAN_THRESHOLD
+from ..models.operating_point import LARGEST_WINDOW, frame_step, missed_before
+from .dataset import DatasetVersion
+
+KEYS = ["mission", "camera", "frame"]
+
+
+@dataclass(frozen=True)
+class FrameTable:
+    """The labelled frames of a dataset, by mission, camera and number.
+
+    Parameters
+    ----------
+    keys : DataFrame
+        Columns mission, camera, frame, group; one row a frame.
+    of_patch : array of int, shape (n_patches,)
+        Row of `keys` for each patch of the dataset.
+    obstacles : array of int, shape (n_frames,)
+        Patches labelled as an obstacle.
+    ocean : array of bool, shape (n_frames,)
+        Every patch is labelled, as clear. Never so in a dataset of single patches, whose
+        "frames" are patches.
+    least_white : array of int, shape (n_frames,)
+        Patches it takes to bring the mask's mean over the thesis's limit: 1, but for grids
+        of very small patches.
+    place : array of int, shape (n_frames,)
+        Counts frames as they followed each other: 1 more than the frame before where none is
+        missing in between, and far from it in another mission or camera.
+    """
+
+    keys: pd.DataFrame
+    of_patch: NDArray[np.int64]
+    obstacles: NDArray[np.int64]
+    ocean: NDArray[np.bool_]
+    least_white: NDArray[np.int64]
+    place: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def names(self, chosen: NDArray[np.bool_]) -> list[str]:
+        """``mission:frame`` of some frames; with the camera where it is not the left one."""
+        rows = self.keys[chosen][KEYS].itertuples(index=False, name=None)
+        return [
+            f"{mission}:{frame}" if camera == "left" else f"{mission}:{camera}:{frame}"
+            for mission, camera, frame in rows
+        ]
+
+
+def frame_table(dataset: DatasetVersion) -> FrameTable:
+    """The frames of a dataset."""
+    flags = np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
+    grouped = dataset.patches.assign(obstacle=flags).groupby(KEYS)
+    of_patch = grouped.ngroup().to_numpy(np.int64)
+    found = grouped.agg(
+        obstacles=("obstacle", "sum"), n=("obstacle", "size"), group=("group", "first")
+    ).reset_index()
+    whole = (found.n == dataset.grid.n_patches) & (dataset.block_frames is not None)
+    return FrameTable(
+        found[[*KEYS, "group"]],
+        of_patch,
+        found.obstacles.to_numpy(np.int64),
+        (whole & (found.obstacles == 0)).to_numpy(bool),
+        _least_white(dataset, found),
+        _places(found),
+    )
+
+
+def _least_white(dataset: DatasetVersion, found: pd.DataFrame) -> NDArray[np.int64]:
+    sizes = dataset.frames.drop_duplicates(KEYS).set_index(KEYS)
+    sizes = sizes.loc[pd.MultiIndex.from_frame(found[KEYS]), ["height", "width"]]
+    least = {}
+    for height, width in sizes.drop_duplicates().itertuples(index=False, name=None):
+        resized = dataset.grid.resized(height, width)
+        mean_of_one = 255.0 * np.prod(dataset.grid.patch_size(*resized)) / np.prod(resized)
+        least[height, width] = int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
+    pairs = zip(sizes.height, sizes.width, strict=True)
+    return np.array([least[pair] for pair in pairs], np.int64)
+
+
+def _places(found: pd.DataFrame) -> NDArray[np.int64]:
+    places, last = np.zeros(len(found), np.int64), -LARGEST_WINDOW
+    for rows in found.groupby(["mission", "camera"]).indices.values():
+        numbers = found.frame.to_numpy()[rows].tolist()
+        missed = np.asarray(missed_before(numbers, frame_step(numbers)), np.int64)
+        # More missing frames than any window holds are as good as that many.
+        steps = 1 + np.minimum(missed, LARGEST_WINDOW)
+        places[rows] = last + LARGEST_WINDOW + np.cumsum(steps)
+        last = places[rows[-1]]
+    return places
+
+
+@dataclass(frozen=True)
+class FrameScores:
+    """The obstacle scores of a dataset's patches, frame by frame.
+
+    Parameters
+    ----------
+    frames : FrameTable
+    scores : array of float64, shape (n_frames, n_patches)
+        By the patch's place in the grid; -inf where a patch was not tested (or is not labelled).
+    tested : array of bool, shape (n_frames,)
+    """
+
+    frames: FrameTable
+    scores: NDArray[np.float64]
+    tested: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls,
+        frames: FrameTable,
+        dataset: DatasetVersion,
+        score: NDArray[np.float64],
+        tested: NDArray[np.bool_],
+    ) -> FrameScores:
+        """Lay out one score a patch; see `choose_frame_rule`."""
+        scores = np.full((len(frames), dataset.grid.n_patches), -np.inf)
+        cell = (dataset.patches.row * dataset.grid.cols + dataset.patches.col).to_numpy()
+        scores[frames.of_patch[tested], cell[tested]] = score[tested]
+        judged = np.zeros(len(frames), bool)
+        judged[frames.of_patch[tested]] = True
+        return cls(frames, scores, judged)
+
+    def of_some(self, chosen: NDArray[np.bool_]) -> FrameScores:
+        """The same, as if only these frames had been tested."""
+        tested = self.tested & chosen
+        return FrameScores(self.frames, np.where(tested[:, None], self.scores, -np.inf), tested)
+
+    def statistic(self, least_patches: int, hits: int, window: int) -> NDArray[np.float64]:
+        """What a margin must stay below for a frame's status to be obstacle, shape (n_frames,).
+
+        The `least_patches`-th largest, over the patches, of the `hits`-th largest of a patch's
+        last `window` scores: `FrameRuleState` calls an obstacle exactly where it exceeds the
+        margin. -inf where there are too few; a frame that is missing exceeds nothing.
+        """
+        confirmed = windowed(self.scores, self.frames.place, hits, window)
+        needed = np.maximum(least_patches, self.frames.least_white)
+        found = np.full(len(self.frames), -np.inf)
+        enough = (needed <= confirmed.shape[1]) & self.tested
+        ranked = -np.sort(-confirmed[enough], axis=1)
+        found[enough] = ranked[np.arange(len(ranked)), needed[enough] - 1]
+        return found
+
+
+def windowed(
+    values: NDArray[np.float64], place: NDArray[np.int64], hits: int, window: int
+) -> NDArray[np.float64]:
+    """The `hits`-th largest of the values in each frame and the `window` - 1 places before it.
+
+    Parameters
+    ----------
+    values : array of float64, shape (n_frames, n_columns)
+        Column by column.
+    place : array of int, shape (n_frames,)
+        As in `FrameTable`, rising; places without a frame hold -inf.
+    hits, window : int
+
+    Returns
+    -------
+    numpy.ndarray
+        As `values`.
+    """
+    if window == 1 or not len(values):
+        return values
+    line = np.full((int(place[-1] - place[0]) + window, values.shape[1]), -np.inf)
+    at = place - place[0] + window - 1
+    line[at] = values
+    last = np.stack([line[at - back] for back in range(window)])
+    return np.asarray(np.sort(last, axis=0)[window - hits])

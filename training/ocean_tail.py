@@ -1,0 +1,150 @@
+"""How rarely open ocean exceeds a margin: an extrapolation from few frames, and how sure it is.
+
+A frame's statistic is the largest of some hundred patches' scores, or nearly so. Scores are sums of
+many features, so they have light tails, and the largest of many such numbers follows a Gumbel law
+(Fisher and Tippett 1928). A normal law would promise more than it may: of a maximum it takes too
+little to be far out. Its level changes along a dive with light and water, from block to block of
+frames, for many small reasons: a normal law (one-way random effects; Searle, Casella and McCulloch
+1992, estimated by analysis of variance, which does not take a few blocks' spread for all there is).
+So an ocean frame's statistic is taken for the sum of both.
+
+Neighbour frames are near copies: a hundred frames say little more than the few blocks they come
+from. The margin's standard error is therefore taken over blocks, by leaving one block out at a time
+(jackknife; Efron and Stein 1981), with Student's t for their small number, as is usual for errors
+over clusters (Cameron and Miller 2015).
+
+How far that can be trusted was tried on simulated missions of 5 blocks of 20 frames, each frame
+seen 1 to 4 times, whose law is known: the best estimate for 1 in 10,000 has a true rate of 1 to 3.5
+in 10,000 in the median, and the bound with 95 % confidence keeps the rate in 76 to 93 of 100.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import brentq
+
+LEAST_FRAMES = 10
+LEAST_BLOCKS = 2
+_GUMBEL_DEVIATION = np.pi / np.sqrt(6)
+_LEVELS = np.linspace(-8, 8, 1601)
+_TINY = 1e-300
+_SHARES = stats.norm.pdf(_LEVELS) / stats.norm.pdf(_LEVELS).sum()
+
+
+@dataclass(frozen=True)
+class OceanTail:
+    """The law of the ocean frames' statistic.
+
+    Parameters
+    ----------
+    mean : float
+        Of all frames.
+    between : float
+        Standard deviation of the blocks' levels.
+    within : float
+        Scale of the Gumbel law inside a block.
+    quantile : float
+        What the stated rate of frames exceeds.
+    standard_error : float
+        Of `quantile`, between blocks.
+    blocks : int
+    """
+
+    mean: float
+    between: float
+    within: float
+    quantile: float
+    standard_error: float
+    blocks: int
+
+    def margin(self, confidence: float) -> float:
+        """The margin that is large enough with this confidence, were the law right.
+
+        0.5 gives the best estimate.
+        """
+        steps = stats.t.ppf(confidence, self.blocks - 1)
+        return float(self.quantile + steps * self.standard_error)
+
+    def confidence(self, margin: float) -> float:
+        """How sure it is that `margin` is large enough, were the law right."""
+        if self.standard_error == 0:
+            return float(margin >= self.quantile)
+        steps = (margin - self.quantile) / self.standard_error
+        return float(stats.t.cdf(steps, self.blocks - 1))
+
+    def rate(self, margin: float) -> float:
+        """The share of ocean frames expected to exceed `margin`."""
+        return _rate(margin, self.mean, self.between, self.within)
+
+
+def fit_ocean_tail(
+    statistic: NDArray[np.float64], block: NDArray[np.object_], rate: float
+) -> OceanTail | None:
+    """Fit the law; None where there is too little to fit.
+
+    Parameters
+    ----------
+    statistic : array of float64, shape (n_frames,)
+        Finite.
+    block : array, shape (n_frames,)
+        Which frames belong together.
+    rate : float
+        Of frames that may exceed a margin.
+    """
+    names = np.unique(block)
+    if len(statistic) < LEAST_FRAMES or len(names) < LEAST_BLOCKS:
+        return None
+    # Where all but one block hold a single value there is no spread to go by.
+    laws = [_law(statistic[block != name], block[block != name]) for name in names]
+    law = _law(statistic, block)
+    if min(within for _, _, within in (law, *laws)) == 0:
+        return None
+    without = np.array([_quantile(rate, *one) for one in laws])
+    spread = (len(names) - 1) / len(names) * np.square(without - without.mean()).sum()
+    return OceanTail(*law, _quantile(rate, *law), float(np.sqrt(spread)), len(names))
+
+
+def _law(statistic: NDArray[np.float64], block: NDArray[np.object_]) -> tuple[float, float, float]:
+    """Mean, spread between blocks, and Gumbel scale within them."""
+    _, of_block, count = np.unique(block, return_inverse=True, return_counts=True)
+    level = np.bincount(of_block, statistic) / count
+    mean, n, blocks = statistic.mean(), len(statistic), len(count)
+    within = np.square(statistic - level[of_block]).sum() / max(1, n - blocks)
+    if blocks == 1:
+        return float(mean), 0.0, float(np.sqrt(within) / _GUMBEL_DEVIATION)
+    over = (count * np.square(level - mean)).sum() / (blocks - 1) - within
+    between = max(0.0, over * (blocks - 1) / (n - np.square(count).sum() / n))
+    return float(mean), float(np.sqrt(between)), float(np.sqrt(within) / _GUMBEL_DEVIATION)
+
+
+def _rate(margin: float, mean: float, between: float, within: float) -> float:
+    """The share above `margin` of a Gumbel law whose level is normal."""
+    location = mean - within * np.euler_gamma + between * _LEVELS
+    with np.errstate(over="ignore"):  # far below the location the share is 1
+        above = stats.gumbel_r.sf(margin, location, within)
+    return float((above * _SHARES).sum())
+
+
+def _quantile(rate: float, mean: float, between: float, within: float) -> float:
+    spread = between + within
+    return float(
+        brentq(
+            lambda margin: np.log(max(_rate(margin, mean, between, within), _TINY) / rate),
+            mean - 3 * spread,
+            mean + spread * (10 - 2 * np.log(rate)),
+        )
+    )
+
+
+def upper_bound(exceeding: int, n: int, confidence: float) -> float:
+    """The largest rate that `exceeding` of `n` independent trials do not contradict.
+
+    Exact (Clopper and Pearson 1934), one-sided.
+    """
+    return (
+        1.0 if exceeding >= n else float(stats.beta.ppf(confidence, exceeding + 1, n - exceeding))
+    )

@@ -1,0 +1,296 @@
+"""The operating point: the frame rule that keeps false statuses on open ocean rare enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import ToktError
+from ..models.operating_point import FrameRule
+from .dataset import DatasetVersion
+from .frame_scores import FrameScores, frame_table
+from .ocean_tail import OceanTail, fit_ocean_tail, upper_bound
+
+LEAST_PATCHES = (1, 2)
+FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
+BOUND_CONFIDENCE = 0.95
+_MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read, never too small
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the operating point is chosen for.
+
+    Parameters
+    ----------
+    rate : float
+        False statuses allowed per ocean frame.
+    confidence : float
+        With which the rate is to be kept; 0.5 asks for the best estimate.
+    least_patches : int or None
+        Of the rule; None to choose between 1 and 2.
+    frame_rule : (hits, window) or None
+        Of the rule; None to choose among 1 of 1, 2 of 3, 3 of 3 and 3 of 5.
+
+    Raises
+    ------
+    ToktError
+        If a number is out of its bounds.
+    """
+
+    rate: float = 1e-4
+    confidence: float = 0.5
+    least_patches: int | None = None
+    frame_rule: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rate < 1:
+            raise ToktError(f"a false-status rate lies between 0 and 1, not at {self.rate:g}")
+        if not 0.5 <= self.confidence < 1:
+            raise ToktError(f"a confidence lies between 0.5 and 1, not at {self.confidence:g}")
+        tuple(self.shapes())
+
+    def shapes(self) -> Iterator[FrameRule]:
+        """The rules to choose among, still without their margins, the simpler first."""
+        frames = FRAME_RULES if self.frame_rule is None else (self.frame_rule,)
+        patches = LEAST_PATCHES if self.least_patches is None else (self.least_patches,)
+        for (hits, window), least in product(frames, patches):
+            yield FrameRule(0.0, least, hits, window)
+
+
+DEFAULT_TARGET = Target()
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A rule with its margins, and what it does on the frames it was chosen on.
+
+    The first of `tails` is of the margin, the second, if there is one, of the margin at once.
+    """
+
+    rule: FrameRule
+    tails: tuple[OceanTail | None, ...]
+    false_status: NDArray[np.bool_]
+    blocks: NDArray[np.object_]
+    found: NDArray[np.bool_]
+    found_at_zero: NDArray[np.bool_]
+
+    @property
+    def margins(self) -> list[float]:
+        """Of the same paths as `tails`."""
+        now = self.rule.margin_now
+        return [self.rule.margin] if now is None else [self.rule.margin, now]
+
+    def rate(self) -> float | None:
+        """False statuses an ocean frame that the fitted laws expect, at most."""
+        pairs = list(zip(self.tails, self.margins, strict=True))
+        rates = [tail.rate(margin) for tail, margin in pairs if tail is not None]
+        return sum(rates) if len(rates) == len(pairs) else None
+
+    def confidence(self) -> float | None:
+        """That each path keeps its part of the rate, were the laws right: the lower of both."""
+        pairs = list(zip(self.tails, self.margins, strict=True))
+        sure = [tail.confidence(margin) for tail, margin in pairs if tail is not None]
+        return min(sure) if len(sure) == len(pairs) else None
+
+    def worth(self) -> tuple[int, int]:
+        """Obstacle frames found (each one that an alarm comes late is one less), then latency."""
+        return int(self.found.sum()), -self.rule.latency_frames
+
+
+def choose_frame_rule(
+    dataset: DatasetVersion,
+    score: NDArray[np.float64],
+    tested: NDArray[np.bool_],
+    target: Target,
+) -> tuple[FrameRule, dict[str, Any]]:
+    """Choose margin, patches and frames of an alarm for a rate of false statuses.
+
+    Each candidate's margin is where the law of `ocean_tail`, fitted to the tested ocean frames,
+    comes down to the rate; it is never so low that more of those frames than the rate allows
+    would have had a false status. A rule over several frames gets a second margin, above which
+    one patch of one frame is enough; the two share the rate evenly. Of the candidates the one
+    that finds most obstacle frames is taken; of equals the quicker one, then the simpler one.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    score : array of float64, shape (n_patches,)
+        `LinearModel.obstacle_score` by models that did not learn from the patch.
+    tested : array of bool, shape (n_patches,)
+        Which patches have one.
+    target : Target
+
+    Returns
+    -------
+    rule : FrameRule
+    chosen : dict
+        JSON, for the bundle and the card: what was asked for, how it was chosen (`method`), what
+        the data showed and what it cannot show (`words`), and the candidates.
+    """
+    frames = frame_table(dataset)
+    scores = FrameScores.of(frames, dataset, score, tested)
+    ocean = frames.ocean & scores.tested
+    said = {"target_rate": target.rate, "target_confidence": target.confidence}
+    if not ocean.any() or not np.isfinite(score[tested]).all():
+        why = (
+            "no frame was labelled as open ocean patch by patch"
+            if not ocean.any()
+            else "the model's classes are all obstacles, or all clear"
+        )
+        words = f"Nothing was chosen: {why}. Any patch over its threshold is an alarm."
+        return FrameRule(), {**said, "method": "none", "words": words, "reachable": False}
+    shapes = [s for s in target.shapes() if s.least_patches <= dataset.grid.n_patches]
+    if not shapes:
+        raise ToktError(
+            f"frames of {dataset.grid.n_patches} patches never show {target.least_patches} of them"
+        )
+    candidates = [_candidate(shape, scores, ocean, target) for shape in shapes]
+    best = max(candidates, key=_Candidate.worth)
+    return best.rule, {
+        **said,
+        **_described(best, target),
+        "candidates": [_summary(candidate) for candidate in candidates],
+    }
+
+
+def _candidate(
+    shape: FrameRule, scores: FrameScores, ocean: NDArray[np.bool_], target: Target
+) -> _Candidate:
+    frames = scores.frames
+    blocks = frames.keys.group.to_numpy()[ocean]
+    # Over ocean frames alone: what is left over from an obstacle is not a false status.
+    quiet_scores = scores.of_some(ocean)
+    paths = [(shape.least_patches, shape.hits, shape.window)]
+    if shape.window > 1:
+        paths.append((1, 1, 1))
+    rate = target.rate / len(paths)
+    quiet = [quiet_scores.statistic(*path)[ocean] for path in paths]
+    tails = [fit_ocean_tail(*_finite(one, blocks), rate) for one in quiet]
+    margins = [
+        _margin(one, tail, rate, target.confidence) for one, tail in zip(quiet, tails, strict=True)
+    ]
+    now = max(margins) if len(paths) > 1 else None
+    obstacle = (frames.obstacles > 0) & scores.tested
+    seen = [scores.statistic(*path)[obstacle] for path in paths]
+    limits = [margins[0], *([] if now is None else [now])]
+    return _Candidate(
+        replace(shape, margin=margins[0], margin_now=now),
+        tuple(tails),
+        _any_above(quiet, limits),
+        blocks,
+        _any_above(seen, limits),
+        seen[0] > 0,
+    )
+
+
+def _finite(
+    statistic: NDArray[np.float64], blocks: NDArray[np.object_]
+) -> tuple[NDArray[np.float64], NDArray[np.object_]]:
+    """Without the frames that have too few last ones."""
+    finite = np.isfinite(statistic)
+    return statistic[finite], blocks[finite]
+
+
+def _margin(
+    statistic: NDArray[np.float64], tail: OceanTail | None, rate: float, confidence: float
+) -> float:
+    allowed = np.sort(statistic)[::-1][math.floor(rate * len(statistic))]
+    margin = max(0.0, float(allowed), tail.margin(confidence) if tail else 0.0)
+    return math.ceil(margin * _MARGIN_STEPS) / _MARGIN_STEPS
+
+
+def _any_above(statistics: list[NDArray[np.float64]], margins: list[float]) -> NDArray[np.bool_]:
+    """Where a statistic is above its margin."""
+    pairs = zip(statistics, margins, strict=True)
+    return np.asarray(np.any([one > margin for one, margin in pairs], axis=0), bool)
+
+
+def _summary(candidate: _Candidate) -> dict[str, Any]:
+    return {
+        **candidate.rule.to_json(),
+        "detected": int(candidate.found.sum()),
+        "detected_at_margin_0": int(candidate.found_at_zero.sum()),
+        "latency_frames": candidate.rule.latency_frames,
+    }
+
+
+def _described(best: _Candidate, target: Target) -> dict[str, Any]:
+    frames, false = len(best.false_status), int(best.false_status.sum())
+    blocks = len(np.unique(best.blocks))
+    false_blocks = len(np.unique(best.blocks[best.false_status]))
+    bounds = (
+        upper_bound(false, frames, BOUND_CONFIDENCE),
+        upper_bound(false_blocks, blocks, BOUND_CONFIDENCE),
+    )
+    return {
+        "method": _NO_METHOD if best.rate() is None else _METHOD,
+        "words": _words(best, target, bounds),
+        "ocean_frames": frames,
+        "ocean_blocks": blocks,
+        "false_status": false,
+        "false_status_blocks": false_blocks,
+        "upper_bound": {
+            "confidence": BOUND_CONFIDENCE,
+            "of_frames": bounds[0],
+            "of_blocks": bounds[1],
+        },
+        "reachable": bounds[0] <= target.rate,
+        "extrapolated_rate": best.rate(),
+        "confidence": best.confidence(),
+        "tail": [asdict(tail) if tail else None for tail in best.tails],
+        "obstacle_frames": len(best.found),
+        **{key: _summary(best)[key] for key in _COSTS},
+    }
+
+
+_COSTS = ("detected", "detected_at_margin_0", "latency_frames")
+_METHOD = (
+    "A Gumbel law, at a level that changes from block to block, was fitted to how strong the last "
+    "patch is that a status needs, on held-out ocean frames; the margin is where it comes down to "
+    "the rate, at the stated confidence over blocks of frames, and no lower than what was seen. "
+    "Where a status takes several frames, half of the rate goes to a second margin, above which "
+    "one patch of one frame is enough."
+)
+_NO_METHOD = (
+    "Too few held-out ocean frames or blocks to fit a law to: the margin is the largest obstacle "
+    "score that was seen on them."
+)
+
+
+def _words(best: _Candidate, target: Target, bounds: tuple[float, float]) -> str:
+    """What was asked, what was seen, and what that can and cannot show."""
+    frames, false = len(best.false_status), int(best.false_status.sum())
+    blocks = len(np.unique(best.blocks))
+    asked = f"Asked for: a false status in at most {_one_in(target.rate)} ocean frames."
+    seen = (
+        f"Seen: {false} of {frames} held-out ocean frames ({blocks} blocks of near copies). That "
+        f"alone shows no more than {bounds[0]:.2g} of frames ({BOUND_CONFIDENCE:.0%} confidence, "
+        f"were they independent) or {bounds[1]:.2g} of blocks"
+    )
+    if bounds[0] <= target.rate:
+        limit = "."
+    else:
+        needed = math.ceil(math.log(1 - BOUND_CONFIDENCE) / math.log1p(-target.rate))
+        limit = f"; it would take {needed} independent ocean frames without one to show the rate."
+    rate, sure = best.rate(), best.confidence()
+    if rate is None or sure is None:
+        return f"{asked} {seen}{limit} Nothing could be extrapolated from so few."
+    what = "a best estimate, not a bound" if target.confidence == 0.5 else "a bound by that law"
+    return (
+        f"{asked} {seen}{limit} The margin is extrapolated, {what}, and for water like this one "
+        f"only: by the fitted law {_one_in(rate)} ocean frames has a false status, and the rate "
+        f"asked for is kept with {sure:.0%} confidence."
+    )
+
+
+def _one_in(rate: float) -> str:
+    if rate < 1e-9:
+        return "fewer than 1 in 1,000,000,000"
+    return f"1 in {round(1 / rate):,}"

@@ -1,0 +1,76 @@
+"""Changed pictures: what another lamp, water or camera setting would have made of a frame.
+
+A model is to say the same of them. They are learnt from (`TrainingSettings.changes`) and tested on
+(``tokt train --stress``). Named ``gain_0.5`` (light times a half, as exposure or a camera's gain
+change it), ``jpeg_60`` (stored as a JPEG of quality 60) and ``noise_1`` (each value up or down by
+at most 1, evenly).
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import ToktError
+from ..features.image_file import pixel_sha256
+
+STRESS = (
+    *("gain_0.5", "gain_0.7", "gain_1.4", "gain_2"),
+    *("jpeg_60", "jpeg_75", "jpeg_95", "noise_1"),
+)
+"""What ``--stress`` tests on."""
+
+
+def changed(frame: NDArray[np.uint8], name: str) -> NDArray[np.uint8]:
+    """A frame as it would have come out.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (height, width) or (height, width, 3)
+    name : str
+
+    Returns
+    -------
+    numpy.ndarray
+        As `frame`; the same each time.
+
+    Raises
+    ------
+    ToktError
+        If there is no such change.
+    """
+    kind, value = change_named(name)
+    if kind == "gain":
+        return np.asarray(np.clip(np.rint(frame * value), 0, 255), np.uint8)
+    if kind == "jpeg":
+        data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, int(value)])[1]
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
+    rng = np.random.default_rng(int(pixel_sha256(frame)[:16], 16))
+    noise = rng.integers(-int(value), int(value), frame.shape, np.int16, endpoint=True)
+    return np.asarray(np.clip(frame + noise, 0, 255), np.uint8)
+
+
+def change_named(name: str) -> tuple[str, float]:
+    """The kind and the strength that a change's name says.
+
+    Raises
+    ------
+    ToktError
+        If there is no such change.
+    """
+    kind, _, text = name.partition("_")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    whole = value.is_integer()
+    if (
+        (kind == "gain" and 0 < value <= 16)
+        or (kind == "jpeg" and whole and 1 <= value <= 100)
+        or (kind == "noise" and whole and 1 <= value <= 64)
+    ):
+        return kind, value
+    raise ToktError(f"no picture change {name!r} (they are like gain_0.5, jpeg_60 and noise_1)")

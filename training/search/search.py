@@ -1,0 +1,337 @@
+"""Search a dataset for its best extractor, and train and register the winner."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ...features.errors import ToktError
+from ...features.extractor import build_extractor
+from ...models.registry import RegisteredVersion, Registry
+from ..cross_validation import Split
+from ..dataset import DatasetVersion
+from ..feature_table import feature_key
+from ..parallel import mapped, software
+from ..tracking import log_and_register
+from ..train import TrainRequest, train
+from ..trainable import check_blocks, inner_folds
+from .budget import Budget
+from .nested import HOW, honest_score
+from .rule import RULE, Rank, ranked, winner
+from .runs import SearchRuns
+from .score import Tally
+from .space import Space, Trial
+from .state import Finished, SearchState, opened_state, read_finished, write_json
+from .trial import Outcome, Task, outer_training_rows, part_of, run_task
+
+_TRAINING = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class SearchRequest:
+    """What to search.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    name : str
+        The winner's name in the registry.
+    space : Space
+    split : Split
+    workspace : Path
+    budget : Budget
+        Of this run; what it leaves is done by the next one.
+    nested : bool
+        Whether to measure the honest figure of the whole procedure.
+    fresh : bool
+        Forget what earlier runs did.
+    jobs, dask
+        As in `mapped`; nothing that comes out depends on them.
+    """
+
+    dataset: DatasetVersion
+    name: str
+    space: Space
+    split: Split
+    workspace: Path
+    budget: Budget = field(default_factory=Budget)
+    nested: bool = False
+    fresh: bool = False
+    jobs: int = -1
+    dask: str | None = None
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What a run of a search came to.
+
+    Parameters
+    ----------
+    result : dict
+        JSON; also kept as ``result.json``.
+    version : RegisteredVersion
+        The winner.
+    """
+
+    result: dict[str, Any]
+    version: RegisteredVersion
+
+
+def _code_hash() -> str:
+    """Of the training code: a score of other code is not taken for one of this."""
+    digest = hashlib.sha256()
+    for path in sorted([*_TRAINING.glob("*.py"), *Path(__file__).parent.glob("*.py")]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _question(request: SearchRequest) -> dict[str, Any]:
+    """Everything that can change a trial's score or the winner."""
+    dataset = request.dataset
+    return {
+        "dataset": dataset.hash,
+        "space": request.space.to_json(),
+        "features": [feature_key(dataset, trial.spec) for trial in request.space.trials],
+        "split": asdict(request.split),
+        "rule": RULE,
+        "software": software(),
+        "code": _code_hash(),
+    }
+
+
+def search(request: SearchRequest, registry: Registry, progress: Callable[..., Any]) -> Searched:
+    """Run what is left of a search, as far as the budget goes, and register the winner so far.
+
+    The rule (`RULE`) is on disk and in the registry before the first trial is run.
+
+    Raises
+    ------
+    ToktError
+        If the dataset cannot be split as asked or was changed on disk, no extractor can be
+        tried, the registry or the dask scheduler cannot be reached, or another process is at
+        the same search.
+    """
+    if request.dataset.block_frames is None:
+        # Frame numbers only count file names there, as `train` knows too.
+        request = replace(request, split=Split(request.split.folds, embargo_frames=0))
+    _check(request)
+    dataset, split = request.dataset, request.split
+    root = request.workspace / "searches"
+    with opened_state(root, _question(request), dataset.name, fresh=request.fresh) as state:
+        parameters = {
+            "dataset": dataset.label,
+            "dataset_hash": dataset.hash,
+            "trials": len(request.space.trials),
+            "rule": RULE,
+            **{f"setting_{key}": value for key, value in asdict(request.space.settings).items()},
+            **{f"split_{key}": value for key, value in asdict(split).items()},
+        }
+        runs = SearchRuns(registry, state.id, f"search {request.name}", parameters)
+        with runs.running():
+            return _Search(request, registry, state, runs, progress).run()
+
+
+def _check(request: SearchRequest) -> None:
+    """Say before the work what would make it useless."""
+    dataset, split = request.dataset, request.split
+    dataset.check()
+    check_blocks(dataset, split.folds, split.embargo_frames)
+    if not request.nested:
+        return
+    for fold in range(split.folds):
+        part = part_of(dataset, outer_training_rows(dataset, split, fold))
+        try:
+            check_blocks(part, inner_folds(split.folds), split.embargo_frames)
+        except ToktError as error:
+            raise ToktError(f"--nested splits each training part again: {error}") from None
+
+
+class _Search:
+    """A search that is under way."""
+
+    def __init__(
+        self,
+        request: SearchRequest,
+        registry: Registry,
+        state: SearchState,
+        runs: SearchRuns,
+        progress: Callable[..., Any],
+    ) -> None:
+        self._request, self._registry = request, registry
+        self._state, self._runs, self._progress = state, runs, progress
+        self._faults: dict[str, str] = {}
+        seconds = request.budget.seconds
+        self._not_after = None if seconds is None else time.time() + seconds
+
+    def run(self) -> Searched:
+        """Trials, then the winner by the rule, then its model."""
+        whole = self._trials(self._request.space.trials)
+        if not whole:
+            fault = next(iter(self._faults.values()))
+            raise ToktError(f"no extractor of the space can be tried on this dataset: {fault}")
+        ranks = ranked(whole)
+        best = winner(ranks)
+        write_json(self._state.winner_file, best.trial.spec)
+        honest = self._honest(whole)
+        selection = self._selection(len(whole), honest)
+        version, metrics = self._model(best.trial, selection)
+        self._runs.adopt(version.run_id)
+        model = {"name": version.name, "version": version.version, "aliases": version.aliases}
+        result = {
+            **self._result(ranks, best, honest, selection),
+            "model": model,
+            "run_id": version.run_id,
+            "cv": metrics,
+        }
+        write_json(self._state.result_file, result)
+        figures = {"best_score": max(rank.score for rank in ranks), "winner_score": best.score}
+        if honest is not None:
+            figures["honest_score"] = honest["score"]
+        tried = f"{len(whole)} of {len(self._request.space.trials)}"
+        self._runs.report(figures, {"tokt.tried": tried, "tokt.winner": best.trial.name})
+        return Searched(result, version)
+
+    def _task(self, trial: Trial, outer_fold: int | None, limited: bool) -> Task:
+        request = self._request
+        return Task(
+            trial,
+            request.dataset.path.resolve(),
+            (request.workspace / "cache").resolve(),
+            self._state.trial_file(trial.id, outer_fold).resolve(),
+            request.space.settings,
+            request.split,
+            outer_fold,
+            # However small the budget is, one trial is run.
+            self._not_after if limited else None,
+        )
+
+    def _run(self, tasks: list[Task], what: str) -> Iterable[Outcome]:
+        if not tasks:
+            return ()
+        outcomes = mapped(run_task, tasks, self._request.jobs, self._request.dask)
+        shown: Iterable[Outcome] = self._progress(outcomes, len(tasks), what)
+        return shown
+
+    def _trials(self, trials: tuple[Trial, ...]) -> dict[Trial, Tally]:
+        """Run the trials that are left and the budget allows; all that are finished, in order."""
+        kept = {trial: read_finished(self._state.trial_file(trial.id)) for trial in trials}
+        for trial, earlier in kept.items():
+            if earlier is not None:
+                self._runs.log(trial, earlier)
+        left = [trial for trial, earlier in kept.items() if earlier is None]
+        allowed = len(left) if self._request.budget.trials is None else self._request.budget.trials
+        # One that cannot be tried is not paid for, or a small budget would never get past it.
+        while allowed > 0 and left:
+            begun, left = left[:allowed], left[allowed:]
+            tasks = [self._task(trial, None, number > 0) for number, trial in enumerate(begun)]
+            for outcome in self._run(tasks, "trials"):
+                self._take(outcome, kept)
+                allowed -= outcome.fault is None
+        return {trial: done.tally for trial, done in kept.items() if done is not None}
+
+    def _take(self, outcome: Outcome, kept: dict[Trial, Finished | None]) -> None:
+        trial = outcome.task.trial
+        if outcome.fault is not None:
+            self._faults[trial.name] = outcome.fault
+        if outcome.finished is not None:
+            self._runs.log(trial, outcome.finished)
+            kept[trial] = outcome.finished
+
+    def _honest(self, whole: Mapping[Trial, Tally]) -> dict[str, Any] | None:
+        """The nested figure, asked for now or measured before; None while trials of it are left."""
+        if len(whole) + len(self._faults) < len(self._request.space.trials):
+            return None
+        folds = range(self._request.split.folds)
+        kept = {
+            (fold, trial): read_finished(self._state.trial_file(trial.id, fold))
+            for fold in folds
+            for trial in whole
+        }
+        left = [self._task(trial, fold, True) for (fold, trial), done in kept.items() if not done]
+        asked_for = left if self._request.nested else []
+        for outcome in self._run(asked_for, "trials inside the folds"):
+            if outcome.fault is not None:
+                raise ToktError(f"--nested, {outcome.task.trial.name}: {outcome.fault}")
+            fold = outcome.task.outer_fold
+            if outcome.finished is not None and fold is not None:
+                kept[fold, outcome.task.trial] = outcome.finished
+        done = {place: finished.tally for place, finished in kept.items() if finished is not None}
+        if len(done) < len(kept):
+            return None
+        inside = [{trial: done[fold, trial] for trial in whole} for fold in folds]
+        return honest_score(whole, inside)
+
+    def _selection(self, tried: int, honest: dict[str, Any] | None) -> str:
+        text = (
+            f"CHOSEN ON THESE FOLDS: the extractor is the winner among {tried} tried on the same "
+            "folds, so its figures are somewhat too good."
+        )
+        if honest is None:
+            return text
+        return f"{text} The procedure's honest score is {honest['score']:.3f}: {HOW}."
+
+    def _model(self, trial: Trial, selection: str) -> tuple[RegisteredVersion, dict[str, Any]]:
+        """The winner's version and figures: what an earlier run registered, or a new one."""
+        request = self._request
+        wanted = {"search": self._state.id, "extractor": trial.name}
+        for version in self._registry.versions(request.name):
+            if wanted.items() <= version.tags.items():
+                metrics = self._registry.recipe(version)["metrics"]
+                if selection in metrics["split"]:
+                    return version, metrics
+        trained = train(
+            TrainRequest(
+                request.dataset,
+                request.name,
+                build_extractor(trial.spec),
+                trial.name,
+                request.space.settings,
+                request.split,
+                search=self._state.id,
+                selection=selection,
+            ),
+            request.workspace / "cache",
+            self._progress,
+            request.jobs,
+            request.dask,
+        )
+        return log_and_register(trained, self._registry), trained.metrics
+
+    def _result(
+        self, ranks: tuple[Rank, ...], best: Rank, honest: dict[str, Any] | None, selection: str
+    ) -> dict[str, Any]:
+        request = self._request
+        return {
+            "search": self._state.id,
+            "folder": str(self._state.folder),
+            "rule": RULE,
+            "dataset": request.dataset.label,
+            "dataset_hash": request.dataset.hash,
+            "split": asdict(request.split),
+            "parent_run_id": self._runs.parent_id,
+            "tried": len(ranks),
+            "trials": len(request.space.trials),
+            "faults": self._faults,
+            "ranks": [_rank_json(rank) for rank in ranks],
+            "winner": {**_rank_json(best), "spec": best.trial.spec},
+            "winner_file": str(self._state.winner_file),
+            "nested": honest,
+            "selection": selection,
+        }
+
+
+def _rank_json(rank: Rank) -> dict[str, Any]:
+    return {
+        "extractor": rank.trial.name,
+        "features": rank.trial.features,
+        "pictures": rank.trial.pictures,
+        "score": rank.score,
+        "standard_error": rank.standard_error,
+        "shortfall": rank.shortfall,
+        "shortfall_error": rank.shortfall_error,
+        "within_reach": rank.within,
+    }

@@ -1,0 +1,197 @@
+"""The space of a search: which extractors, C and class weights are tried, simple ones first.
+
+A TOML file::
+
+    format = 1
+    penalties = [0.01, 0.1, 1.0]            # LinearSVC's C
+    class_weights = ["none", "balanced"]
+    changes = ["gain_0.5", "jpeg_60"]       # may be left out: learn from frames so changed, too,
+    change_weight = 0.05                    # each counting so much
+
+    [extractors]                            # a name of your own = the extractor
+    coarse = "lbp_24_8+haralick"            # names as in `tokt train --extractor`
+    mine = "spec:mine.json"                 # a spec in a file, beside this one
+    fine = { name = "lbp", version = 1, points = 8, radius = 1, border = "frame", image = {...} }
+
+Each extractor is one trial; its C and class weight are chosen inside each training part.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...features.canonical import canonical_json, json_sha256
+from ...features.errors import ToktError
+from ...features.extractor import Extractor, build_extractor, extractor_named
+from ..picture_changes import change_named
+from ..presets import TrainingSettings
+
+SPACE_FORMAT = 1
+PRESET = "search"
+BUILT_IN = Path(__file__).with_name("space.toml")
+_OPTIONAL = {"changes", "change_weight"}
+_KEYS = {"format", "penalties", "class_weights", "extractors"}
+_WEIGHTS = {"none": None, "balanced": "balanced"}
+_FILE = "spec:"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One extractor to be tried.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the space file.
+    spec : dict
+    features : int
+        Columns of a patch's row.
+    pictures : int
+        Different pictures of a frame it looks at: each costs time at run time.
+    """
+
+    name: str
+    spec: dict[str, Any] = field(hash=False)
+    features: int
+    pictures: int
+
+    @property
+    def id(self) -> str:
+        """A short hash of the spec."""
+        return json_sha256(self.spec)[:12]
+
+    @property
+    def cost(self) -> tuple[int, int, str]:
+        """What orders trials from simple to rich; no measured time, which is never twice the same.
+
+        Number of features, then of pictures, then the name.
+        """
+        return self.features, self.pictures, self.name
+
+
+@dataclass(frozen=True)
+class Space:
+    """What a search tries.
+
+    Parameters
+    ----------
+    trials : tuple of Trial
+        Simple ones first.
+    settings : TrainingSettings
+        The candidates for C and class weight, the picture changes, and the seed.
+    """
+
+    trials: tuple[Trial, ...]
+    settings: TrainingSettings
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it, for the search's key and its files."""
+        return {
+            "trials": [asdict(trial) for trial in self.trials],
+            "settings": asdict(self.settings),
+        }
+
+
+def read_space(path: Path = BUILT_IN) -> Space:
+    """Read a space file.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be read, or anything in it is unknown, missing or given twice.
+    """
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ToktError(f"{path}: {error.strerror}") from None
+    except ValueError as error:  # not TOML, or not UTF-8
+        raise ToktError(f"{path}: not a TOML file ({error})") from None
+    try:
+        return _space_from(content, path.parent)
+    except ToktError as error:
+        raise ToktError(f"{path}: {error}") from None
+
+
+def _space_from(content: dict[str, Any], folder: Path) -> Space:
+    if content.get("format") != SPACE_FORMAT:
+        raise ToktError(f"a space file says 'format = {SPACE_FORMAT}', not {content.get('format')}")
+    wrong = (set(content) - _OPTIONAL) ^ _KEYS
+    if wrong:
+        raise ToktError(f"unknown or missing: {', '.join(sorted(wrong))}")
+    extractors = content["extractors"]
+    if not isinstance(extractors, dict) or not extractors:
+        raise ToktError("[extractors] holds at least one NAME = extractor")
+    built = {name: _named(name, value, folder) for name, value in extractors.items()}
+    trials = sorted((_trial(*item) for item in built.items()), key=lambda trial: trial.cost)
+    named: dict[str, str] = {}
+    for trial in trials:
+        if trial.id in named:
+            raise ToktError(f"extractors {named[trial.id]} and {trial.name} are the same")
+        named[trial.id] = trial.name
+    settings = TrainingSettings(
+        PRESET,
+        scale=True,
+        penalties=_penalties(content["penalties"]),
+        two_images=False,
+        class_weights=_class_weights(content["class_weights"]),
+        changes=_changes(content.get("changes", [])),
+        change_weight=_positive("change_weight", content.get("change_weight", 1.0)),
+    )
+    return Space(tuple(trials), settings)
+
+
+def _positive(name: str, value: Any) -> float:
+    if type(value) not in (int, float) or not 0 < value < math.inf:
+        raise ToktError(f"{name}: a number above 0, not {value!r}")
+    return float(value)
+
+
+def _penalties(value: Any) -> tuple[float, ...]:
+    if not isinstance(value, list) or not value:
+        raise ToktError("penalties is a list of numbers")
+    return tuple(sorted({_positive("penalties", number) for number in value}))
+
+
+def _class_weights(value: Any) -> tuple[str | None, ...]:
+    names = value if isinstance(value, list) else []
+    if not names or not all(isinstance(name, str) and name in _WEIGHTS for name in names):
+        raise ToktError(f"class_weights is a list of {' and '.join(map(repr, _WEIGHTS))}")
+    return tuple(_WEIGHTS[name] for name in _WEIGHTS if name in names)
+
+
+def _changes(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise ToktError("changes is a list of names, as gain_0.5")
+    for name in value:
+        change_named(name)
+    return tuple(dict.fromkeys(value))
+
+
+def _trial(name: str, extractor: Extractor) -> Trial:
+    spec = extractor.spec
+    return Trial(name, spec, extractor.dim, len(_pictures(spec)))
+
+
+def _named(name: str, value: Any, folder: Path) -> Extractor:
+    try:
+        if isinstance(value, str) and value.startswith(_FILE):
+            return extractor_named(_FILE + str(folder / value.removeprefix(_FILE)))
+        if isinstance(value, str):
+            return extractor_named(value)
+        return build_extractor(value)
+    except ToktError as error:
+        raise ToktError(f"extractor {name}: {error}") from None
+
+
+def _pictures(spec: Any) -> set[str]:
+    """Every ``image`` inside a spec, as text."""
+    if isinstance(spec, list):
+        return set().union(*map(_pictures, spec))
+    if not isinstance(spec, dict):
+        return set()
+    own = {canonical_json(spec["image"])} if "image" in spec else set()
+    return own.union(*(_pictures(value) for key, value in spec.items() if key != "image"))

@@ -1,0 +1,178 @@
+"""What a search has done so far, on disk: killed at any instant, it goes on where it was.
+
+Below the workspace::
+
+    searches/KEY/search.json            format, id, what is searched and by which rule
+    searches/KEY/trials/ID.json         one finished trial
+    searches/KEY/nested/FOLD-ID.json    one trial inside the training part of an outer fold
+    searches/KEY/winner.json            the winner's spec, for --extractor spec:FILE
+    searches/KEY/result.json            what the command reported last
+
+KEY is a hash over dataset, space, folds, rule and the code and libraries that decide a score, so
+that no result of another question is ever taken for one of this. Every file appears whole or
+not at all.
+
+To change the format: raise STATE_FORMAT, keep reading the old one, prove it with a test.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...features import atomic
+from ...features.canonical import json_sha256
+from ...features.errors import ToktError
+from ...features.file_lock import locked
+from ..presets import Choice
+from .score import Tally
+
+STATE_FORMAT = 1
+_KEY_CHARS = 16
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A trial's outcome.
+
+    Parameters
+    ----------
+    tally : Tally
+    choices : tuple of Choice
+        C and class weight of each fold.
+    seconds : float
+        What it took; for people.
+    """
+
+    tally: Tally
+    choices: tuple[Choice, ...]
+    seconds: float
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file for people and machines, whole or not at all."""
+    atomic.write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def write_finished(path: Path, finished: Finished) -> None:
+    """Keep a finished trial."""
+    choices = [[choice.penalty, choice.class_weight] for choice in finished.choices]
+    value = {"format": STATE_FORMAT, "choices": choices, "seconds": round(finished.seconds, 3)}
+    write_json(path, {**value, "tally": finished.tally.to_json()})
+
+
+def read_finished(path: Path) -> Finished | None:
+    """A trial kept earlier, or None where there is none.
+
+    Raises
+    ------
+    ToktError
+        If it is damaged or of a newer format.
+    """
+    try:
+        value = json.loads(path.read_text("utf-8"))
+        if value["format"] > STATE_FORMAT:
+            raise ToktError(f"{path} was written by a newer tokt")
+        choices = tuple(Choice(float(penalty), weight) for penalty, weight in value["choices"])
+        return Finished(Tally.from_json(value["tally"]), choices, float(value["seconds"]))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError):
+        raise ToktError(f"{path} is damaged; delete it, or search with --fresh") from None
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """The folder of one search.
+
+    Parameters
+    ----------
+    folder : Path
+    id : str
+        Names the search in the registry: its key, and a number that ``--fresh`` raises.
+    """
+
+    folder: Path
+    id: str
+
+    def trial_file(self, trial_id: str, outer_fold: int | None = None) -> Path:
+        """Where a finished trial is kept; with `outer_fold`, that of its training part."""
+        if outer_fold is None:
+            return self.folder / "trials" / f"{trial_id}.json"
+        return self.folder / "nested" / f"{outer_fold}-{trial_id}.json"
+
+    @property
+    def winner_file(self) -> Path:
+        """The winner's spec."""
+        return self.folder / "winner.json"
+
+    @property
+    def result_file(self) -> Path:
+        """What was reported last."""
+        return self.folder / "result.json"
+
+
+@contextmanager
+def opened_state(
+    root: Path, question: Mapping[str, Any], dataset: str, *, fresh: bool
+) -> Iterator[SearchState]:
+    """The state of a search, new or as an earlier run left it, for this process alone.
+
+    Parameters
+    ----------
+    root : Path
+        The workspace's ``searches`` folder.
+    question : mapping
+        Everything that can change a trial's score or the winner; JSON.
+    dataset : str
+        For people: the folder's name begins with it.
+    fresh : bool
+        Forget what an earlier run did.
+
+    Raises
+    ------
+    ToktError
+        If another process is at the same search, or the state is damaged or of a newer format.
+    """
+    key = f"{dataset}-{json_sha256(question)[:_KEY_CHARS]}"
+    folder = root / key
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as held:
+        try:
+            held.enter_context(locked(folder / "lock", 0.0))
+        except ToktError:
+            raise ToktError(f"{folder}: another process is at this search already") from None
+        for part in (folder, folder / "trials", folder / "nested"):
+            atomic.remove_partials(part)
+        yield SearchState(folder, f"{key}.{_number(folder, question, fresh)}")
+
+
+def _number(folder: Path, question: Mapping[str, Any], fresh: bool) -> int:
+    """The number of the search that goes on, or of one that begins."""
+    header = _read_header(folder / "search.json")
+    if header is not None and not fresh:
+        return int(header["number"])
+    for part in (folder / "trials", folder / "nested"):
+        if part.exists():
+            shutil.rmtree(part)
+    number = int(header["number"]) + 1 if header else 1
+    value = {"format": STATE_FORMAT, "number": number, "question": question}
+    write_json(folder / "search.json", value)
+    return number
+
+
+def _read_header(path: Path) -> dict[str, Any] | None:
+    try:
+        header: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        if header["format"] > STATE_FORMAT:
+            raise ToktError(f"{path} was written by a newer tokt")
+        return {**header, "number": int(header["number"])}
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError):
+        raise ToktError(f"{path} is damaged; delete its folder to search anew") from None

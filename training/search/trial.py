@@ -1,0 +1,120 @@
+"""One trial: the nested, blocked cross-validation of an extractor, kept when it is finished."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ..cross_validation import Split, cross_validate
+from ..dataset import DatasetVersion
+from ..feature_table import feature_table
+from ..presets import TrainingSettings
+from ..splits import blocked_folds
+from ..trainable import inner_folds
+from .score import tally
+from .space import Trial
+from .state import Finished, write_finished
+
+
+@dataclass(frozen=True)
+class Task:
+    """A trial to be run, on any process that sees the same files.
+
+    Parameters
+    ----------
+    trial : Trial
+    dataset, cache, file : Path
+        Of the dataset version, the features kept earlier, and the outcome.
+    settings : TrainingSettings
+    split : Split
+        Of the whole search.
+    outer_fold : int or None
+        Use nothing but the training part of this fold.
+    not_after : float or None
+        Time (s since 1970) after which it is not begun any more.
+    """
+
+    trial: Trial
+    dataset: Path
+    cache: Path
+    file: Path
+    settings: TrainingSettings
+    split: Split
+    outer_fold: int | None = None
+    not_after: float | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task.
+
+    Parameters
+    ----------
+    task : Task
+    finished : Finished or None
+    fault : str or None
+        Why the extractor cannot be tried. With neither, the time was up.
+    """
+
+    task: Task
+    finished: Finished | None = None
+    fault: str | None = None
+
+
+def run_task(task: Task) -> Outcome:
+    """Run a trial and keep its outcome; the same on every process."""
+    if task.not_after is not None and time.time() > task.not_after:
+        return Outcome(task)
+    began = time.monotonic()
+    dataset, split = _dataset(task.dataset), task.split
+    names = ("", *task.settings.changes)
+    try:
+        features, *changed = [_features(task, dataset, name) for name in names]
+        if task.outer_fold is not None:
+            rows = outer_training_rows(dataset, split, task.outer_fold)
+            dataset, features = part_of(dataset, rows), features[rows]
+            changed = [table[rows] for table in changed]
+            split = Split(inner_folds(split.folds), split.embargo_frames)
+        held_out = cross_validate(dataset, features, task.settings, split, _silent, changed=changed)
+    except ToktError as error:
+        return Outcome(task, fault=str(error))
+    seconds = time.monotonic() - began
+    finished = Finished(tally(dataset, held_out), tuple(held_out.choices), seconds)
+    write_finished(task.file, finished)
+    return Outcome(task, finished)
+
+
+def _features(task: Task, dataset: DatasetVersion, change: str) -> NDArray[np.float64]:
+    spec = task.trial.spec
+    return np.asarray(feature_table(dataset, spec, task.cache, _silent, jobs=1, change=change))
+
+
+@lru_cache(maxsize=1)
+def _dataset(path: Path) -> DatasetVersion:
+    return DatasetVersion(path)
+
+
+def _silent(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
+    yield from items
+
+
+def outer_training_rows(dataset: DatasetVersion, split: Split, fold: int) -> NDArray[np.int64]:
+    """The patches that fold number `fold` trains on."""
+    targets = dataset.targets()
+    return blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)[fold].train
+
+
+def part_of(dataset: DatasetVersion, rows: NDArray[np.int64]) -> DatasetVersion:
+    """The same dataset with some of its patches only; its frames stay."""
+    part = copy.copy(dataset)
+    part.patches = dataset.patches.iloc[rows].reset_index(drop=True)
+    return part

@@ -1,0 +1,56 @@
+"""How much worse a model gets on changed pictures, on frames that it did not learn from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..models.linear import LinearModel
+from .cross_validation import HeldOut
+from .dataset import DatasetVersion
+from .frame_figures import frame_figures
+from .metrics import obstacle_metrics
+
+
+def stress_figures(
+    dataset: DatasetVersion, held_out: HeldOut, model: LinearModel, learnt: tuple[str, ...]
+) -> dict[str, Any]:
+    """Figures on changed pictures beside those on the pictures as they are.
+
+    Each fold's model scores the changed pictures of its test part.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    held_out : HeldOut
+        With `stressed`.
+    model : LinearModel
+        Says what decision values mean.
+    learnt : tuple of str
+        The changes that the models learnt from, on other frames.
+
+    Returns
+    -------
+    dict
+        By change: f1, fall (of F1, against the pictures as they are), false_status,
+        ocean_frames, detected, obstacle_frames (at the folds' rules), and learnt.
+    """
+    tested = held_out.fold >= 0
+    truth = np.asarray(model.obstacle, bool)[dataset.targets()[tested]]
+    plain = obstacle_metrics(truth, model.obstacle_score(held_out.values[tested]))["f1"]
+    found = {}
+    for name, values in held_out.stressed.items():
+        score = model.obstacle_score(values)
+        f1 = obstacle_metrics(truth, score[tested])["f1"]
+        frames = frame_figures(dataset, score, held_out.fold, held_out.rules)
+        found[name] = {
+            "f1": f1,
+            "fall": None if f1 is None or plain is None else plain - f1,
+            **{key: frames[key] for key in _COUNTS},
+            "learnt": name in learnt,
+        }
+    return found
+
+
+_COUNTS = ("false_status", "ocean_frames", "detected", "obstacle_frames")
