@@ -45,7 +45,8 @@ sanitize: $(READY)
 	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so)" \
 		ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc \
 		PYTHONPATH=$(CURDIR)/$(SANITIZED) PYTHONSAFEPATH=1 TOKT_KERNELS=compiled \
-		$(BIN)/python -m pytest -q tests/features/test_kernels.py tests/features/test_area.py
+		$(BIN)/python -m pytest -q tests/features/test_kernels.py tests/features/test_area.py \
+		tests/features/test_pictures.py tests/features/test_textures.py
 
 format: $(READY)
 	$(BIN)/ruff check --fix .

@@ -56,24 +56,16 @@ class FramePictures:
     ----------
     frame : array of uint8, shape (height, width) or (height, width, 3)
     grid : Grid
-    gray : array of uint8, shape (height, width), optional
-        ``gray_picture(frame, grid)``, where the caller has it already.
     threads : int
-        How many threads share the work.
+        How many threads share the work; what comes out does not depend on it.
     """
 
-    def __init__(
-        self,
-        frame: NDArray[np.uint8],
-        grid: Grid,
-        gray: NDArray[np.uint8] | None = None,
-        threads: int = 1,
-    ) -> None:
+    def __init__(self, frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> None:
         self.grid = grid
         self.threads = threads
         self._frame = frame
         self._deep: NDArray[np.uint16] | None = None
-        self._made: dict[Levels | None, NDArray[np.uint8]] = {} if gray is None else {None: gray}
+        self._made: dict[Levels | None, NDArray[np.uint8]] = {}
 
     def picture(self, image: Levels | None) -> NDArray[np.uint8]:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""

@@ -38,13 +38,7 @@ class Extractor(Protocol):
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
         """`describe` of a frame some pictures of which are there already."""
 
-    def describe(
-        self,
-        frame: NDArray[np.uint8],
-        grid: Grid,
-        gray: NDArray[np.uint8] | None = None,
-        threads: int = 1,
-    ) -> NDArray[np.float64]:
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
         """Features of every patch: float64, shape (grid.n_patches, dim), row by row.
 
         Parameters
@@ -52,10 +46,6 @@ class Extractor(Protocol):
         frame : array of uint8, shape (height, width) or (height, width, 3)
             As the camera gave it, gray or BGR, any size.
         grid : Grid
-        gray : array of uint8, shape (height, width), optional
-            ``gray_picture(frame, grid)``, where the caller has it already.
-        threads : int
-            How many threads share the rows of patches; the result does not depend on it.
         """
 
 
@@ -72,15 +62,9 @@ class Texture(ABC):
     def spec(self) -> dict[str, Any]:
         """The spec this was built from."""
 
-    def describe(
-        self,
-        frame: NDArray[np.uint8],
-        grid: Grid,
-        gray: NDArray[np.uint8] | None = None,
-        threads: int = 1,
-    ) -> NDArray[np.float64]:
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
         """Features of every patch; see `Extractor.describe`."""
-        return self.describe_pictures(FramePictures(frame, grid, gray, threads))
+        return self.describe_pictures(FramePictures(frame, grid))
 
     @abstractmethod
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:

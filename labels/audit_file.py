@@ -19,7 +19,6 @@ import io
 import json
 import math
 import re
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -159,8 +158,8 @@ def audit_files(workspace: Path) -> list[Path]:
     return sorted((workspace / FOLDER).glob("*.json"))
 
 
-def write_audit_csv(file: Path, patches: Iterable[AuditedPatch]) -> None:
-    """Write doubted labels as a label file with `AUDIT_COLUMNS` more, the worst first.
+def write_audit_csv(file: Path, audit: Audit) -> None:
+    """Write doubted labels as a label file with the grid and `AUDIT_COLUMNS` more, worst first.
 
     `read_label_csv` reads it: labels corrected in it, in a spreadsheet, can be imported.
 
@@ -171,10 +170,11 @@ def write_audit_csv(file: Path, patches: Iterable[AuditedPatch]) -> None:
     """
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow((*COLUMNS, *AUDIT_COLUMNS))
-    for patch in patches:
-        row = {**asdict(patch), "margin": f"{patch.margin:.4f}"}
-        writer.writerow(row[name] for name in (*COLUMNS, *AUDIT_COLUMNS))
+    names = (*COLUMNS, "grid", *AUDIT_COLUMNS)
+    writer.writerow(names)
+    for patch in audit.patches:
+        row = {**asdict(patch), "grid": str(audit.grid), "margin": f"{patch.margin:.4f}"}
+        writer.writerow(row[name] for name in names)
     _write(file, out.getvalue())
 
 

@@ -54,6 +54,7 @@ _PNG_START = b"\x89PNG\r\n\x1a\n"
 
 _MEMBERS = ("manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md")
 _LARGEST_MEMBER_BYTES = 64 * 1024 * 1024
+_LONGEST_FAULT = 200  # characters
 _LARGEST_FILE_BYTES = len(_MEMBERS) * _LARGEST_MEMBER_BYTES
 # What numpy raises for an array whose header is not one, besides ValueError.
 _UNREADABLE_ARRAY = (
@@ -392,6 +393,12 @@ def golden_from_bytes(data: bytes, where: str) -> Golden:
     return Golden(frames, values, obstacle)
 
 
+def _brief(error: Exception) -> str:
+    """What is wrong on one line of a readable length, whatever the file holds."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= _LONGEST_FAULT else f"{text[:_LONGEST_FAULT]}..."
+
+
 def _text(value: Any) -> str:
     if not isinstance(value, str) or not value:
         raise TypeError(f"{value!r} is not a name")
@@ -402,6 +409,13 @@ def _object(value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise TypeError(f"{value!r} is not an object")
     return value
+
+
+def _metrics_from(value: Any) -> dict[str, Any]:
+    """Figures; those of patches are an object, which cards and `reflagged` take for granted."""
+    metrics = _object(value)
+    _object(metrics.get("patch", {}))
+    return metrics
 
 
 def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
@@ -443,14 +457,15 @@ def _check_content(
             grid=grid,
             model=LinearModel(**arrays, classes=names, obstacle=obstacle),
             provenance=_object(manifest["provenance"]),
-            metrics=_object(manifest["metrics"]),
+            metrics=_metrics_from(manifest["metrics"]),
             golden=golden,
             trained_on=trained_on,
             card=members["card.md"].decode("utf-8"),
             operating_point=_operating_point(manifest, grid),
         )
     except (ToktError, TypeError, ValueError) as error:
-        raise ToktError(f"{where}: the bundle's content does not fit together ({error})") from None
+        fault = _brief(error)
+        raise ToktError(f"{where}: the bundle's content does not fit together ({fault})") from None
 
 
 def _check_golden(bundle: Bundle, where: str) -> None:
@@ -500,7 +515,7 @@ def bundle_from_bytes(data: bytes, where: str) -> Bundle:
     try:
         extractor = build_extractor(content.extractor_spec)
     except ToktError as error:
-        raise ToktError(f"{where}: {error}") from None
+        raise ToktError(f"{where}: {_brief(error)}") from None
     if extractor.dim != content.model.dim:
         raise ToktError(
             f"{where}: the model takes {content.model.dim} features, its extractor gives "

@@ -29,9 +29,11 @@ def _texture(part: Mapping[str, Any]) -> str:
     match part.get("name"):
         case "lbp":
             border = _BORDERS.get(str(part["border"]), str(part["border"]))
-            return f"LBP ({part['points']},{part['radius']}) {border}"
+            nearest = " at the nearest pixels" if part.get("sampling") == "nearest" else ""
+            return f"LBP ({part['points']},{part['radius']}){nearest} {border}"
         case "haralick":
-            return "Haralick's 13 figures of grey-level co-occurrence"
+            log = ", on a logarithmic scale" if part.get("scale") == "log" else ""
+            return f"Haralick's 13 figures of grey-level co-occurrence{log}"
         case "moments":
             return "moments and percentiles of the grey levels"
         case "structure":

@@ -7,7 +7,6 @@ counts as clear, and neither does a place where a frame is missing.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -22,6 +21,8 @@ from ..features.errors import ToktError
 OBSTACLE, CLEAR, UNKNOWN = 1, 0, -1
 """The statuses, as datagrams carry them."""
 LARGEST_WINDOW = 60
+LARGEST_MARGIN = 1e9
+"""Far beyond any decision value: a rule with a larger margin could never warn."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,12 @@ class FrameRule:
     Parameters
     ----------
     margin : float
-        At least 0, in units of the decision value, on top of the patch thresholds.
+        0 to `LARGEST_MARGIN`, in units of the decision value, on top of the patch thresholds.
     least_patches : int
     hits, window : int
         1 <= hits <= window <= 60.
     margin_now : float or None
-        At least `margin`; None where no patch is enough by itself.
+        `margin` to `LARGEST_MARGIN`; None where no patch is enough by itself.
 
     Raises
     ------
@@ -57,8 +58,10 @@ class FrameRule:
     margin_now: float | None = None
 
     def __post_init__(self) -> None:
-        if not (_is_number(self.margin) and math.isfinite(self.margin) and self.margin >= 0):
-            raise ToktError(f"a frame rule's margin is a number from 0, not {self.margin!r}")
+        if not (_is_number(self.margin) and 0 <= self.margin <= LARGEST_MARGIN):
+            raise ToktError(
+                f"a frame rule's margin is a number, 0 to {LARGEST_MARGIN:g}, not {self.margin!r}"
+            )
         if not (_is_whole(self.least_patches) and self.least_patches >= 1):
             raise ToktError(f"a frame rule needs at least 1 patch, not {self.least_patches!r}")
         if not (
@@ -71,10 +74,10 @@ class FrameRule:
                 f"not {self.hits!r} of {self.window!r}"
             )
         now = self.margin_now
-        if now is not None and not (_is_number(now) and self.margin <= now < math.inf):
+        if now is not None and not (_is_number(now) and self.margin <= now <= LARGEST_MARGIN):
             raise ToktError(
-                f"a frame rule's margin for a status at once is null or a number from its margin "
-                f"{self.margin:g}, not {now!r}"
+                f"a frame rule's margin for a status at once is null or a number, its margin "
+                f"{self.margin:g} to {LARGEST_MARGIN:g}, not {now!r}"
             )
 
     @property
@@ -209,8 +212,8 @@ class FrameRuleState:
         -------
         {-1, 1, 0}
             Unknown where this frame was not judged; obstacle where the rule says so; unknown
-            where enough patches exceed the margin in this frame that might be confirmed, had they
-            exceeded it in those of the last frames that are not known; else clear.
+            where it would say so if those of the last frames that are not known had shown what
+            any of the known ones shows; else clear.
         """
         if scores is None:
             self._last.append(None)
@@ -221,8 +224,9 @@ class FrameRuleState:
         if np.count_nonzero(self.confirmed) >= needed or self._at_once(scores, least_white):
             return OBSTACLE
         known = [past for past in self._last if past is not None]
-        possible = np.sum(known, axis=0) + self.rule.window - len(known) >= self.rule.hits
-        return UNKNOWN if np.count_nonzero(over & possible) >= needed else CLEAR
+        times = np.sum(known, axis=0)
+        possible = (times > 0) & (times + self.rule.window - len(known) >= self.rule.hits)
+        return UNKNOWN if np.count_nonzero(possible) >= needed else CLEAR
 
     def skip(self, frames: int) -> None:
         """Leave out places where a frame is missing: they are not known."""

@@ -17,6 +17,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from tokt.labels.label_csv import read_label_csv
+from tokt.labels.taxonomy import load_taxonomy
 
 GRID, WIDTH, HEIGHT, CELLS = "4x4@96", 96, 72, 4
 WATER, KELP, PIPELINE = "water", "kelp", "pipeline"
@@ -169,11 +171,15 @@ def test_the_audit_suggests_an_own_class(chain, tmp_path):
         *("dataset", "build", "spoilt", "--task", "classes", *BLOCK),
         *("--mission", chain.folder / "learnt", "--labels", tmp_path / "wrong.csv"),
     )
-    worst, *_ = chain.tokt("labels", "audit", "spoilt", "--folds", 3)["patches"]
+    out = tmp_path / "audit.csv"
+    worst, *_ = chain.tokt("labels", "audit", "spoilt", "--folds", 3, "-o", out)["patches"]
     assert [worst[key] for key in ("frame", "row", "col", "label", "suggested")] == [
         *(7, 2, 1),
         *(KELP, PIPELINE),
     ]
+    # A patch of a 4x4 grid is imported as one, with nothing said of the grid.
+    record, *_ = read_label_csv(out, load_taxonomy(chain.workspace))
+    assert (str(record.grid), record.frame, record.row, record.col) == (GRID, 7, 2, 1)
 
 
 def test_without_the_taxonomy_file_it_is_said_how_to_add_the_class(chain, run_tokt, tmp_path):

@@ -76,7 +76,7 @@ def score_mission(
     Raises
     ------
     ToktError
-        If a frame cannot be read.
+        If a frame cannot be read, or its patches cannot be described.
     """
     numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
     missed = missed_before(numbers, frame_step(mission.frames(LEFT)))
@@ -87,11 +87,21 @@ def score_mission(
         image = mission.read(number, LEFT)
         judgement = policy.judge(Frame(number, 0.0, image, None, missed=missed[index]))
         decided = judgement.decision_values
-        values.append(bundle.decision_values(image) if decided is None else decided)
+        values.append(_unjudged_values(bundle, image, number) if decided is None else decided)
         verdicts.append(judgement.verdict)
         if int(frame_id(pixel_sha256(image))) in known:
             seen.append(number)
     return Scored(numbers, missed, np.stack(values), verdicts, seen)
+
+
+def _unjudged_values(bundle: Bundle, image: NDArray[np.uint8], number: int) -> NDArray[np.float64]:
+    """What the model says of the patches of a frame that the runtime calls unknown."""
+    try:
+        return bundle.decision_values(image)
+    except ValueError as error:
+        raise ToktError(
+            f"frame {number} cannot be scored: {error} (--frames leaves it out)"
+        ) from None
 
 
 def first_detection(frames: list[int], missed: list[int], status: list[int]) -> int | None:

@@ -32,6 +32,7 @@ LEAST_BLOCKS = 2
 _GUMBEL_DEVIATION = np.pi / np.sqrt(6)
 _LEVELS = np.linspace(-8, 8, 1601)
 _TINY = 1e-300
+_NO_SPREAD = 1e-9  # of the values: what rounding leaves of a single value's spread is less
 _SHARES = stats.norm.pdf(_LEVELS) / stats.norm.pdf(_LEVELS).sum()
 
 
@@ -101,7 +102,7 @@ def fit_ocean_tail(
     # Where all but one block hold a single value there is no spread to go by.
     laws = [_law(statistic[block != name], block[block != name]) for name in names]
     law = _law(statistic, block)
-    if min(within for _, _, within in (law, *laws)) == 0:
+    if min(within for _, _, within in (law, *laws)) <= _NO_SPREAD * np.abs(statistic).max():
         return None
     without = np.array([_quantile(rate, *one) for one in laws])
     spread = (len(names) - 1) / len(names) * np.square(without - without.mean()).sum()

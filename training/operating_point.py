@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..features.errors import ToktError
+from ..features.grid import Grid
 from ..models.operating_point import FrameRule
 from .dataset import DatasetVersion
 from .frame_scores import FrameScores, frame_table
@@ -20,6 +21,7 @@ from .ocean_tail import OceanTail, fit_ocean_tail, upper_bound
 LEAST_PATCHES = (1, 2)
 FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
 BOUND_CONFIDENCE = 0.95
+LEAST_RATE, LARGEST_RATE = 1e-9, 0.5
 _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read, never too small
 
 
@@ -50,8 +52,11 @@ class Target:
     frame_rule: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.rate < 1:
-            raise ToktError(f"a false-status rate lies between 0 and 1, not at {self.rate:g}")
+        if not LEAST_RATE <= self.rate <= LARGEST_RATE:
+            raise ToktError(
+                f"a false-status rate lies between {LEAST_RATE:g} and {LARGEST_RATE:g}, "
+                f"not at {self.rate:g}"
+            )
         if not 0.5 <= self.confidence < 1:
             raise ToktError(f"a confidence lies between 0.5 and 1, not at {self.confidence:g}")
         tuple(self.shapes())
@@ -72,6 +77,7 @@ class _Candidate:
     """A rule with its margins, and what it does on the frames it was chosen on.
 
     The first of `tails` is of the margin, the second, if there is one, of the margin at once.
+    `shown` is false where no ocean frame has as many before it as the rule looks at.
     """
 
     rule: FrameRule
@@ -80,6 +86,7 @@ class _Candidate:
     blocks: NDArray[np.object_]
     found: NDArray[np.bool_]
     found_at_zero: NDArray[np.bool_]
+    shown: bool
 
     @property
     def margins(self) -> list[float]:
@@ -99,9 +106,13 @@ class _Candidate:
         sure = [tail.confidence(margin) for tail, margin in pairs if tail is not None]
         return min(sure) if len(sure) == len(pairs) else None
 
-    def worth(self) -> tuple[int, int]:
-        """Obstacle frames found (each one that an alarm comes late is one less), then latency."""
-        return int(self.found.sum()), -self.rule.latency_frames
+    def worth(self) -> tuple[bool, bool, int, int]:
+        """A law, then obstacle frames found (those an alarm is late for are not), then latency.
+
+        Without a law the margin is only what was seen, perhaps nothing: it would win for that.
+        """
+        law = self.rate() is not None
+        return law, self.shown, int(self.found.sum()), -self.rule.latency_frames
 
 
 def choose_frame_rule(
@@ -115,8 +126,9 @@ def choose_frame_rule(
     Each candidate's margin is where the law of `ocean_tail`, fitted to the tested ocean frames,
     comes down to the rate; it is never so low that more of those frames than the rate allows
     would have had a false status. A rule over several frames gets a second margin, above which
-    one patch of one frame is enough; the two share the rate evenly. Of the candidates the one
-    that finds most obstacle frames is taken; of equals the quicker one, then the simpler one.
+    one patch of one frame is enough; the two share the rate evenly. Of the candidates that a law
+    could be fitted for (of all, where there is none) the one that finds most obstacle frames is
+    taken; of equals the quicker one, then the simpler one.
 
     Parameters
     ----------
@@ -146,11 +158,7 @@ def choose_frame_rule(
         )
         words = f"Nothing was chosen: {why}. Any patch over its threshold is an alarm."
         return FrameRule(), {**said, "method": "none", "words": words, "reachable": False}
-    shapes = [s for s in target.shapes() if s.least_patches <= dataset.grid.n_patches]
-    if not shapes:
-        raise ToktError(
-            f"frames of {dataset.grid.n_patches} patches never show {target.least_patches} of them"
-        )
+    shapes = _shapes_on(dataset.grid, target)
     candidates = [_candidate(shape, scores, ocean, target) for shape in shapes]
     best = max(candidates, key=_Candidate.worth)
     return best.rule, {
@@ -158,6 +166,20 @@ def choose_frame_rule(
         **_described(best, target),
         "candidates": [_summary(candidate) for candidate in candidates],
     }
+
+
+def check_target(grid: Grid, target: Target) -> None:
+    """Raise ToktError if frames of this grid can never meet the rule asked for."""
+    _shapes_on(grid, target)
+
+
+def _shapes_on(grid: Grid, target: Target) -> list[FrameRule]:
+    shapes = [shape for shape in target.shapes() if shape.least_patches <= grid.n_patches]
+    if not shapes:
+        raise ToktError(
+            f"frames of {grid.n_patches} patches never show {target.least_patches} of them"
+        )
+    return shapes
 
 
 def _candidate(
@@ -187,6 +209,7 @@ def _candidate(
         blocks,
         _any_above(seen, limits),
         seen[0] > 0,
+        all(np.isfinite(one).any() for one in quiet),
     )
 
 
@@ -259,8 +282,8 @@ _METHOD = (
     "one patch of one frame is enough."
 )
 _NO_METHOD = (
-    "Too few held-out ocean frames or blocks to fit a law to: the margin is the largest obstacle "
-    "score that was seen on them."
+    "No law could be fitted: too few held-out ocean frames or blocks, or a single score in all of "
+    "them. The margin is the largest obstacle score that was seen on them."
 )
 
 
@@ -281,7 +304,7 @@ def _words(best: _Candidate, target: Target, bounds: tuple[float, float]) -> str
         limit = f"; it would take {needed} independent ocean frames without one to show the rate."
     rate, sure = best.rate(), best.confidence()
     if rate is None or sure is None:
-        return f"{asked} {seen}{limit} Nothing could be extrapolated from so few."
+        return f"{asked} {seen}{limit} Nothing could be extrapolated from that."
     what = "a best estimate, not a bound" if target.confidence == 0.5 else "a bound by that law"
     return (
         f"{asked} {seen}{limit} The margin is extrapolated, {what}, and for water like this one "
@@ -293,4 +316,4 @@ def _words(best: _Candidate, target: Target, bounds: tuple[float, float]) -> str
 def _one_in(rate: float) -> str:
     if rate < 1e-9:
         return "fewer than 1 in 1,000,000,000"
-    return f"1 in {round(1 / rate):,}"
+    return f"1 in {1 / rate:,.0f}" if rate <= 0.01 else f"1 in {1 / rate:.3g}"

@@ -9,6 +9,7 @@ at most 1, evenly).
 from __future__ import annotations
 
 import math
+import re
 
 import cv2
 import numpy as np
@@ -62,10 +63,8 @@ def change_named(name: str) -> tuple[str, float]:
         If there is no such change.
     """
     kind, _, text = name.partition("_")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    # Not all that `float` reads: one change has one name.
+    value = float(text) if re.fullmatch(r"\d{1,3}(\.\d{1,3})?", text, re.ASCII) else math.nan
     whole = value.is_integer()
     if (
         (kind == "gain" and 0 < value <= 16)

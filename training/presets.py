@@ -91,7 +91,7 @@ CHOSEN_ON = (
     "seabed): figures on that data are somewhat too good, and only another dive is a test."
 )
 DEFAULT_EXTRACTOR = "haralick"
-# What `tokt search` found on the sea-trial mission by its rule: the simplest within 0.01 of the best.
+# What `tokt search` found on the sea-trial mission: the simplest within 0.01 of the best.
 _SHAPES = "lbp_flat_8_5+lbp_flat_8_9+lbp_flat_8_13+lines+lines_fine"
 _BEST = {"lbp": _SHAPES, "haralick": f"haralick_flat+{_SHAPES}"}
 _BEST_READY_CUT = (

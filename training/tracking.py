@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import tempfile
 import time
@@ -34,6 +35,7 @@ from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
 _LONGEST_DESCRIPTION = 5000  # what MLflow's database keeps of one
+_NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
 
 
@@ -144,7 +146,10 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
         "cv_detected_frames": frames["detected"],
         "cv_detected_frames_at_margin_0": metrics["frames_at_zero"]["detected"],
         **{f"stress_f1_{name}": one["f1"] for name, one in metrics.get("stress", {}).items()},
-        **{f"cv_first_detection_{name}": at for name, at in frames["first_detection"].items()},
+        **{
+            f"cv_first_detection_{_NOT_IN_A_NAME.sub('_', name)}": at
+            for name, at in frames["first_detection"].items()
+        },
     }
     return {name: float(value) for name, value in figures.items() if value is not None}
 

@@ -28,7 +28,7 @@ from .cross_validation import (
 )
 from .dataset import DatasetVersion
 from .feature_table import feature_table
-from .operating_point import DEFAULT_TARGET, Target, choose_frame_rule
+from .operating_point import DEFAULT_TARGET, Target, check_target, choose_frame_rule
 from .presets import CHOSEN_ON, Choice, TrainingSettings
 from .splits import blocked_folds
 from .stress import stress_figures
@@ -163,6 +163,8 @@ def train(
         blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)
     else:
         check_blocks(dataset, split.folds, split.embargo_frames)
+        if dataset.block_frames is not None:
+            check_target(dataset.grid, request.target)
     wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
     tables = {
@@ -222,8 +224,8 @@ def _metrics(
 
 
 def _split_in_words(request: TrainRequest) -> str:
-    selection = CHOSEN_ON if request.settings.preset == "best" else request.selection
-    return f"{_folds_in_words(request)} {selection}".rstrip()
+    preset = CHOSEN_ON if request.settings.preset == "best" else ""
+    return " ".join(filter(None, (_folds_in_words(request), preset, request.selection)))
 
 
 def _folds_in_words(request: TrainRequest) -> str:
@@ -232,7 +234,7 @@ def _folds_in_words(request: TrainRequest) -> str:
         return (
             f"UNGROUPED: {split.folds}-fold cross-validation over single patches. Nothing says "
             "which patches come from one photo, so near copies may stand on both sides and the "
-            "figures may be too good."
+            f"figures may be too good.{_changes(request.settings)}"
         )
     weak = request.dataset.block_frames < _LEAST_BLOCK_FRAMES
     return (

@@ -30,6 +30,7 @@ from tokt.features.extractor import (
     extractor_named,
     gray_picture,
 )
+from tokt.features.frame_pictures import FramePictures
 from tokt.features.grid import Grid
 
 Image = NDArray[np.uint8]
@@ -485,11 +486,13 @@ def test_pictures_are_prepared_once(colour: Image, monkeypatch: pytest.MonkeyPat
     joined = Join(
         [Haralick(False, FLAT), Lbp(8, 1, "frame", FLAT), Moments(other), Lbp(8, 2, "frame")]
     )
-    plain = gray_picture(colour, GRID)
+    pictures = FramePictures(colour, GRID, threads=3)
+    plain = pictures.gray(joined.images)
+    assert np.array_equal(plain, gray_picture(colour, GRID))
     calls.clear()
-    found = Context(joined, "mean").describe(colour, GRID, gray=plain)
+    found = Context(joined, "mean").describe_pictures(pictures)
     assert calls == ["deep_gray", "to_levels", "to_levels"]
-    assert np.array_equal(found, Context(joined, "mean").describe(colour, GRID, threads=3))
+    assert np.array_equal(found, Context(joined, "mean").describe(colour, GRID))
     assert found.shape == (20, 2 * (13 + 10 + 9 + 10)) and np.isfinite(found).all()
     assert len(set(Context(joined, "mean").names)) == found.shape[1]
 

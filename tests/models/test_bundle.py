@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tokt.features.canonical import canonical_json, json_sha256
 from tokt.features.errors import ToktError
+from tokt.features.extractor import PLAIN_IMAGE
 from tokt.features.grid import Grid
 from tokt.models.bundle import (
     Bundle,
@@ -104,7 +105,7 @@ def refuse(data: bytes, words: str = ".") -> str:
     with pytest.raises(ToktError, match=words) as caught:
         read(data)
     message = str(caught.value)
-    assert message.startswith("file.tokt: ") and "\n" not in message
+    assert message.startswith("file.tokt: ") and "\n" not in message and len(message) < 400
     return message
 
 
@@ -377,6 +378,11 @@ WRONG_ENTRIES: list[tuple[str, Any]] = [
     ("operating_point", {**FrameRule().to_json(), "hits": 2, "chosen": {}}),
     ("operating_point", {**FrameRule().to_json(), "margin": -1.0, "chosen": {}}),
     ("operating_point", {**FrameRule().to_json(), "least_patches": 7, "chosen": {}}),
+    ("operating_point", {**FrameRule().to_json(), "margin": 10**400, "chosen": {}}),
+    ("operating_point", {**FrameRule().to_json(), "margin": 1e308, "chosen": {}}),
+    ("operating_point", {**FrameRule().to_json(), "margin_now": 10**400, "chosen": {}}),
+    ("metrics", {"patch": 3}),
+    ("extractor", {"name": "lines", "version": 1, "samples": [*range(9999)], "image": PLAIN_IMAGE}),
     ("grid", {"rows": 2, "cols": 3}),
     ("grid", {"rows": "2", "cols": 3, "width": 36}),
     ("grid", {"rows": 2.0, "cols": 3, "width": 36}),

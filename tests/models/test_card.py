@@ -22,7 +22,7 @@ RECIPE: dict[str, Any] = {
         ],
     },
     "operating_point": {
-        **{"margin": 0.5, "least_patches": 2, "hits": 2, "window": 3},
+        **{"margin": 0.5, "least_patches": 2, "hits": 2, "window": 3, "margin_now": None},
         "chosen": {
             **{"target_rate": 1e-4, "method": "By hand.", "words": "Seen: 3 of 99.", "tail": {}},
             "upper_bound": {"confidence": 0.95, "of_frames": 0.0761, "of_blocks": 0.5},
@@ -104,8 +104,8 @@ def test_card_states_what_was_measured() -> None:
         "picture below one grey level (background of 31 px taken away by frame, gain 8.0, "
         "levels 256); Haralick's 13 figures of grey-level co-occurrence, of each patch and the "
         "mean of its neighbours",
-        "2 patches over the threshold by more than 0.5, in 2 of 3 frames",
-        "the first status comes 1 frame after the first alarm",
+        "2 patches over the threshold by more than 0.5, each in 2 of 3 frames",
+        "a status comes 1 frame after a patch first exceeds the margin, at the earliest",
         "- lowest fold: F1 0.250 on frames 101,103",
         "an obstacle and no status 1: d:100, d:101",
         "and 8 more",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from tokt.features.errors import ToktError
 from tokt.models.operating_point import (
     CLEAR,
@@ -48,7 +49,7 @@ def _status_by_definition(rule: FrameRule, frames: list[list[float] | None], whi
         over = sum(past is not None and past[patch] > rule.margin for past in window)
         open_ = sum(past is None for past in window)
         certain += over >= rule.hits
-        possible += now[patch] > rule.margin and over + open_ >= rule.hits
+        possible += over > 0 and over + open_ >= rule.hits
         strong += rule.margin_now is not None and now[patch] > rule.margin_now
     needed = max(rule.least_patches, white)
     if certain >= needed or strong >= white:
@@ -88,20 +89,29 @@ def test_a_gap_is_as_many_frames_that_were_not_judged(
 
 
 @given(RULES, st.lists(st.tuples(SCORES, st.booleans()), max_size=20))
-def test_frames_not_judged_turn_no_obstacle_that_shows_into_clear(
+def test_frames_not_judged_turn_no_obstacle_that_was_seen_into_clear(
     rule: FrameRule, frames: list[tuple[list[float], bool]]
 ) -> None:
     """Each frame: its scores, and whether it could be judged."""
     full, partly = FrameRuleState(rule), FrameRuleState(rule)
+    seen: list[NDArray[np.bool_]] = []
 
     for scores, judged in frames:
         truth = _added(full, scores)
         told = _added(partly, scores if judged else None)
-        shows = np.count_nonzero(np.array(scores) > rule.margin) >= max(
-            rule.least_patches, np.count_nonzero(full.confirmed)
-        )
-        if not judged or (shows and truth != CLEAR):
+        seen.append(judged & (np.array(scores) > rule.margin))
+        # The patches that are confirmed were over in a frame of the window that was judged.
+        of_window = np.any(seen[-rule.window :], axis=0)
+        shown = np.count_nonzero(full.confirmed & of_window) >= rule.least_patches
+        if not judged or (shown and truth == OBSTACLE):
             assert told != CLEAR
+
+
+def test_a_patch_seen_before_a_gap_and_not_now_is_not_clear_yet() -> None:
+    """With the frame in the gap known it might have been 2 of 3."""
+    state = FrameRuleState(FrameRule(0.5, 1, 2, 3))
+    frames = ([0.0], [0.0], [1.0], None, [0.0], [0.0])
+    assert [_added(state, scores) for scores in frames] == [0, 0, 0, -1, -1, 0]
 
 
 def test_by_default_any_patch_over_its_threshold_is_an_obstacle_at_once() -> None:
@@ -142,6 +152,9 @@ def test_an_operating_point_is_the_same_after_json(rule: FrameRule) -> None:
         {"margin": -0.1},
         {"margin": float("nan")},
         {"margin": float("inf")},
+        {"margin": 10**400},
+        {"margin": 2e9},
+        {"margin_now": 10**400},
         {"margin": "0"},
         {"least_patches": 0},
         {"least_patches": 1.0},

@@ -6,6 +6,7 @@ import json
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -16,12 +17,17 @@ import pytest
 from tokt.features.errors import ToktError
 from tokt.models.operating_point import FrameRule
 from tokt.models.registry import Registry
+from tokt.training.compare.bootstrap import drawn_blocks
 from tokt.training.compare.explorer import explorer_data
 from tokt.training.compare.frames import FrameSeries, frame_figures, statuses
-from tokt.training.compare.held_out import judge_held_out
+from tokt.training.compare.held_out import check_different, judge_held_out
 from tokt.training.compare.judged import Judged
+from tokt.training.compare.learning import _helped, _Setting
+from tokt.training.compare.measure import Measure
+from tokt.training.compare.pairs import compare_pairs
 from tokt.training.compare.report import report_html
 from tokt.training.metrics import obstacle_metrics
+from tokt.training.splits import Fold
 
 LBP, THESIS = "tiny-lbp/1", "tiny-thesis/1"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -192,6 +198,57 @@ def test_a_file_that_was_exported_is_the_registered_model(compared, run_tokt, ti
     assert ran.code == 2 and f"{LBP} is given twice" in ran.err
     ran = run_tokt("compare", tiny_bundle, LBP, "--workspace", tiny_bundle.parent)
     assert ran.code == 2 and "no model has been trained in workspace" in ran.err
+
+
+def test_two_models_of_one_name_are_not_said_to_be_one() -> None:
+    with pytest.raises(ToktError, match="two different models are called tower/1"):
+        check_different(["tower/1", "tower/1"], ["aa", "bb"])
+    with pytest.raises(ToktError, match="tower/1 is given twice"):
+        check_different(["tower/1", "tower/1"], ["aa", "aa"])
+
+
+def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curve() -> None:
+    """There is no F1 without an obstacle: it would be NaN in the JSON."""
+    table = pd.DataFrame({"mission": "m", "frame": [1, 2, 3, 4]})
+    targets = np.array([1, 0, 0, 1])
+    setting = _Setting(
+        dataset=SimpleNamespace(patches=table, obstacle_flags=lambda: [False, True]),
+        features=np.zeros((4, 1)),
+        changed=[],
+        targets=targets,
+        folds=[Fold(np.array([]), np.array([0, 1])), Fold(np.array([]), np.array([2]))],
+        choices=[],
+        settings=None,
+        measure=Measure(),
+        block=np.arange(4),
+        names=list("abcd"),
+        every=1,
+    )
+    without = {0: {0: targets[:2]}, 1: {1: targets[2:3]}}
+    stretches = [np.array([3]), np.array([0])]
+    (row,) = _helped(setting, stretches, targets, without, drawn_blocks(4))
+    assert row["frames"] == "4" and np.isfinite(row["help"])
+
+
+def test_equal_counts_are_not_said_to_be_equal_verdicts(compared) -> None:
+    """One model misses one patch of each block, the other model another one."""
+    judged = compared.judged
+    rows = np.arange(8)
+    truth = np.ones(8, bool)
+    first, second = (
+        replace(
+            item,
+            targets=np.ones(8, int),
+            predicted=(rows % 2 != number).astype(int),
+            score=np.where(rows % 2 == number, -1.0, 1.0),
+        )
+        for number, item in enumerate(judged.contenders)
+    )
+    patches = judged.patches.iloc[rows].assign(group=[str(row // 2) for row in rows])
+    pairs = compare_pairs(replace(judged, patches=patches, truth=truth, contenders=[first, second]))
+    (pair,) = pairs["pairs"]
+    assert pair["differing_blocks"] == 0 and "the same of every patch" not in pair["words"]
+    assert pair["words"].endswith("equally often in every block: nothing tells them apart.")
 
 
 def test_frames_that_were_learnt_from_are_refused(compared, run_tokt, tiny) -> None:
@@ -405,6 +462,18 @@ def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_
     assert page.locator(".verdict").inner_text() == evil
     assert page.locator("img[src=x]").count() == 0
     assert page.locator("[data-model]").count() == 2
+
+
+def test_models_of_one_side_are_not_said_to_miss_nothing(compared) -> None:
+    """Of sand and reef no patch can be a missed obstacle; "None." would read as praise."""
+    sided = [
+        replace(item, score=np.full(len(item.score), np.inf)) for item in compared.judged.contenders
+    ]
+    judged = replace(compared.judged, contenders=sided, read_frame=None)
+    result = compared.json | {"errors": [], "explorer": None}
+    assert "Missed obstacles" in compared.page.read_text("utf-8")
+    page = report_html(judged, result)
+    assert "Missed obstacles" not in page and "Worst errors" in page
 
 
 def _random_dives(judged: Judged, white: int) -> Judged:

@@ -46,3 +46,10 @@ def test_classes_and_stretches_are_named() -> None:
     assert "fell by 20.0 percentage points" in classes
     assert "frames 1-9 of m" in best and "none helps beyond doubt" in luck
     assert "frames 20-29 of m made the other blocks worse by 0.100" in harm
+
+
+def test_a_best_stretch_that_harms_is_not_said_to_have_lowered_anything() -> None:
+    curve = _curve(0.1, 0.2)
+    curve["stretches"] = curve["stretches"][1:]
+    best = learning_words(curve)[2]
+    assert "with them F1 is -0.100 from what it is without" in best

@@ -121,3 +121,14 @@ def test_thousands_of_blocks_are_joined_with_their_neighbours() -> None:
     names, block = block_numbers(groups)
     assert len(names) == MOST_BLOCKS == len(np.unique(block))
     assert (np.diff(block) >= 0).all() and np.bincount(block).max() <= 6
+
+
+def test_two_classes_of_one_side_are_compared_by_macro_f1() -> None:
+    """Sand against reef: F1 of the obstacles would be none, or count every patch as right."""
+    assert Measure.of([False, True]).name == "f1"
+    assert [Measure.of(side * 2).name for side in ([True], [False])] == ["macro_f1"] * 2
+    targets, predicted = np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])
+    neither, measure = np.zeros(4, bool), Measure.of([False, False])
+    counts = measure.counts(targets, predicted, neither, neither, np.arange(4), 4)
+    expected = f1_score(targets, predicted, average="macro")
+    assert measure.figure(counts.sum(axis=0)) == pytest.approx(expected)

@@ -23,28 +23,25 @@ from tokt.features.extractor import extractor_named
 from tokt.features.grid import DEFAULT_GRID
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.registry import Registry
-from tokt.training.cross_validation import Split
 from tokt.training.dataset import build_dataset, open_dataset
 from tokt.training.feature_table import feature_table
 from tokt.training.mission_source import plan_from_missions, read_labels
 from tokt.training.parallel import mapped
 from tokt.training.presets import settings_named
-from tokt.training.train import TrainRequest, train
 
 from tokt.cli.output import progress
 
 pytestmark = pytest.mark.xdist_group("dask")  # the cluster is started once
 
 _UP_S = 60
-EXTRACTORS = {"small": "lbp", "large": "lbp_24_8_frame"}
 SPACE = f"""
 format = 1
 penalties = {list(settings_named("plain").penalties)}
 class_weights = ["none"]
 
 [extractors]
-small = "{EXTRACTORS["small"]}"
-large = "{EXTRACTORS["large"]}"
+better = "lbp"
+worse = "lbp_10_5_frame"
 """
 
 
@@ -63,7 +60,7 @@ def _running(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Po
 
 
 class Cluster:
-    """A scheduler with two workers of one thread; more can be added."""
+    """A scheduler with two workers of one thread."""
 
     def __init__(self, folder: Path, stack: ExitStack) -> None:
         self._folder, self._stack = folder, stack
@@ -72,26 +69,22 @@ class Cluster:
             port = free.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{port}"
         self._start("scheduler", "scheduler", "--port", str(port))
-        self._wanted = 0
-        self.add_worker(), self.add_worker()
-        self.wait()
+        options = ("--nthreads", "1", "--no-nanny", "--memory-limit", "1GB")
+        self.workers = [
+            self._start(name, "worker", self.address, *options) for name in ("one", "two")
+        ]
+        self._wait()
 
     def _start(self, name: str, *arguments: str) -> subprocess.Popen[bytes]:
         return self._stack.enter_context(_running(self._folder, name, *arguments))
 
-    def add_worker(self) -> subprocess.Popen[bytes]:
-        """Start one more."""
-        self._wanted += 1
-        options = ("--nthreads", "1", "--no-nanny", "--memory-limit", "1GB")
-        return self._start(f"worker-{self._wanted}", "worker", self.address, *options)
-
-    def wait(self) -> None:
+    def _wait(self) -> None:
         """Until all workers have joined."""
         deadline = time.monotonic() + _UP_S
         while True:
             try:
                 with Client(self.address, timeout=2, set_as_default=False) as client:
-                    client.wait_for_workers(self._wanted, timeout=_UP_S)
+                    client.wait_for_workers(len(self.workers), timeout=_UP_S)
                 return
             except OSError:
                 logs = sorted(self._folder.glob("*.log"))
@@ -121,34 +114,21 @@ def test_a_worker_builds_the_same_dataset(cluster, tiny, trained, tmp_path):
     assert there.hash == open_dataset("tiny", trained / "datasets").hash
 
 
-def test_the_model_trained_on_a_cluster_is_the_same(cluster, trained, tmp_path, no_progress):
-    dataset, settings = open_dataset("tiny", trained / "datasets"), settings_named("plain")
-    request = TrainRequest(dataset, "m", extractor_named("lbp"), "lbp", settings, Split(3, 1))
-    there = train(request, tmp_path, no_progress, dask=cluster.address)
-    here = Registry(trained).bundle("tiny-lbp").content  # trained in one process
-    assert there.model.weights.tobytes() == here.model.weights.tobytes()
-    assert there.model.bias.tobytes() == here.model.bias.tobytes()
-    assert there.metrics["patch"] == here.metrics["patch"]
-    assert there.rule == here.operating_point.rule
-
-
-def test_a_search_on_a_cluster_finds_the_same(cluster, fresh, tmp_path, run_tokt, no_progress):
-    """Its winner is the very model that one process trains with the winner's extractor."""
+def test_a_search_on_a_cluster_finds_the_same(cluster, fresh, trained, tmp_path, run_tokt):
+    """Its winner is the very model that `tokt train` makes in one process."""
     (tmp_path / "space.toml").write_text(SPACE)
     asked = ("search", "tiny", "--space", tmp_path / "space.toml", "--name", "found", "--folds", 3)
     where = ("--dask", cluster.address, "--workspace", fresh)
     ran = run_tokt(*asked, "--embargo", 1, "--json", *where)
     assert ran.code == 0, ran.err
     result = json.loads(ran.out)
-    assert {rank["extractor"] for rank in result["ranks"]} == set(EXTRACTORS)
-    name = EXTRACTORS[result["winner"]["extractor"]]
-    dataset, settings = open_dataset("tiny", fresh / "datasets"), settings_named("plain")
-    request = TrainRequest(dataset, "m", extractor_named(name), name, settings, Split(3, 1))
-    here = train(request, tmp_path / "cache", no_progress, jobs=1)
-    there = Registry(fresh).bundle("found").content
+    assert {rank["extractor"] for rank in result["ranks"]} == {"better", "worse"}
+    assert result["winner"]["extractor"] == "better"
+    here, there = (Registry(trained).bundle("tiny-lbp"), Registry(fresh).bundle("found"))
     assert there.model.weights.tobytes() == here.model.weights.tobytes()
     assert there.model.bias.tobytes() == here.model.bias.tobytes()
-    assert there.metrics["patch"] == here.metrics["patch"]
+    assert there.content.metrics["patch"] == here.content.metrics["patch"]
+    assert there.operating_point == here.operating_point
 
 
 def test_features_are_the_same_when_a_worker_dies_at_its_work(
@@ -157,8 +137,7 @@ def test_features_are_the_same_when_a_worker_dies_at_its_work(
     dataset = open_dataset("tiny", trained / "datasets")
     spec = extractor_named("haralick").spec
     here = feature_table(dataset, spec, tmp_path / "here", no_progress, jobs=1)
-    doomed = cluster.add_worker()
-    cluster.wait()
+    doomed = cluster.workers.pop()
     doomed.send_signal(signal.SIGSTOP)  # takes its tasks and never ends them
     threading.Timer(1.0, doomed.kill).start()
     began = time.monotonic()

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,6 +21,7 @@ from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
 from tokt.labels import taxonomy as taxonomy_module
 from tokt.labels.taxonomy import Taxonomy
+from tokt.models.operating_point import FrameRule
 from tokt.training.dataset import (
     DatasetPlan,
     DatasetVersion,
@@ -391,7 +393,9 @@ def patch_folder(tmp_path) -> Path:
     return folder
 
 
-def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(patch_folder, tmp_path, run_tokt):
+def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
+    patch_folder, tmp_path, run_tokt, capsys
+):
     where = ("--workspace", tmp_path / "ws")
     built = run_tokt("dataset", "build", "cut", "--patches", patch_folder, *where)
     assert built.code == 0, built.err
@@ -407,6 +411,13 @@ def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(patch_folder, tmp_pa
     assert result["cv"]["patches_tested"] == 60
     assert result["cv"]["patch"]["f1"] > 0.9
     assert "UNGROUPED" in run_tokt("models", "show", "cut-lbp", *where).out
+    request = SimpleNamespace(dataset=open_dataset("cut", tmp_path / "ws" / "datasets"))
+    point = {"rule": FrameRule(), "operating_point": {"words": ""}}
+    import_module("tokt.cli.train")._print_training(
+        "cut-lbp/1", SimpleNamespace(request=request, metrics=result["cv"], **point)
+    )
+    said = capsys.readouterr().out
+    assert "UNGROUPED" in said and "in a row" not in said  # patches are no frames
 
 
 def test_a_folder_that_is_no_class_is_refused(patch_folder, tmp_path, run_tokt):

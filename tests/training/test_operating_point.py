@@ -46,7 +46,7 @@ def test_extrapolated_margins_keep_the_rate_where_the_truth_is_known():
 
 
 def test_the_law_is_the_sum_of_a_normal_level_and_a_gumbel_law():
-    values, block = ocean(np.random.default_rng(6), blocks=400, copies=1, between=2.0)
+    values, block = ocean(np.random.default_rng(6), blocks=300, copies=1, between=2.0)
     tail = fit_ocean_tail(values, block, RATE)
     assert np.isclose(tail.between, 2.0, rtol=0.1) and np.isclose(tail.within, 1.0, rtol=0.05)
     rng = np.random.default_rng(7)
@@ -76,7 +76,8 @@ def test_too_little_is_not_extrapolated():
     values, block = ocean(np.random.default_rng(3))
     assert fit_ocean_tail(values[:9], block[:9], RATE) is None
     assert fit_ocean_tail(values[:20], block[:20], RATE) is None  # one block
-    assert fit_ocean_tail(np.ones(100), block, RATE) is None
+    for single in (1.0, 0.1, -1 / 3):  # whose mean is not always the very same number
+        assert fit_ocean_tail(np.full(100, single), block, RATE) is None
 
 
 def test_upper_bounds_are_clopper_and_pearsons():
@@ -184,7 +185,8 @@ def test_margin_is_never_below_what_was_seen_unless_the_rate_allows_it(dataset, 
 
 def test_the_rule_that_finds_most_is_chosen_and_the_simpler_one_of_equals(dataset, frames, score):
     for index, frame in enumerate(frames.keys.frame[frames.ocean]):
-        put(dataset, score, frame, [2.5], at=7 * index % 90)  # snow: a patch, each time another
+        # Snow: a patch, each time another.
+        put(dataset, score, frame, [2.5 + 0.01 * (index % 5)], at=7 * index % 90)
     rule, chosen = choose(dataset, score)
     assert (rule.least_patches, rule.hits, rule.margin_now) == (2, 1, None)
     assert chosen["detected"] == 25 and len(chosen["candidates"]) == 8
@@ -231,6 +233,20 @@ def test_without_ocean_frames_nothing_is_chosen(dataset, frames, score, monkeypa
         monkeypatch.setattr(dataset, "block_frames", None)
 
 
+def test_a_rule_that_the_ocean_frames_say_nothing_of_is_not_chosen(dataset, score, monkeypatch):
+    """No two ocean frames in a row: several frames' margin would be 0, for want of any."""
+    left_out = [2, 13, 15, 25, 27, 37, 39]
+    tested = ~dataset.patches.frame.isin(left_out).to_numpy()
+    score[dataset.targets() == 0] += 5  # water as bright as the tower
+    monkeypatch.setattr("tokt.training.operating_point.FRAME_RULES", ((1, 1), (3, 3)))
+    for least_frames in (10, 5):  # too few for a law of any rule; enough for one at once
+        monkeypatch.setattr("tokt.training.ocean_tail.LEAST_FRAMES", least_frames)
+        rule, chosen = choose_frame_rule(dataset, score, tested, Target())
+        assert (chosen["extrapolated_rate"] is None) == (least_frames == 10)
+        assert max(chosen["candidates"], key=lambda one: one["detected"])["window"] == 3
+        assert rule.window == 1 and rule.margin > 2
+
+
 def test_rows_that_were_not_tested_do_not_matter(dataset, score):
     tested = (dataset.patches.frame <= 30).to_numpy()
     clean = choose_frame_rule(dataset, score, tested, Target())
@@ -243,8 +259,9 @@ def test_rows_that_were_not_tested_do_not_matter(dataset, score):
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"rate": 0.0}, "between 0 and 1"),
-        ({"rate": float("nan")}, "between 0 and 1"),
+        ({"rate": 0.9999}, "between 1e-09 and 0.5"),
+        ({"rate": float("nan")}, "between 1e-09 and 0.5, not at nan"),
+        ({"rate": 1e-320}, "between 1e-09 and 0.5"),
         ({"confidence": 0.4}, "between 0.5 and 1"),
         ({"frame_rule": (3, 2)}, "K of N"),
         ({"least_patches": 0}, "at least 1 patch"),

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from tokt.features.errors import ToktError
 from tokt.features.mission import open_mission
-from tokt.training.bench import scale_run
+from tokt.training.bench import scale_run, scale_steps
 from tokt.training.bench.scale_mission import ScaleMission
 from tokt.training.bench.scale_run import Growth, worked_out
 from tokt.training.bench.scale_steps import FIT, TRIAL, Steps
@@ -50,6 +50,7 @@ def in_this_process(command: list[str]) -> list[Cost]:
 
 def test_every_step_is_measured_on_what_was_rendered(run_tokt, tmp_path, monkeypatch):
     monkeypatch.setattr(scale_run, "watched", in_this_process)
+    monkeypatch.setattr(scale_steps, "EXTRACTOR", "lbp")  # a quarter of the features
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     out = tmp_path / "out"
     ran = run_tokt("bench", "--scale", "--quick", "--frames", 100, "--out", out, "--json")

@@ -8,6 +8,7 @@ from pathlib import Path
 import mlflow
 import numpy as np
 import pytest
+from mlflow.utils.validation import _validate_metric_name
 from tokt.models.operating_point import FrameRule, OperatingPoint
 from tokt.models.registry import Registry
 from tokt.training import tracking
@@ -77,3 +78,12 @@ def test_the_card_is_kept_with_the_run_and_is_the_versions_description(
     monkeypatch.setattr(registry, "card", lambda _: "x" * 9000)
     tracking._log_card(version, registry)
     assert len(sent[0]) == 5000 and sent[0].endswith("tokt/card.md.)")
+
+
+def test_a_mission_may_be_called_as_a_folder_may(registry, version):
+    metrics = registry.recipe(version)["metrics"]
+    frames = {**metrics["frames"], "first_detection": {"dive (2), port#1": 7, "Ærøy 3": 8}}
+    found = tracking._flat_metrics({**metrics, "frames": frames})
+    assert found["cv_first_detection_dive _2__ port_1"] == 7
+    for name in found:
+        _validate_metric_name(name)  # what MLflow refuses a run for

@@ -36,9 +36,16 @@ from tokt.training.cross_validation import (
 from tokt.training.dataset import open_dataset
 from tokt.training.feature_table import feature_table
 from tokt.training.metrics import class_metrics, first_of_three, obstacle_metrics
-from tokt.training.presets import PRESETS, Choice, extractor_for, settings_named, weighted
+from tokt.training.presets import (
+    CHOSEN_ON,
+    PRESETS,
+    Choice,
+    extractor_for,
+    settings_named,
+    weighted,
+)
 from tokt.training.splits import Fold, blocked_folds
-from tokt.training.train import TrainRequest, frame_id, train
+from tokt.training.train import TrainRequest, _split_in_words, frame_id, train
 
 PLAIN = settings_named("plain")
 
@@ -468,3 +475,28 @@ def test_a_model_with_obstacles_only_has_no_obstacle_figures():
     figures = obstacle_metrics(truth, np.full(5, np.inf))
     assert {figures[name] for name in ("f1", "precision", "recall", "average_precision")} == {None}
     assert obstacle_metrics(truth, np.array([1.0, 1, 1, -1, 1]))["recall"] == 0.8
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (("--preset", "plain", "--least-patches", 101), "frames of 100 patches never show 101"),
+        (("--preset", "plain", "--least-patches", "9" * 5000), "--least-patches is auto or"),
+        (("--preset", "plain", "--frame-rule", "often"), "--frame-rule is auto or"),
+        (("--preset", "thesis", "--frame-rule", "2/3"), "preset thesis has the thesis's rule"),
+        (("--preset", "plain", "--changes", "gain_0_5"), "no picture change 'gain_0_5'"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_said_before_the_work(trained, tmp_path, run_tokt, asked, said):
+    (tmp_path / "datasets").symlink_to(trained / "datasets")
+    (tmp_path / "mlflow.db").symlink_to(trained / "mlflow.db")
+    ran = run_tokt("train", "tiny", *asked, "--folds", 3, "--embargo", 1, "--workspace", tmp_path)
+    assert ran.code == 2 and ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+    assert said in ran.err and not (tmp_path / "cache").exists()
+
+
+def test_what_is_known_of_the_extractors_choice_stands_with_the_figures(request_for):
+    """Beside what a preset says of itself, too."""
+    request = request_for("best", selection="CHOSEN ON THESE FOLDS.")
+    words = _split_in_words(request)
+    assert CHOSEN_ON in words and words.endswith("CHOSEN ON THESE FOLDS.")

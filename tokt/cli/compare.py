@@ -98,7 +98,7 @@ def _on_mission(
     opened = open_mission(mission)
     wanted = parse_frames(frames) if frames else None
     bundles = [load_model(model, workspace) for model in models]
-    check_different([bundle.label for bundle in bundles])
+    check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
     records = labels_for(labels, workspace, classes, bundles[0].grid, [opened])
     mine, remark = labels_of_mission(opened, records, bundles[0].grid, only=bool(labels))
     if remark:

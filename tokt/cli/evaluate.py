@@ -72,4 +72,5 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     print(f"  status 1 with {bundle.operating_point.rule.words()}")
     print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
+    print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
     print(f"  first of three frames in a row with status 1: {frames['first_detection']}")

@@ -46,7 +46,7 @@ def audit_labels(
     )
     kept = write_audit(workspace, found)
     if output is not None:
-        write_audit_csv(output, found.patches)
+        write_audit_csv(output, found)
     if json:
         print_json(
             {

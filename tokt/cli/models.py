@@ -114,7 +114,7 @@ def _shipped(model: str, workspace: Path, taxonomy: Path | None) -> Bundle:
     sha256 = hashlib.sha256(taxonomy.read_bytes()).hexdigest()
     found = reflagged(bundle, known, taxonomy.name, sha256)
     if found is bundle:
-        say(f"note: {taxonomy} has the obstacles that {bundle.label} was trained with")
+        say(f"note: {taxonomy} changes nothing: {bundle.label} has these obstacles already")
         return bundle
     changed = found.content.provenance[PROVENANCE_KEY]["changed"].items()
     words = ", ".join(f"{name} is {'an obstacle' if flag else 'clear'}" for name, flag in changed)

@@ -10,7 +10,10 @@ import typer
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
 from .output import print_json, progress
 
-_RULE = "the simplest within one standard error, and 0.01, of the best (result.json has the rule in full)"
+_RULE = (
+    "the simplest within one standard error, and 0.01, of the best (result.json has the rule in "
+    "full)"
+)
 
 
 def search(

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from ..training.train import Trained
 
 AUTO = "auto"
+_FROM_A_FILE = (
+    "The extractor comes from a file: if it was chosen on this data, as a search does, the figures "
+    "are somewhat too good."
+)
 
 
 def train(
@@ -80,6 +84,7 @@ def train(
     from ..models.registry import Registry, check_model_name
     from ..training.cross_validation import Split
     from ..training.dataset import open_dataset
+    from ..training.operating_point import DEFAULT_TARGET
     from ..training.picture_changes import STRESS
     from ..training.presets import (
         DEFAULT_EXTRACTOR,
@@ -98,12 +103,26 @@ def train(
     if (ocean or other) and not settings.two_images:
         raise ToktError("--ocean and --other go with --preset thesis")
     target = _target(false_status_rate, confidence, least_patches, frame_rule)
+    if settings.two_images and target != DEFAULT_TARGET:
+        raise ToktError(
+            "preset thesis has the thesis's rule: no --false-status-rate, --confidence, "
+            "--least-patches or --frame-rule"
+        )
     named = extractor or DEFAULT_EXTRACTOR
     chosen = extractor_for(named, preset, data.grid)
     model_name = name or f"{data.name}-{_file_name(named)}"
     check_model_name(model_name)
     request = TrainRequest(
-        data, model_name, chosen, named, settings, Split(folds, embargo), ocean, other, target
+        data,
+        model_name,
+        chosen,
+        named,
+        settings,
+        Split(folds, embargo),
+        ocean,
+        other,
+        target,
+        selection=_FROM_A_FILE if named.startswith("spec:") else "",
     )
     registry = Registry(workspace, create=True)
     registry.experiment_id()  # a registry that cannot be reached is said before the work
@@ -138,7 +157,7 @@ def _target(rate: float, confidence: float, least_patches: str, frame_rule: str)
 def _number(text: str, option: str, example: str) -> int:
     from ..features.errors import ToktError
 
-    if not (text.isascii() and text.isdigit()):
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
         raise ToktError(f"{option} is {AUTO} or something like {example}, not {text!r}")
     return int(text)
 
@@ -165,6 +184,7 @@ def _print_training(label: str, trained: Trained) -> None:
     print_patches(patch)
     if patch["f1"] is not None:
         print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
+    if patch["f1"] is not None and trained.request.dataset.block_frames is not None:
         print(f"  at the operating point: {_frames(frames)}")
         print(f"  any patch over 0 an alarm: {_frames(metrics['frames_at_zero'])}")
     for name, one in metrics.get("stress", {}).items():
@@ -181,7 +201,10 @@ def _print_training(label: str, trained: Trained) -> None:
 
 
 def _frames(frames: dict[str, Any]) -> str:
-    first = ", ".join(f"{mission} {frame}" for mission, frame in frames["first_detection"].items())
+    first = ", ".join(
+        f"{mission} {'never' if frame is None else frame}"
+        for mission, frame in frames["first_detection"].items()
+    )
     return (
         f"false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames, "
         f"{frames['detected']} of {frames['obstacle_frames']} obstacle frames found, "

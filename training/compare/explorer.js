@@ -36,13 +36,13 @@ class RuleState {
 
   add(ranks) {
     this.push(ranks);
-    const { step, now, hits, window } = this.rule;
+    const { now, hits, window } = this.rule;
     const unknown = window - this.known;
     let confirmed = 0, sudden = 0, possible = 0;
     ranks.forEach((rank, patch) => {
       if (this.counts[patch] >= hits) confirmed++;
       if (now !== null && rank > now) sudden++;
-      if (rank > step && this.counts[patch] + unknown >= hits) possible++;
+      if (this.counts[patch] > 0 && this.counts[patch] + unknown >= hits) possible++;
     });
     if (confirmed >= this.needed || sudden >= this.white) return OBSTACLE;
     return possible >= this.needed ? UNKNOWN : CLEAR;

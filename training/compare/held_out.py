@@ -185,7 +185,8 @@ def judge_held_out(references: Sequence[str], workspace: Path) -> Judged:
         dataset.check()
     return Judged(
         mode=HELD_OUT,
-        what=f"dataset {recipes[labels[0]]['provenance']['dataset']}",
+        what=f"dataset {recipes[labels[0]]['provenance']['dataset']}"
+        + (" (UNGROUPED)" if bundles[labels[0]].grid.width is None else ""),
         patches=first[_TABLE],
         truth=truth,
         contenders=[_contender(bundles[x], recipes[x], kept[x], frame) for x in labels],
@@ -196,11 +197,19 @@ def judge_held_out(references: Sequence[str], workspace: Path) -> Judged:
     )
 
 
-def check_different(labels: Sequence[str]) -> None:
-    """Raise ToktError where one model is named twice, or there is only one."""
+def check_different(labels: Sequence[str], hashes: Sequence[str] | None = None) -> None:
+    """Raise ToktError where one model is named twice, or there is only one.
+
+    With the bundles' `hashes`, two models that share a name and version are told from one.
+    """
     for index, label in enumerate(labels):
-        if label in labels[:index]:
-            raise ToktError(f"model {label} is given twice")
+        if label not in labels[:index]:
+            continue
+        if hashes is not None and hashes[labels.index(label)] != hashes[index]:
+            raise ToktError(
+                f"two different models are called {label}; train one under another --name"
+            )
+        raise ToktError(f"model {label} is given twice")
     if len(labels) < 2:
         raise ToktError("compare needs at least two models")
 

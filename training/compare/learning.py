@@ -121,7 +121,7 @@ def _set_up(
         Choice(float(fold["penalty"]), fold.get("class_weight"))
         for fold in recipe["metrics"]["folds"]
     ]
-    measure = Measure(len(dataset.classes()))
+    measure = Measure.of(dataset.obstacle_flags())
     return _Setting(
         dataset=dataset,
         features=features,
@@ -334,6 +334,8 @@ def _helped(
         rows = np.concatenate([setting.folds[index].test for index in parts])
         other = setting.counts(np.concatenate(list(parts.values())), rows)
         same = setting.counts(whole[rows], rows)
+        if setting.measure.name == "f1" and not obstacle[rows].any():
+            continue  # the folds that are left hold no obstacle to find: no F1
         bounds = interval(figure(summed(draws, same)) - figure(summed(draws, other)), len(draws[0]))
         mine = np.isin(setting.block, stretches[number])
         found.append(

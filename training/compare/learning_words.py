@@ -68,8 +68,8 @@ def _stretch_words(result: dict[str, Any]) -> list[str]:
     best, least = rows[0], rows[-1]
     words = [
         f"By stretch: frames {best['frames']} of {best['mission']} ({best['obstacle']} obstacle "
-        f"patches) helped the other blocks most: without them {result['measure_title']} is "
-        f"{best['help']:.3f} lower{_bounds_words(best)}."
+        f"patches) helped the other blocks most: with them {result['measure_title']} is "
+        f"{best['help']:+.3f} from what it is without{_bounds_words(best)}."
     ]
     if best["low"] is None or best["low"] <= 0:
         words.append(f"Of {len(rows)} stretches none helps beyond doubt; their order may be luck.")

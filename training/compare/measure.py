@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,20 +18,27 @@ class Measure:
     Parameters
     ----------
     classes : int
-        Beyond 2, macro-F1 of so many classes.
+        Macro-F1 of so many classes; 0 for F1 of the obstacles.
     """
 
-    classes: int = 2
+    classes: int = 0
+
+    @classmethod
+    def of(cls, obstacle: Sequence[bool]) -> Measure:
+        """Of classes, each an obstacle or not: F1 has a meaning for two on two sides alone."""
+        return cls(
+            0 if len(obstacle) == 2 and any(obstacle) and not all(obstacle) else len(obstacle)
+        )
 
     @property
     def name(self) -> str:
         """As figures of merit are called in JSON."""
-        return "macro_f1" if self.classes > 2 else "f1"
+        return "macro_f1" if self.classes else "f1"
 
     @property
     def title(self) -> str:
         """As people call it."""
-        return "macro-F1" if self.classes > 2 else "F1"
+        return "macro-F1" if self.classes else "F1"
 
     def counts(
         self,
@@ -52,10 +60,10 @@ class Measure:
         block : array of int, shape (n_patches,)
         blocks : int
         """
-        if self.classes > 2:
+        if self.classes:
             return class_counts(targets, predicted, self.classes, block, blocks)
         return obstacle_counts(truth, said, block, blocks)
 
     def figure(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The figure, from summed counts."""
-        return macro_f1(counts) if self.classes > 2 else f1(counts)
+        return macro_f1(counts) if self.classes else f1(counts)

@@ -53,7 +53,9 @@ class _Resampled:
 def main_measure(judged: Judged) -> Measure:
     """Macro-F1 where all models tell the same several classes apart, else the obstacles' F1."""
     classes = {contender.classes for contender in judged.contenders}
-    return Measure(len(classes.pop())) if len(classes) == 1 else Measure()
+    names = classes.pop()
+    several = not classes and (len(names) > 2 or not judged.two_sided)
+    return Measure(len(names)) if several else Measure()
 
 
 def _resampled(judged: Judged, measure: Measure, draws: _Array) -> _Resampled:
@@ -105,7 +107,10 @@ def _said(pair: dict[str, Any], title: str, test: SwapTest, questions: int) -> s
     first, second = pair["models"]
     bounds, p = pair["interval"], pair["p_adjusted"]
     if not test.differing:
-        return f"{first} and {second} say the same of every patch: nothing tells them apart."
+        return (
+            f"{first} and {second} are right and wrong equally often in every block: nothing tells "
+            "them apart."
+        )
     spread = (
         "" if bounds is None else f" (95 % interval {bounds['low']:+.3f} to {bounds['high']:+.3f}"
     )

@@ -31,7 +31,7 @@ class SwapTest:
     exact : bool
         Whether these were all there are.
     differing : int
-        Blocks of which the two models do not say the same; only these can be swapped.
+        Blocks in which the two models' counts differ; only swapping these changes anything.
     least_p : float
         The smallest p that so many blocks can give, however large the difference.
     """

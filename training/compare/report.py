@@ -76,5 +76,6 @@ def report_html(judged: Judged, result: dict[str, Any]) -> str:
         plots=_plots(judged, result),
         pictures=pictures(judged, result["errors"]),
         class_names=list(sizes),
+        two_sided=judged.two_sided,
         class_sizes=sizes,
     )

@@ -6,6 +6,7 @@ a search that was killed between logging and remembering makes no run twice.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -66,9 +67,11 @@ class SearchRuns:
         self._log(run, {}, parameters)
         return str(run.info.run_id)
 
-    def _log(self, run: Run, metrics: Mapping[str, float], params: Mapping[str, Any]) -> None:
-        # The same time each time: a metric logged twice is then one.
-        when = int(run.info.start_time)
+    def _log(
+        self, run: Run, metrics: Mapping[str, float], params: Mapping[str, Any], when: int = 0
+    ) -> None:
+        # The same time each time, unless told otherwise: a metric logged twice is then one.
+        when = when or int(run.info.start_time)
         self._client.log_batch(
             run.info.run_id,
             metrics=[Metric(name, value, when, 0) for name, value in metrics.items()],
@@ -111,7 +114,8 @@ class SearchRuns:
     def report(self, metrics: Mapping[str, float], tags: Mapping[str, str]) -> None:
         """Log what came out to the parent run."""
         with self._registry.reported():
-            self._log(self._known[None], metrics, {})
+            # Each time anew: of values of the same time MLflow shows the largest, not the last.
+            self._log(self._known[None], metrics, {}, int(time.time() * 1000))
             for name, value in tags.items():
                 self._client.set_tag(self.parent_id, name, value)
 
