@@ -260,7 +260,7 @@ CASES = {
     "embargo over everything": (nothing, (*TRAIN, "--embargo", 50), r"neighbour frames"),
     "unknown extractor": (nothing, (*TRAIN[:3], "sift"), r"unknown extractor 'sift'"),
     "unknown preset": (nothing, (*TRAIN, "--preset", "good"), r"unknown preset 'good'"),
-    "false-status rate": (nothing, (*TRAIN, "--false-status-rate", 0), r"between 0 and 1"),
+    "false-status rate": (nothing, (*TRAIN, "--false-status-rate", 0), r"status rate lies"),
     "frame rule": (nothing, (*TRAIN, "--frame-rule", "often"), r"--frame-rule is auto or .* 2/3"),
     "more hits than frames": (nothing, (*TRAIN, "--frame-rule", "3/2"), r"K of N frames"),
     "no patches": (nothing, (*TRAIN, "--least-patches", 0), r"at least 1 patch"),
