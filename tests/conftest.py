@@ -16,6 +16,8 @@ from typing import Any
 
 # One process for features: starting a pool takes longer than forty small frames.
 os.environ["LOKY_MAX_CPU_COUNT"] = "1"
+# The tests themselves run on all cores: more threads of theirs only wait for each other.
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ.pop("MLFLOW_TRACKING_URI", None)
 
 import cv2

@@ -312,11 +312,11 @@ def test_scene_file_says_how_it_was_made(mission):
             assert depth[depth > 0].min() == pytest.approx(entry["nearest_m"], abs=6e-4)
 
 
-def patch_deviations(folder):
-    """Standard deviation in grey levels of every patch of the left frames."""
+def patch_deviations(folder, every=1):
+    """Standard deviation in grey levels of every patch of the left frames, or of some of them."""
     mission = open_mission(folder)
     deviations = []
-    for number in mission.frames():
+    for number in mission.frames()[::every]:
         frame = mission.read(number)
         size = DEFAULT_GRID.resized(*frame.shape[:2])[::-1]
         gray = cv2.cvtColor(
@@ -341,7 +341,7 @@ def test_the_real_mission_lies_in_the_range_of_the_synthetic_ones(tmp_path):
     """
     if not REAL.is_dir():
         pytest.skip(f"the real mission is not at {REAL} (set TOKT_MISSION)")
-    real = patch_deviations(REAL)
+    real = patch_deviations(REAL, every=3)
     shares, extremes = [], []
     for seed in range(1, 7):
         simulate_mission(tmp_path / str(seed), seed=seed, n_frames=30, width=360)

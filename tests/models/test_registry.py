@@ -1,24 +1,16 @@
-"""The registry, in a file and behind a real MLflow server, and the way to a bundle."""
+"""The registry in a file, and the way to a bundle."""
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
-import signal
 import socket
-import subprocess
-import sys
 import time
-import urllib.error
-import urllib.request
-from pathlib import Path
 
 import mlflow
 import numpy as np
 import pytest
 from tokt.features.errors import ToktError
-from tokt.features.mission import open_mission
 from tokt.models.bundle import bundle_from_bytes, read_bundle
 from tokt.models.load import load_model
 from tokt.models.operating_point import OperatingPoint
@@ -284,80 +276,3 @@ def test_a_server_that_is_down_is_said_in_seconds(trained, workspace, run_tokt, 
         f"tokt: error: the model registry at http://127.0.0.1:{port}"
     )
     assert time.monotonic() - begun < 30
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    """A real ``mlflow server`` on a loopback port of its own."""
-    folder = tmp_path_factory.mktemp("server")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
-    command += ["--port", str(port), "--workers", "1"]
-    command += ["--backend-store-uri", f"sqlite:///{folder / 'server.db'}"]
-    command += ["--artifacts-destination", str(folder / "artifacts")]
-    environment = {
-        **os.environ,
-        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
-        "MLFLOW_DISABLE_TELEMETRY": "true",
-    }
-    with (folder / "log").open("wb") as log:
-        process = subprocess.Popen(
-            command,
-            env=environment,
-            cwd=folder,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-        )
-        try:
-            _wait_for(f"http://127.0.0.1:{port}/health", process, folder / "log")
-            yield f"http://127.0.0.1:{port}"
-        finally:
-            os.killpg(process.pid, signal.SIGTERM)  # it and its worker, of this session only
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait(10)
-
-
-def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        assert process.poll() is None, log.read_text()
-        try:
-            with urllib.request.urlopen(url, timeout=2) as answer:
-                if answer.status == 200:
-                    return
-        except (urllib.error.URLError, ConnectionError, TimeoutError):
-            time.sleep(0.2)
-    raise AssertionError(f"no answer: {log.read_text()}")
-
-
-@pytest.mark.slow
-def test_the_whole_way_through_a_server(server, trained, tiny, tmp_path, run_tokt, monkeypatch):
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", server)
-    shutil.copytree(trained / "datasets", tmp_path / ".tokt" / "datasets")
-    shutil.copytree(trained / "cache", tmp_path / ".tokt" / "cache")
-    where = ("--workspace", tmp_path / ".tokt")
-    training = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", "--folds", 3)
-    ran = run_tokt(*training, "--embargo", 1, "--json", *where)
-    assert ran.code == 0, ran.err
-    result = json.loads(ran.out)  # nothing but the result is on standard output
-    assert result["model"] == {"name": "tiny-lbp", "version": "1", "aliases": ["challenger"]}
-    assert not (tmp_path / ".tokt" / "mlflow.db").exists()
-    assert run_tokt("models", "alias", "tiny-lbp", "champion", *where).code == 0
-    (listed,) = json.loads(run_tokt("models", "list", "--json", *where).out)["models"]
-    assert listed["aliases"] == ["challenger", "champion"]
-    for name in ("a.tokt", "b.tokt"):
-        ran = run_tokt("export", "tiny-lbp@champion", "-o", tmp_path / name, *where)
-        assert ran.code == 0, ran.err
-    assert (tmp_path / "a.tokt").read_bytes() == (tmp_path / "b.tokt").read_bytes()
-    bundle = read_bundle(tmp_path / "a.tokt")
-    monkeypatch.delenv("MLFLOW_TRACKING_URI")
-    here = Registry(trained).bundle("tiny-lbp")
-    assert np.array_equal(bundle.model.weights, here.model.weights)
-    frame = open_mission(tiny.path).read(9)
-    assert np.array_equal(bundle.decision_values(frame), here.decision_values(frame))

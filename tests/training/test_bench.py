@@ -135,7 +135,7 @@ def test_the_real_missions_frames_are_judged_alike(
     labels = tmp_path / "labels.csv"
     head, *rows = (mission_dir / "labels.csv").read_text().splitlines(keepends=True)
     labels.write_text(head + "".join(row for row in rows if int(row.split(",")[2]) % 5 == 0))
-    options = ("--quick", "--frames", 12, "--mission", mission_dir, "--out", tmp_path / "out")
+    options = ("--quick", "--frames", 6, "--mission", mission_dir, "--out", tmp_path / "out")
     ran = run_tokt("bench", "--json", *options, "--labels", labels)
     found = json.loads(ran.out)
     assert [case["name"] for case in found["cases"] if not case["exact"]] == []
@@ -146,7 +146,7 @@ def test_the_real_missions_frames_are_judged_alike(
         "lbp_24_8.frame",
         "haralick.frame",
     ]
-    assert all(case["obstacle_patches"] > 20 and case["ties"] == 0 for case in frames)
+    assert all(case["obstacle_patches"] > 10 and case["ties"] == 0 for case in frames)
 
 
 def test_a_mission_that_is_not_there(run_tokt: Callable[..., Any], tmp_path: Path) -> None:
