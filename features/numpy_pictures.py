@@ -115,11 +115,13 @@ def shares(length: int, side: int) -> Floats:
 
 def _box_mean(deep: NDArray[np.uint16], side: int) -> Floats:
     """Mean of the pixels of a box that lie in the picture."""
+    whole = deep.astype(np.float64)
     if side == 1:
-        return deep.astype(np.float64)
-    # Sums of whole numbers, exact in any order.
+        return whole
+    # Sums of whole numbers in double precision, exact in any order; from 16 bits OpenCV would
+    # sum in 31, which a bright box of more than 181 pixels overflows.
     sums = cv2.boxFilter(
-        deep, cv2.CV_64F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
+        whole, cv2.CV_64F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
     )
     height, width = deep.shape
     return np.asarray(sums * shares(width, side) * shares(height, side)[:, None])

@@ -129,6 +129,15 @@ def test_levels(kernels: Kernels, data: st.DataObject, levels: Levels, threads: 
 
 
 @fast
+@pytest.mark.parametrize("side", [181, 183, 255])
+def test_the_largest_boxes_of_a_saturated_picture(kernels: Kernels, side: int) -> None:
+    """Their sums need all of 32 bits."""
+    deep = np.full((260, 260), 255 * 256, np.uint16)
+    assert (kernels.to_levels(deep, Levels(1, 256, side)) == 255).all()
+    assert (kernels.to_levels(deep, Levels(8, 256, 1, side)) == 128).all()
+
+
+@fast
 @pytest.mark.parametrize("by", [DIFFERENCE, RATIO, FRAME])
 def test_levels_by_their_definition(kernels: Kernels, by: str) -> None:
     """Boxes cut out one by one."""
