@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,9 +13,8 @@ from ..features.grid import Grid
 from ..features.levels import Levels
 from ..models.operating_point import OperatingPoint
 from .frame_check import frame_fault, shape_fault
-from .frame_rule import RuleRun
+from .frame_rule import RuleRun, least_white
 from .sources import Frame
-from .verdict import STATUS_MEAN_THRESHOLD
 
 TEXTURE, DISPARITY = "texture", "disparity"
 
@@ -171,12 +169,10 @@ class GridDetector:
     def _ruled(self, values: NDArray[np.float64], height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""
         grid, model = self.scorer.grid, self.scorer.model
-        # In a grid of more than 700 patches a single one is too little for a status.
-        of_one = 255.0 * math.prod(grid.patch_size(height, width)) / (height * width)
         ruled = self._rule.judge(
             model.obstacle_score(values),
             model.obstacle_patches(values),
-            int(STATUS_MEAN_THRESHOLD // of_one) + 1,
+            least_white(grid, height, width),
         )
         label = self.scorer.label
         if ruled.patches is None:

@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..features.grid import Grid
 from ..models.operating_point import FrameRule, FrameRuleState
-from .verdict import OBSTACLE, UNKNOWN
+from .verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
+
+
+def least_white(grid: Grid, height: int, width: int) -> int:
+    """Patches it takes to bring a mask's mean over the thesis's limit.
+
+    1, but in grids of more than 700 patches, where a single one is too little for a status.
+
+    Parameters
+    ----------
+    grid : Grid
+    height, width : int
+        Of the resized frame, in pixels.
+    """
+    mean_of_one = 255.0 * math.prod(grid.patch_size(height, width)) / (height * width)
+    return int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
 
 
 @dataclass(frozen=True)

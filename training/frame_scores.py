@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ..inference.verdict import STATUS_MEAN_THRESHOLD
+from ..inference.frame_rule import least_white
 from ..models.operating_point import LARGEST_WINDOW, frame_step, missed_before
 from .dataset import DatasetVersion
 
@@ -82,8 +82,7 @@ def _least_white(dataset: DatasetVersion, found: pd.DataFrame) -> NDArray[np.int
     least = {}
     for height, width in sizes.drop_duplicates().itertuples(index=False, name=None):
         resized = dataset.grid.resized(height, width)
-        mean_of_one = 255.0 * np.prod(dataset.grid.patch_size(*resized)) / np.prod(resized)
-        least[height, width] = int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
+        least[height, width] = least_white(dataset.grid, *resized)
     pairs = zip(sizes.height, sizes.width, strict=True)
     return np.array([least[pair] for pair in pairs], np.int64)
 

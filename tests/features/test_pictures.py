@@ -9,28 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.kernels import COMPILED, LIBRARY, NUMPY, Kernels, load_kernels
+from tokt.features.kernels import Kernels
 from tokt.features.levels import DIFFERENCE, FRAME, RATIO, Levels
 
 from .drawn import Image, examples, paint, painted, pictures
+from .each_kernel import REFERENCE, THREADS, fast
 
-REFERENCE = load_kernels(LIBRARY)
-try:
-    COMPILED_KERNELS = load_kernels(COMPILED)
-except ImportError:
-    COMPILED_KERNELS = None
-fast = pytest.mark.parametrize(
-    "kernels",
-    [
-        pytest.param(
-            COMPILED_KERNELS,
-            marks=pytest.mark.skipif(COMPILED_KERNELS is None, reason="not built here"),
-            id=COMPILED,
-        ),
-        pytest.param(load_kernels(NUMPY), id=NUMPY),
-    ],
-)
-THREADS = st.integers(1, 4)
 SIDES = st.integers(1, 40) | st.integers(1, 300)
 
 

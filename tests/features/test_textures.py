@@ -7,27 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tokt.features.grid import Grid
-from tokt.features.kernels import COMPILED, LIBRARY, NUMPY, Kernels, load_kernels
+from tokt.features.kernels import Kernels
 
 from .drawn import Image, examples, pictures
+from .each_kernel import REFERENCE, THREADS, fast
 
-REFERENCE = load_kernels(LIBRARY)
-try:
-    COMPILED_KERNELS = load_kernels(COMPILED)
-except ImportError:
-    COMPILED_KERNELS = None
-fast = pytest.mark.parametrize(
-    "kernels",
-    [
-        pytest.param(
-            COMPILED_KERNELS,
-            marks=pytest.mark.skipif(COMPILED_KERNELS is None, reason="not built here"),
-            id=COMPILED,
-        ),
-        pytest.param(load_kernels(NUMPY), id=NUMPY),
-    ],
-)
-THREADS = st.integers(1, 4)
 ONE = Grid(1, 1, None)
 POWERS = (2, 4, 8, 16, 32, 64)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,8 +11,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...features.grid import Grid
-from ...inference.verdict import STATUS_MEAN_THRESHOLD
 from ...models.operating_point import (
     OBSTACLE,
     UNKNOWN,
@@ -86,13 +83,6 @@ def kind_of_frame(labels_clear: NDArray[np.bool_], whole: bool) -> str:
     if not labels_clear.all():
         return OBSTACLE_FRAME
     return OCEAN if whole else NEITHER
-
-
-def least_white(grid: Grid, height: int, width: int) -> int:
-    """Patches it takes to bring the mask's mean over the thesis's limit: 1, but in tiny grids."""
-    resized = grid.resized(height, width)
-    mean_of_one = 255.0 * math.prod(grid.patch_size(*resized)) / math.prod(resized)
-    return int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
 
 
 def on_grid(

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from ...features.errors import ToktError
 from ...features.grid import Grid
+from ...inference.frame_rule import least_white
 from ...models.bundle import SUFFIX, Bundle, read_bundle
 from ...models.operating_point import FrameRule
 from ...models.registry import Registry
 from ..dataset import DatasetVersion, list_datasets
-from .frames import KEYS, FrameSeries, kind_of_frame, least_white, on_grid
+from .frames import KEYS, FrameSeries, kind_of_frame, on_grid
 from .judged import HELD_OUT, Contender, Judged, certainty
 
 _PLACE = [*KEYS, "row", "col"]
@@ -100,7 +101,7 @@ def _contender(
         certainty=certainty(bundle.model, values, table.target.to_numpy(np.int64)),
         score=score,
         on_grid=on_grid(score, frame, cell, (n_frames, grid.n_patches)),
-        white=least_white(grid, *bundle.frame_sizes[0]),
+        white=least_white(grid, *grid.resized(*bundle.frame_sizes[0])),
         judged=np.ones(n_frames, bool),
         fold_rules=[FrameRule.from_json(rule) for rule in recipe["fold_rules"]],
         split=str(recipe["metrics"]["split"]),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...features.errors import ToktError
 from ...features.image_file import pixel_sha256
 from ...features.mission import LEFT, Mission, format_frames
+from ...inference.frame_rule import least_white
 from ...inference.policy import judge_image
 from ...labels.merge import merge_annotators
 from ...labels.record import LabelRecord
@@ -24,7 +25,7 @@ from ..dataset import OBSTACLE as OBSTACLE_CLASS
 from ..evaluate import mission_in_training
 from ..splits import BLOCK_FRAMES, block_of
 from ..train import frame_id
-from .frames import KEYS, FrameSeries, kind_of_frame, least_white
+from .frames import KEYS, FrameSeries, kind_of_frame
 from .judged import MISSION, Contender, Judged, certainty
 
 
@@ -94,7 +95,7 @@ def _score(
             found = judge_image(bundle, image).decision_values
             its_judged.append(found is not None)
             its_values.append(bundle.decision_values(image) if found is None else found)
-    white = least_white(bundles[0].grid, *image.shape[:2])
+    white = least_white(bundles[0].grid, *bundles[0].grid.resized(*image.shape[:2]))
     pairs = zip(values, judged, strict=True)
     return [_Scores(frames, np.stack(a), np.array(b, bool), white) for a, b in pairs]
 

@@ -1,0 +1,25 @@
+"""The kernels that a property is tried on: each there is, and the reference they are held to."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import strategies as st
+from tokt.features.kernels import COMPILED, LIBRARY, NUMPY, load_kernels
+
+REFERENCE = load_kernels(LIBRARY)
+try:
+    COMPILED_KERNELS = load_kernels(COMPILED)
+except ImportError:
+    COMPILED_KERNELS = None
+fast = pytest.mark.parametrize(
+    "kernels",
+    [
+        pytest.param(
+            COMPILED_KERNELS,
+            marks=pytest.mark.skipif(COMPILED_KERNELS is None, reason="not built here"),
+            id=COMPILED,
+        ),
+        pytest.param(load_kernels(NUMPY), id=NUMPY),
+    ],
+)
+THREADS = st.integers(1, 4)
