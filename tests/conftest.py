@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,12 +25,16 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+import typer.main
 from numpy.typing import NDArray
 from tokt.features.grid import Grid
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.dataset import DatasetPlan, DatasetVersion, FrameSource, build_dataset
 
 from tokt.cli import main
+
+# Hundreds of tests call the command line in this process: it is put together once.
+typer.main.get_command = cache(typer.main.get_command)
 
 MISSION = Path(
     os.environ.get(
@@ -146,6 +151,21 @@ def call_tokt(*arguments: object) -> Ran:
 def run_tokt() -> Callable[..., Ran]:
     """`call_tokt`."""
     return call_tokt
+
+
+@pytest.fixture(scope="session")
+def preload() -> str:
+    """Python that imports what commands import as they go, for a program that forks them."""
+    return """
+import alembic.command, git, matplotlib.backends.backend_agg, matplotlib.figure, skops.io
+import mlflow.models.display_utils, mlflow.sklearn, mlflow.tracing.export
+import mlflow.store.model_registry.sqlalchemy_store, mlflow.store.tracking.sqlalchemy_store
+import mlflow.store.model_registry.sqlalchemy_workspace_store
+import mlflow.store.tracking.sqlalchemy_workspace_store
+import pyarrow.dataset, pyarrow.parquet, sqlalchemy.dialects.sqlite
+import tokt.labels.store, tokt.models.load, tokt.training.evaluate
+import tokt.training.mission_source, tokt.training.search.search, tokt.training.tracking
+"""
 
 
 BUILD_TINY = ("--block", TINY_BLOCK)

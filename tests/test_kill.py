@@ -40,11 +40,6 @@ HOST = f"""
 NEW_REGISTRY = {NEW_REGISTRY!r}
 import json, os, sys
 from pathlib import Path
-import mlflow.sklearn, pyarrow.dataset, pyarrow.parquet, matplotlib.figure
-import mlflow.store.model_registry.sqlalchemy_store, mlflow.store.tracking.sqlalchemy_store
-import alembic.command, sqlalchemy.dialects.sqlite
-import tokt.labels.store, tokt.models.load
-import tokt.training.evaluate, tokt.training.mission_source, tokt.training.tracking
 from tokt.cli import main
 from tokt.models.registry import Registry
 print("ready", flush=True)
@@ -99,11 +94,11 @@ class Host:
 
 
 @pytest.fixture(scope="module")
-def host(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+def host(tmp_path_factory: pytest.TempPathFactory, preload: str) -> Iterator[Host]:
     log = tmp_path_factory.mktemp("host") / "log"
     environment = {**os.environ, "LOG": str(log)}
     with subprocess.Popen(
-        [sys.executable, "-c", HOST],
+        [sys.executable, "-c", preload + HOST],
         env=environment,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

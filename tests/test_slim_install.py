@@ -40,10 +40,10 @@ def slim_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     python = home / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
     ours = (sys.executable, "-m", "pip", "--disable-pip-version-check")
     wheel = home.parent / "wheel"
-    built = _run(*ours, "wheel", "--no-deps", "-q", "-w", wheel, ROOT)
+    built = _run(*ours, "wheel", "--no-build-isolation", "--no-deps", "-q", "-w", wheel, ROOT)
     assert built.returncode == 0, built.stderr
-    pip = (*ours, "--python", python, "install", "--quiet", "-c", ROOT / "constraints.txt")
-    done = _run(*pip, next(wheel.glob("tokt-*.whl")))
+    pip = (*ours, "--python", python, "install", "--quiet", "--no-compile")
+    done = _run(*pip, "-c", ROOT / "constraints.txt", next(wheel.glob("tokt-*.whl")))
     if done.returncode != 0 and "No matching distribution" in done.stderr:
         pytest.skip("no package index can be reached to make a fresh environment")
     assert done.returncode == 0, done.stderr

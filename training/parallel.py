@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
+_TASKS_A_PROCESS = 64  # in memory; at the end of so many the processes wait for the slowest
 _REACHED_S = 5.0
 _WORKER_S = 10.0
 _BATCHES_A_THREAD = 4  # in flight: enough to hide the way to a worker, few enough to hold
@@ -46,7 +47,7 @@ def mapped(
 ) -> Iterator[Result]:
     """``map(function, tasks)`` on several processes: results in the order of the tasks.
 
-    Tasks are taken from `tasks` as they are needed, a few a process ahead of the results, so that
+    Tasks are taken from `tasks` as they are needed, some dozens a process ahead of the results, so that
     millions of them need not be in memory. What a task raises is raised here.
 
     Parameters
@@ -74,10 +75,7 @@ def mapped(
         raise ToktError("jobs: a number of processes, or -1 for one a core; not 0")
     if joblib.effective_n_jobs(jobs) == 1:
         return _here(function, tasks)
-    run = joblib.Parallel(n_jobs=jobs, return_as="generator")
-    work = joblib.delayed(_in_worker)
-    results: Iterator[Result] = run(work(function, task) for task in tasks)
-    return results
+    return _on_processes(function, tasks, jobs)
 
 
 def _here(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
@@ -86,6 +84,17 @@ def _here(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator
         with controller.limit(limits=1):
             result = function(task)
         yield result
+
+
+def _on_processes(
+    function: Callable[[Task], Result], tasks: Iterable[Task], jobs: int
+) -> Iterator[Result]:
+    work, rest = joblib.delayed(_in_worker), iter(tasks)
+    # joblib's generator goes on taking tasks while nobody takes its results, and holds those.
+    at_once = _TASKS_A_PROCESS * joblib.effective_n_jobs(jobs)
+    with joblib.Parallel(n_jobs=jobs, return_as="generator") as run:
+        while share := list(islice(rest, at_once)):
+            yield from run(work(function, task) for task in share)
 
 
 @lru_cache(maxsize=64)

@@ -29,6 +29,8 @@ from tokt.training.compare.report import report_html
 from tokt.training.metrics import obstacle_metrics
 from tokt.training.splits import Fold
 
+pytestmark = pytest.mark.xdist_group("compare")  # what they share is made once
+
 LBP, THESIS = "tiny-lbp/1", "tiny-thesis/1"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

@@ -17,7 +17,11 @@ FEW = "80-85,100-105,140-145,160-165,180-185,200-205"
 # Each frame around the first sight of the tower, every fourth elsewhere.
 CURVE_FRAMES = [*range(1, 131, 4), *range(131, 176), *range(176, 247, 4)]
 
-pytestmark = [pytest.mark.mission, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.mission,
+    pytest.mark.slow,
+    pytest.mark.xdist_group("real_mission"),  # what they share is made once
+]
 
 
 @pytest.fixture(scope="module")

@@ -33,6 +33,8 @@ from tokt.training.search.space import BUILT_IN, Trial, read_space
 from tokt.training.search.state import opened_state, read_finished
 from tokt.training.search.trial import Task, run_task
 
+pytestmark = pytest.mark.xdist_group("search")  # what they share is made once
+
 SPACE = """
 format = 1
 penalties = [1.0]
@@ -452,8 +454,6 @@ def test_a_trial_learns_from_changed_frames_where_the_space_says_so(searched, sp
 HOST = """
 import json, os, signal, sys, time
 from pathlib import Path
-import tokt.training.search.search, mlflow.sklearn, matplotlib.figure, pyarrow.parquet
-import mlflow.store.tracking.sqlalchemy_store, mlflow.store.model_registry.sqlalchemy_store
 from tokt.cli import main
 
 searches, *words = sys.argv[1:]
@@ -476,7 +476,7 @@ for awaited in ("*/trials/[!.]*.json", "*/winner.json", None):
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     print("ended", code, file=sys.stderr, flush=True)
 """
-"""Imports everything once and forks a child a run, so that a kill costs no second of imports."""
+"""After `preload`: forks a child a run, so that a kill costs no second of imports."""
 
 
 def finished_trials(folder: Path) -> dict[str, Any]:
@@ -495,14 +495,22 @@ def model_bytes(workspace: Path, result: dict[str, Any]) -> tuple[bytes, bytes]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_killed_twice_it_ends_the_same(searched, trained, tmp_path):
+def test_killed_twice_it_ends_the_same(searched, trained, tmp_path, preload):
     """SIGKILL after the first trial, and before the winner is trained."""
     workspace, command, _, expected = searched
     other = tmp_path / ".tokt"
     begin_like(trained, other)
     words = [str(word).replace(str(workspace), str(other)) for word in command]
     with (tmp_path / "out").open("w+") as out, (tmp_path / "err").open("w+") as err:
-        host = [sys.executable, "-c", HOST, str(other / "searches"), *words, "--nested", "--json"]
+        host = [
+            sys.executable,
+            "-c",
+            preload + HOST,
+            str(other / "searches"),
+            *words,
+            "--nested",
+            "--json",
+        ]
         subprocess.run(host, stdout=out, stderr=err, timeout=200, check=False)
         said, result = (tmp_path / "err").read_text(), (tmp_path / "out").read_text()
     ended = [line.split()[1] for line in said.splitlines() if line.startswith("ended ")]
