@@ -14,11 +14,11 @@ import json
 import logging
 import os
 import re
-import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,24 +93,30 @@ def _use(uri: str) -> None:
 
 
 def _create_database(path: Path) -> None:
-    """Make MLflow's tables under a temporary name, so that a kill leaves no half-made file.
-
-    MLflow migrates a new database through all its past; in memory that waits for no disk.
-    """
-    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
-
+    """Make MLflow's tables under a temporary name, so that a kill leaves no half-made file."""
     atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         fresh = folder / path.name
-        store = SqlAlchemyStore("sqlite:///:memory:", (folder / "unused").as_uri())
-        with (
-            closing(sqlite3.connect(fresh)) as file,
-            closing(store.engine.raw_connection()) as made,
-        ):
-            made.driver_connection.backup(file)
-        store.engine.dispose()
+        atomic.write_bytes(fresh, _empty_database())
         if not path.exists():
             fresh.replace(path)
+
+
+@cache
+def _empty_database() -> bytes:
+    """MLflow's tables as a file's content.
+
+    MLflow migrates a new database through all its past: that takes a second, in memory, where it
+    waits for no disk.
+    """
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+
+    with tempfile.TemporaryDirectory() as unused:
+        store = SqlAlchemyStore("sqlite:///:memory:", Path(unused).as_uri())
+        with closing(store.engine.raw_connection()) as made:
+            content: bytes = made.driver_connection.serialize()
+        store.engine.dispose()
+    return content
 
 
 @dataclass(frozen=True)

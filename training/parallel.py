@@ -47,8 +47,8 @@ def mapped(
 ) -> Iterator[Result]:
     """``map(function, tasks)`` on several processes: results in the order of the tasks.
 
-    Tasks are taken from `tasks` as they are needed, some dozens a process ahead of the results, so that
-    millions of them need not be in memory. What a task raises is raised here.
+    Tasks are taken from `tasks` as they are needed, some dozens a process ahead of the results, so
+    that millions of them need not be in memory. What a task raises is raised here.
 
     Parameters
     ----------

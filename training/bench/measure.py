@@ -115,7 +115,6 @@ def in_turns(
     times = {name: np.empty((rounds, count)) for name in calls}
     for call in calls.values():  # warm-up: imports, caches, lazily made tables
         call(items[0])
-    gc.collect()
     gc.disable()
     try:
         for turn in range(rounds):
