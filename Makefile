@@ -15,6 +15,8 @@ TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
 demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
 
+# Some hundred processes are started: without bytecode on disk each compiles everything anew.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(READY)
 	$(BIN)/python -m pytest -q -n 2 --dist loadgroup
 

@@ -42,7 +42,7 @@ def slim_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wheel = home.parent / "wheel"
     built = _run(*ours, "wheel", "--no-build-isolation", "--no-deps", "-q", "-w", wheel, ROOT)
     assert built.returncode == 0, built.stderr
-    pip = (*ours, "--python", python, "install", "--quiet", "--no-compile")
+    pip = (*ours, "--python", python, "install", "--quiet")
     done = _run(*pip, "-c", ROOT / "constraints.txt", next(wheel.glob("tokt-*.whl")))
     if done.returncode != 0 and "No matching distribution" in done.stderr:
         pytest.skip("no package index can be reached to make a fresh environment")
