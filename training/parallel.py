@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_TASKS_A_PROCESS = 64  # in memory; at the end of so many the processes wait for the slowest
+_TASKS_A_PROCESS = 128  # in memory; at the end of so many the processes wait for the slowest
 _REACHED_S = 5.0
 _WORKER_S = 10.0
 _BATCHES_A_THREAD = 4  # in flight: enough to hide the way to a worker, few enough to hold
@@ -47,7 +47,7 @@ def mapped(
 ) -> Iterator[Result]:
     """``map(function, tasks)`` on several processes: results in the order of the tasks.
 
-    Tasks are taken from `tasks` as they are needed, some dozens a process ahead of the results, so
+    Tasks are taken from `tasks` as they are needed, at most 128 a process ahead of the results, so
     that millions of them need not be in memory. What a task raises is raised here.
 
     Parameters
