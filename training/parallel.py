@@ -73,9 +73,10 @@ def mapped(
         return _on_cluster(function, tasks, dask)
     if jobs == 0:
         raise ToktError("jobs: a number of processes, or -1 for one a core; not 0")
-    if joblib.effective_n_jobs(jobs) == 1:
+    processes = joblib.effective_n_jobs(jobs)
+    if processes == 1:
         return _here(function, tasks)
-    return _on_processes(function, tasks, jobs)
+    return _on_processes(function, tasks, processes)
 
 
 def _here(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
@@ -87,13 +88,12 @@ def _here(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator
 
 
 def _on_processes(
-    function: Callable[[Task], Result], tasks: Iterable[Task], jobs: int
+    function: Callable[[Task], Result], tasks: Iterable[Task], processes: int
 ) -> Iterator[Result]:
     work, rest = joblib.delayed(_in_worker), iter(tasks)
-    # joblib's generator goes on taking tasks while nobody takes its results, and holds those.
-    at_once = _TASKS_A_PROCESS * joblib.effective_n_jobs(jobs)
-    with joblib.Parallel(n_jobs=jobs, return_as="generator") as run:
-        while share := list(islice(rest, at_once)):
+    with joblib.Parallel(n_jobs=processes, return_as="generator") as run:
+        # joblib's generator goes on taking tasks while nobody takes its results, and holds those.
+        while share := list(islice(rest, _TASKS_A_PROCESS * processes)):
             yield from run(work(function, task) for task in share)
 
 
