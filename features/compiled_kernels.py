@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from . import _native, area
 from .checks import check_frame, check_gray, check_lbp, check_size
+from .compiled_matching import block_disparity as block_disparity
 from .compiled_pictures import deep_gray as deep_gray
 from .compiled_pictures import level_counts as level_counts
 from .compiled_pictures import to_levels as to_levels
@@ -26,7 +27,7 @@ from .grid import Grid
 from .lbp_points import LbpPoints, lbp_points, pattern_codes
 from .threads import over_rows
 
-_INTERFACE = 2
+_INTERFACE = 3
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .block_matching import BlockMatching
 from .errors import ToktError
 from .finding import FAULT, NOTE, OK, Finding
 from .grid import Grid
@@ -143,10 +144,18 @@ def _deep_difference(
         Levels(9.0, 32, 1, 9, FRAME),
     ):
         pairs.append((one.to_levels(deep, levels), two.to_levels(deep, levels)))
+    pairs.append((_matched(one, gray), _matched(two, gray)))
     for border in ("patch", "frame"):
         options = gray, _GRID, 8, 5, border
         pairs.append((one.lbp_nearest_counts(*options), two.lbp_nearest_counts(*options)))
     return sum(int(np.count_nonzero(first != second)) for first, second in pairs)
+
+
+def _matched(kernels: Kernels, gray: NDArray[np.uint8]) -> NDArray[np.int16]:
+    """Disparities of a picture and of itself moved by a few pixels."""
+    return kernels.block_disparity(
+        gray, np.roll(gray, -9, axis=1), BlockMatching(2, 16, 9, 31, 50, 10), np.ones_like(gray)
+    )
 
 
 def _count_difference(

@@ -17,6 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .block_matching import BlockMatching
 from .errors import ToktError
 from .grid import Grid
 from .levels import Levels
@@ -105,6 +106,19 @@ class LineSums(Protocol):
         """Sums, int64, shape (n_patches, len(samples), 9)."""
 
 
+class BlockDisparity(Protocol):
+    """Block matching of two rectified views, the integers that OpenCV's StereoBM gives."""
+
+    def __call__(
+        self,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        settings: BlockMatching,
+        wanted: NDArray[np.uint8],
+    ) -> NDArray[np.int16]:
+        """Disparity in 1/16 pixel of the wanted pixels, int16, shape (height, width)."""
+
+
 @dataclass(frozen=True)
 class Kernels:
     """One implementation of everything that is computed from pixels.
@@ -124,6 +138,7 @@ class Kernels:
     level_counts : LevelCounts
     structure_sums : StructureSums
     line_sums : LineSums
+    block_disparity : BlockDisparity
     """
 
     name: str
@@ -138,6 +153,7 @@ class Kernels:
     level_counts: LevelCounts
     structure_sums: StructureSums
     line_sums: LineSums
+    block_disparity: BlockDisparity
 
 
 def _module(name: str) -> ModuleType:
@@ -181,6 +197,7 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
         module.level_counts,
         module.structure_sums,
         module.line_sums,
+        module.block_disparity,
     )
 
 

@@ -17,6 +17,7 @@ from .area import resized_gray as resized_gray
 from .checks import check_gray, check_lbp
 from .grid import Grid
 from .lbp_points import lbp_points
+from .numpy_matching import block_disparity as block_disparity
 from .numpy_pictures import deep_gray as deep_gray
 from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import to_levels as to_levels

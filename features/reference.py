@@ -18,6 +18,7 @@ from skimage.feature import local_binary_pattern
 from .area import resized_gray as resized_gray
 from .grid import Grid
 from .levels import Levels
+from .numpy_matching import block_disparity as block_disparity
 
 DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahotas"))
 

@@ -53,12 +53,25 @@ static int instructions_used = PLAIN;
             name##_plain arguments;                                                          \
     }
 
+/* For short loops, which wider registers do not even fill. */
+#define TOKT_VARIANTS_TO_AVX2(name, declaration, arguments)                                  \
+    static void name##_plain declaration { name##_body arguments; }                          \
+    TOKT_AVX2 static void name##_avx2 declaration { name##_body arguments; }                 \
+    static void name declaration {                                                           \
+        if (instructions_used >= AVX2)                                                       \
+            name##_avx2 arguments;                                                           \
+        else                                                                                 \
+            name##_plain arguments;                                                          \
+    }
+
 #else
 
 static int instructions_best(void) { return PLAIN; }
 static int instructions_used = PLAIN;
 #define TOKT_VARIANTS(name, declaration, arguments) \
     static void name declaration { name##_body arguments; }
+#define TOKT_VARIANTS_TO_AVX2(name, declaration, arguments) \
+    TOKT_VARIANTS(name, declaration, arguments)
 
 #endif
 

@@ -157,7 +157,31 @@ cdef extern from "nearest.h" nogil:
                       int last, uint8_t *scratch, int64_t *histograms)
 
 
-INTERFACE = 2
+cdef extern from "match.h" nogil:
+    ctypedef struct MatchSettings:
+        int smallest
+        int count
+        int block
+        int zero
+        int texture
+        int uniqueness
+
+    ctypedef struct MatchViews:
+        const uint8_t *left
+        const uint8_t *right
+        const uint8_t *wanted
+        int width
+        int top
+        int bottom
+        int first
+        int last
+
+    size_t match_scratch(const MatchSettings *settings, int width)
+    void match_views(const MatchViews *views, const MatchSettings *settings, uint16_t *scratch,
+                     int16_t *out)
+
+
+INTERFACE = 3
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -456,3 +480,30 @@ def nearest_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int p
     cdef NearestPoints points = nearest_points(moves, reach, across_patches)
     with nogil:
         nearest_rows(&picture, &points, first, last, &scratch[0], &counts[0, 0])
+
+
+cdef class MatchKernel:
+    """How two views are matched block by block; see ``match.h``."""
+
+    cdef MatchSettings settings
+
+    def __init__(self, int smallest, int count, int block, int zero, int texture,
+                 int uniqueness):
+        self.settings.smallest, self.settings.count = smallest, count
+        self.settings.block, self.settings.zero = block, zero
+        self.settings.texture, self.settings.uniqueness = texture, uniqueness
+
+    def scratch_size(self, int width):
+        """Number of uint16 values that `disparities` needs for that many columns."""
+        return match_scratch(&self.settings, width)
+
+    def disparities(self, const uint8_t[:, ::1] left, const uint8_t[:, ::1] right,
+                    const uint8_t[:, ::1] wanted, int top, int bottom, int first, int last,
+                    uint16_t[::1] scratch, int16_t[:, ::1] out):
+        """Write the disparities of the wanted pixels in rows top..bottom, columns first..last."""
+        cdef MatchViews views
+        views.left, views.right, views.wanted = &left[0, 0], &right[0, 0], &wanted[0, 0]
+        views.width = left.shape[1]
+        views.top, views.bottom, views.first, views.last = top, bottom, first, last
+        with nogil:
+            match_views(&views, &self.settings, &scratch[0], &out[0, 0])
