@@ -1,25 +1,32 @@
-"""A stereo calibration as OpenCV stores it, checked before it is used."""
+"""A stereo calibration, checked before it is used."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..features.errors import ToktError
+from .calibration_files import CalibrationNumbers, read_numbers
+from .distortion import folds_back_at_px
 
 MISSION_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the mission cameras (Prosilica GC1380C), which a calibration
-without ``image_width`` and ``image_height`` is for."""
+that does not say its frames' size is for."""
 
-_NEEDED = ("K1", "D1", "K2", "D2", "R", "T_mm")
-_SHAPES = {"K1": (3, 3), "K2": (3, 3), "R": (3, 3)}
-_DISTORTION_SIZES = (4, 5, 8, 12, 14)
 _ROTATION_TOLERANCE = 1e-3
+# Where a calibration is usable, but unlike those of two cameras on one vehicle.
+_FOCAL_DIFFERENCE = 0.05
+_ASPECT_DIFFERENCE = 0.02
+_FOCAL_OF_WIDTH = (0.3, 10.0)
+_BASELINE_MM = (50.0, 2000.0)
+_ROTATION_DEG = 10.0
+_OFF_CENTRE = 0.1
+"""Part of the frame's diagonal."""
+_TANGENTIAL = 0.02
 
 
 @dataclass(frozen=True)
@@ -29,13 +36,15 @@ class StereoCalibration:
     Parameters
     ----------
     K1, K2 : array, shape (3, 3)
-        Camera matrices of the left and the right camera, in pixels of `frame_size`.
+        Camera matrices of the left and the right camera, in pixels of `frame_size`; the centre
+        of the first pixel is at (0, 0).
     D1, D2 : array, shape (4..14,)
-        Distortion coefficients in OpenCV's order (k1, k2, p1, p2, k3, ...).
+        Distortion coefficients in OpenCV's order: k1, k2, p1, p2, k3, ...
     R : array, shape (3, 3)
         Rotation from left camera coordinates to right ones.
     T_mm : array, shape (3, 1)
-        Translation from left camera coordinates to right ones, in millimetres.
+        Translation from left camera coordinates to right ones, in millimetres: a point of the
+        right camera is R @ left + T_mm.
     frame_size : (int, int)
         Width and height in pixels of the frames it is for.
     """
@@ -49,108 +58,211 @@ class StereoCalibration:
     frame_size: tuple[int, int]
 
 
+@dataclass(frozen=True)
+class Described:
+    """A calibration as a file has it, and what is to be said of it.
+
+    Parameters
+    ----------
+    path : Path
+    calibration : StereoCalibration
+        Without skew, which OpenCV's rectification does not know.
+    form : str
+        What kind of file it is, in words.
+    oddities : list of str
+        What is strange yet usable, and what was assumed or left out in reading it.
+    refusals : list of str
+        Why it cannot be used; empty for one that can.
+    notes : mapping of str to str
+        What its writer noted on how it was made.
+    """
+
+    path: Path
+    calibration: StereoCalibration
+    form: str
+    oddities: list[str]
+    refusals: list[str]
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+    def usable(self) -> StereoCalibration:
+        """The calibration.
+
+        Raises
+        ------
+        ToktError
+            If there is a reason why it cannot be used.
+        """
+        if self.refusals:
+            raise ToktError(f"calibration {self.path}: {'; '.join(self.refusals)}")
+        return self.calibration
+
+
 def load_calibration(path: Path | str) -> StereoCalibration:
     """Read and check a calibration file.
 
     Parameters
     ----------
     path : Path
-        OpenCV FileStorage, YAML or JSON, with K1 D1 K2 D2 R T_mm and, if they are not
-        1360x1024, the frames' ``image_width`` and ``image_height``. R1 and R2, where they are
-        present, follow from R and T_mm: they are held against them, and computed anew.
+        Any form that `read_calibration` reads.
 
     Raises
     ------
     ToktError
         If the file cannot be read, misses a part, or describes cameras that cannot be.
     """
-    values = _read(Path(path))
-    for name, shape in _SHAPES.items():
-        if values[name].shape != shape:
-            raise ToktError(f"calibration {path}: {name} must be {shape[0]}x{shape[1]}")
-    for name in ("D1", "D2"):
-        values[name] = values[name].ravel()
-        if values[name].size not in _DISTORTION_SIZES:
-            raise ToktError(f"calibration {path}: {name} must hold 4, 5, 8, 12 or 14 numbers")
-    if values["T_mm"].size != 3:
-        raise ToktError(f"calibration {path}: T_mm must hold 3 numbers")
-    size = (int(values["image_width"].item()), int(values["image_height"].item()))
-    calibration = StereoCalibration(
-        **{name: values[name] for name in ("K1", "D1", "K2", "D2", "R")},
-        T_mm=values["T_mm"].reshape(3, 1),
-        frame_size=size,
+    return read_calibration(path).usable()
+
+
+def read_calibration(path: Path | str) -> Described:
+    """Read a calibration file, however implausible its numbers are.
+
+    Parameters
+    ----------
+    path : Path
+        OpenCV FileStorage (YAML, JSON, XML) with K1 D1 K2 D2 R T_mm, or the usual other names;
+        a Bouguet toolbox export; a table as printed. Frames are of 1360x1024 where it does not
+        say ``image_width`` and ``image_height``. R1 and R2, where they are present, follow from R
+        and T_mm: they are held against them, and computed anew.
+
+    Raises
+    ------
+    ToktError
+        If the file cannot be read, misses a part, or holds a number that is not finite.
+    """
+    return describe(read_numbers(path))
+
+
+def describe(numbers: CalibrationNumbers) -> Described:
+    """Judge what was read from a file."""
+    found = StereoCalibration(
+        numbers.K1,
+        numbers.D1,
+        numbers.K2,
+        numbers.D2,
+        numbers.R,
+        numbers.T_mm,
+        numbers.frame_size or MISSION_FRAME_SIZE,
     )
-    _check_cameras(calibration, path)
-    _check_rotations(calibration, values.get("R1"), values.get("R2"), path)
-    return calibration
+    odd = list(numbers.remarks)
+    if numbers.frame_size is None:
+        width, height = MISSION_FRAME_SIZE
+        odd.append(f"it does not say its frames' size: taken for {width}x{height}")
+    with np.errstate(all="ignore"):  # whatever overflows is refused, not warned of
+        reasons = refusals(found) or _rectifying_faults(numbers)
+        odd += oddities(found)
+    plain = replace(found, K1=_without_skew(found.K1), K2=_without_skew(found.K2))
+    return Described(numbers.path, plain, numbers.form, odd, reasons, numbers.notes)
 
 
-def _read(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Every known key of the file as a float64 array, frame size included."""
-    if not path.is_file():
-        raise ToktError(f"calibration {path} does not exist")
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        try:
-            values = _known_keys(storage)
-        finally:
-            storage.release()
-    except (cv2.error, SystemError, UnicodeDecodeError):
-        raise ToktError(f"calibration {path} is not an OpenCV YAML or JSON file") from None
-    missing = [name for name in _NEEDED if values.get(name) is None]
-    if missing:
-        raise ToktError(f"calibration {path} has no {', '.join(missing)}")
-    arrays = {name: np.asarray(value, np.float64) for name, value in values.items()}
-    for name, array in arrays.items():
-        if not np.isfinite(array).all():
-            raise ToktError(f"calibration {path}: {name} holds a number that is not finite")
-    return arrays
+def refusals(calibration: StereoCalibration) -> list[str]:
+    """Why a calibration cannot be that of two cameras side by side; empty where it can.
 
-
-def _known_keys(storage: cv2.FileStorage) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for name in (*_NEEDED, "R1", "R2"):
-        node = storage.getNode(name)
-        if node.isMap():
-            values[name] = node.mat()
-    for name, usual in zip(("image_width", "image_height"), MISSION_FRAME_SIZE, strict=True):
-        node = storage.getNode(name)
-        values[name] = node.real() if node.isInt() or node.isReal() else usual
-    return values
-
-
-def _check_cameras(calibration: StereoCalibration, path: Path | str) -> None:
-    """Focal lengths, principal points and the distance between the cameras make sense."""
+    Parameters
+    ----------
+    calibration : StereoCalibration
+        Finite.
+    """
     width, height = calibration.frame_size
     if width < 1 or height < 1:
-        raise ToktError(f"calibration {path}: the frame size is {width}x{height}")
-    for name, K in (("K1", calibration.K1), ("K2", calibration.K2)):
-        if K[0, 0] <= 0 or K[1, 1] <= 0 or not np.allclose(K[2], [0, 0, 1]):
-            raise ToktError(f"calibration {path}: {name} is not a camera matrix")
-        if not (0 < K[0, 2] < width and 0 < K[1, 2] < height):
-            raise ToktError(
-                f"calibration {path}: the principal point of {name} lies outside "
-                f"the {width}x{height} frame"
+        return [f"the frame size is {width}x{height}"]
+    found = []
+    for name, K in (("K1 (left)", calibration.K1), ("K2 (right)", calibration.K2)):
+        if K[0, 0] <= 0 or K[1, 1] <= 0 or K[1, 0] or not np.allclose(K[2], [0, 0, 1]):
+            found.append(f"{name} is not a camera matrix")
+        elif not (0 < K[0, 2] < width and 0 < K[1, 2] < height):
+            found.append(
+                f"the principal point of {name} lies outside the {width}x{height} frame, at "
+                f"({K[0, 2]:.1f}, {K[1, 2]:.1f})"
             )
-    if abs(calibration.T_mm[0, 0]) <= np.abs(calibration.T_mm[1:]).max():
-        raise ToktError(f"calibration {path}: T_mm is not that of two cameras side by side")
-    if calibration.T_mm[0, 0] > 0:
-        raise ToktError(f"calibration {path}: by T_mm the right camera is left of the left one")
-
-
-def _check_rotations(
-    calibration: StereoCalibration,
-    R1: NDArray[np.float64] | None,
-    R2: NDArray[np.float64] | None,
-    path: Path | str,
-) -> None:
-    """R is a rotation, and R1 and R2 (where given) turn both cameras the same way."""
     R = calibration.R
-    if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_TOLERANCE or np.linalg.det(R) < 0:
-        raise ToktError(f"calibration {path}: R is not a rotation")
+    if not _is_one(R @ R.T) or np.linalg.det(R) < 0:
+        found.append("R is not a rotation")
+    x, *others = calibration.T_mm.ravel()
+    if abs(x) <= np.abs(others).max():
+        found.append("T_mm is not that of two cameras side by side")
+    elif x > 0:
+        found.append(
+            "by T_mm the right camera is left of the left one: left and right are exchanged, or "
+            "it is the right camera's position C (T_mm is -R @ C) or the way from right to left"
+        )
+    return found
+
+
+def oddities(calibration: StereoCalibration) -> list[str]:
+    """What is strange about a calibration, yet usable.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration
+        Finite.
+    """
+    found = []
+    left = ("K1 (left)", calibration.K1, calibration.D1)
+    right = ("K2 (right)", calibration.K2, calibration.D2)
+    for name, K, D in (left, right):
+        if K[0, 0] > 0 and K[1, 1] > 0 and min(calibration.frame_size) > 0:
+            found += _camera_oddities(name, K, D, calibration.frame_size)
+    first, second = calibration.K1[0, 0], calibration.K2[0, 0]
+    if first > 0 and abs(second / first - 1) > _FOCAL_DIFFERENCE:
+        found.append(f"the focal lengths of the cameras differ: {first:.1f} and {second:.1f} px")
+    baseline = float(np.linalg.norm(calibration.T_mm))
+    if not _BASELINE_MM[0] <= baseline <= _BASELINE_MM[1]:
+        metres = ": is T in metres?" if 0.05 <= baseline <= 2 else ""
+        found.append(f"the cameras stand {baseline:g} mm apart{metres}")
+    angle = np.degrees(np.arccos(np.clip((np.trace(calibration.R) - 1) / 2, -1, 1)))
+    if angle > _ROTATION_DEG:
+        found.append(f"the cameras are turned by {angle:.1f} degrees against each other")
+    return found
+
+
+def _camera_oddities(
+    name: str, K: NDArray[np.float64], D: NDArray[np.float64], frame_size: tuple[int, int]
+) -> list[str]:
+    """The same of one camera, with positive focal lengths."""
+    found = []
+    fx, fy = K[0, 0], K[1, 1]
+    width, height = frame_size
+    if abs(fx / fy - 1) > _ASPECT_DIFFERENCE:
+        found.append(f"{name}: fx and fy differ by more than 2 %: {fx:.1f} and {fy:.1f} px")
+    if not _FOCAL_OF_WIDTH[0] <= fx / width <= _FOCAL_OF_WIDTH[1]:
+        found.append(f"{name}: a focal length of {fx:g} px is strange for {width} px wide frames")
+    off = np.hypot(K[0, 2] - (width - 1) / 2, K[1, 2] - (height - 1) / 2)
+    if off > _OFF_CENTRE * np.hypot(width, height):
+        found.append(f"{name}: the principal point is {off:.0f} px from the frame's centre")
+    if K[0, 1]:
+        moved = abs(K[0, 1] / fy) * height / 2
+        found.append(
+            f"{name}: the skew {K[0, 1]:g} px is left out, since OpenCV rectifies without: up to "
+            f"{moved:.2g} px at the frame's edge"
+        )
+    if np.abs(D[2:4]).max() > _TANGENTIAL:
+        found.append(
+            f"{name}: tangential distortion p1 = {D[2]:g}, p2 = {D[3]:g} is large: is its order "
+            "k1 k2 p1 p2 k3?"
+        )
+    fold = folds_back_at_px(K, D, frame_size)
+    if fold is not None:
+        found.append(f"{name}: its distortion folds back {fold:.0f} px from the principal point")
+    return found
+
+
+def _without_skew(K: NDArray[np.float64]) -> NDArray[np.float64]:
+    plain = K.copy()
+    plain[0, 1] = 0.0
+    return plain
+
+
+def _rectifying_faults(numbers: CalibrationNumbers) -> list[str]:
+    """R1 and R2, where given, turn both cameras the same way."""
+    R1, R2 = numbers.R1, numbers.R2
     if R1 is None and R2 is None:
-        return
-    if R1 is None or R2 is None or R1.shape != (3, 3) or R2.shape != (3, 3):
-        raise ToktError(f"calibration {path}: R1 and R2 must both be 3x3, or both be left out")
-    if np.abs(R2 @ R @ R1.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
-        raise ToktError(f"calibration {path}: R1 and R2 do not belong to its R")
+        return []
+    if R1 is None or R2 is None or R1.size != 9 or R2.size != 9:
+        return ["R1 and R2 must both be 3x3, or both be left out"]
+    if _is_one(R2.reshape(3, 3) @ numbers.R @ R1.reshape(3, 3).T):
+        return []
+    return ["R1 and R2 do not belong to its R"]
+
+
+def _is_one(matrix: NDArray[np.float64]) -> bool:
+    return bool(np.abs(matrix - np.eye(3)).max() <= _ROTATION_TOLERANCE)

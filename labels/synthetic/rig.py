@@ -69,7 +69,7 @@ class Rig:
         return self.width / FULL_WIDTH
 
     def write(self, path: Path) -> None:
-        """Write an OpenCV FileStorage with K1 D1 K2 D2 R T_mm R1 R2."""
+        """Write an OpenCV FileStorage with K1 D1 K2 D2 R T_mm R1 R2 and the frames' size."""
         no_distortion = np.zeros(5)
         translation = self.translation_m.reshape(3, 1)
         size = (self.width, self.height)
@@ -86,6 +86,8 @@ class Rig:
             ("T_mm", translation * 1000.0),
             ("R1", rectified[0]),
             ("R2", rectified[1]),
+            ("image_width", self.width),
+            ("image_height", self.height),
         ):
             storage.write(key, value)
         storage.release()

@@ -1,0 +1,469 @@
+"""The numbers in a stereo calibration file, whichever of the usual forms it has.
+
+Three text forms are read: OpenCV's FileStorage (YAML, JSON, XML), what Bouguet's camera
+calibration toolbox prints or exports, and a table as a thesis prints it. Whether the cameras
+described can be is not judged here.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..features.errors import ToktError
+from .distortion import DISTORTION_SIZES, distortion
+
+Float = NDArray[np.float64]
+
+OPENCV_FORM = "OpenCV FileStorage"
+BOUGUET_FORM = "Bouguet toolbox text"
+PRINTED_FORM = "printed table (JSON)"
+
+FORMAT_VERSION = 1
+"""Of the files that `calibration_writer` writes; those written before have no such key, and
+perhaps no frame size."""
+_LARGEST_BYTES = 1 << 20
+_MOST_BRACKETS = 5000
+"""OpenCV's parser needs memory with the square of the nesting depth."""
+_MOST_NUMBERS = 64
+_LARGEST_NUMBER = 1e9
+_MM_PER = {
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 10.0),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1000.0),
+    **dict.fromkeys(("in", "inch", "inches"), 25.4),
+}
+_OPENCV_NAMES = {
+    "K1": ("K1", "M1", "cameraMatrix1", "camera_matrix_1", "K_left", "mtxL"),
+    "D1": ("D1", "distCoeffs1", "dist_coeffs_1", "D_left", "distL"),
+    "K2": ("K2", "M2", "cameraMatrix2", "camera_matrix_2", "K_right", "mtxR"),
+    "D2": ("D2", "distCoeffs2", "dist_coeffs_2", "D_right", "distR"),
+    "R": ("R", "Rot"),
+    "R1": ("R1",),
+    "R2": ("R2",),
+}
+"""Our name, OpenCV's sample program's, its functions' parameters', and other usual ones."""
+_OPENCV_SHIFTS = {"T_mm": "mm", "T_cm": "cm", "T_m": "m", "T": None, "Trns": None}
+_MATRICES = ("K1", "K2", "R")
+_MATLAB_MAGIC = b"MATLAB "
+
+
+@dataclass(frozen=True)
+class CalibrationNumbers:
+    """What a calibration file says, in OpenCV's conventions; all float64 and finite.
+
+    Parameters
+    ----------
+    path : Path
+    form : str
+        What kind of file it is, in words.
+    K1, K2, R : array, shape (3, 3)
+    D1, D2 : array, shape (4, 5, 8, 12 or 14,)
+        OpenCV's order: k1, k2, p1, p2, k3, ...
+    T_mm : array, shape (3, 1)
+        A point of the right camera is R @ left + T_mm.
+    frame_size : (int, int) or None
+        Width and height in pixels, where the file has them.
+    R1, R2 : array, or None
+        Rectifying rotations, where the file has them.
+    remarks : tuple of str
+        What was assumed or left out in reading it.
+    notes : mapping of str to str
+        What its writer noted on how it was made.
+    """
+
+    path: Path
+    form: str
+    K1: Float
+    D1: Float
+    K2: Float
+    D2: Float
+    R: Float
+    T_mm: Float
+    frame_size: tuple[int, int] | None = None
+    R1: Float | None = None
+    R2: Float | None = None
+    remarks: tuple[str, ...] = ()
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_numbers(path: Path | str) -> CalibrationNumbers:
+    """Read a calibration file of any text form, told apart by its content.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be read, is none of the forms, lacks a part, or holds a number that is not
+        finite.
+    """
+    path = Path(path)
+    text = _text(path)
+    if re.search(r"\bfc_(left|right)\s*=", text):
+        return _read_bouguet(path, text)
+    printed = _printed_table(path, text)
+    return _read_opencv(path, text) if printed is None else _read_printed(path, printed)
+
+
+def _text(path: Path) -> str:
+    if not path.is_file():
+        raise ToktError(f"calibration {path} does not exist")
+    try:
+        with path.open("rb") as handle:
+            data = handle.read(_LARGEST_BYTES + 1)
+    except OSError as error:
+        raise ToktError(f"calibration {path} cannot be read: {error.strerror}") from None
+    if data.startswith(_MATLAB_MAGIC) or path.suffix.lower() == ".mat":
+        raise ToktError(
+            f"calibration {path} is a MATLAB file: only `tokt` commands read it, named .mat"
+        )
+    if len(data) > _LARGEST_BYTES:
+        raise ToktError(f"calibration {path} is no calibration: it is larger than 1 MB")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:  # Bouguet's plus-minus signs, as MATLAB on Windows exports them
+        text = data.decode("latin-1")
+    if "\0" in text or sum(map(text.count, "[{<")) > _MOST_BRACKETS:
+        _unknown_form(path)
+    return text
+
+
+def _unknown_form(path: Path) -> NoReturn:
+    raise ToktError(
+        f"calibration {path} is not an OpenCV YAML, JSON or XML file, "
+        "nor a Bouguet toolbox export, nor a printed table"
+    )
+
+
+def checked_numbers(
+    path: Path,
+    form: str,
+    values: Mapping[str, ArrayLike | None],
+    frame_size: ArrayLike | None,
+    remarks: Sequence[str] = (),
+    notes: Mapping[str, str] | None = None,
+) -> CalibrationNumbers:
+    """Put what was read into arrays of the right shape.
+
+    Parameters
+    ----------
+    values : mapping
+        K1 D1 K2 D2 R T_mm, perhaps R1 R2; R may be a rotation vector in radians.
+    frame_size : two numbers, or None
+        Width and height.
+
+    Raises
+    ------
+    ToktError
+        If a part is missing, has another shape, or holds a number that is not finite.
+    """
+    needed = ("K1", "D1", "K2", "D2", "R", "T_mm")
+    missing = [name for name in needed if values.get(name) is None]
+    if missing:
+        raise ToktError(f"calibration {path} has no {', '.join(missing)}")
+    arrays = {
+        name: _finite(path, name, value) for name, value in values.items() if value is not None
+    }
+    if arrays["R"].size == 3:
+        arrays["R"] = _finite(path, "R", cv2.Rodrigues(arrays["R"].ravel())[0])
+    for name in _MATRICES:
+        if arrays[name].size != 9:
+            raise ToktError(f"calibration {path}: {name} must be 3x3")
+        arrays[name] = arrays[name].reshape(3, 3)
+    for name in ("D1", "D2"):
+        arrays[name] = arrays[name].ravel()
+        if arrays[name].size not in DISTORTION_SIZES:
+            raise ToktError(f"calibration {path}: {name} must hold 4, 5, 8, 12 or 14 numbers")
+    if arrays["T_mm"].size != 3:
+        raise ToktError(f"calibration {path}: T_mm must hold 3 numbers")
+    arrays["T_mm"] = arrays["T_mm"].reshape(3, 1)
+    size = None if frame_size is None else _frame_size(path, frame_size)
+    return CalibrationNumbers(
+        path, form, **arrays, frame_size=size, remarks=tuple(remarks), notes=notes or {}
+    )
+
+
+def _finite(path: Path, name: str, value: ArrayLike) -> Float:
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ToktError(f"calibration {path}: {name} is not a list of numbers") from None
+    if not np.isfinite(array).all():
+        raise ToktError(f"calibration {path}: {name} holds a number that is not finite")
+    if (np.abs(array) > _LARGEST_NUMBER).any():
+        raise ToktError(f"calibration {path}: {name} holds a number beyond {_LARGEST_NUMBER:g}")
+    return array
+
+
+def _frame_size(path: Path, value: ArrayLike) -> tuple[int, int]:
+    size = _finite(path, "the frame size", value).ravel()
+    if size.size != 2 or (size != size.round()).any() or (abs(size) > 1e6).any():
+        raise ToktError(f"calibration {path}: the frame size is not a width and a height in pixels")
+    return int(size[0]), int(size[1])
+
+
+def millimetres(shift: ArrayLike, unit: str | None, remarks: list[str]) -> Float:
+    """A translation in millimetres; what is assumed of its unit is added to `remarks`."""
+    factor = _MM_PER.get((unit or "").strip().lower())
+    if factor is None:
+        said = "has no unit" if not unit else f"has the unknown unit {unit[:20]!r}"
+        remarks.append(f"the translation {said}: it is taken for millimetres")
+    return np.asarray(shift, np.float64) * (factor or 1.0)
+
+
+# --- OpenCV FileStorage ---
+
+
+def _read_opencv(path: Path, text: str) -> CalibrationNumbers:
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    except (cv2.error, SystemError):
+        _unknown_form(path)
+    try:
+        return _opencv_numbers(path, storage)
+    except (cv2.error, SystemError, UnicodeDecodeError):
+        raise ToktError(f"calibration {path}: its matrices cannot be read") from None
+    finally:
+        storage.release()
+
+
+def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
+    version = storage.getNode("format_version")
+    if version.isInt() and version.real() > FORMAT_VERSION:
+        raise ToktError(
+            f"calibration {path} is of format {version.real():.0f}: a newer tokt reads it"
+        )
+    remarks: list[str] = []
+    values: dict[str, ArrayLike | None] = {
+        name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()
+    }
+    values["T_mm"] = _opencv_shift(path, storage, remarks)
+    return checked_numbers(
+        path, OPENCV_FORM, values, _opencv_size(storage), remarks, _opencv_notes(storage)
+    )
+
+
+def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> Float | None:
+    arrays = (_node_array(storage.getNode(name)) for name in names)
+    return next((array for array in arrays if array is not None), None)
+
+
+def _node_array(node: cv2.FileNode) -> Float | None:
+    """A matrix, or a (nested) list of numbers; None for anything else."""
+    if node.isMap():
+        sizes = [node.getNode(key) for key in ("sizes", "rows", "cols")]
+        sides = [side for size in sizes for side in _listed(size)]
+        if not sides or not 0 < np.prod(sides) <= _MOST_NUMBERS:  # before memory is taken for it
+            return None
+        return np.asarray(node.mat(), np.float64)
+    if node.isSeq():
+        return np.array(_listed(node), np.float64)
+    return None
+
+
+def _listed(node: cv2.FileNode, depth: int = 2) -> list[float]:
+    """The number, or the numbers of a list and of the lists in it."""
+    if node.isInt() or node.isReal():
+        return [float(node.real())]
+    if not depth or not node.isSeq() or node.size() > _MOST_NUMBERS:
+        return []
+    items = map(node.at, range(node.size()))
+    return [number for item in items for number in _listed(item, depth - 1)]
+
+
+def _opencv_shift(path: Path, storage: cv2.FileStorage, remarks: list[str]) -> Float | None:
+    for name, unit in _OPENCV_SHIFTS.items():
+        shift = _node_array(storage.getNode(name))
+        if shift is not None:
+            stated = (storage.getNode(key) for key in ("T_unit", "unit", "units"))
+            words = [node.string() for node in stated if node.isString()]
+            return millimetres(shift, unit or (words[0] if words else None), remarks)
+    return None
+
+
+def _opencv_size(storage: cv2.FileStorage) -> ArrayLike | None:
+    for pair in (("image_width", "image_height"), ("width", "height")):
+        sides = [storage.getNode(name) for name in pair]
+        if all(side.isInt() or side.isReal() for side in sides):
+            return [side.real() for side in sides]
+    return _first_array(storage, ("image_size", "imageSize", "frame_size"))
+
+
+def _opencv_notes(storage: cv2.FileStorage) -> dict[str, str]:
+    noted = storage.getNode("provenance")
+    if not noted.isMap():
+        return {}
+    nodes = {name: noted.getNode(name) for name in noted.keys()}  # noqa: SIM118 - no mapping
+    return {name: node.string() for name, node in nodes.items() if node.isString()}
+
+
+# --- Bouguet's toolbox ---
+
+
+def _read_bouguet(path: Path, text: str) -> CalibrationNumbers:
+    """Read assignments such as ``fc_left = [ 533.0 533.2 ] ± [ 1.1 1.1 ]``.
+
+    The uncertainties behind ± are not read. Of a name that stands there twice the later one
+    counts: the toolbox prints its stereo parameters before and after optimisation.
+    """
+    plain = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
+    found = re.findall(r"\b([A-Za-z]\w*)\s*=\s*(?:\[([^\]]*)\]|([^\s;,\[]+))", plain)
+    values = {name: (inside or alone) for name, inside, alone in found if name in _BOUGUET_NAMES}
+    return bouguet_numbers(
+        path,
+        BOUGUET_FORM,
+        {name: _bouguet_list(path, name, words) for name, words in values.items()},
+    )
+
+
+def _bouguet_list(path: Path, name: str, words: str) -> Float:
+    try:
+        return np.array([float(word) for word in re.split(r"[\s,;]+", words) if word], np.float64)
+    except ValueError:
+        raise ToktError(f"calibration {path}: {name} is not a list of numbers") from None
+
+
+_BOUGUET_SIDES = {"1": "left", "2": "right"}
+_BOUGUET_SIZES = {"fc": 2, "cc": 2, "alpha_c": 1}
+_BOUGUET_NAMES = {
+    *(f"{part}_{side}" for part in ("fc", "cc", "alpha_c", "kc") for side in ("left", "right")),
+    *("om", "R", "T", "nx", "ny"),
+}
+
+
+def bouguet_numbers(path: Path, form: str, values: Mapping[str, ArrayLike]) -> CalibrationNumbers:
+    """Turn the toolbox's variables into OpenCV's.
+
+    Both have the centre of the first pixel at (0, 0) (the toolbox subtracts MATLAB's 1 from the
+    corners it finds), both order ``kc`` as k1, k2, p1, p2, k3, and in both a point of the right
+    camera is R @ left + T, with R from the rotation vector ``om``.
+
+    Parameters
+    ----------
+    values : mapping
+        fc_left, cc_left, kc_left, the same for right, om or R, T in millimetres; perhaps
+        alpha_c_left and alpha_c_right (skew over the focal length), nx and ny.
+
+    Raises
+    ------
+    ToktError
+        As `checked_numbers`.
+    """
+    needed = [f"{part}_{side}" for side in ("left", "right") for part in ("fc", "cc", "kc")]
+    missing = [name for name in (*needed, "T") if name not in values]
+    missing += [] if "om" in values or "R" in values else ["om"]
+    if missing:
+        raise ToktError(f"calibration {path} has no {', '.join(missing)}")
+    got = {name: _finite(path, name, value).ravel() for name, value in values.items()}
+    remarks: list[str] = []
+    parts: dict[str, ArrayLike | None] = {"T_mm": got["T"], "R": _bouguet_rotation(got, remarks)}
+    for number, side in _BOUGUET_SIDES.items():
+        (fx, fy), (cx, cy), (alpha,) = (
+            _sized(path, got, f"{part}_{side}", size) for part, size in _BOUGUET_SIZES.items()
+        )
+        parts[f"K{number}"] = np.array([[fx, alpha * fx, cx], [0, fy, cy], [0, 0, 1]])
+        kc = got[f"kc_{side}"]
+        if kc.size not in (4, 5):
+            raise ToktError(f"calibration {path}: kc_{side} must hold k1 k2 p1 p2 k3")
+        k1, k2, p1, p2, *k3 = kc
+        parts[f"D{number}"] = distortion(k1, k2, p1, p2, *k3)
+    size = np.append(got["nx"], got["ny"]) if "nx" in got and "ny" in got else None
+    return checked_numbers(path, form, parts, size, remarks)
+
+
+def _sized(path: Path, got: Mapping[str, Float], name: str, size: int) -> Float:
+    array = got.get(name, np.zeros(1))
+    if array.size != size:
+        raise ToktError(f"calibration {path}: {name} must hold {size} number{'s' * (size > 1)}")
+    return array
+
+
+def _bouguet_rotation(got: Mapping[str, Float], remarks: list[str]) -> Float:
+    if "om" not in got or got["om"].size != 3:
+        return got.get("R", got.get("om", np.zeros(0)))
+    R = np.asarray(cv2.Rodrigues(got["om"])[0], np.float64)
+    if "R" in got and (got["R"].size != 9 or abs(got["R"].reshape(3, 3) - R).max() > 1e-3):
+        remarks.append("om and R are not the same rotation: om is used")
+    return R
+
+
+# --- as printed ---
+
+
+def _printed_table(path: Path, text: str) -> dict[str, Any] | None:
+    """The JSON object of a printed table; None where the text is none."""
+
+    def refuse(constant: str) -> NoReturn:
+        raise ToktError(f"calibration {path} holds {constant}, which is not a finite number")
+
+    try:
+        # As floats: a whole number of any length then at most becomes infinite.
+        value = json.loads(text, parse_int=float, parse_constant=refuse)
+    except (ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) and {"left", "right"} <= value.keys() else None
+
+
+def _read_printed(path: Path, table: dict[str, Any]) -> CalibrationNumbers:
+    """Read ``left`` and ``right`` (fx fy cx cy skew k p), rotation vector and translation.
+
+    Angles are in radians, lengths in millimetres; as in Bouguet's toolbox a point of the right
+    camera is R @ left + T.
+    """
+    remarks: list[str] = []
+    values: dict[str, ArrayLike | None] = {
+        "R": table.get("rotation_vector_rad"),
+        "T_mm": table.get("translation_mm"),
+    }
+    for number, side in _BOUGUET_SIDES.items():
+        camera = table[side]
+        if not isinstance(camera, dict):
+            raise ToktError(f"calibration {path}: {side} is not a camera's table")
+        lacking = [name for name in ("fx", "fy", "cx", "cy", "k") if name not in camera]
+        if lacking:
+            raise ToktError(f"calibration {path}: {side} has no {', '.join(lacking)}")
+        fx, fy, cx, cy, skew = (
+            _one(path, f"{name} of {side}", camera.get(name, 0.0))
+            for name in ("fx", "fy", "cx", "cy", "skew")
+        )
+        values[f"K{number}"] = np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])
+        values[f"D{number}"] = _printed_distortion(path, side, camera, remarks)
+    names = [name for name in ("image_width", "image_height") if name in table]
+    size = np.array([_one(path, name, table[name]) for name in names]) if names else None
+    return checked_numbers(path, PRINTED_FORM, values, size, remarks)
+
+
+def _one(path: Path, name: str, value: Any) -> float:
+    number = _finite(path, name, value)
+    if number.size != 1:
+        raise ToktError(f"calibration {path}: {name} is not one number")
+    return float(number.item())
+
+
+def _printed_distortion(
+    path: Path, side: str, camera: Mapping[str, Any], remarks: list[str]
+) -> Float:
+    """OpenCV's k1 k2 p1 p2 k3 from k = k1 k2 k3 k4 ... and p = p1 p2 ...; says what is left out."""
+    k = _finite(path, f"k of {side}", camera["k"]).ravel()
+    p = _finite(path, f"p of {side}", camera.get("p", [])).ravel()
+    beyond = [f"k{i} = {value:g}" for i, value in enumerate(k[3:], 4) if value]
+    beyond += [f"p{i} = {value:g}" for i, value in enumerate(p[2:], 3) if value]
+    if beyond:
+        remarks.append(
+            f"{side}: {', '.join(beyond)} has no place in OpenCV's k1 k2 p1 p2 k3 and is left out"
+        )
+    if k[2:4].any() and not p.any():
+        remarks.append(
+            f"{side}: all tangential numbers are 0: if the printed k is Bouguet's kc, its 3rd and "
+            "4th number are p1 and p2, not k3 and k4"
+        )
+    k1, k2, k3 = np.pad(k, (0, 3))[:3]
+    p1, p2 = np.pad(p, (0, 2))[:2]
+    return distortion(k1, k2, p1, p2, k3)

@@ -1,0 +1,82 @@
+"""Write a stereo calibration as a file that `load_calibration` and OpenCV alone can read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..features import atomic
+from ..features.errors import ToktError
+from .calibration import StereoCalibration
+from .calibration_files import FORMAT_VERSION
+
+_KINDS = {
+    ".yml": cv2.FILE_STORAGE_FORMAT_YAML,
+    ".yaml": cv2.FILE_STORAGE_FORMAT_YAML,
+    ".json": cv2.FILE_STORAGE_FORMAT_JSON,
+    ".xml": cv2.FILE_STORAGE_FORMAT_XML,
+}
+_LONGEST_NOTE = 2000
+
+
+def write_calibration(
+    path: Path | str, calibration: StereoCalibration, notes: Mapping[str, str] | None = None
+) -> None:
+    """Write an OpenCV FileStorage, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .yml, .yaml, .json or .xml.
+    calibration : StereoCalibration
+        Written as K1 D1 K2 D2 R T_mm image_width image_height, with the R1 and R2 that
+        ``cv2.stereoRectify`` derives from them, and ``format_version``.
+    notes : mapping of str to str
+        How it was made: written under ``provenance`` and read back as `Described.notes`. Keys
+        are words of letters, digits and underscores; line breaks become spaces.
+
+    Raises
+    ------
+    ToktError
+        If the name ends otherwise.
+    ValueError
+        If a note's key is no word, or its text is longer than 2000 characters.
+    """
+    path = Path(path)
+    kind = _KINDS.get(path.suffix.lower())
+    if kind is None:
+        raise ToktError(f"a calibration file ends in {', '.join(_KINDS)}, not as {path.name}")
+    storage = cv2.FileStorage(
+        path.suffix.lower(), cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind
+    )
+    try:
+        _fill(storage, calibration, notes or {})
+    finally:
+        text = storage.releaseAndGetString()
+    atomic.write_text(path, text)
+
+
+def _fill(
+    storage: cv2.FileStorage, calibration: StereoCalibration, notes: Mapping[str, str]
+) -> None:
+    known = calibration
+    R1, R2, *_ = cv2.stereoRectify(
+        known.K1, known.D1, known.K2, known.D2, known.frame_size, known.R, known.T_mm
+    )
+    storage.write("format_version", FORMAT_VERSION)
+    storage.write("image_width", known.frame_size[0])
+    storage.write("image_height", known.frame_size[1])
+    for name in ("K1", "D1", "K2", "D2", "R", "T_mm"):
+        storage.write(name, np.atleast_2d(getattr(known, name)))  # OpenCV 4 knows 1-d ones not
+    storage.write("R1", R1)
+    storage.write("R2", R2)
+    storage.startWriteStruct("provenance", cv2.FileNode_MAP)
+    for name, note in notes.items():
+        words = " ".join(note.split())
+        if not (name.isascii() and name.isidentifier()) or len(words) > _LONGEST_NOTE:
+            raise ValueError(f"no note for a calibration file: {name!r}")
+        storage.write(name, words)
+    storage.endWriteStruct()

@@ -1,0 +1,361 @@
+"""Every text form of a calibration file, written here as its tool writes it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.inference.calibration import StereoCalibration, load_calibration, read_calibration
+from tokt.inference.calibration_writer import write_calibration
+from tokt.inference.distortion import distortion
+
+from tokt.cli.stereo_file import read_calibration_file
+
+OF_YESTERDAY = """%YAML 1.2
+---
+K1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 2222.7, 0., 679.5, 0., 2222.7, 511.5, 0., 0., 1. ]
+D1: !!opencv-nd-matrix
+   sizes: [ 5 ]
+   dt: d
+   data: [ 0.25, 0.5, 0., 0., 0.125 ]
+K2: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 2231.25, 0., 679.5, 0., 2231.25, 511.5, 0., 0., 1. ]
+D2: !!opencv-nd-matrix
+   sizes: [ 5 ]
+   dt: d
+   data: [ 0.25, 0.5, 0., 0., 0. ]
+R: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]
+T_mm: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ -305.5, 1.5, 2. ]
+"""
+VERSION_1 = OF_YESTERDAY.replace(
+    "---\n", "---\nformat_version: 1\nimage_width: 1400\nimage_height: 1040\n"
+)
+
+BOUGUET_SCREEN = """Stereo calibration parameters after loading the individual calibration files:
+
+Focal Length:          fc_left = [ 1.0   1.0 ]
+
+Stereo calibration parameters after optimization:
+
+Intrinsic parameters of left camera:
+
+Focal Length:          fc_left = [ 533.00371   533.15260 ] \xb1 [ 1.07629   1.10913 ]
+Principal point:       cc_left = [ 341.58612   234.25940 ] \xb1 [ 1.24041   1.33065 ]
+Skew:             alpha_c_left = [ 0.00000 ] \xb1 [ 0.00000  ]   => angle = 90.00000
+Distortion:            kc_left = [ -0.28838   0.09714   0.00109  -0.00030  0.01000 ] \xb1 [ 0.1 ]
+
+Intrinsic parameters of right camera:
+
+Focal Length:          fc_right = [ 536.98262   536.56938 ] \xb1 [ 1.19786   1.15677 ]
+Principal point:       cc_right = [ 326.47209   249.33257 ] \xb1 [ 1.36588   1.34252 ]
+Skew:             alpha_c_right = [ 0.00000 ] \xb1 [ 0.00000  ]
+Distortion:            kc_right = [ -0.28936   0.10677   -0.00078  0.00020  0.00000 ] \xb1 [ 0.1 ]
+
+Extrinsic parameters (position of right camera wrt left camera):
+
+Rotation vector:             om = [ 0.00669   0.00452  -0.00350 ] \xb1 [ 0.00270   0.00308 ]
+Translation vector:           T = [ -99.80198   1.12443   0.05041 ] \xb1 [ 0.14200   0.11352 ]
+"""
+
+THESIS = {
+    "left": {"fx": 900, "fy": 901, "cx": 650, "cy": 500, "skew": 0,
+             "k": [0.25, 0.5, -0.125, 0.0625, 0.0], "p": [0.001, 0.002, 0, 0.003]},
+    "right": {"fx": 905, "fy": 906, "cx": 640, "cy": 510, "skew": 0, "k": [0.25], "p": []},
+    "rotation_vector_rad": [0.0, 0.02, 0.0], "translation_mm": [-303.5, 1, 2],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [(OF_YESTERDAY, (1360, 1024)), (VERSION_1, (1400, 1040))]
+)
+def test_files_of_earlier_versions_are_read(
+    tmp_path: Path, text: str, size: tuple[int, int]
+) -> None:
+    (tmp_path / "c.yml").write_text(text)
+    calibration = load_calibration(tmp_path / "c.yml")
+    assert calibration.frame_size == size
+    assert calibration.D1.tolist() == [0.25, 0.5, 0, 0, 0.125]
+    assert calibration.K2[0, 0] == 2231.25 and calibration.T_mm.ravel().tolist() == [-305.5, 1.5, 2]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_bouguet_s_screen_output(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "c.txt").write_bytes(BOUGUET_SCREEN.encode(encoding))
+    described = read_calibration(tmp_path / "c.txt")
+    found = replace(described.calibration, frame_size=(640, 480))
+    assert described.form == "Bouguet toolbox text" and not described.refusals
+    assert found.K1[0, 0] == 533.00371  # after the optimisation
+    assert found.D1.tolist() == [-0.28838, 0.09714, 0.00109, -0.0003, 0.01]
+    # The same point through the toolbox's published formulas, with pixels counted from 0.
+    left = np.array([40.0, -30.0, 500.0])
+    om, T = np.array([0.00669, 0.00452, -0.0035]), np.array([-99.80198, 1.12443, 0.05041])
+    x, y, z = cv2.Rodrigues(om)[0] @ left + T
+    a, b = x / z, y / z
+    r2 = a * a + b * b
+    k1, k2, p1, p2, k3 = -0.28936, 0.10677, -0.00078, 0.0002, 0.0
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    u = 536.98262 * (a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a)) + 326.47209
+    v = 536.56938 * (b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b) + 249.33257
+    seen, _ = cv2.projectPoints(
+        left[None], cv2.Rodrigues(found.R)[0], found.T_mm, found.K2, found.D2
+    )
+    assert seen.ravel() == pytest.approx([u, v], abs=1e-9)
+
+
+def test_bouguet_s_script_with_a_size_and_skew(tmp_path: Path) -> None:
+    (tmp_path / "c.m").write_text(
+        "% a comment: fc_left = [ 1 1 ];\nfc_left = [ 600 ; 600 ];\ncc_left=[320 ...\n 240];\n"
+        "alpha_c_left = 0.01;\nkc_left = [0.1;0.2;0.001;0.002];\nfc_right = [ 600 ; 600 ];\n"
+        "cc_right = [ 321.0 ; 241.0 ];\nkc_right = [ 0 ; 0 ; 0 ; 0 ; 0 ];\n"
+        "R = [ 1 0 0 ; 0 0.8 -0.6 ; 0 0.6 0.8 ];\nT = [ -300 ; 0 ; 0 ];\nnx = 640;\nny = 480;\n"
+    )
+    described = read_calibration(tmp_path / "c.m")
+    assert described.calibration.frame_size == (640, 480)
+    assert described.calibration.R[1].tolist() == [0, 0.8, -0.6]
+    assert described.calibration.K1[0, 1] == 0
+    assert any("skew 6 px is left out" in oddity for oddity in described.oddities)
+
+
+def test_the_thesis_s_printed_form(tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(json.dumps(THESIS))
+    described = read_calibration(tmp_path / "c.json")
+    found = described.calibration
+    assert found.D1.tolist() == [0.25, 0.5, 0.001, 0.002, -0.125]  # k1 k2 p1 p2 k3
+    assert found.D2.tolist() == [0.25, 0, 0, 0, 0]
+    assert np.allclose(found.R, cv2.Rodrigues(np.array([0, 0.02, 0]))[0], atol=1e-15)
+    assert described.usable().T_mm.ravel().tolist() == [-303.5, 1, 2]
+    assert "left: k4 = 0.0625, p4 = 0.003 has no place" in described.oddities[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"left": {}}, "left has no fx, fy, cx, cy, k"),
+        ({"right": 3}, "right is not a camera"),
+        ({"left": {**THESIS["left"], "fx": [1, 2]}}, "fx of left is not one number"),
+        ({"left": {**THESIS["left"], "k": "none"}}, "k of left is not a list"),
+        ({"left": {**THESIS["left"], "fx": float("nan")}}, "not a finite number"),
+        ({"left": {**THESIS["left"], "fx": 10**400}}, "not finite"),
+        ({"translation_mm": None}, "has no T_mm"),
+        ({"translation_mm": [303.5, 1, 2]}, "right camera's position C"),
+        ({"rotation_vector_rad": [1e300, 0, 0]}, "beyond 1e"),
+    ],
+)
+def test_printed_tables_that_are_wrong(
+    tmp_path: Path, change: Mapping[str, Any], message: str
+) -> None:
+    (tmp_path / "c.json").write_text(json.dumps({**THESIS, **change}))
+    with pytest.raises(ToktError, match=message):
+        load_calibration(tmp_path / "c.json")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {"K1": "M1", "K2": "M2", "T_mm": "T", "unit": "mm"},
+        {"K1": "cameraMatrix1", "D1": "distCoeffs1", "K2": "cameraMatrix2", "D2": "distCoeffs2"},
+    ],
+)
+def test_other_names_and_plain_lists(tmp_path: Path, names: dict[str, str]) -> None:
+    parts = {"K1": [[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1]], "D1": [0.1, 0.2, 0, 0, 0.3]}
+    parts |= {"K2": parts["K1"], "D2": [0, 0, 0, 0], "R": np.eye(3).tolist(), "T_mm": [-300, 0, 0]}
+    content = {names.get(name, name): value for name, value in parts.items()}
+    content |= {"image_size": [640, 480]} | {key: names[key] for key in names if key == "unit"}
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    described = read_calibration(tmp_path / "c.json")
+    assert not described.oddities and described.usable().D1[4] == 0.3
+    assert described.calibration.K1.tolist() == parts["K1"]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1000), ("Meters", 1000), ("cm", 10)])
+def test_units_are_read(tmp_path: Path, unit: str, factor: float) -> None:
+    text = VERSION_1.replace("T_mm:", "T:").replace("[ -305.5, 1.5, 2. ]", "[ -0.5, 0., 0. ]")
+    (tmp_path / "c.yml").write_text(text + f'units: "{unit}"\n')
+    found = load_calibration(tmp_path / "c.yml").T_mm
+    assert found.ravel().tolist() == [-0.5 * factor, 0, 0]
+
+
+def test_only_commands_read_matlab_s_binary_files(tmp_path: Path) -> None:
+    (tmp_path / "c.dat").write_bytes(b"MATLAB 5.0 MAT-file, Platform: PCWIN64" + bytes(100))
+    with pytest.raises(ToktError, match="a MATLAB file"):
+        load_calibration(tmp_path / "c.dat")
+
+
+def test_what_nests_too_deep_or_is_too_large_is_refused(tmp_path: Path) -> None:
+    for text in ("[" * 200_000, '{"a":' * 200_000, "<a>" * 100_000, "a" * (1 << 20) + "a"):
+        (tmp_path / "c.json").write_text(text)
+        with pytest.raises(ToktError):
+            load_calibration(tmp_path / "c.json")
+    (tmp_path / "c.yml").write_text(
+        OF_YESTERDAY.replace("rows: 3\n   cols: 3", "rows: 30000\n   cols: 30000")
+    )
+    with pytest.raises(ToktError, match="has no K1"):
+        load_calibration(tmp_path / "c.yml")
+
+
+def test_oddities_are_said_on_standard_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c.yml").write_text(OF_YESTERDAY)
+    read_calibration_file(tmp_path / "c.yml")
+    assert capsys.readouterr().err.endswith("frames' size: taken for 1360x1024\n")
+
+
+# --- properties ---
+
+inside = st.floats(-1, 1)
+
+
+@st.composite
+def calibrations(draw: st.DrawFn) -> StereoCalibration:
+    """Any plausible calibration; numbers need all their digits."""
+    width, height = draw(st.integers(64, 3000)), draw(st.integers(48, 3000))
+
+    def camera() -> np.ndarray:
+        focal = width * (1.5 + draw(inside))
+        x, y = width * (0.5 + 0.3 * draw(inside)), height * (0.5 + 0.3 * draw(inside))
+        return np.array([[focal, 0, x], [0, focal * 1.01, y], [0, 0, 1]])
+
+    def lens() -> np.ndarray:
+        return distortion(*(0.01 * draw(inside) for _ in range(5)))
+
+    turn = np.array([0.1 * draw(inside) for _ in range(3)])
+    shift = np.array([[-300 - draw(inside)], [90 * draw(inside)], [90 * draw(inside)]])
+    R = np.asarray(cv2.Rodrigues(turn)[0])
+    return StereoCalibration(camera(), lens(), camera(), lens(), R, shift, (width, height))
+
+
+def bouguet(calibration: StereoCalibration) -> str:
+    """What the toolbox would print of it, with all digits."""
+
+    def line(name: str, values: Any) -> str:
+        return f"{name} = [ {' ; '.join(repr(float(value)) for value in values)} ];\n"
+
+    text = f"nx = {calibration.frame_size[0]};\nny = {calibration.frame_size[1]};\n"
+    for side, K, D in (
+        ("left", calibration.K1, calibration.D1),
+        ("right", calibration.K2, calibration.D2),
+    ):
+        text += line(f"fc_{side}", (K[0, 0], K[1, 1])) + line(f"cc_{side}", K[:2, 2])
+        text += line(f"kc_{side}", D)
+    return text + line("R", calibration.R.ravel()) + line("T", calibration.T_mm.ravel())
+
+
+def same(one: StereoCalibration, other: StereoCalibration) -> bool:
+    return all(
+        np.array_equal(getattr(one, part.name), getattr(other, part.name))
+        for part in fields(StereoCalibration)
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("calibrations")
+
+
+words = st.text(st.characters(exclude_categories=["C"]), max_size=60)
+written = settings(max_examples=12, deadline=None)
+
+
+@pytest.mark.parametrize("name", ["c.yml", "c.json", "c.xml", "c.m"])
+@given(calibrations(), words)
+@written
+def test_what_is_written_is_read_to_the_last_digit(
+    folder: Path, name: str, calibration: StereoCalibration, note: str
+) -> None:
+    path = folder / name
+    if name == "c.m":
+        path.write_text(bouguet(calibration))
+    else:
+        write_calibration(path, calibration, {"how": note})
+        assert read_calibration(path).notes == {"how": " ".join(note.split())}
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)  # cv2 alone
+        assert np.array_equal(storage.getNode("K2").mat(), calibration.K2)
+        storage.release()
+    assert same(load_calibration(path), calibration)
+
+
+@given(calibrations(), st.data())
+@settings(max_examples=25, deadline=None)
+def test_damaged_files_are_refused_or_read_never_worse(
+    folder: Path, calibration: StereoCalibration, data: st.DataObject
+) -> None:
+    name = data.draw(st.sampled_from(["d.yml", "d.json", "d.xml", "d.m", "printed.json"]))
+    path = folder / name
+    texts: dict[str, Callable[[], object]] = {
+        "d.m": lambda: path.write_text(bouguet(calibration)),
+        "printed.json": lambda: path.write_text(json.dumps(THESIS)),
+    }
+    texts.get(name, lambda: write_calibration(path, calibration))()
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(0, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    try:
+        found = read_calibration(path).calibration
+    except ToktError as error:
+        assert "\n" not in str(error)
+        return
+    for part in (found.K1, found.D1, found.K2, found.D2, found.R, found.T_mm):
+        assert np.isfinite(part).all()
+
+
+@given(calibrations(), st.sampled_from(["K1", "D1", "K2", "D2", "R", "T_mm"]), st.data())
+@written
+def test_no_form_takes_a_number_that_is_not_finite(
+    folder: Path, calibration: StereoCalibration, part: str, data: st.DataObject
+) -> None:
+    name = data.draw(st.sampled_from(["n.yml", "n.json", "n.xml", "n.m"]))
+    array = getattr(calibration, part).copy()
+    column = (0, 2) if part.startswith("K") else data.draw(st.integers(0, array.size - 1))
+    if part.startswith("K"):
+        array[column] = data.draw(st.sampled_from([np.nan, np.inf, -np.inf]))
+    else:
+        array.flat[column] = data.draw(st.sampled_from([np.nan, np.inf, -np.inf]))
+    path = folder / name
+    broken = replace(calibration, **{part: array})
+    if name == "n.m":
+        path.write_text(bouguet(broken))
+    else:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        for key in ("K1", "D1", "K2", "D2", "R", "T_mm"):
+            storage.write(key, getattr(broken, key))
+        storage.release()
+    with pytest.raises(ToktError, match="not finite"):
+        read_calibration(path)
+
+
+def test_a_calibration_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
+    (tmp_path / "c.yml").write_text(VERSION_1)
+    known = load_calibration(tmp_path / "c.yml")
+    with pytest.raises(ToktError, match="ends in"):
+        write_calibration(tmp_path / "c.txt", known)
+    for notes in ({"no word": ""}, {"long": "x" * 3000}):
+        with pytest.raises(ValueError, match="no note"):
+            write_calibration(tmp_path / "c.yml", known, notes)
+    assert (tmp_path / "c.yml").read_text() == VERSION_1
+    assert [path.name for path in tmp_path.iterdir()] == ["c.yml"]
