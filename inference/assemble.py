@@ -3,21 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from ..features.errors import ToktError
-from ..features.grid import DEFAULT_GRID
+from ..features.grid import DEFAULT_GRID, Grid
 from .calibration import StereoCalibration
-from .detector import GridDetector, PatchScorer
+from .detector import PUSHBROOM, Detector, GridDetector, PatchScorer
 from .disparity import DisparityDetector
+from .matching import BM, MATCHERS
+from .odometry import Odometry
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
+from .pushbroom import PushbroomDetector
+from .rectify import HALF
 
 LoadModel = Callable[[], PatchScorer]
+
+STEREO = (*MATCHERS, PUSHBROOM)
+"""Ways to look at a stereo pair."""
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """How pairs are looked at.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration
+    way : {"bm", "sgbm", "pushbroom"}
+        Matching at all distances, or looking at a few of them only, for speed.
+    scale : float
+        Of the views that are matched over the frames' size; pushbroom has its own.
+    odometry : Odometry, optional
+        Where the vehicle was at each frame: pushbroom carries what it saw along with it.
+
+    Raises
+    ------
+    ToktError
+        If the way is not known, or has no use for odometry or a scale.
+    """
+
+    calibration: StereoCalibration
+    way: str = BM
+    scale: float = HALF
+    odometry: Odometry | None = None
+
+    def __post_init__(self) -> None:
+        if self.way not in STEREO:
+            raise ToktError(f"unknown stereo {self.way!r} (choose from {', '.join(STEREO)})")
+        if self.way == PUSHBROOM and self.scale != HALF:
+            raise ToktError("pushbroom has a scale of its own: leave out --stereo-scale")
+        if self.way != PUSHBROOM and self.odometry is not None:
+            raise ToktError("odometry is for pushbroom only (--stereo pushbroom)")
+
+    def detector(self, grid: Grid) -> Detector:
+        """The detector, its mask as wide as the grid wants it."""
+        if self.way == PUSHBROOM:
+            return PushbroomDetector(self.calibration, grid, odometry=self.odometry)
+        return DisparityDetector(self.calibration, grid, self.way, self.scale)
 
 
 def build_policy(
     name: str,
     load_model: LoadModel | None,
-    calibration: StereoCalibration | None,
+    stereo: Stereo | None,
     threads: int = 1,
 ) -> Policy:
     """The policy of that name.
@@ -28,7 +76,7 @@ def build_policy(
     load_model : callable, optional
         Loads the model, or raises ToktError. Only policy ``fallback`` goes on when it does, and
         only with a calibration: every verdict's health then says why there is no model.
-    calibration : StereoCalibration, optional
+    stereo : Stereo, optional
         What disparity needs.
     threads : int
         How many threads share one frame's rows of patches; verdicts do not depend on it.
@@ -39,10 +87,10 @@ def build_policy(
         If the policy is not known, lacks its model or its calibration, or has no use for one, or
         there is not at least one thread.
     """
-    _check(name, load_model is not None, calibration is not None, threads)
-    model, fault = _load(load_model, may_fail=name == "fallback" and calibration is not None)
+    _check(name, load_model is not None, stereo is not None, threads)
+    model, fault = _load(load_model, may_fail=name == "fallback" and stereo is not None)
     grid = DEFAULT_GRID if model is None else model.grid
-    disparity = None if calibration is None else DisparityDetector(calibration, grid)
+    disparity = None if stereo is None else stereo.detector(grid)
     if disparity is not None and (name == "disparity" or model is None):
         return SinglePolicy(disparity, note=fault)
     if model is None:

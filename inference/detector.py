@@ -16,7 +16,7 @@ from .frame_check import frame_fault, shape_fault
 from .frame_rule import RuleRun, least_white
 from .sources import Frame
 
-TEXTURE, DISPARITY = "texture", "disparity"
+TEXTURE, DISPARITY, PUSHBROOM = "texture", "disparity", "pushbroom"
 
 # What a frame may differ from those a model learnt from. Set here: LBP radii and windows are in
 # pixels of the resized frame, and what is in it changes with the field of view and with how
@@ -41,6 +41,11 @@ class Detection:
         ``name/version`` of the model used, if there is one.
     distance_m : float or None
         Distance in metres to the nearest part, if the detector measures it.
+    closing_m_s : float or None
+        Metres a second by which the distance falls, negative where it grows, if the detector
+        measures it.
+    contact_s : float or None
+        Seconds until the distance is 0 at that speed, if it falls.
     decision_values : array of float64, shape (n_patches, n_outputs), or None
     fault : str
         Why the frame could not be judged; empty when it was.
@@ -56,6 +61,8 @@ class Detection:
     method: str
     model: str | None = None
     distance_m: float | None = None
+    closing_m_s: float | None = None
+    contact_s: float | None = None
     decision_values: NDArray[np.float64] | None = None
     fault: str = ""
     against_clear: bool = False
@@ -67,7 +74,7 @@ class Detector(Protocol):
 
     @property
     def method(self) -> str:
-        """``"texture"`` or ``"disparity"``."""
+        """``"texture"``, ``"disparity"`` or ``"pushbroom"``."""
 
     def detect(self, frame: Frame) -> Detection:
         """Judge one frame; may raise, and is guarded for that by the policy that calls it."""
@@ -177,7 +184,12 @@ class GridDetector:
         label = self.scorer.label
         if ruled.patches is None:
             return Detection(
-                None, TEXTURE, label, None, values, fault=ruled.note, against_clear=True
+                None,
+                TEXTURE,
+                label,
+                decision_values=values,
+                fault=ruled.note,
+                against_clear=True,
             )
         mask = grid.paint(ruled.patches, height, width)
         return Detection(mask, TEXTURE, label, decision_values=values, note=ruled.note)

@@ -14,9 +14,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .clock import SYSTEM_CLOCK, Clock
 from .detector import Detection, Detector, GridDetector, PatchScorer
 from .sources import Frame
-from .verdict import CLEAR, HEALTHY, Verdict, unknown_verdict, verdict_from_mask
+from .verdict import (
+    CLEAR,
+    HEALTHY,
+    STATUS_MEAN_THRESHOLD,
+    Verdict,
+    unknown_verdict,
+    verdict_from_mask,
+)
 
 POLICIES = ("texture", "disparity", "either", "fallback")
 
@@ -59,7 +67,8 @@ def _judgement(detection: Detection, health: str) -> Judgement:
     verdict = verdict_from_mask(
         detection.mask, detection.method, detection.model, detection.distance_m, health
     )
-    return Judgement(verdict, detection.decision_values)
+    moving = replace(verdict, closing_m_s=detection.closing_m_s, contact_s=detection.contact_s)
+    return Judgement(moving, detection.decision_values)
 
 
 def _not_clear(judgement: Judgement) -> Judgement:
@@ -111,8 +120,14 @@ def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
     return SinglePolicy(GridDetector(scorer)).judge(Frame(0, 0.0, image, None))
 
 
+LATE_S = 0.5
+"""Seconds. A clear that took longer was said of a frame that is gone."""
+
+
 class FallbackPolicy:
-    """Texture where it can judge, otherwise disparity.
+    """Texture where it can judge and is not late, otherwise disparity.
+
+    A late obstacle is an obstacle all the same; a late clear is not believed.
 
     Where texture alarmed and only its frame rule keeps it from a status, disparity's *clear* is
     unknown (`Detection.against_clear`).
@@ -120,20 +135,43 @@ class FallbackPolicy:
     Parameters
     ----------
     texture, disparity : Detector
+    clock : Clock
+        Lateness comes from its `monotonic`.
+    late_s : float
     """
 
-    def __init__(self, texture: Detector, disparity: Detector) -> None:
+    def __init__(
+        self,
+        texture: Detector,
+        disparity: Detector,
+        clock: Clock = SYSTEM_CLOCK,
+        late_s: float = LATE_S,
+    ) -> None:
         self.texture = texture
         self.disparity = disparity
+        self.clock = clock
+        self.late_s = late_s
 
     def judge(self, frame: Frame) -> Judgement:
         """The first detector's answer, or the second's where the first has none."""
-        first = guarded(self.texture, frame)
+        first = self._in_time(frame)
         if first.mask is not None:
             return _judgement(first, _health(first.note))
         second = guarded(self.disparity, frame)
         judgement = _judgement(second, _health(_unable(first), _unable(second)))
         return _not_clear(judgement) if first.against_clear else judgement
+
+    def _in_time(self, frame: Frame) -> Detection:
+        """Texture's answer, or why there is none in time."""
+        start = self.clock.monotonic()
+        found = guarded(self.texture, frame)
+        took_s = self.clock.monotonic() - start
+        if took_s <= self.late_s or found.mask is None:
+            return found
+        late = f"late: {1000 * took_s:.0f} ms"
+        if cv2.mean(found.mask)[0] > STATUS_MEAN_THRESHOLD:
+            return replace(found, note="; ".join(filter(None, (found.note, late))))
+        return replace(found, mask=None, fault=late)
 
 
 class EitherPolicy:
@@ -167,6 +205,8 @@ class EitherPolicy:
             mask=np.asarray(cv2.bitwise_or(first.mask, second.mask), np.uint8),
             method=f"{first.method}+{second.method}",
             distance_m=second.distance_m,
+            closing_m_s=second.closing_m_s,
+            contact_s=second.contact_s,
         )
         return _judgement(joined, health)
 

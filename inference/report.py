@@ -53,6 +53,8 @@ class Report:
             "model": verdict.model,
             "latency_ms": _finite(self.latency_ms),
             "health": verdict.health[:HEALTH_CHARACTERS],
+            "closing_m_s": _finite(verdict.closing_m_s),
+            "contact_s": _finite(verdict.contact_s),
         }
 
 

@@ -38,6 +38,9 @@ class Frame:
         Why there is none; empty where there is one.
     missed : int
         Frames between the one delivered before and this one that were not delivered.
+    timed : bool
+        Whether `t` tells frames' times apart as they were taken: live, or replayed at a rate. As
+        fast as they can be read they only tell how fast the disk is.
     """
 
     number: int
@@ -47,6 +50,7 @@ class Frame:
     left_fault: str = ""
     right_fault: str = ""
     missed: int = 0
+    timed: bool = False
 
 
 class Source(Protocol):
@@ -119,7 +123,16 @@ class MissionSource:
             if self._stopped:
                 return
             now = self._clock.time()
-            yield Frame(number, now, left, right, left_fault, right_fault, self._missed[index])
+            yield Frame(
+                number,
+                now,
+                left,
+                right,
+                left_fault,
+                right_fault,
+                self._missed[index],
+                timed=self._rate is not None,
+            )
 
     def stop(self) -> None:
         """Deliver no further frame."""

@@ -102,13 +102,15 @@ def _contract_fields(value: Any) -> dict[str, Any]:
         "latency_ms": (number, True),
         "health": (text, False),
     }
-    for name, (types, optional) in contract.items():
-        field = value.get(name)
-        if name not in value or not _fits(field, types, optional):
+    added = {"closing_m_s": (number, True), "contact_s": (number, True)}
+    for name, (types, optional) in {**contract, **added}.items():
+        # What was added later is not in the datagrams of older senders.
+        missing = name not in value and name not in added
+        if missing or not _fits(value.get(name), types, optional):
             raise ToktError(f"not a tokt datagram: v2 with a wrong or missing {name!r}")
     if value["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
         raise ToktError(f"not a tokt datagram: status {value['status']}")
-    return {name: value[name] for name in ("v", *contract)}
+    return {name: value.get(name) for name in ("v", *contract, *added)}
 
 
 def _fits(field: Any, types: tuple[type, ...], optional: bool) -> bool:

@@ -54,11 +54,16 @@ class Verdict:
     distance_m : float or None
         Distance in metres to the nearest part, where a detector measures it.
     method : str
-        ``"texture"``, ``"disparity"``, ``"texture+disparity"`` or ``"none"``.
+        ``"texture"``, ``"disparity"``, ``"pushbroom"``, two of them joined by ``+``, or
+        ``"none"``.
     model : str or None
         ``name/version`` of the model that judged the frame, if one did.
     health : str
         ``"ok"``, or what is not as it should be, in words.
+    closing_m_s : float or None
+        Metres a second by which the distance falls, negative where it grows, where it is known.
+    contact_s : float or None
+        Seconds until the distance is 0 at that speed, if it falls.
     """
 
     status: int
@@ -70,6 +75,8 @@ class Verdict:
     method: str
     model: str | None
     health: str = HEALTHY
+    closing_m_s: float | None = None
+    contact_s: float | None = None
 
 
 def unknown_verdict(reason: str) -> Verdict:

@@ -9,6 +9,7 @@ import pytest
 from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
 from tokt.features.image_file import read_image
+from tokt.features.kernels import KERNELS, load_kernels
 from tokt.inference.calibration import StereoCalibration, load_calibration
 from tokt.inference.disparity import DisparityDetector, Matches
 from tokt.inference.sources import Frame
@@ -30,19 +31,19 @@ DISPARITY_PX = 200  # at full size: 2200 * 0.3 / 200 = 3.3 m
 DEPTH_M = 3.3
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def plain() -> DisparityDetector:
     return DisparityDetector(PLAIN, Grid())
 
 
-def pair(x: int, y: int = 350) -> tuple[np.ndarray, np.ndarray]:
+def pair(x: int, y: int = 350, disparity_px: int = DISPARITY_PX) -> tuple[np.ndarray, np.ndarray]:
     """An even sea with one textured square, at (x, y) in the left view and nearer than it."""
     rng = np.random.default_rng(3)
     texture = cv2.resize(rng.uniform(20, 120, (80, 80)), (SQUARE_PX, SQUARE_PX))
     fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
     left, right = fall.copy(), fall.copy()
     left[y : y + SQUARE_PX, x : x + SQUARE_PX] = texture
-    start = x - DISPARITY_PX
+    start = x - disparity_px
     right[y : y + SQUARE_PX, max(start, 0) : start + SQUARE_PX] = texture[:, max(-start, 0) :]
     return left.round().astype(np.uint8), right.round().astype(np.uint8)
 
@@ -104,10 +105,13 @@ def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: Disparity
         view += rng.integers(0, 2, view.shape, np.uint8)
     whole = plain.detect(Frame(1, 0.0, left, right))
     left[700:] = 128
+    right += rng.integers(0, 2, right.shape, np.uint8)  # a picture repeated is a frozen camera's
     found = plain.detect(Frame(1, 0.0, left, right))
     assert whole.mask is not None and found.mask is not None and found.mask.any()
+    assert "left: " in found.note and not whole.note
     left[:700], right[:700] = sea()[:700], sea()[:700]
     left[:700] += rng.integers(0, 2, (700, WIDTH), np.uint8)
+    right += rng.integers(0, 2, right.shape, np.uint8)
     found = plain.detect(Frame(1, 0.0, left, right))
     assert found.mask is None and "left: " in found.fault and "damaged" in found.fault
     assert not found.against_clear
@@ -180,7 +184,7 @@ def test_the_tower_is_an_obstacle_at_its_measured_depth(
 ) -> None:
     for number, depth_m in ((142, 9.6), (170, 5.1), (186, 1.84), (205, 4.8)):
         found = matched(real, mission, number, number)
-        median = real.focal_baseline_px_m / np.median(found.disparity_px[found.valid])
+        median = real.rectifier.focal_baseline_px_m / np.median(found.disparity_px[found.valid])
         assert median == pytest.approx(depth_m, rel=0.03)
         frame = Frame(
             number, 0.0, picture(mission, "Left", number), picture(mission, "Right", number)
@@ -189,3 +193,52 @@ def test_the_tower_is_an_obstacle_at_its_measured_depth(
         assert detection.mask is not None and detection.distance_m is not None
         assert verdict_from_mask(detection.mask, "disparity").status == 1
         assert 0.9 * depth_m < detection.distance_m < 1.03 * depth_m
+
+
+def test_a_few_matches_are_no_status_and_are_told(plain: DisparityDetector) -> None:
+    left, right = sea(), sea()
+    speck = np.array([[12, 0], [0, 12]], np.uint8).repeat(8, axis=0).repeat(8, axis=1)
+    left[400:416, 720:736] += speck
+    right[400:416, 720 - DISPARITY_PX : 736 - DISPARITY_PX] += speck
+    found = plain.detect(Frame(1, 0.0, left, right))
+    assert found.mask is not None and not found.mask.any() and found.distance_m is None
+    assert found.note == "too few matches for a status, at 3.3 m"
+
+
+def test_the_blind_margin_is_not_searched(plain: DisparityDetector) -> None:
+    left, right = pair(700)
+    searched = plain.match(left, right).searched
+    # Half size, without rotation: the right view begins where the smallest disparity leads.
+    assert not searched[:, :31].any() and searched[:, 33:].all()
+
+
+@pytest.mark.parametrize(("matcher", "scale"), [("sgbm", 0.5), ("bm", 1.0), ("bm", 0.25)])
+def test_other_matchers_and_scales_measure_the_same(matcher: str, scale: float) -> None:
+    detector = DisparityDetector(PLAIN, Grid(), matcher, scale)
+    found = detector.detect(Frame(1, 0.0, *pair(700)))
+    assert found.distance_m == pytest.approx(DEPTH_M, rel=0.02)
+
+
+def test_every_kernel_measures_the_same() -> None:
+    left, right = pair(700)
+    one, two = (
+        DisparityDetector(PLAIN, Grid(), kernels=kernels).match(left, right)
+        for kernels in (KERNELS, load_kernels("numpy"))
+    )
+    assert np.array_equal(one.disparity_px, two.disparity_px)
+    assert np.array_equal(one.valid, two.valid) and one.valid.any()
+
+
+def test_closing_speed_needs_times_that_mean_something() -> None:
+    detectors = [DisparityDetector(PLAIN, Grid()) for _ in range(2)]
+    rng = np.random.default_rng(7)
+    for number in range(12):
+        left, right = pair(700 + 10 * number, disparity_px=200 + 4 * number)
+        right += rng.integers(0, 2, right.shape, np.uint8)
+        live, replayed = (
+            detector.detect(Frame(number, 0.2 * number, left, right, timed=timed))
+            for detector, timed in zip(detectors, (True, False), strict=True)
+        )
+    assert live.closing_m_s == pytest.approx((660 / 208 - 660 / 244) / 1.8, rel=0.05)
+    assert live.contact_s == pytest.approx(live.distance_m / live.closing_m_s, rel=0.1)
+    assert (replayed.closing_m_s, replayed.contact_s) == (None, None)

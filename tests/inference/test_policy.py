@@ -1,15 +1,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from tokt.features.errors import ToktError
-from tokt.inference.assemble import build_policy
+from tokt.features.grid import Grid
+from tokt.inference.assemble import Stereo, build_policy
 from tokt.inference.calibration import StereoCalibration
 from tokt.inference.detector import Detection, GridDetector
+from tokt.inference.disparity import DisparityDetector
 from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
+from tokt.inference.pushbroom import PushbroomDetector
 from tokt.inference.sources import Frame
 
 FRAME = Frame(1, 0.0, None, None, "no picture", "no picture")
@@ -23,6 +27,7 @@ CALIBRATION = StereoCalibration(
     np.array([[-300.0], [0.0], [0.0]]),
     (1360, 1024),
 )
+STEREO = Stereo(CALIBRATION)
 
 
 def mask(*columns: int) -> np.ndarray:
@@ -139,29 +144,80 @@ def test_the_method_is_the_detector_that_judged() -> None:
     assert verdict.verdict.health == "texture: dark"
 
 
+class Slow(Says):
+    """A detector that takes a second."""
+
+    def __init__(self, answer: Any, clock: Any) -> None:
+        super().__init__("texture", answer)
+        self.clock = clock
+
+    def detect(self, frame: Frame) -> Detection:
+        self.clock.sleep(1.0)
+        return super().detect(frame)
+
+
+def test_a_late_clear_is_left_to_disparity(hand_clock: Any) -> None:
+    nothing = np.zeros((50, 100), np.uint8)
+    policy = FallbackPolicy(Slow(nothing, hand_clock), Says("disparity", mask(3)), hand_clock)
+    verdict = policy.judge(FRAME).verdict
+    assert (verdict.status, verdict.method) == (1, "disparity")
+    assert verdict.health == "texture: late: 1000 ms"
+    blind = FallbackPolicy(Slow(nothing, hand_clock), Says("disparity", "dark"), hand_clock)
+    assert blind.judge(FRAME).verdict.status == -1
+
+
+def test_a_late_obstacle_is_one(hand_clock: Any) -> None:
+    policy = FallbackPolicy(
+        Slow(mask(3), hand_clock), Says("disparity", np.zeros((50, 100), np.uint8)), hand_clock
+    )
+    verdict = policy.judge(FRAME).verdict
+    assert (verdict.status, verdict.method, verdict.health) == (1, "texture", "late: 1000 ms")
+
+
+def test_speed_and_contact_reach_the_verdict() -> None:
+    class Measures(Says):
+        def detect(self, frame: Frame) -> Detection:
+            return replace(super().detect(frame), closing_m_s=0.5, contact_s=5.0)
+
+    nearing = Measures("disparity", mask(3))
+    for policy in (SinglePolicy(nearing), EitherPolicy(Says("texture", mask(5)), nearing)):
+        verdict = policy.judge(FRAME).verdict
+        assert (verdict.distance_m, verdict.closing_m_s, verdict.contact_s) == (2.5, 0.5, 5.0)
+
+
+def test_what_stereo_has_no_use_for_is_refused() -> None:
+    for options, message in (
+        ({"way": "dense"}, "unknown stereo 'dense'"),
+        ({"way": "pushbroom", "scale": 0.25}, "a scale of its own"),
+        ({"odometry": {}}, "odometry is for pushbroom only"),
+    ):
+        with pytest.raises(ToktError, match=message):
+            Stereo(CALIBRATION, **options)
+    assert isinstance(Stereo(CALIBRATION, "pushbroom").detector(Grid()), PushbroomDetector)
+    assert isinstance(Stereo(CALIBRATION, "sgbm").detector(Grid()), DisparityDetector)
+
+
 def broken_model() -> Any:
     raise ToktError("bundle x.tokt: a hash does not match")
 
 
 def test_fallback_goes_on_without_a_model_and_says_so() -> None:
-    policy = build_policy("fallback", broken_model, CALIBRATION)
+    policy = build_policy("fallback", broken_model, STEREO)
     health = policy.judge(FRAME).verdict.health
     assert health.startswith("no texture model: bundle x.tokt: a hash does not match; ")
 
 
-@pytest.mark.parametrize(("name", "calibration"), [("texture", None), ("either", CALIBRATION)])
-def test_other_policies_stop_without_their_model(
-    name: str, calibration: StereoCalibration | None
-) -> None:
+@pytest.mark.parametrize(("name", "stereo"), [("texture", None), ("either", STEREO)])
+def test_other_policies_stop_without_their_model(name: str, stereo: Stereo | None) -> None:
     with pytest.raises(ToktError, match="a hash does not match"):
-        build_policy(name, broken_model, calibration)
+        build_policy(name, broken_model, stereo)
 
 
 def test_what_a_policy_has_no_use_for_is_refused(noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="disparity uses no model"):
-        build_policy("disparity", broken_model, CALIBRATION)
+        build_policy("disparity", broken_model, STEREO)
     with pytest.raises(ToktError, match="texture uses no calibration"):
-        build_policy("texture", lambda: noise_scorer, CALIBRATION)
+        build_policy("texture", lambda: noise_scorer, STEREO)
 
 
 def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
@@ -180,15 +236,15 @@ def test_disparity_needs_a_calibration(name: str, noise_scorer: Any) -> None:
 @pytest.mark.parametrize("name", ["texture", "either", "fallback"])
 def test_texture_needs_a_model(name: str) -> None:
     with pytest.raises(ToktError, match="needs a model"):
-        build_policy(name, None, None if name == "texture" else CALIBRATION)
+        build_policy(name, None, None if name == "texture" else STEREO)
 
 
 def test_the_names_are_fixed(noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="unknown policy 'both'"):
-        build_policy("both", lambda: noise_scorer, CALIBRATION)
-    assert isinstance(build_policy("disparity", None, CALIBRATION), SinglePolicy)
-    assert isinstance(build_policy("either", lambda: noise_scorer, CALIBRATION), EitherPolicy)
-    assert isinstance(build_policy("fallback", lambda: noise_scorer, CALIBRATION), FallbackPolicy)
+        build_policy("both", lambda: noise_scorer, STEREO)
+    assert isinstance(build_policy("disparity", None, STEREO), SinglePolicy)
+    assert isinstance(build_policy("either", lambda: noise_scorer, STEREO), EitherPolicy)
+    assert isinstance(build_policy("fallback", lambda: noise_scorer, STEREO), FallbackPolicy)
 
 
 @pytest.mark.parametrize("threads", [0, -1])

@@ -76,7 +76,8 @@ def test_v2_says_minus_one_about_unknown() -> None:
 def test_v2_has_the_fields_of_the_design() -> None:
     fields = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
     assert " ".join(fields) == (
-        "v seq t status x y box mean distance_m method model latency_ms health"
+        "v seq t status x y box mean distance_m method model latency_ms health "
+        "closing_m_s contact_s"
     )
 
 
@@ -102,6 +103,8 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
         method=st.text(max_size=20),
         model=st.none() | st.text(max_size=50),
         health=st.text(max_size=400),
+        closing_m_s=st.none() | any_float,
+        contact_s=st.none() | any_float,
     ),
     any_float,
     any_float,

@@ -10,9 +10,11 @@ import typer
 from ..features.errors import ToktError
 from . import (
     bench,
+    calibrate,
     compare,
     dataset,
     demo,
+    depth,
     doctor,
     evaluate,
     label,
@@ -25,6 +27,7 @@ from . import (
 )
 
 _EXTRAS = {
+    "scipy": "train",
     **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
     **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
     **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
@@ -78,6 +81,8 @@ app.command("deploy")(models.deploy)
 app.command("rollback")(models.rollback)
 app.command("store")(models.store)
 app.command("run")(run.run)
+app.command("calibrate")(calibrate.calibrate)
+app.command("depth")(depth.depth)
 app.command("listen")(run.listen)
 app.command("simulate")(simulate.simulate)
 app.command("bench")(bench.bench)

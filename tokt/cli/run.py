@@ -16,6 +16,7 @@ from ..features.errors import ToktError
 from .output import print_json, say
 
 if TYPE_CHECKING:
+    from ..inference.assemble import Stereo
     from ..inference.detector import PatchScorer
     from ..inference.runtime import Summary
     from ..inference.udp import UdpSender
@@ -33,7 +34,21 @@ def run(
         str | None, typer.Option(help="Which frames, such as 61-80,141-160. Default: all.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Stereo calibration (OpenCV YAML or JSON) for disparity.")
+        Path | None, typer.Option(help="Stereo calibration file, for disparity.")
+    ] = None,
+    stereo: Annotated[
+        str,
+        typer.Option(
+            help="How pairs are looked at: bm (block matching), sgbm (semi-global, slower), or "
+            "pushbroom (a few distances only, fastest)."
+        ),
+    ] = "bm",
+    stereo_scale: Annotated[
+        float, typer.Option(help="Size of the views that are matched, over the frames'.")
+    ] = 0.5,
+    odometry: Annotated[
+        Path | None,
+        typer.Option(help="Poses by frame (CSV), by which pushbroom carries what it saw along."),
     ] = None,
     policy: Annotated[
         str, typer.Option(help="texture, disparity, either or fallback.")
@@ -69,7 +84,6 @@ def run(
     """Judge every frame of a source and send the verdicts."""
     from ..features.mission import parse_frames
     from ..inference.assemble import build_policy
-    from ..inference.calibration import load_calibration
     from ..inference.clock import SYSTEM_CLOCK
     from ..inference.interrupt import stop_on_signal
     from ..inference.log import JsonLines
@@ -79,11 +93,11 @@ def run(
     if log_values and log is None:
         raise ToktError("--log-values needs a log to write them to (--log FILE.jsonl)")
     chosen = None if frames is None else parse_frames(frames)
-    stereo = None if calibration is None else load_calibration(calibration)
-    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, stereo is not None, pixel_format)
+    pairs = _stereo(calibration, stereo, stereo_scale, odometry)
+    frames_in = open_source(source, SYSTEM_CLOCK, chosen, rate, pairs is not None, pixel_format)
     loaded: list[Bundle] = []
     load = _remembering(_model_loader(store, bundle), loaded)
-    built = build_policy(policy, load, stereo, threads)
+    built = build_policy(policy, load, pairs, threads)
     with ExitStack() as opened:
         senders = _open_senders(udp, format_, opened)
         log_file = None if log is None else opened.enter_context(closing(JsonLines(log)))
@@ -95,6 +109,24 @@ def run(
     say(_summary_line(summary, senders))
     if as_json:
         print_json({"policy": policy, "format": format_, **_rule_json(loaded), **summary.to_json()})
+
+
+def _stereo(
+    calibration: Path | None, way: str, scale: float, odometry: Path | None
+) -> Stereo | None:
+    """How pairs are looked at, or None without a calibration."""
+    from ..inference.assemble import Stereo
+    from ..inference.matching import BM
+    from ..inference.odometry import load_odometry
+    from ..inference.rectify import HALF
+    from .stereo_file import read_calibration_file
+
+    if calibration is None:
+        if (way, scale, odometry) != (BM, HALF, None):
+            raise ToktError("stereo needs a calibration (--calibration FILE.yml)")
+        return None
+    poses = None if odometry is None else load_odometry(odometry)
+    return Stereo(read_calibration_file(calibration), way, scale, poses)
 
 
 def _remembering(

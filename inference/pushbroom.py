@@ -1,0 +1,380 @@
+r"""Pushbroom stereo: a rectified pair looked at for obstacles at a few distances only.
+
+Not the distance of everything is measured, but whether something stands at 8, 6, 4, 3 or 2 m. As
+the vehicle moves, these distances sweep through the water like the bristles of a broom, and what
+each of them met is remembered. That takes a small part of the time of `disparity.py`, and sees
+less:
+
+::
+
+                         2   3   4       6         8 m
+      left camera   *....|...|...|.......|.........|........
+                         |   |   |       |         |            seen: A and C, which stand at one
+      right camera  *....A...|.x.|...B...C.........|...D....    of the distances (within 5 %)
+
+      x, B, D and whatever is nearer than 2 m: not seen in this pair. On the way towards B the
+      6 m line met it, and it is remembered; x, when it has just swum in, was never met.
+
+Clear means: nothing at these distances, nothing remembered, and nothing in view that has texture.
+With texture in view of which nothing is at these distances, the frame is unknown. Whether the
+two views belong together cannot be told by a detector that looks at so few disparities, except
+by that: a wrong pair has texture that matches nowhere.
+
+References
+----------
+A. J. Barry and R. Tedrake, "Pushbroom stereo for high-speed navigation in cluttered
+environments", ICRA 2015.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import ToktError
+from ..features.grid import Grid
+from ..features.kernels import KERNELS
+from ..features.levels import DEPTH
+from .calibration import StereoCalibration
+from .detector import Detection
+from .frame_check import PATCH_GRID, frame_fault
+from .local_contrast import even_contrast, local_mean_and_sigma
+from .obstacle_memory import ObstacleMemory
+from .odometry import Motion, Odometry, Pose, motion_between
+from .pair_check import pair_fault
+from .rectify import Rectifier
+from .sources import Frame
+from .verdict import STATUS_MEAN_THRESHOLD
+
+PUSHBROOM = "pushbroom"
+DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
+"""Where obstacles are looked for, along the view's axis. Beyond 8.4 m the mission's tower is
+smaller than `LEAST_CELLS`; the others are a few frames of the mission's approach apart."""
+
+VIEW_WIDTH = PATCH_GRID.width or 360
+"""Pixels. The frame check's: one small gray picture of each frame serves both."""
+
+# Settings in pixels of such views. Chosen on the sea trial's frames with odd numbers: no hit in
+# 1..99, and none in 180 wrong pairs of 145..211 (the right frame of more than 6 frames before or
+# after, upside down, or mirrored). Test, on the even ones: none in 2..98, none in 174 wrong pairs.
+# Of 48 pairs of frames that are 2 to 6 apart 5 have some hits: a tower looks much like itself.
+BAND = 0.05
+"""A distance is a slice of this part of it to either side: between two frames the vehicle moves
+by more than the thickness of one disparity. All whole disparities in the slice are tried."""
+CELL_PX = 4
+BLOCK_CELLS = 3
+"""Costs and edges are means over cells, and over blocks of cells around each."""
+CONTRAST_WINDOW_PX = 11
+EVEN_STEPS = 50
+"""Grey levels that one local standard deviation becomes before matching."""
+EDGE_GREY = 0.6
+"""Grey levels a pixel, mean over a block: the change across columns that makes a block worth
+matching in both views. Open water: at most 3 cells of 6030 in the left view."""
+LARGEST_COST = 0.35
+"""Mean absolute difference of even contrast, in local standard deviations. The tower's median at
+its own disparity 0.2 to 0.3, in wrong pairs at the best of all 0.4 to 0.5."""
+INVARIANCE_PX = tuple(range(5, 23, 2))
+"""How far beside a slice, to either side, its hits must not match as well: a horizontal edge, or
+a pattern that repeats, matches at any distance."""
+INVARIANCE_RATIO = 0.55
+"""The cost there that a hit's may be at most this part of. The tower's median 0.2 to 0.6 of the
+best of all other disparities, in wrong pairs 0.9."""
+LEAST_CELLS = 12
+"""Of a patch of hits."""
+TEXTURED_FRACTION = 0.005
+"""Of the cells: with this much texture in the left view and no obstacle the frame is unknown."""
+NEAR_PERCENTILE = 5.0
+"""Percentile of the depths that is reported as the distance."""
+KEPT_FRAMES = 15
+"""How long an obstacle is remembered without odometry: in the mission the tower takes 6 to 12
+frames from one distance to the next."""
+KEPT_FRAMES_WITH_ODOMETRY = 60
+
+
+@dataclass(frozen=True)
+class Slice:
+    """One distance.
+
+    Parameters
+    ----------
+    shifts_px : sequence of int
+        The disparities at which obstacles are looked for.
+    checks_px : sequence of int
+        The disparities beside them at which those must not match as well.
+    """
+
+    shifts_px: tuple[int, ...]
+    checks_px: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Evened:
+    """A view made ready for matching.
+
+    Parameters
+    ----------
+    pixels : array of uint8, shape (height, width)
+        Even contrast, in `EVEN_STEPS` to a local standard deviation.
+    edges : array of float32, shape (rows, columns) of cells
+        Grey levels a pixel.
+    """
+
+    pixels: NDArray[np.uint8]
+    edges: NDArray[np.float32]
+
+    def rows(self, first: int, last: int) -> Evened:
+        """The part from one row of cells to before another."""
+        return Evened(self.pixels[first * CELL_PX : last * CELL_PX], self.edges[first:last])
+
+
+class PushbroomDetector:
+    """Judge stereo pairs in the order in which they were taken.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration
+    grid : Grid
+        Its width is the mask's.
+    distances_m : sequence of float
+    odometry : Odometry, optional
+        With it an obstacle that was met is carried to where it is now, and remembered for
+        `KEPT_FRAMES_WITH_ODOMETRY` frames while it is in view; a frame without a pose is taken
+        to be where the last one was. Without it an obstacle stays, for `KEPT_FRAMES` frames,
+        where it was seen and at the distance it had; the note says so.
+
+    Attributes
+    ----------
+    row_trim_px : float
+        Full-resolution pixels by which right views are moved down.
+
+    Raises
+    ------
+    ToktError
+        If there is no distance, or one that these cameras cannot tell, or the calibration moves
+        most of the left frame out of view.
+    """
+
+    method = PUSHBROOM
+
+    def __init__(
+        self,
+        calibration: StereoCalibration,
+        grid: Grid,
+        distances_m: Sequence[float] = DISTANCES_M,
+        odometry: Odometry | None = None,
+    ) -> None:
+        self.calibration = calibration
+        self.grid = grid
+        self.row_trim_px = 0.0
+        width = calibration.frame_size[0]
+        self._checked_grid = PATCH_GRID if width >= VIEW_WIDTH else replace(PATCH_GRID, width=None)
+        self.rectifier = Rectifier(calibration, min(VIEW_WIDTH / width, 1))
+        view_width, view_height = self.rectifier.size
+        self._cells = (view_height // CELL_PX, view_width // CELL_PX)
+        self._slices = _slices(distances_m, self.rectifier)
+        self._where = _in_words(distances_m)
+        self._odometry = odometry
+        self._pose: Pose | None = None
+        self._placed = False
+        self._memory = ObstacleMemory(
+            self.rectifier, CELL_PX, KEPT_FRAMES if odometry is None else KEPT_FRAMES_WITH_ODOMETRY
+        )
+
+    def detect(self, frame: Frame) -> Detection:
+        """Judge one pair.
+
+        Without one there is no verdict, and no other detector's *clear* stands against an
+        obstacle that is remembered. In a pair with an unfit picture a hit still proves an
+        obstacle, while no hit proves nothing.
+        """
+        self._memory.advance(1 + frame.missed, self._motion(frame.number))
+        fault = pair_fault(frame, self.calibration.frame_size)
+        if frame.left is None or frame.right is None or fault:
+            return self._unjudged(fault)
+        left, left_fault = self._picture(frame.left)
+        right, right_fault = self._picture(frame.right)
+        evened = _evened(self.rectifier.left_of(left))
+        seen = self._depths(evened, _evened(self.rectifier.right_of(right, self.row_trim_px)))
+        self._memory.add(seen)
+        unfit = f"left: {left_fault}" if left_fault else right_fault and f"right: {right_fault}"
+        if unfit and not seen.any():
+            return self._unjudged(unfit)
+        textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
+        return self._judged(textured)
+
+    def look(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """What stands at the distances in one pair of frames of the calibration's size.
+
+        Returns
+        -------
+        array of float32, shape (rows, columns) of cells
+            Depth along the view's axis in metres, 0 where nothing was found. Cell (row, column)
+            begins at pixel (`CELL_PX` * row, `CELL_PX` * column) of the rectifier's left view.
+        """
+        left_view = self.rectifier.left_of(self._picture(left)[0])
+        right_view = self.rectifier.right_of(self._picture(right)[0], self.row_trim_px)
+        return self._depths(_evened(left_view), _evened(right_view))
+
+    def _unjudged(self, fault: str) -> Detection:
+        return Detection(None, PUSHBROOM, fault=fault, against_clear=bool(len(self._memory.ages)))
+
+    def _motion(self, number: int) -> Motion | None:
+        """The camera's motion since the last frame that had a pose, if this one has one."""
+        pose = None if self._odometry is None else self._odometry.get(number)
+        self._placed = pose is not None
+        if pose is None:
+            return None
+        before, self._pose = self._pose, pose
+        return None if before is None else motion_between(before, pose)
+
+    def _picture(self, frame: NDArray[np.uint8]) -> tuple[NDArray[np.float32], str]:
+        """The frame gray and scaled, in grey levels and fractions of them; and its fault."""
+        width, height = self.rectifier.size
+        # Averaged before rounding: the frames hold only a few grey levels of signal.
+        deep = KERNELS.deep_gray(frame, height, width)
+        rounded = ((deep + np.uint16(DEPTH // 2)) // np.uint16(DEPTH)).astype(np.uint8)
+        fault = frame_fault(frame, rounded, self._checked_grid)
+        return deep.astype(np.float32) / np.float32(DEPTH), fault
+
+    def _depths(self, left: Evened, right: Evened) -> NDArray[np.float32]:
+        """The depth in metres of each cell's obstacle, 0 where there is none; nearer ones win."""
+        found = np.zeros(self._cells, np.float32)
+        textured = left.edges > EDGE_GREY
+        if np.count_nonzero(textured) < LEAST_CELLS:
+            return found
+        rows = np.flatnonzero(textured.any(axis=1))
+        first, last = max(rows[0] - BLOCK_CELLS // 2, 0), rows[-1] + 1 + BLOCK_CELLS // 2
+        left, right, part = left.rows(first, last), right.rows(first, last), found[first:last]
+        for looked in self._slices:
+            shift = _hits(left, right, looked)
+            part[shift > 0] = self.rectifier.focal_baseline_px_m / shift[shift > 0]
+        return found
+
+    def _judged(self, textured: bool) -> Detection:
+        """The verdict's mask, distance and note from what is remembered, the present included."""
+        memory = self._memory
+        note = f"pushbroom sees only at {self._where}"
+        mask = self.rectifier.to_left(
+            memory.mask(), *self.grid.resized(*self.calibration.frame_size[::-1])
+        )
+        if cv2.mean(mask)[0] <= STATUS_MEAN_THRESHOLD:
+            fault = f"something is in view, but at none of {self._where}; or a wrong pair"
+            if textured:
+                return Detection(None, PUSHBROOM, fault=fault, against_clear=True)
+            return Detection(mask, PUSHBROOM, note=note)
+        since = int(memory.ages.min())
+        if since > 0:
+            note += f"; last met an obstacle {since} frame{'s' * (since > 1)} ago"
+        if not self._placed and memory.ages.max() > 0:
+            note += "; distances as they were then: there is no odometry"
+        distance = float(np.percentile(memory.depths_m, NEAR_PERCENTILE))
+        return Detection(mask, PUSHBROOM, distance_m=distance, note=note)
+
+
+def _in_words(distances_m: Sequence[float]) -> str:
+    words = [f"{distance:g}" for distance in distances_m]
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) + " m"
+
+
+def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:
+    """The slices, far to near."""
+    if not distances_m:
+        raise ToktError("pushbroom needs at least one distance")
+    width, height = rectifier.size
+    if height < BLOCK_CELLS * CELL_PX:
+        raise ToktError(f"frames that become {width}x{height} pixels are too small for pushbroom")
+    slices = []
+    for distance in sorted(distances_m, reverse=True):
+        if not 0 < distance < math.inf:
+            raise ToktError(f"a distance is a positive number of metres, not {distance}")
+        middle = rectifier.focal_baseline_px_m / distance
+        if not 2 * CELL_PX <= middle <= width / 2:
+            nearest, farthest = rectifier.focal_baseline_px_m / np.array([width / 2, 2 * CELL_PX])
+            raise ToktError(
+                f"pushbroom cannot look at {distance:g} m with this calibration, only from "
+                f"{nearest:.2g} to {farthest:.2g} m"
+            )
+        low, high = round(middle / (1 + BAND)), round(middle / (1 - BAND))
+        shifts = tuple(range(low, high + 1))
+        checks = [
+            shift
+            for offset in INVARIANCE_PX
+            for shift in (low - offset, high + offset)
+            if 0 <= shift <= width - BLOCK_CELLS * CELL_PX
+        ]
+        slices.append(Slice(shifts, tuple(checks)))
+    return slices
+
+
+def _evened(view: NDArray[np.float32]) -> Evened:
+    """Local contrast normalisation, and where there are edges to match."""
+    even = even_contrast(view, *local_mean_and_sigma(view, CONTRAST_WINDOW_PX), EVEN_STEPS)
+    change = np.abs(cv2.Sobel(view, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8))
+    return Evened(even, _block_means(change))
+
+
+def _block_means(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    """Mean over the block around each cell, shape (rows, columns) of cells."""
+    rows, columns = pixels.shape[0] // CELL_PX, pixels.shape[1] // CELL_PX
+    cells = pixels[: rows * CELL_PX, : columns * CELL_PX]
+    for part in (CELL_PX // 2, 1):  # halving twice takes half the time of quartering
+        size = (columns * part, rows * part)
+        cells = np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_AREA))
+    block = (BLOCK_CELLS, BLOCK_CELLS)
+    return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, block), np.float32)
+
+
+def _cost(left: Evened, right: Evened, shift_px: int) -> NDArray[np.float32]:
+    """Mean difference of the views at one disparity, by cells of the left view."""
+    cost = np.full(left.edges.shape, np.inf, np.float32)
+    first = math.ceil(shift_px / CELL_PX)  # left of it the right camera does not see
+    start = first * CELL_PX
+    here, there = left.pixels[:, start:], right.pixels[:, start - shift_px :]
+    cost[:, first:] = _block_means(cv2.absdiff(here, there[:, : here.shape[1]]))
+    return cost
+
+
+def _worth_matching(left: Evened, right: Evened, shifts_px: Sequence[int]) -> NDArray[np.bool_]:
+    """Cells whose blocks have edges in both views, and are seen by both cameras."""
+    worth = np.zeros(left.edges.shape, bool)
+    first = math.ceil(shifts_px[-1] / CELL_PX) + BLOCK_CELLS // 2
+    moved = round(shifts_px[len(shifts_px) // 2] / CELL_PX)
+    there = right.edges[:, first - moved : right.edges.shape[1] - moved]
+    worth[:, first:] = (left.edges[:, first:] > EDGE_GREY) & (there > EDGE_GREY)
+    return worth
+
+
+def _hits(left: Evened, right: Evened, looked: Slice) -> NDArray[np.float32]:
+    """The disparity in pixels of each cell that stands in a slice, 0 elsewhere."""
+    hit = _worth_matching(left, right, looked.shifts_px)
+    best = np.full(hit.shape, LARGEST_COST * EVEN_STEPS, np.float32)
+    found = np.zeros(hit.shape, np.float32)
+    if np.count_nonzero(hit) < LEAST_CELLS:
+        return found
+    for shift in looked.shifts_px:
+        cost = _cost(left, right, shift)
+        found[cost < best] = shift
+        np.minimum(best, cost, out=best)
+    hit &= found > 0
+    best /= INVARIANCE_RATIO
+    for shift in looked.checks_px:
+        if np.count_nonzero(hit) < LEAST_CELLS:
+            break
+        hit &= best <= _cost(left, right, shift)
+    return found * _large_patches(hit)
+
+
+def _large_patches(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Only the connected regions of at least `LEAST_CELLS`."""
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(
+        cells.astype(np.uint8), connectivity=8
+    )
+    large = statistics[:, cv2.CC_STAT_AREA] >= LEAST_CELLS
+    large[0] = False  # the background
+    return np.asarray(large[labels], bool)

@@ -1,0 +1,230 @@
+"""From the frames of two cameras to views in which a thing stands in the same row of both.
+
+Everything that depends on the calibration alone is worked out once: the maps of both views, and
+where each pixel of the left frame lies in the left view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import ToktError
+from .calibration import StereoCalibration
+
+HALF = 0.5
+"""Scale of the views: half the camera's resolution."""
+_LEAST_IN_VIEW = 0.5
+"""Part of the left frame that has to lie inside its rectified view."""
+
+
+class Rectifier:
+    """Rectified gray views of pairs of frames.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration
+    scale : float
+        Width of the views over the frames' width, above 0 and at most 1.
+
+    Attributes
+    ----------
+    size : (width, height) of int
+        Of the views, in pixels.
+    focal_px : float
+        Focal length of both views in their pixels.
+    principal : (float, float)
+        Principal point of the views in pixels.
+    baseline_m : float
+        Distance between the cameras in metres.
+    focal_baseline_px_m : float
+        Depth in metres along the views' axis is this over the disparity in pixels.
+    left_inside, right_inside : array of bool, shape (height, width) of `size`
+        Where a view shows its frame, and not what lies beyond the frame's edge.
+
+    Raises
+    ------
+    ToktError
+        If the calibration moves most of the left frame out of view.
+    """
+
+    def __init__(self, calibration: StereoCalibration, scale: float = HALF) -> None:
+        if not 0 < scale <= 1:
+            raise ToktError(f"views are scaled by more than 0 and at most 1, not {scale}")
+        self.calibration = calibration
+        self.scale = scale
+        width, height = calibration.frame_size
+        self.size = (max(round(width * scale), 1), max(round(height * scale), 1))
+        # Odd frames: the two sides are scaled by slightly different ratios.
+        self._ratio = np.array([self.size[0] / width, self.size[1] / height])
+        self._rectify()
+        self._places: dict[tuple[int, int], NDArray[np.float32]] = {}
+        places = np.moveaxis(self._frame_places(9, 9), -1, 0)
+        if self._inside(places).mean() < _LEAST_IN_VIEW:
+            raise ToktError("the calibration moves most of the left frame out of view")
+
+    def _rectify(self) -> None:
+        """The maps from frames scaled to `size` to the views, and what describes the views."""
+        known = self.calibration
+        to_view = np.array(  # pixel centres have whole-number coordinates at either scale
+            [
+                [self._ratio[0], 0, (self._ratio[0] - 1) / 2],
+                [0, self._ratio[1], (self._ratio[1] - 1) / 2],
+                [0, 0, 1],
+            ]
+        )
+        K1, K2 = to_view @ known.K1, to_view @ known.K2
+        R1, R2, P1, P2, *_ = cv2.stereoRectify(
+            K1,
+            known.D1,
+            K2,
+            known.D2,
+            self.size,
+            known.R,
+            known.T_mm,
+            flags=cv2.CALIB_ZERO_DISPARITY,
+            alpha=-1,
+        )
+        self.rotations, self.projections = (R1, R2), (P1, P2)
+        self.focal_px = float(P1[0, 0])
+        self.principal = (float(P1[0, 2]), float(P1[1, 2]))
+        self.focal_baseline_px_m = float(-P2[0, 3]) / 1000
+        self.baseline_m = self.focal_baseline_px_m / self.focal_px
+        sides = ((K1, known.D1, R1, P1), (K2, known.D2, R2, P2))
+        self._maps = tuple(
+            cv2.initUndistortRectifyMap(K, D, R, P, self.size, cv2.CV_32FC1) for K, D, R, P in sides
+        )
+        self.left_inside, self.right_inside = (self._inside(maps) for maps in self._maps)
+
+    def scaled(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """A frame, gray and of the views' size, not rectified yet.
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
+            Of the calibration's frame size.
+
+        Returns
+        -------
+        array of float32, shape (height, width) of `size`
+            Grey levels and fractions of them.
+        """
+        gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+        # Averaged before rounding: the frames hold only a few grey levels of signal.
+        scaled = cv2.resize(gray.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
+        return np.asarray(scaled, np.float32)
+
+    def left(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The left view, float32, of `size`; beyond the frame's edge its last pixel."""
+        return self.left_of(self.scaled(frame))
+
+    def right(self, frame: NDArray[np.uint8], row_trim_px: float = 0.0) -> NDArray[np.float32]:
+        """The right view, moved down by `row_trim_px` pixels of the full resolution."""
+        return self.right_of(self.scaled(frame), row_trim_px)
+
+    def left_of(self, scaled: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The left view of a picture that is scaled already (`scaled`)."""
+        return _moved(scaled, *self._maps[0])
+
+    def right_of(
+        self, scaled: NDArray[np.float32], row_trim_px: float = 0.0
+    ) -> NDArray[np.float32]:
+        """The right view of a picture that is scaled already."""
+        x, y = self._maps[1]
+        shift = np.float32(row_trim_px * self._ratio[1])
+        return _moved(scaled, x, y - shift if shift else y)
+
+    def from_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Where points of the left frame lie in the left view, both in pixels, shape (n, 2)."""
+        return self._from_camera(points, 0)
+
+    def right_from_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Where points of the right frame lie in the right view, both in pixels, shape (n, 2)."""
+        return self._from_camera(points, 1)
+
+    def _from_camera(self, points: NDArray[Any], side: int) -> NDArray[np.float64]:
+        known = self.calibration
+        K, D = ((known.K1, known.D1), (known.K2, known.D2))[side]
+        P = self.projections[side][:, :3]
+        seen = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
+        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+        places = cv2.undistortPoints(seen, K, D, None, self.rotations[side], P, criteria)
+        return np.asarray(places, np.float64).reshape(-1, 2)
+
+    def to_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Where points of the left view lie in the left frame, both in pixels, shape (n, 2)."""
+        ray = (np.asarray(points, np.float64).reshape(-1, 2) - self.principal) / self.focal_px
+        rays = np.column_stack([ray, np.ones(len(ray))]) @ self.rotations[0]
+        if not len(rays):
+            return np.empty((0, 2))
+        none = np.zeros(3)
+        seen, _ = cv2.projectPoints(rays, none, none, self.calibration.K1, self.calibration.D1)
+        return np.asarray(seen, np.float64).reshape(-1, 2)
+
+    def points_m(self, disparity_px: NDArray[Any], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """The points seen, in the left camera's own axes.
+
+        Parameters
+        ----------
+        disparity_px : array of float, shape (height, width) of `size`
+        valid : array of bool, same shape
+            Which pixels to take.
+
+        Returns
+        -------
+        array of float64, shape (n, 3)
+            Metres: x right, y down, z along the left camera's axis; row by row of `valid`.
+        """
+        row, column = np.nonzero(valid)
+        depth = self.focal_baseline_px_m / disparity_px[row, column].astype(np.float64)
+        x = (column - self.principal[0]) / self.focal_px * depth
+        y = (row - self.principal[1]) / self.focal_px * depth
+        return np.asarray(np.column_stack([x, y, depth]) @ self.rotations[0], np.float64)
+
+    def to_left(self, view: NDArray[Any], height: int, width: int) -> NDArray[np.uint8]:
+        """A mask of the left view as it looks in the left frame resized to `height` x `width`.
+
+        Parameters
+        ----------
+        view : array of uint8 or bool, shape (height, width) of `size`
+
+        Returns
+        -------
+        array of uint8, shape (height, width)
+            The nearest pixel's value, or 0 outside the view.
+        """
+        key = (height, width)
+        if key not in self._places:
+            self._places[key] = self._frame_places(height, width).astype(np.float32)
+        places = self._places[key]
+        mask = cv2.remap(
+            np.asarray(view, np.uint8),
+            places[..., 0],
+            places[..., 1],
+            cv2.INTER_NEAREST,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=0,
+        )
+        return np.asarray(mask, np.uint8)
+
+    def _frame_places(self, height: int, width: int) -> NDArray[np.float64]:
+        """For each pixel of the left frame resized so, its place in the view: (h, w, 2)."""
+        frame_width, frame_height = self.calibration.frame_size
+        rows, columns = np.indices((height, width), np.float64)
+        x = (columns + 0.5) * frame_width / width - 0.5
+        y = (rows + 0.5) * frame_height / height - 0.5
+        return self.from_frame(np.stack([x, y], axis=-1)).reshape(height, width, 2)
+
+    def _inside(self, places: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+        """Which places (x and y) lie in a picture of `size`."""
+        x, y = places
+        return np.asarray((x >= 0) & (x <= self.size[0] - 1) & (y >= 0) & (y <= self.size[1] - 1))
+
+
+def _moved(picture: NDArray[np.float32], x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float32]:
+    view = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(view, np.float32)

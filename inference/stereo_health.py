@@ -1,0 +1,321 @@
+"""Whether a stereo pair can be believed: do its two views fit together, and belong together?
+
+What is found, each with its reason in words: a covered or dark camera, a frozen one, views of
+which hardly any texture matches (swapped cameras, one mounted upside down, a wrong calibration,
+another moment), texture that the right view alone shows, and rows that do not agree (out of step,
+a camera that has turned).
+
+What cannot be found:
+
+- Open water looks the same in every order: without texture nothing but darkness and frozen
+  pictures is seen, and a swapped pair of it is clear.
+- A camera out of step while the scene hardly moves, or before `SETTLED_PAIRS` pairs with something
+  to match. With the right frames one late (one early), 62 (64) of 66 (69) pairs with something to
+  match have a fault; the others are the first, and give distances within 2 % of the true ones. Two
+  to five frames off, 7 to 13 such pairs have none and give 0.5 to 1.3 of the true distance: a
+  small, faint thing, which stays an obstacle.
+- A right camera turned about its vertical axis moves every disparity alike: 1 degree is 19 px of a
+  view, while rows stay within 1.5 px. The distances are wrong; only `tokt calibrate` sees it, from
+  tracks over several frames. Turned about its own axis by 1 degree, 50 of 75 pairs have a fault.
+- A cover as bright as the water. A dark one over the left or right half of a lens, in open water
+  (the left camera's shows by its edge); something textured behind it is a misfit.
+- What is textured in less than `TEXTURED_FRACTION` of the view, with a wrong right frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .row_trim import RowOffset, RowTrim
+
+if TYPE_CHECKING:
+    from .matching import Matches
+
+# Thresholds stand above the extremes of the sea trial's odd frames and hold on the even ones (odd /
+# even, true pairs). None of its 246 true pairs has a fault.
+
+TEXTURED_FRACTION = 0.01
+MATCHED_OF_TEXTURED = 0.10
+"""With this much of the view textured, this part of it must be matched. True pairs: 0.41 / 0.41
+and more; pairs swapped, upside down, or with an open-water frame: at most 0.01. Open water: at most
+0.0021 / 0.0018 of the view is textured."""
+
+CAUSE_UNDONE = 0.3
+"""Part of the texture that must match once a cause is undone: below the true pairs' 0.41."""
+
+RIGHT_ONLY_FRACTION = 0.06
+"""This much more of the right view than of the left one is textured, and hardly matched: something
+is before the right camera alone, or the left one is covered. True pairs: at most 0.026 / 0.026,
+glare in the right view."""
+LOCAL_SIGMA_GREY = 2.0
+_QUARTER = 4
+_WINDOW_PX = 5
+
+DARKER_STOPS = 2.0
+"""Factors of two by which a quarter of one view, cut by rows, may be darker than the other's. True
+pairs: at most 0.94 / 0.94, and that always the left one's, whose lens or lamp gives less. A near
+thing's place differs by columns between the views, hence rows."""
+_BANDS = 4
+_ROW_STEP = 16
+_COLUMN_STEP = 8
+
+MOST_SPREAD_PX = 1.6
+"""Median deviation of a pair's row offsets, pixels of the full resolution. True pairs: at most
+1.05 / 0.91, nearer than 2 m."""
+FEWEST_AGREEING = 0.5
+"""Part of the points found again within the rows searched. True pairs: 0.79 / 0.72 and more."""
+MOST_DEVIATION_PX = 1.2
+"""How far a pair's row offset may be from that of the pairs before. True pairs: at most
+0.36 / 0.46."""
+MOST_VARIATION_PX = 1.0
+"""Median deviation of the remembered pairs' row offsets. True pairs: at most 0.17 / 0.15."""
+
+MISFIT = "the left and right frames do not match: another moment, or something too near"
+OUT_OF_STEP = "the rows of the two views do not agree: another moment, or a camera has moved"
+
+
+@dataclass(frozen=True)
+class PairFault:
+    """Why a pair is not to be believed.
+
+    Parameters
+    ----------
+    reason : str
+    against_clear : bool
+        Whether something may be there: see `tokt.inference.detector.Detection`. Always when it is
+        the left camera, which other detectors look through, too; when the right one alone is lost,
+        only where the left view has texture.
+    matches_stand : bool
+        Whether what was matched all the same is there: a view that is dark in part still shows
+        truly what it shows.
+    """
+
+    reason: str
+    against_clear: bool
+    matches_stand: bool = False
+
+
+def pair_fault(
+    left_view: NDArray[np.float32],
+    right_view: NDArray[np.float32],
+    matches: Matches,
+    offset: RowOffset | None,
+) -> PairFault | None:
+    """What one pair shows without those before it.
+
+    Parameters
+    ----------
+    left_view, right_view : array of float32, shape (height, width)
+        Rectified views in grey levels.
+    matches : Matches
+        What block matching found in them.
+    offset : RowOffset or None
+        What `tokt.inference.row_trim` measured.
+    """
+    misfit = (
+        _matching_fault(matches)
+        or _right_only_fault(left_view, right_view, matches)
+        or _rows_fault(offset)
+    )
+    dark = _darkness_fault(left_view, right_view, matches)
+    # Darkness explains a misfit.
+    return misfit if dark is None else replace(dark, matches_stand=misfit is None)
+
+
+def _darkness_fault(
+    left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches
+) -> PairFault | None:
+    left, right = (_band_levels(view) for view in (left_view, right_view))
+    stops = np.log2((right + 1) / (left + 1))
+    if stops.max() > DARKER_STOPS:
+        return PairFault(_darker("left", "right", stops.max()), against_clear=True)
+    if -stops.min() > DARKER_STOPS:
+        reason = _darker("right", "left", -stops.min())
+        return PairFault(reason, against_clear=_something_there(matches))
+    return None
+
+
+def _band_levels(view: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Mean grey level of each quarter of the rows."""
+    some = view[::_ROW_STEP, ::_COLUMN_STEP].mean(axis=1, dtype=np.float64)
+    return np.array([part.mean() for part in np.array_split(some, _BANDS) if len(part)])
+
+
+def _darker(dark: str, bright: str, stops: float) -> str:
+    return f"the {dark} view is {2**stops:.0f} times darker than the {bright} one: covered or unlit"
+
+
+def _something_there(matches: Matches) -> bool:
+    """Whether enough of the left view is textured for something to be there."""
+    textured = int(np.count_nonzero(matches.textured & matches.searched))
+    return textured > TEXTURED_FRACTION * matches.textured.size
+
+
+def _matched_of_textured(matches: Matches) -> float:
+    textured = int(np.count_nonzero(matches.textured & matches.searched))
+    return int(np.count_nonzero(matches.valid)) / max(textured, 1)
+
+
+def _matching_fault(matches: Matches) -> PairFault | None:
+    if _something_there(matches) and _matched_of_textured(matches) < MATCHED_OF_TEXTURED:
+        return PairFault(MISFIT, against_clear=True)
+    return None
+
+
+def _right_only_fault(
+    left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches
+) -> PairFault | None:
+    matched = np.count_nonzero(matches.valid) / matches.valid.size
+    if matched >= MATCHED_OF_TEXTURED:
+        return None
+    right = _textured_fraction(right_view)
+    if right <= RIGHT_ONLY_FRACTION or matched >= MATCHED_OF_TEXTURED * right:
+        return None
+    if right - _textured_fraction(left_view) <= RIGHT_ONLY_FRACTION:
+        return None
+    reason = "the right view shows what the left one does not: beside it, or the left is covered"
+    return PairFault(reason, against_clear=True)
+
+
+def _textured_fraction(view: NDArray[np.float32]) -> float:
+    """Part of a view with local contrast, seen at a quarter of its size."""
+    height, width = view.shape
+    size = (max(width // _QUARTER, 1), max(height // _QUARTER, 1))
+    small = cv2.resize(view, size, interpolation=cv2.INTER_AREA)
+    window = (_WINDOW_PX, _WINDOW_PX)
+    mean = cv2.boxFilter(small, -1, window)
+    variance = cv2.sqrBoxFilter(small, -1, window) - mean * mean
+    return float(np.count_nonzero(variance > LOCAL_SIGMA_GREY**2) / variance.size)
+
+
+def _rows_fault(offset: RowOffset | None) -> PairFault | None:
+    if offset is None:
+        return None
+    if offset.spread_px > MOST_SPREAD_PX or offset.agreeing < FEWEST_AGREEING:
+        return PairFault(f"{OUT_OF_STEP} ({offset.spread_px:.1f} px)", against_clear=True)
+    if offset.turned:
+        return PairFault(f"{OUT_OF_STEP} ({offset.turn_deg:+.1f} degrees)", against_clear=True)
+    return None
+
+
+Transform = Callable[[NDArray[np.uint8], NDArray[np.uint8]], tuple[NDArray[np.uint8], ...]]
+
+CAUSES: tuple[tuple[str, Transform], ...] = (
+    ("the left and right cameras are swapped", lambda left, right: (right, left)),
+    ("the right camera is upside down", lambda left, right: (left, _turned(right))),
+    ("the left camera is upside down", lambda left, right: (_turned(left), right)),
+)
+"""What may be behind views that do not match, and how to undo it."""
+
+
+def _turned(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.rotate(frame, cv2.ROTATE_180), np.uint8)
+
+
+class StereoHealth:
+    """Judge the pairs of one run in their order.
+
+    Notes
+    -----
+    Between pairs it keeps a few rows of each view, and which cause of a misfit was tried last.
+    """
+
+    def __init__(self) -> None:
+        self._before: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self._cause = ""
+        self._tried = 0
+
+    def judge(
+        self,
+        left_view: NDArray[np.float32],
+        right_view: NDArray[np.float32],
+        matches: Matches,
+        offset: RowOffset | None,
+        trim: RowTrim,
+    ) -> PairFault | None:
+        """Why this pair is not to be believed, or None.
+
+        Parameters
+        ----------
+        left_view, right_view, matches, offset
+            As in `pair_fault`.
+        trim : RowTrim
+            What `offset` was added to, and what `right_view` was moved by.
+        """
+        fault = (
+            self._frozen_fault(left_view, right_view, matches)
+            or pair_fault(left_view, right_view, matches, offset)
+            or _trim_fault(matches, trim)
+        )
+        if fault is None or fault.reason != MISFIT:
+            self._cause, self._tried = "", 0
+        return fault
+
+    def _frozen_fault(
+        self,
+        left_view: NDArray[np.float32],
+        right_view: NDArray[np.float32],
+        matches: Matches,
+    ) -> PairFault | None:
+        """A camera that repeats its picture exactly, which noise forbids, while the other's
+        changes. Where both repeat, the source repeats a pair, and these two do fit.
+        """
+        now = tuple(view[::_ROW_STEP].copy() for view in (left_view, right_view))
+        before, self._before = self._before, (now[0], now[1])
+        if before is None:
+            return None
+        left, right = (np.array_equal(old, new) for old, new in zip(before, now, strict=True))
+        if left == right or np.ptp(now[0] if left else now[1]) == 0:
+            return None
+        side = "left" if left else "right"
+        reason = f"the {side} camera repeats its last picture: frozen"
+        return PairFault(reason, against_clear=left or _something_there(matches))
+
+    def explained(
+        self,
+        fault: PairFault,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        match: Callable[[NDArray[np.uint8], NDArray[np.uint8]], Matches],
+    ) -> PairFault:
+        """The same fault with its cause where that can be found; other faults as they are.
+
+        Tries one of `CAUSES` a call, so that a pair costs at most one more matching, and none
+        once a cause is found, until a pair fits.
+
+        Parameters
+        ----------
+        fault : PairFault
+            What `judge` gave for this pair.
+        left, right : array of uint8
+            The frames that do not match.
+        match : callable
+            Rectifies and matches two frames, the left one first.
+        """
+        if fault.reason != MISFIT:
+            return fault
+        if not self._cause and self._tried < len(CAUSES):
+            cause, undo = CAUSES[self._tried]
+            self._tried += 1
+            found = match(*undo(left, right))
+            if _something_there(found) and _matched_of_textured(found) >= CAUSE_UNDONE:
+                self._cause = cause
+        return replace(fault, reason=self._cause) if self._cause else fault
+
+
+def _trim_fault(matches: Matches, trim: RowTrim) -> PairFault | None:
+    """Rows that agree among themselves, yet not with those of the pairs before."""
+    if not matches.valid.any():
+        return None
+    deviation, varying = trim.deviation_px, trim.variation_px
+    if deviation is not None and deviation > MOST_DEVIATION_PX:
+        return PairFault(f"{OUT_OF_STEP} ({deviation:.1f} px)", against_clear=True)
+    if varying is not None and varying > MOST_VARIATION_PX:
+        return PairFault(f"{OUT_OF_STEP} ({varying:.1f} px from pair to pair)", against_clear=True)
+    return None

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.inference.odometry import load_odometry, motion_between, parse_odometry
+
+HEADER = "frame,t,x_m,y_m,z_m,qw,qx,qy,qz"
+STILL = "0,0,0,1,0,0,0"
+
+
+def poses(*lines: str) -> str:
+    return "\n".join([HEADER, *lines])
+
+
+numbers = st.floats(-1000, 1000)
+quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
+    lambda values: np.linalg.norm(values) > 0.1
+)
+
+
+@given(st.dictionaries(st.integers(0, 10**6), st.tuples(numbers, numbers, numbers, quaternions)))
+def test_what_is_written_is_read(written: dict) -> None:
+    lines, turned = [], {}
+    for frame, (x, y, z, quaternion) in written.items():
+        w, *axis = unit = np.array(quaternion) / np.linalg.norm(quaternion)
+        lines.append(",".join(map(repr, (frame, 0.5, x, y, z, *unit.tolist()))))
+        point = np.array([1.0, -2.0, 3.0])  # rotated by q p q*, from the definition
+        turned[frame] = point + 2 * np.cross(axis, np.cross(axis, point) + w * point)
+    if not written:
+        with pytest.raises(ToktError, match="holds no pose"):
+            parse_odometry(poses(), "o.csv")
+        return
+    read = parse_odometry(poses(*lines), "o.csv")
+    assert set(read) == set(written)
+    for frame, pose in read.items():
+        assert pose.position_m.tolist() == list(written[frame][:3]) and pose.t == 0.5
+        assert pose.rotation @ [1.0, -2.0, 3.0] == pytest.approx(turned[frame], abs=1e-9)
+
+
+fields = st.sampled_from(["0", "1", "nan", "inf", "-1", "1e999", "x", "", "\x00", " 2 ", "٣"])
+
+
+@given(
+    st.one_of(
+        st.text(),
+        st.text().map(lambda text: f"{HEADER}\n{text}"),
+        st.lists(st.lists(fields, min_size=8, max_size=10).map(",".join)).map(
+            lambda lines: poses(*lines)
+        ),
+    )
+)
+def test_any_other_text_is_refused_in_one_line(text: str) -> None:
+    try:
+        read = parse_odometry(text, "o.csv")
+    except ToktError as error:
+        assert len(str(error).splitlines()) == 1 and "o.csv" in str(error)
+        return
+    for pose in read.values():
+        assert np.isfinite(pose.position_m).all()
+        assert np.allclose(pose.rotation @ pose.rotation.T, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (f"7,0,{STILL},0", "line 3: 10 values where 9 are needed"),
+        (f"7.5,0,{STILL}", "line 3: frame is not a whole number"),
+        (f"-7,0,{STILL}", "line 3: frame is not a whole number"),
+        (f"7,now,{STILL}", "line 3: t is not a number"),
+        ("7,0,0,nan,0,1,0,0,0", "line 3: y_m is not finite"),
+        ("7,0,0,1e7,0,1,0,0,0", "line 3: a position is more than 1000000 m away"),
+        ("7,0,0,0,0,1,1,0,0", "line 3: the quaternion has length 1.414, not 1"),
+        ("7,0,0,0,0,0,0,0,0", "line 3: the quaternion has length 0, not 1"),
+        (f"6,0,{STILL}", "line 3: frame 6 comes twice"),
+    ],
+)
+def test_a_malformed_line_is_named(line: str, words: str) -> None:
+    with pytest.raises(ToktError, match=words):
+        parse_odometry(poses(f"6,0,{STILL}", line), "o.csv")
+
+
+def test_a_file_is_read_or_refused(tmp_path: Path) -> None:
+    path = tmp_path / "o.csv"
+    path.write_text("\ufeff" + poses(f" 6 , 0 ,{STILL}", "", f"9,1,{STILL}"), "utf-8")
+    assert set(load_odometry(path)) == {6, 9}
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ToktError, match="not a text file"):
+        load_odometry(path)
+    with pytest.raises(ToktError, match="cannot read odometry"):
+        load_odometry(tmp_path)
+    with pytest.raises(ToktError, match="does not begin with the line frame,t,"):
+        parse_odometry("frame;t", "o.csv")
+
+
+def test_motion_is_the_way_back_into_the_moved_camera() -> None:
+    half = np.sqrt(0.5)
+    read = parse_odometry(poses("1,0,10,20,30,1,0,0,0", f"2,1,10,20,31,{half},0,{half},0"), "o.csv")
+    # 1 m forward, then a quarter turn to the right: what was 3 m ahead is 2 m to the left.
+    moved = motion_between(read[1], read[2]).of(np.array([[0.0, 0.5, 3.0]]))
+    assert moved == pytest.approx(np.array([[-2.0, 0.5, 0.0]]))

@@ -1,0 +1,281 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.grid import Grid
+from tokt.features.image_file import read_image
+from tokt.inference import pushbroom
+from tokt.inference.calibration import StereoCalibration, load_calibration
+from tokt.inference.detector import Detection
+from tokt.inference.odometry import Odometry, parse_odometry
+from tokt.inference.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
+from tokt.inference.sources import Frame
+from tokt.inference.verdict import verdict_from_mask
+
+WIDTH, HEIGHT = 1360, 1024
+FOCAL, CENTRE = 2200.0, np.array([679.5, 511.5])
+CAMERA = np.array([[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1]])
+FOCAL_BASELINE = FOCAL * 0.3
+PLAIN = StereoCalibration(
+    CAMERA,
+    np.zeros(5),
+    CAMERA,
+    np.zeros(5),
+    np.eye(3),
+    np.array([[-300.0], [0.0], [0.0]]),
+    (WIDTH, HEIGHT),
+)
+SQUARE_PX, X, Y = 320, 780, 350
+MASK = 360 / WIDTH
+CELL = 4 / MASK  # pixels at full size
+
+Drawn = tuple[np.ndarray, np.ndarray]
+
+
+def sea() -> np.ndarray:
+    return np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
+
+
+def draw(distance_m: float, texture: np.ndarray | None = None, x: int = X, y: int = Y) -> Drawn:
+    """An even sea with one thing in it, at (x, y) in the left view and at a distance."""
+    if texture is None:
+        rng = np.random.default_rng(3)
+        texture = cv2.resize(rng.uniform(20, 120, (40, 40)), (SQUARE_PX, SQUARE_PX))
+    left, right = sea(), sea()
+    height, width = texture.shape
+    start = x - round(FOCAL_BASELINE / distance_m)
+    left[y : y + height, x : x + width] = texture
+    right[y : y + height, max(start, 0) : start + width] = texture[:, max(-start, 0) :]
+    return left.round().astype(np.uint8), right.round().astype(np.uint8)
+
+
+EMPTY = (sea().round().astype(np.uint8),) * 2
+
+
+@pytest.fixture
+def detector() -> PushbroomDetector:
+    return PushbroomDetector(PLAIN, Grid())
+
+
+def corners(found: Detection) -> np.ndarray:
+    """Of the verdict's box, in pixels at full size."""
+    assert found.mask is not None and found.mask.shape == (271, 360)
+    verdict = verdict_from_mask(found.mask, found.method)
+    assert verdict.status == 1 and verdict.box is not None
+    x, y, width, height = verdict.box
+    return np.array([x, y, x + width, y + height]) / MASK
+
+
+def is_clear(found: Detection) -> bool:
+    return found.mask is not None and not found.mask.any() and found.distance_m is None
+
+
+@pytest.mark.parametrize("distance_m", [*DISTANCES_M, 3.9, 6.25])
+def test_what_stands_at_a_distance_is_found_where_it_is(
+    detector: PushbroomDetector, distance_m: float
+) -> None:
+    found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
+    assert found.distance_m == pytest.approx(distance_m, rel=0.03)
+    square = np.array([X, Y, X + SQUARE_PX, Y + SQUARE_PX])
+    assert np.abs(corners(found) - square).max() <= 1.5 * CELL + 2 / MASK
+    assert found.note == "pushbroom sees only at 8, 6, 4, 3 and 2 m"
+
+
+@pytest.mark.parametrize("distance_m", [1.5, 2.4, 5.0, 12.0])
+def test_what_stands_elsewhere_is_not_found_and_not_called_clear(
+    detector: PushbroomDetector, distance_m: float
+) -> None:
+    found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
+    assert found.mask is None and found.against_clear
+    assert found.fault.startswith("something is in view, but at none of 8, 6, 4, 3 and 2 m")
+
+
+def test_an_even_sea_is_clear_and_the_note_says_what_that_means(
+    detector: PushbroomDetector,
+) -> None:
+    found = detector.detect(Frame(1, 0.0, *EMPTY))
+    assert is_clear(found) and "sees only at" in found.note
+
+
+def slanting_bar() -> np.ndarray:
+    """A bar that is nearly horizontal: it looks the same a little to the side, a little lower."""
+    rows, columns = np.mgrid[:120, :700]
+    return np.where(np.abs(rows - 30 - columns / 12) < 12, 110.0, 35.0)
+
+
+def fence() -> np.ndarray:
+    """Bars 38 pixels apart: what stands at 3.5 m matches as well as if it stood at 3 m."""
+    return 60 + 40 * np.sin(np.arange(500) * 2 * np.pi / 38)[None].repeat(240, 0)
+
+
+@pytest.mark.parametrize("texture", [slanting_bar, fence])
+def test_what_matches_at_other_disparities_as_well_is_no_hit(
+    detector: PushbroomDetector,
+    texture: Callable[[], np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    between = draw(3.5, texture(), x=560)
+    assert not detector.look(*between).any()
+    monkeypatch.setattr(pushbroom, "INVARIANCE_RATIO", 1e6)  # without the invariance filter
+    assert detector.look(*between).any()
+
+
+def test_a_wrong_right_frame_gives_no_hit(detector: PushbroomDetector) -> None:
+    left, right = draw(4.0)
+    assert detector.look(left, right).any()
+    assert not detector.look(left, np.ascontiguousarray(right[::-1])).any()
+    assert not detector.look(left, EMPTY[1]).any()
+
+
+def test_a_right_view_that_stands_too_high_is_moved_down(detector: PushbroomDetector) -> None:
+    left, right = draw(4.0, texture=np.random.default_rng(8).uniform(20, 120, (320, 320)))
+    detector.row_trim_px = 12.0
+    assert not detector.look(left, right).any()
+    assert detector.look(left, np.roll(right, -12, axis=0)).any()
+
+
+def test_an_obstacle_is_remembered_for_some_frames_as_it_was(
+    detector: PushbroomDetector,
+) -> None:
+    first = detector.detect(Frame(1, 0.0, *draw(4.0)))
+    then = detector.detect(Frame(2, 0.0, *EMPTY))
+    assert then.distance_m == first.distance_m and (corners(then) == corners(first)).all()
+    assert "1 frame ago" in then.note and "there is no odometry" in then.note
+    lost = detector.detect(Frame(3, 0.0, EMPTY[0], None, "", "no right frame 3"))
+    assert lost.mask is None and lost.fault == "no right frame 3" and lost.against_clear
+    late = detector.detect(Frame(KEPT_FRAMES + 1, 0.0, *EMPTY, missed=KEPT_FRAMES - 3))
+    assert corners(late).any()
+    assert is_clear(detector.detect(Frame(KEPT_FRAMES + 2, 0.0, *EMPTY)))
+
+
+def poses(*lines: str) -> Odometry:
+    return parse_odometry("\n".join(["frame,t,x_m,y_m,z_m,qw,qx,qy,qz", *lines]), "test")
+
+
+def test_odometry_carries_an_obstacle_to_where_it_is_now() -> None:
+    # 1.5 m forward in three frames, one without a pose; then a turn of 60 degrees to the right.
+    path = poses(
+        "1,0,5,5,5,1,0,0,0",
+        "2,0,5,5,5.5,1,0,0,0",
+        "4,0,5,5,6.5,1,0,0,0",
+        "5,0,5,5,6.5,.86602,0,.5,0",
+    )
+    detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
+    square = np.array([[X, Y], [X + SQUARE_PX, Y + SQUARE_PX]])
+    for number, distance_m in ((1, 4.0), (2, 3.5), (3, 3.5), (4, 2.5)):
+        found = detector.detect(Frame(number, 0.0, *(draw(4.0) if number == 1 else EMPTY)))
+        assert found.distance_m == pytest.approx(distance_m, rel=0.03)
+        grown = ((square - CENTRE) * 4 / distance_m + CENTRE).ravel()
+        assert np.abs(corners(found) - grown).max() <= 3 * CELL
+        assert found.mask is not None
+        inside = (corners(found) * MASK).round().astype(int)
+        whole = found.mask[inside[1] : inside[3], inside[0] : inside[2]]
+        assert (whole > 0).mean() > 0.95  # no gaps between what has come apart
+        assert ("there is no odometry" in found.note) == (number == 3)
+    assert is_clear(detector.detect(Frame(5, 0.0, *EMPTY)))
+
+
+def test_what_was_passed_is_forgotten() -> None:
+    path = poses("1,0,0,0,0,1,0,0,0", "2,0,0,0,4.5,1,0,0,0", "3,0,0,0,0,1,0,0,0")
+    detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
+    detector.detect(Frame(1, 0.0, *draw(4.0)))
+    assert is_clear(detector.detect(Frame(2, 0.0, *EMPTY)))
+
+
+def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(
+    detector: PushbroomDetector,
+) -> None:
+    left, right = EMPTY
+    cases = {
+        "no right": Frame(1, 0.0, left, None, "", "no right frame 1"),
+        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
+        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
+        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
+        "a.jpg": Frame(1, 0.0, None, right, "a.jpg is truncated"),
+        "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
+    }
+    for words, frame in cases.items():
+        found = detector.detect(frame)
+        assert found.mask is None and words in found.fault and not found.against_clear
+    left, right = draw(4.0, y=650)
+    left[:600], right[:600] = 255, 255
+    found = detector.detect(Frame(1, 0.0, left, right))
+    assert found.distance_m == pytest.approx(4.0, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("distances_m", "words"),
+    [
+        ((), "at least one distance"),
+        ((4.0, -1.0), "a positive number of metres, not -1.0"),
+        ((float("nan"),), "a positive number of metres, not nan"),
+        ((0.5,), "cannot look at 0.5 m with this calibration, only from 0.97 to 22 m"),
+        ((40.0,), "cannot look at 40 m"),
+    ],
+)
+def test_distances_that_cannot_be_are_refused(distances_m: tuple[float, ...], words: str) -> None:
+    with pytest.raises(ToktError, match=words):
+        PushbroomDetector(PLAIN, Grid(), distances_m)
+
+
+@pytest.mark.parametrize("size", [(97, 61), (361, 271), (640, 203)])
+def test_frames_of_any_size_gray_or_colour(size: tuple[int, int]) -> None:
+    width, height = size
+    camera = np.array([[1.6 * width, 0, width / 2], [0, 1.6 * width, height / 2], [0, 0, 1]])
+    small = replace(PLAIN, K1=camera, K2=camera, frame_size=size)
+    detector = PushbroomDetector(small, Grid(), distances_m=(2.0,))
+    noise = np.random.default_rng(1).integers(0, 255, (height // 3, width // 3), np.uint8)
+    left = cv2.resize(noise, size)
+    right = np.roll(left, -round(1.6 * width * 0.3 / 2.0), axis=1)
+    found = detector.detect(Frame(1, 0.0, left, cv2.cvtColor(right, cv2.COLOR_GRAY2BGR)))
+    assert found.mask is not None and found.mask.shape == Grid().resized(height, width)
+    assert found.distance_m == pytest.approx(2.0, rel=0.06) and "at 2 m" in found.note
+
+
+@pytest.fixture(scope="module")
+def real(calibration_path: Path) -> PushbroomDetector:
+    return PushbroomDetector(load_calibration(calibration_path), Grid())
+
+
+def look(
+    detector: PushbroomDetector, mission: Path, left: int, right: int, turn: bool = False
+) -> np.ndarray:
+    """The depths found in frames of the sea trial."""
+    other = read_image(mission / "Right" / f"tokt1_R_{right}.jpg")
+    other = np.ascontiguousarray(other[::-1]) if turn else other
+    return detector.look(read_image(mission / "Left" / f"tokt1_L_{left}.jpg"), other)
+
+
+@pytest.mark.mission
+def test_the_tower_is_met_as_it_crosses_each_distance(
+    mission: Path, real: PushbroomDetector
+) -> None:
+    # Frames with even numbers: the settings were chosen on the odd ones.
+    for number, distance_m in (
+        (150, 8),
+        (166, 6),
+        (176, 4),
+        (180, 3),
+        (184, 2),
+        (194, 3),
+        (198, 4),
+    ):
+        found = look(real, mission, number, number)
+        assert np.median(found[found > 0]) == pytest.approx(distance_m, rel=0.06)
+    for number in (158, 170, 204):  # between two distances
+        assert not look(real, mission, number, number).any()
+
+
+@pytest.mark.mission
+def test_controls_and_open_water_give_no_hit(mission: Path, real: PushbroomDetector) -> None:
+    for number in range(2, 100, 12):
+        assert not look(real, mission, number, number).any()
+    for other in (50, 170, 188, 200):
+        assert not look(real, mission, 180, other).any()
+    assert not look(real, mission, 180, 180, turn=True).any()

@@ -1,0 +1,198 @@
+"""The row offset of a pair of views, and the trim that follows it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.grid import Grid
+from tokt.features.image_file import read_image
+from tokt.inference import row_trim
+from tokt.inference.calibration import load_calibration
+from tokt.inference.disparity import DisparityDetector
+from tokt.inference.matching import Matches
+from tokt.inference.row_trim import RowOffset, RowTrim, row_offset
+
+WIDTH, HEIGHT, SCALE = 340, 256, 0.5
+DISPARITY_PX = 40.25
+
+View = NDArray[np.float32]
+
+
+def scene(seed: int = 0) -> View:
+    """A view of smooth noise, as textured as the sea trial's tower."""
+    noise = np.random.default_rng(seed).normal(0, 1, (HEIGHT, WIDTH))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    return np.asarray(40 + 12 * smooth / smooth.std(), np.float32)
+
+
+LEFT = scene()
+
+
+def right_of(left: View, too_high_px: float = 0.0, turn_deg: float = 0.0) -> View:
+    """The right view of a plane, `too_high_px` pixels of the full resolution too high.
+
+    Positive `turn_deg` turns it clockwise about its centre. Darker than the left one, as a second
+    lamp makes it.
+    """
+    x, y = np.meshgrid(np.arange(WIDTH, dtype=np.float32), np.arange(HEIGHT, dtype=np.float32))
+    y_from = y + SCALE * too_high_px - np.tan(np.radians(turn_deg)) * (x - WIDTH / 2)
+    view = cv2.remap(
+        left,
+        x + np.float32(DISPARITY_PX),
+        y_from.astype(np.float32),
+        cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REFLECT,
+    )
+    return np.asarray(0.6 * view + 5, np.float32)
+
+
+def matches(columns: slice = slice(60, 300), rows: slice = slice(None)) -> Matches:
+    """What matching finds of the plane, in some part of the left view."""
+    valid = np.zeros((HEIGHT, WIDTH), bool)
+    valid[rows, columns] = True
+    everywhere = np.ones_like(valid)
+    return Matches(np.full(valid.shape, DISPARITY_PX, np.float32), valid, everywhere, everywhere)
+
+
+def measured(right: View, found: Matches | None = None) -> RowOffset:
+    offset = row_offset(LEFT, right, found or matches(), SCALE)
+    assert offset is not None
+    return offset
+
+
+@pytest.mark.parametrize("too_high_px", [0.0, 1.0, -2.2, 4.0, -6.0])
+def test_an_offset_is_measured_in_pixels_of_the_full_resolution(too_high_px: float) -> None:
+    offset = measured(right_of(LEFT, too_high_px))
+    assert offset.px == pytest.approx(too_high_px, abs=0.15)
+    assert offset.spread_px < 0.2
+    assert offset.agreeing > 0.9
+    assert not offset.turned
+
+
+@pytest.mark.parametrize("turn_deg", [1.0, -1.0])
+def test_a_turn_is_measured_with_its_sign(turn_deg: float) -> None:
+    offset = measured(right_of(LEFT, 0.5, turn_deg))
+    assert offset.turn_deg == pytest.approx(turn_deg, abs=0.15)
+    assert offset.turned
+
+
+def test_a_turn_is_not_told_from_a_narrow_strip() -> None:
+    assert not measured(right_of(LEFT, 0.5, 1.0), matches(slice(200, 216))).turned
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        matches(slice(0)),
+        matches(slice(60, 76), slice(60, 76)),
+        matches(rows=slice(row_trim.SEARCH_ROWS)),
+        matches(slice(0, int(DISPARITY_PX))),
+    ],
+    ids=["none", "few", "at the upper edge", "outside the right view"],
+)
+def test_too_few_matches_measure_nothing(found: Matches) -> None:
+    assert row_offset(LEFT, right_of(LEFT), found, SCALE) is None
+
+
+def test_views_smaller_than_a_patch_measure_nothing() -> None:
+    tiny = np.ones((6, 9), bool)
+    found = Matches(np.full(tiny.shape, 2, np.float32), tiny, tiny, tiny)
+    assert row_offset(LEFT[:6, :9], LEFT[:6, :9], found, SCALE) is None
+
+
+def test_flat_views_measure_nothing() -> None:
+    flat = np.full_like(LEFT, 30)
+    assert row_offset(flat, flat, matches(), SCALE) is None
+
+
+def follow(trim: RowTrim, true_px: float, pairs: int) -> list[float]:
+    """Trims over some pairs whose right view is corrected by the trim, as the detector does."""
+    found = []
+    for _ in range(pairs):
+        trim.add(LEFT, right_of(LEFT, true_px - trim.px), matches(), SCALE)
+        found.append(trim.px)
+    return found
+
+
+def test_the_trim_reaches_an_offset_slowly_and_stays_there() -> None:
+    trims = follow(RowTrim(), 4.0, 20)
+    assert trims[: row_trim.SETTLED_PAIRS - 1] == [0.0] * (row_trim.SETTLED_PAIRS - 1)
+    assert np.abs(np.diff([0.0, *trims])).max() <= row_trim.STEP_PX + 1e-9
+    assert trims[-1] == pytest.approx(4.0, abs=row_trim.STILL_PX)
+    assert len(set(trims[-5:])) == 1
+
+
+def test_the_trim_keeps_its_limit_and_its_memory() -> None:
+    trim = RowTrim(limit_px=2.0)
+    assert follow(trim, 5.0, 40)[-1] == 2.0
+    assert follow(trim, -4.0, 40)[-1] == -2.0
+    assert len(trim._recent) == row_trim.REMEMBERED_PAIRS
+
+
+def test_a_small_offset_is_left_alone() -> None:
+    assert follow(RowTrim(), 0.8 * row_trim.STILL_PX, 20)[-1] == 0.0
+
+
+def test_a_wrong_right_frame_leaves_the_trim() -> None:
+    trim = RowTrim()
+    settled = follow(trim, 3.0, 20)[-1]
+    for seed in range(1, 31):
+        assert trim.add(LEFT, right_of(scene(seed)), matches(), SCALE) is None
+    assert trim.px == settled
+    assert trim.settled
+
+
+def test_a_turned_view_leaves_the_trim() -> None:
+    trim = RowTrim()
+    for _ in range(20):
+        trim.add(LEFT, right_of(LEFT, 3.0, 1.0), matches(), SCALE)
+    assert trim.px == 0.0
+
+
+def test_a_camera_out_of_step_leaves_the_trim_and_is_told_by_the_variation() -> None:
+    trim = RowTrim()
+    for too_high in 2.5 * np.sin(np.arange(40)):  # the vehicle heaves
+        trim.add(LEFT, right_of(LEFT, float(too_high)), matches(), SCALE)
+    assert trim.px == 0.0
+    assert not trim.settled
+    assert trim.variation_px is not None and trim.variation_px > 1.0
+
+
+def test_one_pair_off_the_others_is_told_by_its_deviation_and_moves_nothing() -> None:
+    trim = RowTrim()
+    settled = follow(trim, 2.0, 15)[-1]
+    assert trim.deviation_px == pytest.approx(0.0, abs=0.2)
+    trim.add(LEFT, right_of(LEFT, 2.0 + 2.5 - trim.px), matches(), SCALE)
+    assert trim.deviation_px == pytest.approx(2.5, abs=0.3)
+    assert trim.px == settled
+    trim.add(LEFT, right_of(LEFT, 0.0), matches(slice(0)), SCALE)
+    assert trim.deviation_px is None
+
+
+@pytest.mark.mission
+def test_on_the_sea_trial(mission: Path, calibration_path: Path) -> None:
+    """Injected offsets are found, and the next frame's right view moves nothing."""
+    detector = DisparityDetector(load_calibration(calibration_path), Grid())
+    rectifier = detector.rectifier
+
+    def add(trim: RowTrim, number: int, right_number: int, lower_px: float = 0.0) -> RowOffset:
+        left = read_image(mission / "Left" / f"tokt1_L_{number}.jpg")
+        right = read_image(mission / "Right" / f"tokt1_R_{right_number}.jpg")
+        down = np.array([[1, 0, 0], [0, 1, lower_px]])
+        moved = np.asarray(cv2.warpAffine(right, down, right.shape[1::-1]), np.uint8)
+        views = rectifier.left(left), rectifier.right(moved, trim.px)
+        offset = trim.add(*views, detector.match(left, moved, trim.px), rectifier.scale)
+        assert offset is not None
+        return offset
+
+    for lower_px in (0.0, 2.2, -6.0):
+        assert add(RowTrim(), 170, 170, lower_px).px == pytest.approx(-lower_px, abs=0.5)
+    out_of_step = RowTrim()
+    for number in range(158, 172):
+        add(out_of_step, number, number + 1)
+    assert out_of_step.px == 0.0
+    assert not out_of_step.settled

@@ -1,0 +1,263 @@
+"""Whether a stereo pair can be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.grid import Grid
+from tokt.features.image_file import read_image
+from tokt.inference import stereo_health
+from tokt.inference.calibration import load_calibration
+from tokt.inference.disparity import DisparityDetector
+from tokt.inference.matching import Matches
+from tokt.inference.row_trim import RowOffset, RowTrim
+from tokt.inference.stereo_health import MISFIT, PairFault, StereoHealth, pair_fault
+
+HEIGHT, WIDTH = 128, 170
+
+View = NDArray[np.float32]
+
+
+def water(level: float = 30, seed: int = 0) -> View:
+    """An open-water view with a camera's noise."""
+    noise = np.random.default_rng(seed).normal(0, 0.5, (HEIGHT, WIDTH))
+    return np.asarray(level + noise, np.float32)
+
+
+def with_texture(view: View, columns: slice) -> View:
+    """The same with something in it."""
+    coarse = np.random.default_rng(9).normal(0, 10, (HEIGHT // 8, WIDTH // 8 + 1))
+    texture = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    view = view.copy()
+    view[:, columns] += texture[:, columns].astype(np.float32)
+    return view
+
+
+def matches(
+    textured: float = 0.0, matched: float = 0.0, searched: bool = True, seed: int = 0
+) -> Matches:
+    """Matches of a view of which one part is textured and another matched."""
+    order = np.random.default_rng(seed).permutation(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
+    part = order / (HEIGHT * WIDTH)
+    return Matches(
+        np.full(part.shape, 40, np.float32),
+        part < matched,
+        part < textured,
+        np.full(part.shape, searched),
+    )
+
+
+OPEN_WATER = matches()
+SEEN = matches(textured=0.3, matched=0.2)
+GOOD = RowOffset(0.2, 0.3, 0.1, 0.05, 0.95, 46)
+
+
+def test_open_water_and_a_true_pair_have_no_fault() -> None:
+    assert pair_fault(water(), water(45), OPEN_WATER, None) is None
+    assert pair_fault(water(), water(45), SEEN, GOOD) is None
+
+
+def test_texture_that_does_not_match_is_a_sign_of_danger() -> None:
+    fault = pair_fault(water(), water(), matches(textured=0.3, matched=0.02), None)
+    assert fault == PairFault(MISFIT, against_clear=True)
+
+
+def test_texture_where_the_right_camera_cannot_see_is_no_misfit() -> None:
+    assert pair_fault(water(), water(), matches(textured=0.3, searched=False), None) is None
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(HEIGHT // 2, None), slice(HEIGHT // 2)])
+def test_a_covered_camera_is_named_in_open_water(rows: slice) -> None:
+    bright, covered = water(30), water(30)
+    covered[rows] = water(3)[rows]
+    left = pair_fault(covered, bright, OPEN_WATER, None)
+    right = pair_fault(bright, covered, OPEN_WATER, None)
+    assert left is not None and "the left view is 8 times darker" in left.reason
+    assert right is not None and "the right view is 8 times darker" in right.reason
+    # The texture detector looks through the left camera: its clear would be wrong, too.
+    assert left.against_clear and not right.against_clear
+    right = pair_fault(bright, covered, SEEN, None)
+    assert right is not None and right.against_clear
+
+
+def test_what_the_right_camera_alone_sees_is_not_clear() -> None:
+    fault = pair_fault(water(), with_texture(water(), slice(60, 160)), OPEN_WATER, None)
+    assert fault is not None and "the right view shows" in fault.reason
+    assert fault.against_clear
+    both = with_texture(water(), slice(60, 160))
+    assert pair_fault(both, both, OPEN_WATER, None) is None
+    # A thing that reaches beyond the left view is no fault while enough of it matches.
+    assert pair_fault(water(), both, SEEN, GOOD) is None
+
+
+@pytest.mark.parametrize(
+    ("offset", "told"),
+    [
+        (replace(GOOD, spread_px=2.0), "2.0 px"),
+        (replace(GOOD, agreeing=0.3), "px"),
+        (replace(GOOD, turn_deg=-1.0), "-1.0 degrees"),
+    ],
+)
+def test_rows_that_do_not_agree(offset: RowOffset, told: str) -> None:
+    fault = pair_fault(water(), water(), SEEN, offset)
+    assert fault is not None and fault.against_clear
+    assert "rows" in fault.reason and told in fault.reason
+
+
+def judge(health: StereoHealth, left: View, right: View, trim: RowTrim) -> PairFault | None:
+    return health.judge(left, right, OPEN_WATER, None, trim)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_frozen_camera_is_named(side: str) -> None:
+    health, trim = StereoHealth(), RowTrim()
+    for number in range(3):
+        views = {"left": water(seed=number), "right": water(seed=100 + number)}
+        assert judge(health, views["left"], views["right"], trim) is None
+    for number in range(3, 6):
+        moving = water(seed=number)
+        left, right = (views[side], moving) if side == "left" else (moving, views[side])
+        fault = judge(health, left, right, trim)
+        assert fault is not None and f"the {side} camera repeats" in fault.reason
+        assert fault.against_clear == (side == "left")
+    assert judge(health, water(seed=50), water(seed=51), trim) is None
+
+
+def test_a_repeated_pair_and_a_view_without_noise_are_not_frozen() -> None:
+    health, trim = StereoHealth(), RowTrim()
+    flat = np.full_like(water(), 30)
+    for left, right in ((water(seed=1), water(seed=2)),) * 2:
+        assert judge(health, left, right, trim) is None
+    for number in range(2):
+        assert judge(health, water(seed=number), flat, trim) is None
+
+
+class StubTrim(RowTrim):
+    """A trim of which the last pair, or the remembered ones, do not agree."""
+
+    def __init__(self, deviation_px: float | None, variation_px: float | None) -> None:
+        super().__init__()
+        self.deviation_px = deviation_px
+        self.recent_variation_px = variation_px
+
+    @property
+    def variation_px(self) -> float | None:
+        return self.recent_variation_px
+
+
+@pytest.mark.parametrize(
+    ("trim", "told"),
+    [
+        (StubTrim(None, None), None),
+        (StubTrim(0.5, 0.2), None),
+        (StubTrim(2.5, 0.2), "2.5 px"),
+        (StubTrim(None, 1.4), "1.4 px from pair to pair"),
+    ],
+)
+def test_rows_that_differ_from_those_before_are_out_of_step(
+    trim: RowTrim, told: str | None
+) -> None:
+    fault = StereoHealth().judge(water(), water(seed=1), SEEN, GOOD, trim)
+    assert (fault is None) == (told is None)
+    if fault is not None and told is not None:
+        assert told in fault.reason and fault.against_clear
+    # Later open water shows nothing that could be at a wrong distance.
+    assert StereoHealth().judge(water(), water(seed=1), OPEN_WATER, None, trim) is None
+
+
+Frame = NDArray[np.uint8]
+LEFT = np.arange(12, dtype=np.uint8).reshape(3, 4)
+RIGHT = LEFT + 100
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "told"),
+    [
+        (RIGHT, LEFT, "swapped"),
+        (LEFT, np.rot90(RIGHT, 2), "right camera is upside down"),
+        (np.rot90(LEFT, 2), RIGHT, "left camera is upside down"),
+        (LEFT, RIGHT[::-1], MISFIT),
+    ],
+)
+def test_the_cause_of_a_misfit_is_found_with_one_matching_a_pair(
+    left: Frame, right: Frame, told: str
+) -> None:
+    matched: list[tuple[Frame, Frame]] = []
+
+    def match(one: Frame, other: Frame) -> Matches:
+        matched.append((one, other))
+        true_pair = np.array_equal(one, LEFT) and np.array_equal(other, RIGHT)
+        return SEEN if true_pair else matches(textured=0.3)
+
+    health, fault = StereoHealth(), PairFault(MISFIT, against_clear=True)
+    for pair in range(5):
+        explained = health.explained(fault, left, right, match)
+        assert len(matched) <= pair + 1
+    assert told in explained.reason and explained.against_clear
+    assert len(matched) <= len(stereo_health.CAUSES)
+
+
+def test_a_pair_that_fits_forgets_the_cause_and_other_faults_are_left_as_they_are() -> None:
+    def undone(_left: Frame, _right: Frame) -> Matches:
+        return SEEN
+
+    def hopeless(_left: Frame, _right: Frame) -> Matches:
+        return matches(textured=0.3)
+
+    health, misfit = StereoHealth(), PairFault(MISFIT, against_clear=True)
+    assert "swapped" in health.explained(misfit, LEFT, RIGHT, undone).reason
+    assert health.judge(water(), water(seed=1), SEEN, GOOD, RowTrim()) is None
+    assert health.explained(misfit, LEFT, RIGHT, hopeless) == misfit
+    other = PairFault("the right camera repeats its last picture: frozen", against_clear=False)
+    assert health.explained(other, LEFT, RIGHT, undone) == other
+
+
+Run = Callable[[list[tuple[int, int]]], list[str]]
+
+
+@pytest.fixture(scope="module")
+def judged(mission: Path, calibration_path: Path) -> Run:
+    """Judge pairs (left number, right number) of the sea trial; a negative number is the other
+    camera's frame. Returns each pair's reason, empty where there is none."""
+    detector = DisparityDetector(load_calibration(calibration_path), Grid())
+
+    def frame(side: str, number: int) -> Frame:
+        side = side if number > 0 else {"Left": "Right", "Right": "Left"}[side]
+        return read_image(mission / side / f"tokt1_{side[0]}_{abs(number)}.jpg")
+
+    def run(pairs: list[tuple[int, int]]) -> list[str]:
+        trim, health, reasons = RowTrim(), StereoHealth(), []
+        for left_number, right_number in pairs:
+            left, right = frame("Left", left_number), frame("Right", right_number)
+            views = detector.rectifier.left(left), detector.rectifier.right(right, trim.px)
+            found = detector.match(left, right, trim.px)
+            offset = trim.add(*views, found, detector.rectifier.scale)
+            fault = health.judge(*views, found, offset, trim)
+            if fault is not None:
+                fault = health.explained(fault, left, right, detector.match)
+            reasons.append(fault.reason if fault else "")
+        return reasons
+
+    return run
+
+
+@pytest.mark.mission
+def test_true_pairs_of_the_sea_trial_have_no_fault(judged: Run) -> None:
+    numbers = [*range(1, 100, 14), *range(141, 190, 4), *range(190, 246, 8)]
+    assert judged([(number, number) for number in numbers]) == [""] * len(numbers)
+
+
+@pytest.mark.mission
+def test_wrong_pairs_of_the_sea_trial_have_their_reason(judged: Run) -> None:
+    assert judged([(180, 50)]) == [MISFIT]
+    assert judged([(-180, -180)]) == ["the left and right cameras are swapped"]
+    assert "the right view shows" in judged([(50, 180)])[0]
+    assert "the right camera repeats" in judged([(60, 60), (61, 60)])[1]
+    one_late = judged([(number, number - 1) for number in range(160, 176)])
+    assert sum(reason != "" for reason in one_late) >= 12

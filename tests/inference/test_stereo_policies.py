@@ -1,0 +1,151 @@
+"""Policies on the sea trial's own frames: each loss of a part, and what is said then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tokt.features.image_file import read_image
+from tokt.features.mission import LEFT, RIGHT, open_mission
+from tokt.inference.assemble import Stereo, build_policy
+from tokt.inference.calibration import load_calibration
+from tokt.inference.policy import Policy
+from tokt.inference.sources import Frame
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
+from tokt.models.bundle import read_bundle
+
+pytestmark = pytest.mark.mission
+TOWER, WATER = 180, 50
+
+
+@pytest.fixture(scope="module")
+def stereo(calibration_path: Path) -> Stereo:
+    return Stereo(load_calibration(calibration_path))
+
+
+@pytest.fixture(scope="module")
+def pair(mission: Path) -> Callable[[int], Frame]:
+    opened = open_mission(mission)
+
+    def read(number: int) -> Frame:
+        return Frame(number, 0.0, opened.read(number, LEFT), opened.read(number, RIGHT))
+
+    return read
+
+
+class Sees:
+    """Texture where the tower is, by brightness: a scorer for frames of the mission's size."""
+
+    label, frame_sizes = "bright/1", ((1024, 1360),)
+
+    def __init__(self, noise: Any) -> None:
+        self.grid, self.images, self.operating_point = (
+            noise.grid,
+            noise.images,
+            noise.operating_point,
+        )
+
+    @property
+    def model(self) -> Sees:
+        return self
+
+    def decision_values(self, frame: np.ndarray, pictures: Any, threads: int) -> np.ndarray:
+        cells = self.grid.cells(pictures.gray(self.images))
+        return cells.std(axis=(1, 2))[:, None] - 15.0
+
+    def obstacle_score(self, values: np.ndarray) -> np.ndarray:
+        return values[:, 0]
+
+    def obstacle_patches(self, values: np.ndarray) -> np.ndarray:
+        return values[:, 0] > 0
+
+
+@pytest.fixture
+def policy(stereo: Stereo, noise_scorer: Any) -> Callable[[str], Policy]:
+    def build(name: str) -> Policy:
+        load = None if name == "disparity" else lambda: Sees(noise_scorer)
+        return build_policy(name, load, None if name == "texture" else stereo)
+
+    return build
+
+
+def said(policy: Policy, frame: Frame) -> Verdict:
+    return policy.judge(frame).verdict
+
+
+POLICIES = ("texture", "disparity", "either", "fallback")
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_the_tower_is_an_obstacle_and_the_water_clear(
+    name: str, policy: Callable[[str], Policy], pair: Callable[[int], Frame]
+) -> None:
+    judge = policy(name)
+    assert said(judge, pair(WATER)).status == CLEAR
+    verdict = said(judge, pair(TOWER))
+    assert verdict.status == OBSTACLE and verdict.health == "ok"
+    measured = name in ("disparity", "either")
+    assert (verdict.distance_m is not None) == measured
+    if measured:
+        assert verdict.distance_m == pytest.approx(2.8, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "tower", "method"),
+    [
+        ("texture", OBSTACLE, "texture"),
+        ("disparity", UNKNOWN, "none"),
+        ("either", OBSTACLE, "texture"),
+        ("fallback", OBSTACLE, "texture"),
+    ],
+)
+def test_without_the_right_camera(
+    name: str,
+    tower: int,
+    method: str,
+    policy: Callable[[str], Policy],
+    pair: Callable[[int], Frame],
+) -> None:
+    seen = pair(TOWER)
+    frame = Frame(TOWER, 0.0, seen.left, None, "", "the right camera is gone")
+    verdict = said(policy(name), frame)
+    assert (verdict.status, verdict.method) == (tower, method)
+    if name in ("disparity", "either"):
+        assert "the right camera is gone" in verdict.health
+
+
+@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("number", [TOWER, WATER])
+def test_a_dark_left_camera_is_unknown_whatever_the_policy(
+    name: str, number: int, policy: Callable[[str], Policy], pair: Callable[[int], Frame]
+) -> None:
+    seen = pair(number)
+    assert seen.left is not None
+    frame = Frame(number, 0.0, seen.left // 32, seen.right)
+    verdict = said(policy(name), frame)
+    assert verdict.status == UNKNOWN and "dark" in verdict.health
+
+
+def test_a_killed_model_file_leaves_disparity(
+    bundle_file: Path, tmp_path: Path, stereo: Stereo, pair: Callable[[int], Frame]
+) -> None:
+    killed = tmp_path / "killed.tokt"
+    killed.write_bytes(bundle_file.read_bytes()[:-200])
+    judge = build_policy("fallback", lambda: read_bundle(killed), stereo)
+    verdict = said(judge, pair(TOWER))
+    assert (verdict.status, verdict.method) == (OBSTACLE, "disparity")
+    assert verdict.distance_m == pytest.approx(2.8, abs=0.1)
+    assert verdict.health.startswith("no texture model: ") and "killed.tokt" in verdict.health
+    assert said(judge, pair(WATER)).status == CLEAR
+
+
+def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(
+    policy: Callable[[str], Policy], pair: Callable[[int], Frame], mission: Path
+) -> None:
+    other = read_image(mission / "Right" / f"tokt1_R_{TOWER - 10}.jpg")
+    frame = Frame(TOWER, 0.0, pair(TOWER).left, other)
+    assert said(policy("disparity"), frame).status == UNKNOWN
+    assert said(policy("either"), frame).status == OBSTACLE
