@@ -1,0 +1,334 @@
+"""`tokt depth`: rows for all pairs, figures over them, pictures, and a point cloud that is true."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.inference.calibration import StereoCalibration
+from tokt.inference.matching import Matches
+from tokt.inference.rectify import Rectifier
+from tokt.training.depth.cloud import outliers
+from tokt.training.depth.look import DepthRow
+from tokt.training.depth.picture import DepthPicture
+from tokt.training.depth.ply import VERTEX, ply_bytes
+from tokt.training.depth.summary import detected_span, steadiness, summary
+
+pytestmark = pytest.mark.xdist_group("depth")  # what they share is made once
+
+WIDTH, HEIGHT, FOCAL_PX, BASELINE_M = 680, 512, 1100.0, 0.3
+X, Y, SQUARE_PX = 330, 150, 200
+DISPARITIES = {3: 100, 4: 112, 5: 126, 6: 126, 7: 112, 8: 100, 9: 90, 12: 90}
+NO_RIGHT, BROKEN, SMALLER, EXCHANGED = 6, 10, 11, 12
+LAST = 12
+STRIP_PX = 12
+"""Of the square, what the exchanged right frame shows."""
+PLAIN = """%YAML:1.0
+---
+image_width: 680
+image_height: 512
+K1: !!opencv-matrix {rows: 3, cols: 3, dt: d, data: [1100., 0., 339.5, 0., 1100., 255.5, 0., 0., 1.]}
+D1: !!opencv-matrix {rows: 1, cols: 5, dt: d, data: [0., 0., 0., 0., 0.]}
+K2: !!opencv-matrix {rows: 3, cols: 3, dt: d, data: [1100., 0., 339.5, 0., 1100., 255.5, 0., 0., 1.]}
+D2: !!opencv-matrix {rows: 1, cols: 5, dt: d, data: [0., 0., 0., 0., 0.]}
+R: !!opencv-matrix {rows: 3, cols: 3, dt: d, data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]}
+T_mm: !!opencv-matrix {rows: 3, cols: 1, dt: d, data: [-300., 0., 0.]}
+"""  # noqa: E501
+
+
+def depth_m(frame: int) -> float:
+    """How far the square of a frame is away."""
+    return FOCAL_PX * BASELINE_M / DISPARITIES[frame]
+
+
+def draw_pair(frame: int) -> list[NDArray[np.uint8]]:
+    """An even sea, and in some frames one textured square nearer than it."""
+    fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
+    views = []
+    texture = cv2.resize(
+        np.random.default_rng(3).uniform(20, 120, (50, 50)), (SQUARE_PX, SQUARE_PX)
+    )
+    for moved in (0, DISPARITIES.get(frame, 0)):
+        view = fall + np.random.default_rng([frame, moved]).normal(0, 0.6, fall.shape)
+        if frame in DISPARITIES:
+            rows = STRIP_PX if frame == EXCHANGED and moved else SQUARE_PX
+            view[Y : Y + rows, X - moved : X - moved + SQUARE_PX] = texture[:rows]
+        views.append(view.round().clip(0, 255).astype(np.uint8))
+    return views
+
+
+@pytest.fixture(scope="module")
+def sea(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """To a square and away from it; one right frame missing, one broken, one small."""
+    folder = tmp_path_factory.mktemp("depth") / "sea"
+    for name in ("Left", "Right"):
+        (folder / name).mkdir(parents=True)
+    for frame in range(1, LAST + 1):
+        left, right = draw_pair(frame)
+        cv2.imwrite(str(folder / "Left" / f"sea_L_{frame}.png"), left)
+        if frame != NO_RIGHT:
+            right = right[::2, ::2] if frame == SMALLER else right
+            cv2.imwrite(str(folder / "Right" / f"sea_R_{frame}.png"), right)
+    (folder / "Right" / f"sea_R_{BROKEN}.png").write_bytes(b"no picture")
+    (folder / "calibration.yml").write_text(PLAIN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ran(sea: Path, tmp_path_factory: pytest.TempPathFactory, run_tokt: Callable[..., Any]) -> Any:
+    """The whole command, and where it wrote."""
+    out = tmp_path_factory.mktemp("depth-out")
+    options = ("--out", out / "all", "--ply", out / "cloud.ply", "--pictures", "5,6")
+    done = run_tokt(
+        *("depth", sea, "--calibration", sea / "calibration.yml", "--rate", 4, "--json"), *options
+    )
+    assert done.code == 0, done.err
+    return json.loads(done.out), out, done.err
+
+
+def read_ply(path: Path) -> NDArray[Any]:
+    """What this package's own files hold; written after the format's description."""
+    data = path.read_bytes()
+    header, _, body = data.partition(b"end_header\n")
+    lines = [line for line in header.decode("ascii").splitlines() if not line.startswith("comment")]
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    kind, name, count = lines[2].split()
+    assert (kind, name) == ("element", "vertex")
+    kinds = {"float": "<f4", "uchar": "u1"}
+    fields = [(line.split()[2], kinds[line.split()[1]]) for line in lines[3:]]
+    vertices = np.frombuffer(body, np.dtype(fields))
+    assert len(vertices) == int(count)
+    return vertices
+
+
+def test_every_pair_has_a_row_and_those_without_depth_say_why(ran: Any) -> None:
+    found, out, progress = ran
+    rows = {row["frame"]: row for row in found["rows"]}
+    assert list(rows) == list(range(1, LAST + 1))
+    for frame in set(DISPARITIES) - {NO_RIGHT, EXCHANGED}:
+        assert rows[frame]["status"] == 1
+        assert rows[frame]["median_m"] == pytest.approx(depth_m(frame), rel=0.01)
+        assert rows[frame]["distance_m"] == pytest.approx(depth_m(frame), rel=0.02)
+        share = SQUARE_PX**2 / (WIDTH * HEIGHT)
+        assert 0.7 * share < rows[frame]["valid_fraction"] < 1.2 * share
+    for frame in (1, 2):
+        assert (rows[frame]["status"], rows[frame]["valid_fraction"]) == (0, 0)
+    for frame in (NO_RIGHT, BROKEN, SMALLER, EXCHANGED):
+        assert rows[frame]["status"] == -1 and rows[frame]["median_m"] is None
+    assert "no right frame 6" in rows[NO_RIGHT]["health"]
+    assert "sea_R_10.png" in rows[BROKEN]["health"] and "340x256" in rows[SMALLER]["health"]
+    # What an exchanged frame happens to match is counted, but is no depth.
+    assert 0 < rows[EXCHANGED]["valid_fraction"] < 0.1 * rows[9]["valid_fraction"]
+    with (out / "all" / "depth.csv").open(newline="") as handle:
+        table = list(csv.DictReader(handle))
+    assert [int(line["frame"]) for line in table] == list(rows)
+    assert float(table[4]["median_m"]) == rows[5]["median_m"] and table[5]["median_m"] == ""
+    assert json.loads((out / "all" / "depth.json").read_text("utf-8")) == found
+    assert "depth: 12/12" in progress and "pictures: 2/2" in progress
+
+
+def test_what_the_rows_come_to(ran: Any) -> None:
+    found = ran[0]
+    assert (found["frames"], found["obstacle"], found["clear"], found["unknown"]) == (12, 6, 2, 4)
+    assert found["first_detection"] == 3 and found["detected"] == [3, 9]
+    assert found["gaps"] == {"count": 1, "frames": "6"}
+    assert found["nearest"]["frame"] == 5 and found["median_m"]["nearest_frame"] == 5
+    assert found["median_m"]["monotone"]
+    assert found["clear_valid_fraction"] == {"mean": 0, "max": 0, "frames_above_0": ""}
+
+
+def test_pictures_and_plot_are_pictures(ran: Any) -> None:
+    found, out, _ = ran
+    assert found["pictures"] == ["depth_5.png", "depth_6.png"]
+    written = sorted(path.relative_to(out / "all") for path in (out / "all").rglob("*.*"))
+    assert [str(path) for path in written] == [
+        *("depth.csv", "depth.json", "depth.png"),
+        *(str(Path("frames") / name) for name in found["pictures"]),
+    ]
+    for path in (out / "all").rglob("*.png"):
+        picture = cv2.imread(str(path))
+        assert picture is not None and min(picture.shape[:2]) > 400 and picture.std() > 20
+
+
+def test_the_cloud_is_the_square_of_the_nearest_frame(ran: Any) -> None:
+    """Its places, by the cameras' own geometry, and the grey levels it has in the frame."""
+    found, out, _ = ran
+    cloud = read_ply(out / "cloud.ply")
+    assert found["ply"]["frame"] == 5 and found["ply"]["points"] == len(cloud) > 4000
+    assert found["ply"]["matched"] == len(cloud) + found["ply"]["outliers"]
+    assert np.abs(cloud["z"] - depth_m(5)).max() < 0.05
+    px = np.stack([cloud["x"], cloud["y"]]) / cloud["z"] * FOCAL_PX + [[339.5], [255.5]]
+    edges = np.array([px.min(axis=1), px.max(axis=1)])
+    expected = np.array([[X, Y], [X + SQUARE_PX, Y + SQUARE_PX]])
+    assert np.abs(edges - expected).max() < 24  # half a block, at full size
+    shown = draw_pair(5)[0][np.rint(px[1]).astype(int), np.rint(px[0]).astype(int)]
+    assert np.corrcoef(shown, cloud["green"])[0, 1] > 0.7
+    assert (cloud["red"] == cloud["blue"]).all()  # a gray frame
+
+
+def test_a_cloud_of_another_frame_cut_off_at_a_distance(
+    sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    """Nothing is left of it: the table is written, and the command says why there is no cloud."""
+    command = ("depth", sea, "--calibration", sea / "calibration.yml", "--frames", "8")
+    options = ("--ply", tmp_path / "c.ply", "--out", tmp_path, "--pictures", "none")
+    told = run_tokt(*command, *options)
+    assert told.code == 0 and "1 with an obstacle" in told.out and "of frame 8" in told.out
+    assert np.median(read_ply(tmp_path / "c.ply")["z"]) == pytest.approx(depth_m(8), rel=0.01)
+    again = run_tokt(*command, "--ply", tmp_path / "d.ply", "--ply-farthest", 2, *options[2:])
+    assert again.code == 2 and "within 2 m" in again.err and again.err.count("error") == 1
+    assert (tmp_path / "depth.csv").is_file() and not (tmp_path / "d.ply").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--out", "file"), "not a folder"),
+        (("--ply", "."), "--ply names a file"),
+        (("--ply", "c.ply", "--ply-frame", "5", "--frames", "7-9"), "frames 5 are not among"),
+        (("--ply-frame", "5"), "together with --ply"),
+        (("--pictures", "99"), "frames 99 are not among"),
+        (("--frames", "99"), "not 99"),
+        (("--rate", "0"), "rate"),
+        (("--stereo", "magic"), "magic"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_the_work(
+    options: tuple[str, ...],
+    words: str,
+    sea: Path,
+    tmp_path: Path,
+    run_tokt: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("mine")
+    ran = run_tokt("depth", sea, "--calibration", sea / "calibration.yml", *options)
+    assert ran.code == 2 and words in ran.err, ran.err
+    assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+def test_people_are_told_why_nothing_could_be_judged(
+    sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    (tmp_path / "c.yml").write_text(PLAIN.replace("680", "1360").replace("512", "1024"))
+    options = ("--frames", "4-5", "--pictures", "none", "--out", tmp_path / "out")
+    ran = run_tokt("depth", sea, "--calibration", tmp_path / "c.yml", *options)
+    assert ran.code == 0, ran.err
+    assert "2 unknown\n  unknown in 2: the left frame is 680x512, the calibration" in ran.out
+
+
+def test_one_camera_has_no_depth(sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+    shutil.copytree(sea / "Left", tmp_path / "mono" / "Left")
+    ran = run_tokt("depth", tmp_path / "mono", "--calibration", sea / "calibration.yml")
+    assert ran.code == 2 and "no right camera" in ran.err
+
+
+def rows_of(depths: dict[int, float | None]) -> list[DepthRow]:
+    """Frames with an obstacle at these depths, and unknown ones for None."""
+    return [
+        DepthRow(frame, -1 if depth is None else 1, depth, depth) for frame, depth in depths.items()
+    ]
+
+
+def test_three_in_a_row_make_a_detection() -> None:
+    alone = rows_of({1: 5.0, 2: 5.0, 3: None, 4: 5.0, 5: 5.0, 7: 5.0})
+    assert detected_span(alone) is None
+    assert detected_span(rows_of({1: 5.0, 3: 5.0, 5: 5.0, 7: None}), step=2) == (1, 5)
+    found = summary(rows_of({4: 5.0, 5: 5.0, 6: 5.0, 7: None, 9: 5.0, 10: 5.0, 11: 5.0}))
+    assert found["detected"] == [4, 11] and found["gaps"] == {"count": 1, "frames": "7"}
+    assert found["clear_valid_fraction"] is None
+    speck = DepthRow(2, 0, 1.0, 1.0, valid_fraction=1e-4)
+    specked = summary([*rows_of({1: 5.0}), speck, DepthRow(3, 0, valid_fraction=0.0)])
+    assert specked["nearest"] == {"frame": 1, "distance_m": 5.0, "median_m": 5.0}
+    assert specked["clear_valid_fraction"] == {"mean": 5e-5, "max": 1e-4, "frames_above_0": "2"}
+    none = summary(rows_of({1: None}))
+    assert none["first_detection"] is none["nearest"] is none["median_m"] is None
+
+
+def test_monotone_and_jitter() -> None:
+    steady = rows_of({1: 5.0, 2: 4.0, 3: 3.5, 4: 4.0, 5: 5.0})
+    found = steadiness(steady, "median_m")
+    assert found is not None and found["monotone"] and found["nearest_frame"] == 3
+    assert found["jitter_m"] == {"median": 0.25, "max": 0.5, "at_frame": 3, "count": 3}
+    assert found["second_difference_m"] == {"median": 0.5, "max": 1.0, "at_frame": 3, "count": 3}
+    shaky = steadiness(rows_of({1: 5.0, 2: 5.2, 3: 3.0, 4: 6.0, 6: 6.0}), "distance_m")
+    assert shaky is not None and not shaky["monotone"]
+    assert (shaky["not_falling"], shaky["not_rising"]) == ("2", "6")
+    assert shaky["jitter_m"]["count"] == 2  # no second difference across a gap
+
+
+def test_points_that_stand_alone_are_left_out() -> None:
+    rng = np.random.default_rng(5)
+    x, y = np.meshgrid(np.linspace(-1, 1, 40), np.linspace(-1, 1, 40))
+    wall = np.column_stack([x.ravel(), y.ravel(), rng.normal(4, 0.01, 1600)])
+    strays = rng.uniform([-1, -1, 1], [1, 1, 3], (12, 3))
+    said = outliers(np.vstack([wall, strays]))
+    assert said[1600:].all() and said[:1600].mean() < 0.02
+    assert not outliers(wall[:5]).any()
+
+
+@given(
+    st.lists(
+        st.tuples(
+            *[st.floats(-1e6, 1e6, width=32)] * 3,
+            *[st.integers(0, 255)] * 3,
+        ),
+        max_size=5,
+    ),
+    st.text(max_size=20),
+)
+def test_any_cloud_survives_a_ply_file(points: list[tuple[float, ...]], comment: str) -> None:
+    wanted = np.array(points, VERTEX)
+    table = np.array(points, float).reshape(-1, 6)
+    data = ply_bytes(table[:, :3], table[:, 3:].astype(np.uint8), [comment])
+    header, _, body = data.partition(b"end_header\n")
+    assert header.isascii() and f"element vertex {len(points)}\n".encode() in header
+    assert b"\r" not in header and header.count(b"\n") == 10
+    assert body == wanted.tobytes()
+
+
+def test_no_cloud_of_what_is_no_number() -> None:
+    with pytest.raises(ToktError, match="not finite"):
+        ply_bytes(np.array([[0, 0, np.nan]]), np.zeros((1, 3), np.uint8))
+
+
+def test_the_picture_tells_depth_unmatched_and_blind_apart() -> None:
+    camera = np.array([[FOCAL_PX, 0, 339.5], [0, FOCAL_PX, 255.5], [0, 0, 1]])
+    straight = (np.eye(3), np.array([[-300.0], [0], [0]]), (WIDTH, HEIGHT))
+    plain = StereoCalibration(camera, np.zeros(5), camera, np.zeros(5), *straight)
+    rectifier = Rectifier(plain)
+    shape = rectifier.size[::-1]
+    disparity = np.full(shape, rectifier.focal_baseline_px_m / 2, np.float32)
+    disparity[:, 200:] = rectifier.focal_baseline_px_m / 6
+    valid, searched = np.zeros((2, *shape), bool)
+    valid[100:, 150:], searched[:, 50:] = True, True
+    shown = DepthPicture(rectifier, 1.0, 10.0).depth_rgb(Matches(disparity, valid, valid, searched))
+    near, far = shown[400, 350].astype(int), shown[400, 600].astype(int)
+    assert near[0] > near[2] + 60 and far[2] > far[0] + 60  # red is near, blue is far
+    assert shown[100, 300].max() < 40 and len(np.unique(shown[100, 120:290], axis=0)) == 1
+    assert len(np.unique(shown[100, :95], axis=0)) == 2  # stripes
+
+
+@pytest.mark.mission
+def test_the_towers_depth(mission_dir: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+    """Against the mission's own figures; a calibration fitted on frames of this dive."""
+    calibration = mission_dir.parent / "calibration.yml"
+    options = ("--frames", "50,170,186,205", "--pictures", "none", "--out", tmp_path, "--json")
+    ran = run_tokt("depth", mission_dir, "--calibration", calibration, *options)
+    rows = {row["frame"]: row for row in json.loads(ran.out)["rows"]}
+    medians = [rows[frame]["median_m"] for frame in (170, 186, 205)]
+    assert medians == pytest.approx([5.1, 1.84, 4.8], rel=0.05)
+    assert rows[50]["status"] == 0 and rows[50]["valid_fraction"] <= 1e-5

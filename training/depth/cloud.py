@@ -1,0 +1,98 @@
+"""From the matches of one pair to a point cloud worth looking at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ...inference.matching import Matches
+from ...inference.rectify import Rectifier
+from .contrast import raised
+
+NEAREST_M, FARTHEST_M = 0.3, 10.0
+"""Range that is kept. A disparity of half resolution is uncertain by about a quarter of a pixel:
+7 cm at 10 m with the mission's cameras, and growing with the square of the distance."""
+NEIGHBOURS = 16
+OUTLIER_SIGMA = 2.0
+"""A point is an outlier when its mean distance to its nearest `NEIGHBOURS` is more than so many
+standard deviations above the cloud's mean. Source: R. B. Rusu et al., Towards 3D point cloud based
+object maps for household environments, Robotics and Autonomous Systems 56 (2008), section 3.1."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Coloured points, and how many there were before filtering.
+
+    Parameters
+    ----------
+    points_m : array of float64, shape (n, 3)
+        Metres in the left camera's axes: x right, y down, z along its axis.
+    colors : array of uint8, shape (n, 3)
+        RGB, of the left frame with its contrast raised.
+    matched, out_of_range, outliers : int
+        Valid matches, and those left out of them.
+    """
+
+    points_m: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    matched: int
+    out_of_range: int
+    outliers: int
+
+
+def cloud_of(
+    rectifier: Rectifier,
+    matches: Matches,
+    left: NDArray[np.uint8],
+    farthest_m: float = FARTHEST_M,
+) -> Cloud:
+    """The points that one pair shows.
+
+    Parameters
+    ----------
+    rectifier : Rectifier
+        Whose views were matched.
+    matches : Matches
+    left : array of uint8
+        The left frame, as decoded.
+    farthest_m : float
+        Points beyond are left out.
+    """
+    points = rectifier.points_m(matches.disparity_px, matches.valid)
+    row, column = np.nonzero(matches.valid)
+    near = (points[:, 2] >= NEAREST_M) & (points[:, 2] <= farthest_m)
+    kept = np.flatnonzero(near)
+    kept = kept[~outliers(points[kept])]
+    colors = _colors(rectifier, np.column_stack([column, row])[kept], left)
+    n_near = int(near.sum())
+    return Cloud(points[kept], colors, len(points), len(points) - n_near, n_near - len(kept))
+
+
+def outliers(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points stand alone; bool, shape (n,).
+
+    Distances are taken in units of a point's own distance from the camera, as neighbouring pixels
+    are the farther apart the farther they are away.
+    """
+    if len(points_m) <= NEIGHBOURS:
+        return np.zeros(len(points_m), bool)
+    distances, _ = cKDTree(points_m).query(points_m, NEIGHBOURS + 1)
+    spread = distances[:, 1:].mean(axis=1) / np.linalg.norm(points_m, axis=1)
+    return np.asarray(spread > spread.mean() + OUTLIER_SIGMA * spread.std())
+
+
+def _colors(
+    rectifier: Rectifier, pixels: NDArray[np.int64], left: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    """The left frame's colour at pixels (x, y) of the left view."""
+    frame_width, frame_height = rectifier.calibration.frame_size
+    width, height = rectifier.size
+    places = rectifier.to_frame(pixels)
+    x = (places[:, 0] + 0.5) * width / frame_width - 0.5
+    y = (places[:, 1] + 0.5) * height / frame_height - 0.5
+    at = np.column_stack([np.rint(x).clip(0, width - 1), np.rint(y).clip(0, height - 1)])
+    column, row = at.astype(np.int64).T
+    return np.asarray(raised(left, width, height)[row, column], np.uint8)

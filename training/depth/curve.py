@@ -1,0 +1,172 @@
+"""Depth by frame: a plot and a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ...inference.verdict import OBSTACLE, UNKNOWN
+from .look import DepthRow
+
+COLUMNS = tuple(DepthRow.__dataclass_fields__)
+_DPI = 110
+_DEPTH, _SPREAD, _NEAR, _VALID = "#1f4e79", "#9dc3e6", "#d1603d", "#4a8f4a"
+_FINE: dict[str, Any] = {"ms": 4, "lw": 1.2}
+_PERCENT_TICKS = (0, 0.01, 0.1, 1, 10, 100)
+_UNKNOWN_COLOR, _GAP_COLOR = "#e8b339", "#c0392b"
+
+
+def curve_csv(rows: Sequence[DepthRow]) -> str:
+    """A line for each row, with the columns of `DepthRow`; empty where there is no value."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(row.to_json() for row in rows)
+    return text.getvalue()
+
+
+def _series(rows: Sequence[DepthRow], name: str) -> NDArray[np.float64]:
+    """One column, nan where it is empty."""
+    return np.array([np.nan if (v := getattr(row, name)) is None else v for row in rows], float)
+
+
+def _broken(
+    frames: NDArray[np.int64], values: NDArray[np.float64], step: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """With nan where frame numbers are missing, so that no line crosses a gap."""
+    at = np.flatnonzero(np.diff(frames) > step) + 1
+    return np.insert(frames.astype(float), at, np.nan), np.insert(values, at, np.nan)
+
+
+def curve_png(
+    rows: Sequence[DepthRow], found: Mapping[str, Any], name: str, step: int = 1
+) -> bytes:
+    """Depth above, the matched part of the view below, over the frame numbers.
+
+    Parameters
+    ----------
+    rows : sequence of DepthRow
+    found : mapping
+        Their `summary`.
+    name : str
+        The mission's.
+    step : int
+        From one frame number of the mission to the next; where it is more, lines are broken.
+
+    Returns
+    -------
+    bytes
+        A PNG file.
+    """
+    figure = Figure(figsize=(11, 6.2), dpi=_DPI, layout="constrained")
+    depth, valid = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))
+    frames = np.array([row.frame for row in rows])
+    _draw_depth(depth, rows, frames, step)
+    _draw_valid(valid, rows, frames, step)
+    _mark(depth, found)
+    for axes in (depth, valid):
+        _shade(axes, rows, found, step)
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    handles, labels = depth.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=9, frameon=False)
+    figure.suptitle(f"{name}: depth by frame", fontsize=13)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def _draw_depth(axes: Any, rows: Sequence[DepthRow], frames: NDArray[np.int64], step: int) -> None:
+    seen = np.array([row.status == OBSTACLE for row in rows])
+    near, middle, far = (
+        np.where(seen, _series(rows, name), np.nan) for name in ("distance_m", "median_m", "far_m")
+    )
+    at, lower = _broken(frames, near, step)
+    spread = _broken(frames, far, step)[1]
+    axes.fill_between(at, lower, spread, color=_SPREAD, alpha=0.5, lw=0, label="near to far end")
+    # A single frame between two gaps is no line: it needs its dot.
+    axes.plot(
+        at, _broken(frames, middle, step)[1], ".-", color=_DEPTH, label="median depth", **_FINE
+    )
+    axes.plot(at, lower, ".-", color=_NEAR, label="near end (distance_m)", **_FINE)
+    stray = np.where(seen, np.nan, _series(rows, "median_m"))
+    if np.isfinite(stray).any():
+        axes.plot(frames, stray, "x", color="0.55", ms=4, label="too few matches for an obstacle")
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("depth, m")
+    if not np.isfinite([*middle, *stray]).any():
+        axes.text(0.5, 0.5, "nothing was matched", transform=axes.transAxes, ha="center")
+
+
+def _draw_valid(axes: Any, rows: Sequence[DepthRow], frames: NDArray[np.int64], step: int) -> None:
+    at, part = _broken(frames, _series(rows, "valid_fraction") * 100, step)
+    axes.plot(at, part, ".-", color=_VALID, ms=3, lw=1.2)
+    axes.set_yscale("symlog", linthresh=0.01)
+    axes.set_yticks(_PERCENT_TICKS, [f"{tick:g}" for tick in _PERCENT_TICKS])
+    axes.set_yticks([], minor=True)
+    axes.set_ylim(0, 100)
+    axes.set(xlabel="frame", ylabel="matched, %")
+
+
+def _mark(axes: Any, found: Mapping[str, Any]) -> None:
+    """First detection and the nearest frame, as lines with words."""
+    if found["first_detection"] is not None:
+        axes.axvline(found["first_detection"], color="0.35", lw=0.9, ls="--")
+        axes.annotate(
+            f"first detection: {found['first_detection']}",
+            (found["first_detection"], 0),
+            (-4, 6),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            rotation=90,
+            ha="right",
+            va="bottom",
+            fontsize=9,
+            color="0.25",
+        )
+    least = found["nearest"]
+    if least is not None:
+        axes.annotate(
+            f"nearest: {least['distance_m']:.2f} m\nframe {least['frame']}",
+            (least["frame"], least["distance_m"]),
+            (0, -12),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=9,
+            color=_NEAR,
+        )
+
+
+def _shade(axes: Any, rows: Sequence[DepthRow], found: Mapping[str, Any], step: int) -> None:
+    """Frames that could not be judged, and gaps of depth inside the detected span."""
+    span = found["detected"]
+    kinds: dict[str, list[int]] = {"unknown": [], "no depth (gap)": []}
+    for row in rows:
+        inside = span is not None and span[0] <= row.frame <= span[1]
+        if inside and row.median_m is None:
+            kinds["no depth (gap)"].append(row.frame)
+        elif row.status == UNKNOWN:
+            kinds["unknown"].append(row.frame)
+    for (label, frames), color in zip(kinds.items(), (_UNKNOWN_COLOR, _GAP_COLOR), strict=True):
+        for place, (first, last) in enumerate(_runs(frames, step)):
+            ends = (first - step / 2, last + step / 2)
+            once = None if place else label
+            axes.axvspan(*ends, color=color, alpha=0.35, lw=0, label=once)
+
+
+def _runs(frames: Sequence[int], step: int) -> list[tuple[int, int]]:
+    """First and last of each stretch of successive frames."""
+    runs: list[tuple[int, int]] = []
+    for frame in frames:
+        if runs and frame == runs[-1][1] + step:
+            runs[-1] = (runs[-1][0], frame)
+        else:
+            runs.append((frame, frame))
+    return runs

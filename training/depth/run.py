@@ -1,0 +1,174 @@
+"""Depth of a whole mission: every pair judged, then the table, the plot, pictures and a cloud."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...features import atomic
+from ...features.errors import ToktError
+from ...features.grid import DEFAULT_GRID
+from ...features.mission import LEFT, RIGHT, Mission, format_frames
+from ...inference.calibration import StereoCalibration
+from ...inference.clock import SYSTEM_CLOCK
+from ...inference.disparity import DisparityDetector
+from ...inference.sources import MissionSource
+from ...inference.verdict import OBSTACLE
+from ...models.operating_point import frame_step
+from .cloud import FARTHEST_M
+from .curve import curve_csv, curve_png
+from .look import DepthRow, look
+from .summary import summary
+from .views import Views
+
+SPREAD_PICTURES = 12
+"""So many frames are drawn when none was chosen."""
+PICTURES_FOLDER = "frames"
+
+Progress = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class DepthRequest:
+    """What is wanted of a mission.
+
+    Parameters
+    ----------
+    frames : sequence of int or None
+        Frames to look at; None for all.
+    pictures : sequence of int or None
+        Which of them to draw. None: all of `frames` where they were chosen, otherwise
+        `SPREAD_PICTURES` spread over those with an obstacle, and the nearest.
+    rate : float or None
+        Frame numbers per second, for the closing speed.
+    matcher : {"bm", "sgbm"}
+    scale : float
+        Of the matched views.
+    ply : Path or None
+        Where the point cloud goes.
+    ply_frame : int or None
+        Its frame; None for the one of the least distance.
+    farthest_m : float
+        Of the cloud.
+    """
+
+    frames: Sequence[int] | None = None
+    pictures: Sequence[int] | None = None
+    rate: float | None = None
+    matcher: str = "bm"
+    scale: float = 0.5
+    ply: Path | None = None
+    ply_frame: int | None = None
+    farthest_m: float = FARTHEST_M
+
+
+def run_depth(
+    mission: Mission,
+    calibration: StereoCalibration,
+    out: Path,
+    request: DepthRequest,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Write ``depth.csv``, ``depth.png``, ``depth.json`` and ``frames/`` into `out`.
+
+    Parameters
+    ----------
+    mission : Mission
+    calibration : StereoCalibration
+    out : Path
+        Folder; made where it is missing. Files of these names in it are replaced.
+    request : DepthRequest
+    progress : callable
+        ``progress(items, total, what)`` passes items on.
+
+    Returns
+    -------
+    dict
+        The JSON object of ``tokt depth --json``: `summary`, and what was written.
+
+    Raises
+    ------
+    ToktError
+        If the mission has one camera only, a frame that was asked for is not in it, or there is
+        nothing to make a cloud of. A pair that cannot be judged is a row that says why.
+    """
+    source = _source(mission, out, request)
+    settings = (calibration, DEFAULT_GRID, request.matcher, request.scale)
+    detector = DisparityDetector(*settings)
+    frames = progress(source, len(source.numbers), "depth")
+    rows = {row.frame: row for row in look(detector, frames, request.rate)}
+    step = frame_step({*mission.frames(LEFT), *mission.frames(RIGHT)})
+    found = summary(list(rows.values()), step)
+    atomic.write_text(out / "depth.csv", curve_csv(list(rows.values())))
+    atomic.write_bytes(out / "depth.png", curve_png(list(rows.values()), found, mission.name, step))
+    # The rows are what a run would say; what is looked at has every pixel matched.
+    views = Views(mission, DisparityDetector(*settings, step=1))
+    drawn = [rows[number] for number in _to_draw(rows, found, request)]
+    about = {
+        "mission": mission.name,
+        "matcher": request.matcher,
+        "scale": request.scale,
+        "rate": request.rate,
+        **found,
+        "pictures": views.draw(out / PICTURES_FOLDER, drawn, progress) if drawn else [],
+        "ply": _cloud(rows, found, request, views),
+        "rows": [row.to_json() for row in rows.values()],
+    }
+    text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
+    atomic.write_text(out / "depth.json", text + "\n")
+    if request.ply is not None and about["ply"] is None:
+        where = "any frame" if request.ply_frame is None else f"frame {request.ply_frame}"
+        raise ToktError(
+            f"no point cloud: nothing in {where} was matched within {request.farthest_m:g} m"
+        )
+    return about
+
+
+def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource:
+    """The frames to look at, after refusing what cannot be done, before hours of work."""
+    if RIGHT not in mission.cameras:
+        raise ToktError(f"mission {mission.name} has no right camera: depth needs both")
+    if out.exists() and not out.is_dir():
+        raise ToktError(f"{out} is not a folder; choose another with --out")
+    if request.ply is not None and request.ply.is_dir():
+        raise ToktError(f"{request.ply} is a folder; --ply names a file")
+    if request.ply is None and request.ply_frame is not None:
+        raise ToktError("--ply-frame goes together with --ply")
+    if request.rate is not None and not 0 < request.rate < float("inf"):
+        raise ToktError(f"a rate is a positive number of frames per second, not {request.rate}")
+    source = MissionSource(mission, SYSTEM_CLOCK, request.frames)
+    asked = {*(request.pictures or ()), *([] if request.ply_frame is None else [request.ply_frame])}
+    missing = asked - set(source.numbers)
+    if missing:
+        looked_at = format_frames(source.numbers)
+        raise ToktError(
+            f"frames {format_frames(missing)} are not among those looked at: {looked_at}"
+        )
+    return source
+
+
+def _to_draw(
+    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest
+) -> Sequence[int]:
+    if request.pictures is not None:
+        return sorted(set(request.pictures))
+    if request.frames is not None:
+        return list(rows)
+    deep = [row.frame for row in rows.values() if row.status == OBSTACLE and row.median_m]
+    every = max(1, -(-len(deep) // (SPREAD_PICTURES - 1)))
+    nearest = {found["nearest"]["frame"]} if found["nearest"] else set()
+    return sorted({*deep[::every], *nearest})
+
+
+def _cloud(
+    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest, views: Views
+) -> dict[str, Any] | None:
+    number = request.ply_frame
+    if number is None and found["nearest"]:
+        number = found["nearest"]["frame"]
+    if request.ply is None or number is None:
+        return None
+    return views.write_cloud(request.ply, rows[number], request.farthest_m)
