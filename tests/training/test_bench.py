@@ -84,6 +84,7 @@ def check_a_result_says_what_it_was_measured_on(ran: Any) -> None:
         "timed": 1,
     }
     assert set(found["machine"]) >= {"cpu", "cores", "python", "numpy", "opencv", "mahotas"}
+    assert found["stereo"] == "left out: the thesis's pipeline is for frames of 1360x1024"
     assert "percentile" in found["spread_is"] and "labelled frames" in found["model"]
     cases = {case["name"]: case for case in found["cases"]}
     for name in ("lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"):
@@ -137,8 +138,10 @@ def test_the_real_missions_frames_are_judged_alike(
     labels = tmp_path / "labels.csv"
     head, *rows = (mission_dir / "labels.csv").read_text().splitlines(keepends=True)
     labels.write_text(head + "".join(row for row in rows if int(row.split(",")[2]) % 10 == 0))
+    monkeypatch.setattr("tokt.training.bench.stereo_cases.COMPARED_PAIRS", 1)
     options = ("--quick", "--frames", 6, "--mission", mission_dir, "--out", tmp_path / "out")
-    ran = run_tokt("bench", "--json", *options, "--labels", labels)
+    files = ("--labels", labels, "--calibration", mission_dir.parent / "calibration.yml")
+    ran = run_tokt("bench", "--json", *options, *files)
     found = json.loads(ran.out)
     assert [case["name"] for case in found["cases"] if not case["exact"]] == []
     assert ran.code == 0 and found["frame_size"] == "1360x1024 colour"
@@ -149,6 +152,8 @@ def test_the_real_missions_frames_are_judged_alike(
         "haralick.frame",
     ]
     assert all(case["obstacle_patches"] > 10 and case["ties"] == 0 for case in frames)
+    assert [case["name"] for case in found["cases"][-2:]] == ["stereo.pair", "pushbroom.pair"]
+    assert found["stereo"] == "calibration given"
 
 
 def test_a_mission_that_is_not_there(run_tokt: Callable[..., Any], tmp_path: Path) -> None:
@@ -173,7 +178,15 @@ def test_labels_that_do_not_fit(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("options", [("--labels", "l.csv"), ("--out", "file")])
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--labels", "l.csv"),
+        ("--calibration", "c.yml"),
+        ("--calibration", "c.yml", "--mission", "m", "--effort"),
+        ("--out", "file"),
+    ],
+)
 def test_options_that_cannot_be_used(
     options: tuple[str, str], run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
 ) -> None:

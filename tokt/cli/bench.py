@@ -22,6 +22,13 @@ def bench(
     labels: Annotated[
         Path | None, typer.Option(help="Its label file; default: labels.csv in the mission.")
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Its stereo calibration; default: calibration.yml in the mission.",
+        ),
+    ] = None,
     frames: Annotated[
         int | None,
         typer.Option(
@@ -65,20 +72,24 @@ def bench(
     rendered frames, in a temporary folder that needs some GB.
     """
     if scale:
-        if label or effort or mission or labels:
+        if label or effort or mission or labels or calibration:
             raise ToktError("--scale renders its own mission and goes with --frames and --quick")
         _scale_bench(frames, out, quick, json)
         return
+    if calibration and (label or effort or mission is None):
+        raise ToktError("--calibration goes together with --mission, without --label and --effort")
     if label or effort:
         _label_bench(mission, labels, frames, label, effort, out, quick, json)
         return
     from ..training.bench.run import FULL, QUICK, run_bench
     from ..training.bench.table import print_table
+    from .stereo_file import read_calibration_file
 
     extent = QUICK if quick else FULL
     if frames is not None:
         extent = replace(extent, compared=frames)
-    found = run_bench(out, mission, labels, extent, progress, say)
+    known = read_calibration_file(calibration) if calibration else None
+    found = run_bench(out, mission, labels, extent, progress, say, known)
     if json:
         print_json(found.to_json())
     else:

@@ -23,7 +23,7 @@ MOST_TIMES = 2.5
 """How many times the plain extractor's time the preset may take."""
 
 
-class BestFrame(Case):
+class BestFrame(Case[Picture]):
     """A decoded frame to its verdict, by a plain extractor's model and by the preset best's.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,11 @@ FRAME_WORK = "one decoded frame to its verdict"
 TIE = 1e-9
 """A decision value this near to the threshold could fall to either side by rounding alone."""
 
+Item = TypeVar("Item")
 
-class Case(ABC):
-    """Two ways of doing the same to a picture.
+
+class Case(ABC, Generic[Item]):
+    """Two ways of doing the same to a picture, or whatever else `Item` is.
 
     Parameters
     ----------
@@ -37,15 +39,15 @@ class Case(ABC):
         self.name = name
 
     @abstractmethod
-    def baseline(self, picture: Picture) -> object:
+    def baseline(self, item: Item) -> object:
         """The libraries' way, or the thesis's."""
 
     @abstractmethod
-    def ours(self, picture: Picture) -> object:
+    def ours(self, item: Item) -> object:
         """Tokt's way."""
 
     @abstractmethod
-    def check(self, picture: Picture) -> bool:
+    def check(self, item: Item) -> bool:
         """Do both, not timed, and remember whether they gave the same; whether they could."""
 
     @property
@@ -57,17 +59,17 @@ class Case(ABC):
     def findings(self) -> dict[str, Any]:
         """What the checks found, as JSON values."""
 
-    def timed(self) -> dict[str, Callable[[Picture], object]]:
+    def timed(self) -> dict[str, Callable[[Item], object]]:
         """What is timed in turns."""
         return {BASELINE: self.baseline, OURS: self.ours}
 
-    def measure(self, pictures: Sequence[Picture], rounds: int) -> Result:
-        """Time both ways on some pictures."""
-        times = in_turns(self.timed(), pictures, rounds)
+    def measure(self, items: Sequence[Item], rounds: int) -> Result:
+        """Time both ways on some items."""
+        times = in_turns(self.timed(), items, rounds)
         return result(self.name, times, self.exact, self.findings())
 
 
-class LbpKernel(Case):
+class LbpKernel(Case[Picture]):
     """Histograms of local binary patterns, border rule ``patch``.
 
     Parameters
@@ -122,7 +124,7 @@ class LbpKernel(Case):
         }
 
 
-class HaralickKernel(Case):
+class HaralickKernel(Case[Picture]):
     """Haralick's features, mean over 4 directions, grey level 0 left out as in the thesis.
 
     Parameters
@@ -167,7 +169,7 @@ class HaralickKernel(Case):
         }
 
 
-class WholeFrame(Case):
+class WholeFrame(Case[Picture]):
     """A decoded frame to its verdict, through the runtime's own policy ``texture``.
 
     Parameters

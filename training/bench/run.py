@@ -20,6 +20,7 @@ from ...features.errors import ToktError
 from ...features.kernels import KERNELS, LIBRARY, VARIABLE
 from ...features.machine import machine
 from ...features.mission import Mission, open_mission
+from ...inference.calibration import StereoCalibration
 from ...labels.synthetic.mission import simulate_mission
 from ...labels.taxonomy import Taxonomy
 from ..mission_source import labels_of_mission, read_labels
@@ -40,6 +41,7 @@ from .models import (
 )
 from .pictures import Picture, spread_over, textured_frame
 from .start_case import measure_start
+from .stereo_cases import measure_stereo, stereo_input
 from .thesis_way import GRID
 
 LABEL_FILE = "labels.csv"
@@ -130,7 +132,7 @@ def _lesson(mission: Mission, labels: Path | None) -> Lesson:
     return lesson_from_labels(mission, records, taxonomy)
 
 
-def _compare(cases: Sequence[Case], pictures: Iterable[Picture]) -> list[bool]:
+def _compare(cases: Sequence[Case[Picture]], pictures: Iterable[Picture]) -> list[bool]:
     """For each picture whether every case could be compared on it."""
     return [all([case.check(picture) for case in cases]) for picture in pictures]
 
@@ -146,13 +148,13 @@ def measure_in_process(
     """Kernels and frames: compared on all frames, then timed on a few of them."""
     numbers = mission.frames()
     compared = spread_over(numbers, effort.compared or len(numbers))
-    kernels: list[Case] = [
+    kernels: list[Case[Picture]] = [
         LbpKernel("lbp_10_5.kernel", 10, 5),
         LbpKernel("lbp_24_8.kernel", 24, 8),
         HaralickKernel("haralick.kernel"),
     ]
     texture_kernel = HaralickKernel("haralick_texture.kernel")
-    frames: list[Case] = [WholeFrame(*pair) for pair in zip(TEXTURES, models, strict=True)]
+    frames: list[Case[Picture]] = [WholeFrame(*pair) for pair in zip(TEXTURES, models, strict=True)]
     frames.append(BestFrame(models[-1].bundle, best.bundle))
     textured = Picture(textured_frame())
     _compare([texture_kernel], [textured])
@@ -209,6 +211,7 @@ def _size_in_words(frame: NDArray[np.uint8]) -> str:
 def _measure(
     mission: Mission,
     labels: Path | None,
+    calibration: StereoCalibration | None,
     shown_as: str,
     effort: Effort,
     folder: Path,
@@ -217,10 +220,14 @@ def _measure(
 ) -> Bench:
     first = mission.read(mission.frames()[0])
     lesson = _lesson(mission, labels)
+    stereo = stereo_input(mission, calibration)
     with single_thread(), _same_kernels_everywhere():
         models = [learn(texture, lesson, first) for texture in TEXTURES]
         best = learn_features("best", extractor_for(DEFAULT_EXTRACTOR, "best"), lesson, first)
         results, compared, timed = measure_in_process(mission, models, best, effort, progress, say)
+        if stereo.calibration is not None:
+            extent = (effort.compared, effort.timed, effort.rounds)
+            results += measure_stereo(mission, stereo.calibration, *extent, progress, say)
         results += _outside(mission, models, effort, folder, say)
     about = {
         "machine": machine(),
@@ -233,6 +240,7 @@ def _measure(
         "frame_size": _size_in_words(first),
         "frames": {"compared": compared, "timed": timed},
         "model": lesson.words,
+        "stereo": stereo.words,
         "spread_is": SPREAD_IS,
         "exact": all(case.exact for case in results),
     }
@@ -246,6 +254,7 @@ def run_bench(
     effort: Effort,
     progress: Progress,
     say: Say,
+    calibration: StereoCalibration | None = None,
 ) -> Bench:
     """Measure all cases and write ``bench.json`` and ``bench.png`` into `out`.
 
@@ -260,6 +269,9 @@ def run_bench(
     effort : Effort
     progress, say : callable
         Where progress and remarks go.
+    calibration : StereoCalibration, optional
+        Of the mission's cameras; by default ``calibration.yml`` in the mission's folder. Without
+        one the stereo cases are left out, and the result says so.
 
     Raises
     ------
@@ -280,7 +292,7 @@ def run_bench(
         else:
             shown_as = mission.resolve().name
         opened = open_mission(mission)
-        found = _measure(opened, labels, shown_as, effort, folder, progress, say)
+        found = _measure(opened, labels, calibration, shown_as, effort, folder, progress, say)
     text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "bench.json", text + "\n")
     atomic.write_bytes(out / "bench.png", chart_png(found.results, found.about))

@@ -29,6 +29,8 @@ def _remark(case: Result) -> str:
         )
     if extras.get("ours_mb") and extras.get("baseline_mb"):
         return f"peak memory {extras['baseline_mb']:.0f} MB to {extras['ours_mb']:.0f} MB"
+    if "pairs_checked" in extras:
+        return _stereo_remark(extras)
     if "pictures_checked" in extras:
         return (
             f"ours against ours: {extras['baseline_is']} against preset best "
@@ -49,6 +51,18 @@ def _remark(case: Result) -> str:
     if "patches_checked" in extras:
         return f"{extras['patches_checked']} patches compared"
     return str(extras["of"])
+
+
+def _stereo_remark(extras: Mapping[str, Any]) -> str:
+    """The obstacles of both ways, and the times of pairs with one and without alone."""
+    seen, count = extras["obstacle_pairs"], extras["pairs_checked"]
+    parts = [f"obstacle in {seen['baseline']} (thesis) and {seen['ours']} (ours) of {count} pairs"]
+    for key in ("with_obstacle", "without_obstacle"):
+        kind = extras[key]
+        if kind is not None:
+            times = f"{_figure(kind['baseline_ms'])} to {_figure(kind['ours_ms'])} ms"
+            parts.append(f"{key.replace('_', ' ')}: {times}, {kind['ratio']:.3g}x")
+    return "; ".join(parts)
 
 
 def print_table(results: Sequence[Result], about: Mapping[str, Any]) -> None:
@@ -87,6 +101,7 @@ def about_lines(about: Mapping[str, Any]) -> list[str]:
         f"kernels: {kernels['name']} ({kernels['why']})",
         f"mission: {about['mission']}, frames of {about['frame_size']}; "
         f"{about['frames']['compared']} compared, {about['frames']['timed']} timed",
+        f"stereo: {about['stereo']}",
         f"model: {about['model']}. A figure of speed only: nothing is said of accuracy.",
         f"spread: {about['spread_is']}",
         f"machine: {machine['cpu']}, {machine['cores']} core(s); {versions}",

@@ -1,0 +1,196 @@
+"""The bench's stereo cases: the thesis's pipeline as it was, and checks that can fail."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.image_file import read_image
+from tokt.features.kernels import LIBRARY, load_kernels
+from tokt.features.mission import open_mission
+from tokt.inference.calibration import StereoCalibration
+from tokt.inference.disparity import DisparityDetector
+from tokt.training.bench import stereo_case
+from tokt.training.bench.measure import BASELINE, OURS, single_thread
+from tokt.training.bench.pairs import Pair, pair_numbers, read_pairs
+from tokt.training.bench.pictures import textured_frame
+from tokt.training.bench.stereo_case import StereoPair
+from tokt.training.bench.stereo_cases import by_kind, measure_stereo, stereo_input
+from tokt.training.bench.table import print_table
+from tokt.training.bench.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+
+WIDTH, HEIGHT = THESIS_FRAME_SIZE
+CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])
+PLAIN = StereoCalibration(
+    CAMERA,
+    np.zeros(5),
+    CAMERA,
+    np.zeros(5),
+    np.eye(3),
+    np.array([[-300.0], [0.0], [0.0]]),
+    THESIS_FRAME_SIZE,
+)
+
+
+def flat(seed: int) -> np.ndarray:
+    """Even water: enough of a picture to be judged, and nothing to match."""
+    fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
+    return (fall + np.random.default_rng(seed).normal(0, 0.5, fall.shape)).round().astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def pair() -> Pair:
+    """A textured square 3.3 m away, in water."""
+    left, right = flat(1), flat(2)
+    texture = textured_frame()[:320, :320, 0] // 2
+    left[350:670, 700:1020], right[350:670, 500:820] = texture, texture
+    return Pair(2, left, right)
+
+
+@pytest.fixture(scope="module")
+def dive(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four pairs: water, the square, a right frame that is broken, water that is black."""
+    folder = tmp_path_factory.mktemp("stereo") / "dive"
+    black = np.zeros((HEIGHT, WIDTH), np.uint8)
+    views = {
+        1: (flat(3), flat(4)),
+        2: (pair.left, pair.right),
+        3: (black, black),
+        4: (black, black),
+    }
+    for side, name in enumerate(("Left", "Right")):
+        (folder / name).mkdir(parents=True)
+        for number, pictures in views.items():
+            cv2.imwrite(str(folder / name / f"d_{number}.png"), pictures[side])
+    (folder / "Right" / "d_3.png").write_bytes(b"no picture")
+    return folder
+
+
+def test_pairs_are_those_that_both_cameras_have_and_that_can_be_read(dive: Path) -> None:
+    mission = open_mission(dive)
+    assert pair_numbers(mission) == [1, 2, 3, 4]
+    assert [pair.number for pair in read_pairs(mission, [1, 2, 3])] == [1, 2]
+
+
+def test_the_thesis_pipeline_is_a_texture_threshold_on_the_left_frame(pair: Pair) -> None:
+    """What the mission's control found: exchange the right frame, and nothing changes."""
+    seen, without = judge_pair(pair.left, pair.right), judge_pair(pair.left, flat(9))
+    assert seen.obstacle and without.mean == pytest.approx(seen.mean, rel=0.5)
+    assert without.obstacle and not judge_pair(flat(1), pair.right).obstacle
+    assert seen.verdict.x is not None  # of the cropped frame, 960 wide; the square's is 660
+    assert abs(480 - seen.verdict.x - 660) < 80
+    colour = judge_pair(cv2.cvtColor(pair.left, cv2.COLOR_GRAY2BGR), pair.right)
+    assert colour.mean == seen.mean
+
+
+@pytest.mark.mission
+def test_the_thesis_pipeline_gives_the_means_that_were_measured(mission_dir: Path) -> None:
+    """Those of another port of it, by frame; the first of three over its threshold is 155."""
+    with (mission_dir.parent / "thesis_port_curves.csv").open() as handle:
+        table = {int(row["# frame"]): float(row["disp"]) for row in csv.DictReader(handle)}
+    for number in (154, 155, 180, 212):
+        names = ("Left", "L"), ("Right", "R")
+        views = [
+            read_image(mission_dir / side / f"tokt1_{letter}_{number}.jpg")
+            for side, letter in names
+        ]
+        found = judge_pair(*views)
+        assert found.mean == pytest.approx(table[number], rel=1e-4)
+        assert found.obstacle == (number in (155, 180))
+
+
+def test_other_matches_than_the_library_s_are_not_exact(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library = load_kernels(LIBRARY)
+
+    def one_off(*arguments: Any, **named: Any) -> Any:
+        disparity = library.block_disparity(*arguments, **named).copy()
+        disparity[250, 430] += 1  # a sixteenth of a pixel
+        return disparity
+
+    right = StereoPair(PLAIN)
+    assert not right.exact  # nothing has been looked at yet
+    wrong_kernels = replace(library, block_disparity=one_off)
+    monkeypatch.setattr(stereo_case, "load_kernels", lambda _: wrong_kernels)
+    wrong = StereoPair(PLAIN)
+    for case in (right, wrong):
+        assert case.check(pair)
+    assert right.exact and not wrong.exact
+    assert wrong.findings()["pairs_different"] == 1
+    assert right.findings()["obstacle_pairs"] == {"baseline": 1, "ours": 1}
+
+
+def test_both_cases_of_a_mission(
+    dive: Path, no_progress: Callable[..., Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with single_thread():
+        results = measure_stereo(open_mission(dive), PLAIN, None, 2, 1, no_progress, str)
+    assert [case.name for case in results] == ["stereo.pair", "pushbroom.pair"]
+    stereo = results[0].to_json()
+    # The black pair is refused, and not timed: it would flatter.
+    assert (stereo["pairs_checked"], stereo["pairs_refused"], stereo["repetitions"]) == (2, 1, 2)
+    assert stereo["obstacle_pairs"]["ours"] == 1 and stereo["exact"]
+    for kind in ("with_obstacle", "without_obstacle"):
+        assert stereo[kind]["pairs"] == 1 and stereo[kind]["baseline_ms"] > 0
+    about = {
+        "machine": dict.fromkeys(
+            (*("python", "numpy", "opencv", "scikit-image"), *("mahotas", "scikit-learn")), "1"
+        )
+        | {"cpu": "one", "cores": 1},
+        "kernels": {"name": "compiled", "why": "built", "is_library": False},
+        "mission": "dive",
+        "frame_size": "1360x1024 gray",
+        "frames": {"compared": 2, "timed": 2},
+        "model": "none",
+        "stereo": "calibration given",
+        "spread_is": "wide",
+    }
+    print_table(results, about)
+    table = capsys.readouterr().out
+    assert "(ours) of 2 pairs" in table and "without obstacle:" in table
+    assert "stereo: calibration given" in table
+
+
+def test_times_by_kind() -> None:
+    times = {BASELINE: np.array([4.0, 1, 8, 4, 1, 8]), OURS: np.array([2.0, 1, 2, 2, 1, 2])}
+    found = by_kind(times, np.array([True, False, True]))
+    assert found["with_obstacle"] == {
+        "pairs": 2,
+        "baseline_ms": 6000,
+        "ours_ms": 2000,
+        "ratio": 3,
+    }
+    assert found["without_obstacle"]["ratio"] == 1
+    assert by_kind(times, np.zeros(3, bool))["with_obstacle"] is None
+
+
+def test_without_what_stereo_needs_the_cases_are_left_out_and_it_is_said(
+    dive: Path, tmp_path: Path
+) -> None:
+    mission = open_mission(dive)
+    assert stereo_input(mission, PLAIN).calibration is PLAIN
+    assert "there is no calibration.yml" in stereo_input(mission, None).words
+    small = replace(PLAIN, frame_size=(680, 512))
+    assert "1360x1024" in stereo_input(mission, small).words
+    (tmp_path / "mono" / "Left").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "mono" / "Left" / "m_1.png"), flat(1)[:20, :20])
+    (tmp_path / "mono" / "calibration.yml").write_text("no calibration")
+    mono = open_mission(tmp_path / "mono")
+    broken = stereo_input(mono, None)
+    assert broken.calibration is None and "calibration.yml" in broken.words
+    assert stereo_input(mono, PLAIN).words == "left out: it has no right camera"
+
+
+def test_the_detector_that_is_timed_is_the_run_s(pair: Pair) -> None:
+    """The same distance as the detector of ``tokt run`` gives."""
+    ours: Any = StereoPair(PLAIN).ours(pair)
+    run = DisparityDetector(PLAIN, stereo_case.GRID).detect(pair.frame)
+    assert ours.distance_m == run.distance_m == pytest.approx(3.3, rel=0.01)
+    assert np.array_equal(ours.mask, run.mask)
