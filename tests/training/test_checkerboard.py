@@ -1,0 +1,153 @@
+"""Calibration from checkerboard pictures, rendered here through known cameras."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.inference.calibration import StereoCalibration, load_calibration
+from tokt.training.stereo.checkerboard import parse_board
+
+Float = NDArray[np.float64]
+CORNERS, SQUARE_MM = (7, 5), 40.0
+SIZE = (480, 360)
+CELL = 60  # pixels of a square of the flat board
+
+
+class Cameras:
+    """Two known cameras that draw what they see of the board."""
+
+    def __init__(self, calibration: StereoCalibration) -> None:
+        self.calibration = calibration
+        pixels = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), axis=-1)
+        pixels = pixels.reshape(-1, 1, 2).astype(np.float64)
+        c, steps = calibration, (cv2.TERM_CRITERIA_COUNT, 20, 0)
+        self._rays = [
+            np.column_stack([rays[:, 0], np.ones(len(rays))])
+            for rays in (
+                cv2.undistortPoints(pixels, c.K1, c.D1, criteria=steps),
+                cv2.undistortPoints(pixels, c.K2, c.D2, criteria=steps),
+            )
+        ]
+        self._flat = cv2.GaussianBlur(_flat_board(), (0, 0), 4.0)
+
+    def picture(self, side: int, turn: Float, at_mm: Float) -> NDArray[np.uint8]:
+        """The board, turned, its first corner at `at_mm` in the left camera's axes."""
+        R, t = cv2.Rodrigues(turn)[0], at_mm.reshape(3, 1)
+        if side == 1:
+            R, t = self.calibration.R @ R, self.calibration.R @ t + self.calibration.T_mm
+        # A ray meets the board's plane where [r1 r2 t]^-1 sends it.
+        plane = np.linalg.inv(np.column_stack([R[:, 0], R[:, 1], t]))
+        on_board = self._rays[side] @ plane.T
+        squares = on_board[:, :2] / on_board[:, 2:] / SQUARE_MM
+        place = ((squares + 2) * CELL - 0.5).astype(np.float32).reshape(SIZE[1], SIZE[0], 2)
+        white = cv2.BORDER_CONSTANT
+        return np.asarray(
+            cv2.remap(self._flat, place, None, cv2.INTER_LINEAR, None, white, 235), np.uint8
+        )
+
+
+def _flat_board() -> NDArray[np.uint8]:
+    """The board from straight above with a white rim; its first inner corner at (2, 2) squares."""
+    rows, cols = CORNERS[1] + 3, CORNERS[0] + 3
+    squares = np.indices((rows, cols)).sum(axis=0) % 2 * 215 + 20
+    squares[[0, -1]] = 235
+    squares[:, [0, -1]] = 235
+    return np.kron(squares, np.ones((CELL, CELL))).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def cameras() -> Cameras:
+    def matrix(focal: float, x: float, y: float) -> Float:
+        return np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
+
+    return Cameras(
+        StereoCalibration(
+            matrix(520.0, 236.0, 184.0),
+            np.array([-0.20, 0.08, 0.001, -0.0005, 0.0]),
+            matrix(526.0, 246.0, 175.0),
+            np.array([-0.18, 0.05, 0.0, 0.001, 0.0]),
+            np.asarray(cv2.Rodrigues(np.array([0.02, 0.03, -0.01]))[0]),
+            np.array([[-120.0], [3.0], [-2.0]]),
+            SIZE,
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def boards(cameras: Cameras, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fourteen pairs; the board all over the picture, near and far, tilted every way."""
+    folder = tmp_path_factory.mktemp("boards")
+    rng = np.random.default_rng(3)
+    half = np.array([(CORNERS[0] - 1) / 2, (CORNERS[1] - 1) / 2, 0]) * SQUARE_MM
+    for side in ("Left", "Right"):
+        (folder / side).mkdir()
+    for number in range(1, 15):
+        turn = rng.uniform(-0.5, 0.5, 3)
+        away = rng.uniform(560, 800)
+        middle = np.array([60 + 0.13 * away * rng.uniform(-1, 1), 90 * rng.uniform(-1, 1), away])
+        at = middle - cv2.Rodrigues(turn)[0] @ half
+        for index, side in enumerate(("Left", "Right")):
+            picture = cameras.picture(index, turn, at)
+            cv2.imwrite(str(folder / side / f"b_{number}.png"), picture)
+    return folder
+
+
+def test_recovers_the_cameras(
+    cameras: Cameras, boards: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    file = tmp_path / "board.yml"
+    ran = run_tokt(
+        "calibrate", boards, "--board", "7x5", "--square", SQUARE_MM, "-o", file, "--json"
+    )
+    assert ran.code == 0, ran.err
+    said = json.loads(ran.out)
+    truth, found = cameras.calibration, load_calibration(file)
+    assert said["boards"] == said["pairs"] == 14
+    assert said["reprojection_px"]["stereo"] < 0.15
+    # Four of the fourteen took no part in the rig that the vertical error is of.
+    assert said["test_frames"] == "2,6,10,14"
+    held_out = said["vertical_error"]["after"]
+    assert held_out["matches"] == 4 * CORNERS[0] * CORNERS[1]
+    assert held_out["median"] < 0.15
+    assert found.frame_size == SIZE
+    for K, true in ((found.K1, truth.K1), (found.K2, truth.K2)):
+        np.testing.assert_allclose(np.diag(K)[:2], np.diag(true)[:2], rtol=0.005)
+        np.testing.assert_allclose(K[:2, 2], true[:2, 2], atol=2.5)
+    for D, true in ((found.D1, truth.D1), (found.D2, truth.D2)):
+        np.testing.assert_allclose(D[0], true[0], atol=0.03)
+    turned = cv2.Rodrigues(found.R @ truth.R.T)[0]
+    assert np.abs(turned).max() < 0.003
+    np.testing.assert_allclose(found.T_mm, truth.T_mm, atol=1.0)
+
+
+def test_too_few_boards_are_one_line(
+    boards: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    few = tmp_path / "few"
+    for side in ("Left", "Right"):
+        (few / side).mkdir(parents=True)
+        for number in (1, 2, 3):
+            data = (boards / side / f"b_{number}.png").read_bytes()
+            (few / side / f"b_{number}.png").write_bytes(data)
+        water = np.full((SIZE[1], SIZE[0]), 20, np.uint8)
+        cv2.imwrite(str(few / side / "b_4.png"), water)
+    file = tmp_path / "no.yml"
+    ran = run_tokt("calibrate", few, "--board", "7x5", "--square", 40, "-o", file)
+    assert ran.code == 2
+    assert ran.err.strip().splitlines()[-1].startswith("tokt: error: 3 of 4 pairs show the whole")
+    assert not file.exists()
+
+
+def test_board_words() -> None:
+    assert parse_board("9x6") == (9, 6)
+    for text in ("9", "9x", "1x6", "9x60", "x", "9*6", "-9x6"):
+        with pytest.raises(ToktError, match="inner corners"):
+            parse_board(text)

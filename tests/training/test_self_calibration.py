@@ -1,0 +1,264 @@
+"""The adjustment's geometry on simulated points: what is put in must come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.training.stereo.adjustment import Path, Problem
+from tokt.training.stereo.certainty import FIXED, NOT_FIXED, Certainty, certainty
+from tokt.training.stereo.first_guess import epipolar_px, fit_epipolar, triangulate
+from tokt.training.stereo.matching import FrameMatches
+from tokt.training.stereo.rig_fit import RigFit, fit_rig
+from tokt.training.stereo.rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
+from tokt.training.stereo.tracks import Tracks, build_tracks
+from tokt.training.stereo.vertical_error import (
+    GOOD,
+    SHIFTED,
+    UNUSABLE,
+    judge,
+    raw_error,
+    vertical_error,
+)
+
+Float = NDArray[np.float64]
+
+SIZE = (680, 512)
+FRAMES, POINTS = 12, 160
+NOISE_PX, WRONG = 0.3, 0.10
+TRUE = {
+    "rotation_x": 0.03,
+    "rotation_y": -0.02,
+    "rotation_z": 0.015,
+    "direction_y": 0.025,
+    "direction_z": 0.01,
+    "focal_ratio": 1.004,
+    "k1": 0.25,
+    "k2": 0.3,
+}
+
+
+@dataclass(frozen=True)
+class Dive:
+    """A simulated approach to a cloud of points."""
+
+    rig: Rig
+    matches: list[FrameMatches]
+    depths_m: list[Float]
+
+    @property
+    def plain(self) -> Rig:
+        """What a calibration starts from."""
+        return Rig.plain(1111.0, 305.5, SIZE)
+
+
+def draw_dive(**other: float) -> Dive:
+    """Twelve frames; positions off by 0.3 px, one match in ten in a wrong place on the right."""
+    rng = np.random.default_rng(5)
+    values = TRUE | other
+    rig = Rig.plain(1111.0, 305.5, SIZE).moved(list(values), np.array(list(values.values())))
+    cloud = rng.uniform([-1.2, -1.0, 6.0], [1.2, 1.0, 7.2], (POINTS, 3))
+    looks = np.abs(rng.normal(size=(2, POINTS, 128))).astype(np.float32)
+    looks *= 512 / np.linalg.norm(looks, axis=2, keepdims=True)
+    matches, depths = [], []
+    for number in range(FRAMES):
+        turn = np.array([0.02, 0.05, 0.03]) * np.sin(number * np.array([0.9, 0.5, 0.7]))
+        shift = np.array([0.2 * np.sin(number), 0.1 * np.cos(number), -0.4 * number])
+        seen = cloud @ cv2.Rodrigues(turn)[0].T + shift
+        pixels = rig.project(seen)
+        inside = (pixels > 0).all(axis=1) & (pixels < np.array([*SIZE, *SIZE])).all(axis=1)
+        pixels = pixels[inside] + rng.normal(0, NOISE_PX, (inside.sum(), 4))
+        wrong = rng.random(len(pixels)) < WRONG
+        pixels[wrong, 2:] += rng.uniform(-40, 40, (wrong.sum(), 2))
+        look = looks[:, inside]
+        matches.append(FrameMatches(number, pixels[:, :2], pixels[:, 2:], look[0], look[1]))
+        depths.append(seen[inside, 2])
+    return Dive(rig, matches, depths)
+
+
+@pytest.fixture(scope="module")
+def dive() -> Dive:
+    return draw_dive()
+
+
+@pytest.fixture(scope="module")
+def fit(dive: Dive) -> RigFit:
+    """The rig fitted to the even frames."""
+    return fit_rig(dive.matches[::2], dive.plain, DISTORTION)
+
+
+@pytest.fixture(scope="module")
+def sure(fit: RigFit, dive: Dive) -> Certainty:
+    return certainty(fit, dive.matches[1::2])
+
+
+def test_recovers_the_rig(fit: RigFit) -> None:
+    bounds = dict.fromkeys(POSE[:3], 5e-4) | {"direction_y": 2e-3, "direction_z": 1e-2}
+    bounds |= {"focal_ratio": 1.5e-3, "k1": 0.05, "k2": 0.3}
+    off = {name: abs(fit.rig.values[name] - value) for name, value in TRUE.items()}
+    assert {name: error for name, error in off.items() if error > bounds[name]} == {}
+
+
+def test_the_zero_of_disparity_is_found(fit: RigFit, dive: Dive) -> None:
+    """Depth errs by less than 1 % from 7 m to 2 m: a wrong yaw would bend it over the approach."""
+    tracks = build_tracks(dive.matches)
+    found = triangulate(fit.rig, tracks)[:, 2]
+    for index, depths in enumerate(dive.depths_m):
+        ratio = np.median(found[tracks.frame == index] / depths)
+        assert ratio == pytest.approx(1, abs=0.01), f"at {np.median(depths):.1f} m"
+
+
+def test_rows_alone_do_not_fix_the_yaw(dive: Dive) -> None:
+    """Why points are followed: other yaws have rows that agree nearly as well."""
+    tracks = build_tracks(dive.matches)
+    names = [name for name in POSE if name != "rotation_y"]
+    medians = []
+    for yaw in (-0.02, 0.0):
+        start = dive.rig.moved(["rotation_y"], np.array([yaw]))
+        rig = fit_epipolar(start, tracks, names)
+        medians.append(np.median(np.abs(epipolar_px(rig, tracks.left, tracks.right))))
+    assert medians[1] < medians[0] + 0.25  # 0.02 rad are 22 px of disparity
+
+
+@pytest.mark.parametrize(("yaw", "free"), [(0.06, DISTORTION), (-0.05, ())])
+def test_a_large_yaw_is_found(yaw: float, free: tuple[str, ...]) -> None:
+    """Three degrees are 60 px of disparity; found even where the lens is taken for a straight one."""
+    found = fit_rig(draw_dive(rotation_y=yaw).matches[::2], Rig.plain(1111.0, 305.5, SIZE), free)
+    assert found.rig.values["rotation_y"] == pytest.approx(yaw, abs=2e-3)
+
+
+def test_wrong_matches_are_dropped(fit: RigFit) -> None:
+    observed = len(fit.tracks.point) + fit.dropped
+    assert 0.05 < fit.dropped / observed < 0.25
+
+
+def test_says_what_the_data_cannot_fix(sure: Certainty, dive: Dive) -> None:
+    verdicts = {one.name: one for one in sure.parameters}
+    assert verdicts["baseline"].verdict == NOT_FIXED and verdicts["baseline"].held
+    assert verdicts["focal"].held and verdicts["focal"].verdict != FIXED
+    assert verdicts["rotation_y"].verdict == FIXED
+    shorter = sure.focal[1]
+    assert shorter.depth_scale == pytest.approx(0.95, abs=0.02)
+    assert shorter.vertical_median_px < sure.focal[0].vertical_median_px + 0.1
+
+
+def test_a_view_of_little_depth_fixes_less(sure: Certainty, dive: Dive) -> None:
+    """The first five frames alone, seven to five metres off, and the middle of their pictures."""
+    middle = np.array(SIZE) / 2
+    few = [
+        replace(one, left=one.left[near], right=one.right[near],
+                left_look=one.left_look[near], right_look=one.right_look[near])
+        for one in dive.matches[:5]
+        for near in [np.abs(one.left - middle).max(axis=1) < 130]
+    ]  # fmt: skip
+    less = certainty(fit_rig(few, dive.plain, DISTORTION), few)
+    before, after = ({one.name: one for one in it.parameters} for it in (sure, less))
+    for name in ("rotation_y", "k1", "k2"):
+        assert after[name].sigma > 2 * before[name].sigma, name
+    for name in (*FOCAL, *PRINCIPAL):
+        assert after[name].verdict != FIXED
+    assert less.loose and any("focal" in direction.changes for direction in less.loose)
+
+
+def test_sigma_is_the_size_of_the_error(fit: RigFit, sure: Certainty) -> None:
+    for one in sure.parameters:
+        if one.name in TRUE and one.sigma is not None:
+            assert abs(one.value - TRUE[one.name]) < 5 * one.sigma, one.name
+
+
+def test_jacobian_against_finite_differences(dive: Dive) -> None:
+    names = (*POSE, *DISTORTION, *FOCAL, *PRINCIPAL)
+    rng = np.random.default_rng(0)
+    frame, point = np.repeat([0, 1, 2], 3), np.tile([0, 1, 2], 3)
+    points = rng.uniform([-0.5, -0.5, 2], [0.5, 0.5, 3], (3, 3))
+    path = Path(rng.normal(0, 0.1, (3, 3)), rng.normal(0, 0.1, (3, 3)), points, 1)
+    path.rotation_vectors[1] = path.shifts_m[1] = 0
+    pixels = rng.uniform(100, 400, (9, 4))
+    tracks = Tracks([1, 2, 3], frame, point, pixels[:, :2], pixels[:, 2:])
+    rig = replace(
+        dive.rig, aspect=(1.01, 0.98), left_distortion=np.array([0.2, 0.1, 0.01, -0.02, 0.3])
+    )
+    problem = Problem(rig, tracks, 1, names, {"k1": 0.5, "focal": 100.0})
+    vector = problem.pack(path)
+    analytic = problem.jacobian(vector).toarray()
+    for i in range(problem.size):
+        step = np.zeros(problem.size)
+        step[i] = 1e-6 * max(1.0, abs(vector[i]))
+        change = problem.residuals(vector + step) - problem.residuals(vector - step)
+        np.testing.assert_allclose(
+            analytic[:, i],
+            change / (2 * step[i]),
+            rtol=1e-5,
+            atol=2e-4 * np.abs(analytic[:, i]).max(),
+        )
+
+
+def test_vertical_error_is_zero_through_the_true_cameras(dive: Dive) -> None:
+    rng = np.random.default_rng(1)
+    pixels = dive.rig.project(rng.uniform([-0.5, -0.4, 2], [0.5, 0.4, 6], (50, 3)))
+    none = np.zeros((50, 128), np.float32)
+    exact = [FrameMatches(1, pixels[:, :2], pixels[:, 2:], none, none)]
+    error = vertical_error(dive.rig.calibration(), exact)
+    assert np.abs(error.row_px).max() < 0.01
+    assert raw_error(exact, SIZE).median_px > 10
+    regions = error.by_region()
+    assert sum(cell["matches"] for row in regions for cell in row if cell) == 50
+
+
+def _moved(matches: list[FrameMatches], rows: float, swapped: bool = False) -> list[FrameMatches]:
+    """Matches with the right view higher by `rows`, or with the cameras exchanged."""
+    down = np.array([0, -rows])
+    if swapped:
+        return [replace(one, left=one.right, right=one.left) for one in matches]
+    return [replace(one, right=one.right + down) for one in matches]
+
+
+def test_judges_good_shifted_unusable(dive: Dive) -> None:
+    good = [  # nine in ten are right: without the others, p90 is of these
+        replace(one, left=one.left[fine], right=one.right[fine])
+        for one in dive.matches
+        for fine in [np.abs(vertical_error(dive.rig.calibration(), [one]).row_px) < 3]
+    ]
+    calibration = dive.rig.calibration()
+    assert judge(calibration, good).state == GOOD
+    shifted = judge(calibration, _moved(good, 2.5))
+    assert shifted.state == SHIFTED
+    assert shifted.trim_px == pytest.approx(2.5, abs=0.1)  # the right view is to go down again
+    assert shifted.after_trim.median_px < 1
+    assert judge(calibration, _moved(good, 9.0)).state == UNUSABLE
+    exchanged = judge(calibration, _moved(good, 0, swapped=True))
+    assert exchanged.state == UNUSABLE
+    level = Rig.plain(1111.0, 305.5, SIZE).calibration()
+    assert judge(level, good).state == UNUSABLE
+
+
+def test_points_that_cannot_be_followed_are_one_line(dive: Dive) -> None:
+    rng = np.random.default_rng(2)
+    strangers = [
+        replace(
+            one,
+            left_look=rng.random(one.left_look.shape, np.float32),
+            right_look=rng.random(one.right_look.shape, np.float32),
+        )
+        for one in dive.matches[:4]
+    ]
+    with pytest.raises(ToktError, match="can be followed over"):
+        fit_rig(strangers, dive.plain)
+
+
+def test_a_track_that_returns_to_a_frame_falls_apart(dive: Dive) -> None:
+    one, two = dive.matches[0], dive.matches[1]
+    twins = replace(
+        one,
+        left=np.vstack([one.left, one.left[:1]]),
+        right=np.vstack([one.right, one.right[:1]]),
+        left_look=np.vstack([one.left_look, one.left_look[:1] * 0.98]),
+        right_look=np.vstack([one.right_look, one.right_look[:1] * 0.98]),
+    )
+    tracks = build_tracks([twins, two])
+    pairs = np.stack([tracks.point, tracks.frame], axis=1)
+    assert len(np.unique(pairs, axis=0)) == len(pairs)

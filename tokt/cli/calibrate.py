@@ -1,0 +1,298 @@
+"""``tokt calibrate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..features.errors import ToktError
+from .options import JsonOption
+from .output import print_json, progress, say
+from .stereo_file import describe_calibration_file
+
+if TYPE_CHECKING:
+    from ..features.mission import Mission
+    from ..inference.calibration import StereoCalibration
+    from ..training.stereo.checkerboard import BoardCalibration
+    from ..training.stereo.self_calibration import SelfCalibration, Start
+
+NOT_GOOD = 1
+"""Exit code of --check for a calibration that is shifted or unusable."""
+
+
+def calibrate(
+    mission: Annotated[
+        Path, typer.Argument(help="Mission folder with Left/ and Right/; of boards with --board.")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Calibration to write: .yml, .json, .xml.")
+    ] = None,
+    baseline: Annotated[
+        float | None,
+        typer.Option(
+            help="Distance between the cameras, mm. Default: 305.5, the mission's of 2016."
+        ),
+    ] = None,
+    focal: Annotated[
+        float | None, typer.Option(help="Focal length in px. Default: 2222.7 at 1360 px width.")
+    ] = None,
+    start: Annotated[
+        Path | None, typer.Option(help="Take focal length and distortion from this calibration.")
+    ] = None,
+    free: Annotated[
+        str | None,
+        typer.Option(
+            help="What to estimate besides rotation, direction and focal ratio: k1,k2,focal,"
+            "principal or none. Default: k1,k2; with --start none."
+        ),
+    ] = None,
+    frames: Annotated[str | None, typer.Option(help="Only these frames, as 160-205.")] = None,
+    fit: Annotated[
+        str,
+        typer.Option(
+            help="alternate: tested on every second frame, then fitted to all. even, odd: fitted "
+            "to these frame numbers, tested on the others. all: not tested."
+        ),
+    ] = "alternate",
+    report: Annotated[Path | None, typer.Option(help="Write a report, one HTML file.")] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Measure --calibration on the mission's frames instead. Exit code 0 when it is "
+            "good, 1 when it is shifted or unusable.",
+        ),
+    ] = False,
+    calibration: Annotated[
+        Path | None, typer.Option(help="The calibration to check, of any form.")
+    ] = None,
+    board: Annotated[
+        str | None, typer.Option(help="Checkerboard pictures: inner corners, as 9x6.")
+    ] = None,
+    square: Annotated[float | None, typer.Option(help="Side of the board's squares, mm.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Calibrate two cameras from a mission's own frames, or from checkerboard pictures."""
+    if check:
+        if calibration is None:
+            raise ToktError("--check needs --calibration FILE")
+        _check(mission, calibration, frames, json)
+        return
+    if calibration is not None:
+        raise ToktError("--calibration goes with --check; to start from a file, use --start")
+    if output is None:
+        raise ToktError("give -o FILE to write the calibration to (or --check to measure one)")
+    _check_name(output)
+    if report is not None and not report.absolute().parent.is_dir():
+        raise ToktError(f"there is no folder {report.parent} to write {report.name} to")
+    if board is not None:
+        _from_boards(mission, board, square, output, json)
+        return
+    if square is not None:
+        raise ToktError("--square goes with --board")
+    options = _start(mission, baseline, focal, start, free)
+    _from_mission(mission, output, options, frames, fit, report, json)
+
+
+def _check_name(output: Path) -> None:
+    """Refuse a name that could not be written before minutes of work, not after."""
+    known = (".yml", ".yaml", ".json", ".xml")
+    if output.suffix.lower() not in known:
+        raise ToktError(f"a calibration file ends in {', '.join(known)}, not as {output.name}")
+    if not output.absolute().parent.is_dir():
+        raise ToktError(f"there is no folder {output.parent} to write {output.name} to")
+
+
+def _start(
+    mission: Path, baseline: float | None, focal: float | None, start: Path | None, free: str | None
+) -> Start:
+    from ..features.mission import open_mission
+    from ..training.stereo.self_calibration import (
+        BASELINE_MM,
+        parse_free,
+        plain_start,
+        start_from,
+    )
+
+    for name, value in (("--baseline", baseline), ("--focal", focal)):
+        if value is not None and not 0 < value < float("inf"):
+            raise ToktError(f"{name} is a positive number, not {value:g}")
+    if focal is not None and start is not None:
+        raise ToktError("give --focal or --start, not both")
+    opened = open_mission(mission)
+    freed = None if free is None else parse_free(free)
+    length = baseline or BASELINE_MM
+    if baseline is None:
+        say(f"baseline taken as {BASELINE_MM} mm, that of the mission of 2016 (--baseline)")
+    if start is None:
+        return plain_start(opened, length, focal, freed)
+    given = describe_calibration_file(start)
+    return start_from(given.calibration, not given.refusals, opened, length, freed)
+
+
+def _from_mission(
+    mission: Path,
+    output: Path,
+    start: Start,
+    frames: str | None,
+    part: str,
+    report: Path | None,
+    json: bool,
+) -> None:
+    from ..features.mission import open_mission, parse_frames
+    from ..inference.calibration_writer import write_calibration
+    from ..training.stereo.self_calibration import PARTS, self_calibrate
+
+    if part not in PARTS:
+        raise ToktError(f"--fit is one of {', '.join(PARTS)}, not {part!r}")
+    say(f"start: {start.words}")
+    wanted = parse_frames(frames) if frames else None
+    opened = open_mission(mission)
+    found = self_calibrate(opened, start, progress, wanted, part)
+    write_calibration(output, found.calibration, found.notes())
+    if report is not None:
+        from ..training.stereo.calibration_report import write_report
+
+        write_report(report, found, opened)
+    if json:
+        print_json({"calibration": str(output), **found.to_json()})
+        return
+    _print_self(found)
+    print(f"written: {output}" + (f", {report}" if report else ""))
+
+
+def _print_self(found: SelfCalibration) -> None:
+    before, after = found.before, found.after
+    print(f"{found.mission}: {len(found.matches)} frames with enough points that both cameras see")
+    print(f"  {found.split_words()}")
+    print(
+        f"  vertical error {'held out' if found.held_out else 'NOT held out'}, full-resolution px, "
+        f"{len(after.row_px)} matches:"
+    )
+    print(f"    before  median {before.median_px:7.2f}  p90 {before.p90_px:7.2f}")
+    print(f"    after   median {after.median_px:7.2f}  p90 {after.p90_px:7.2f}")
+    print(f"  {'':13}{'value':>12}{'sigma':>11}{'all free':>11}{'sigma then':>11}")
+    for one in found.certainty.parameters:
+        figures = "".join(
+            f"{'-' if value is None else format(value, '.3g' if i % 2 == 0 else '.5g'):>11}"
+            for i, value in enumerate((one.sigma, one.value_all_free, one.sigma_all_free))
+        )
+        state = f"{'held; ' if one.held else ''}{one.verdict}"
+        print(f"  {one.name:13}{one.value:12.6g}{figures} {one.unit:4}{state}")
+    print(
+        "  Pictures have no scale: every distance is as right as the baseline. "
+        + _focal_words(found)
+    )
+
+
+def _focal_words(found: SelfCalibration) -> str:
+    here, *others = found.certainty.focal
+    words = [
+        f"{step.focal_px:.0f} px gives {step.vertical_median_px:.2f} px and depths "
+        f"x {step.depth_scale:.2f}"
+        for step in others
+    ]
+    return (
+        f"With f = {here.focal_px:.0f} px the vertical error is {here.vertical_median_px:.2f} px; "
+        f"{', '.join(words)}."
+    )
+
+
+def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
+    """Measure a calibration on a mission's frames, and end with the exit code of the answer."""
+    from ..features.mission import open_mission
+    from ..training.stereo.vertical_error import GOOD, UNUSABLE, measurable
+
+    described = describe_calibration_file(file)
+    opened = open_mission(mission)
+    answer: dict[str, Any] = {"calibration": str(file), "mission": opened.name,
+                              "form": described.form, "oddities": described.oddities}  # fmt: skip
+    fault = _misfit(described.calibration, opened)
+    if not fault and measurable(described.calibration):
+        answer |= _measured(described.calibration, opened, frames)
+    faults = [*described.refusals, *([fault] if fault else [])]
+    if faults:
+        answer |= {"state": UNUSABLE, "reason": "; ".join(faults)}
+    if json:
+        print_json(answer)
+    else:
+        _print_check(answer)
+    if answer["state"] != GOOD:
+        raise typer.Exit(NOT_GOOD)
+
+
+def _misfit(calibration: StereoCalibration, mission: Mission) -> str:
+    """Why a calibration is not of this mission's cameras, whatever its frames show."""
+    from ..training.stereo.self_calibration import frame_size
+
+    size, given = frame_size(mission), calibration.frame_size
+    if given == size:
+        return ""
+    return f"it is of {given[0]}x{given[1]} frames, the mission's are {size[0]}x{size[1]}"
+
+
+def _measured(
+    calibration: StereoCalibration, mission: Mission, frames: str | None
+) -> dict[str, Any]:
+    from ..features.mission import format_frames, parse_frames
+    from ..training.stereo.survey import match_mission
+    from ..training.stereo.vertical_error import CHECKED_FRAMES, judge
+
+    wanted = parse_frames(frames) if frames else None
+    matches = match_mission(mission, wanted, progress, CHECKED_FRAMES, spread=True)
+    return {
+        **judge(calibration, matches).to_json(),
+        "frames": format_frames(one.frame for one in matches),
+    }
+
+
+def _print_check(answer: dict[str, Any]) -> None:
+    print(f"{answer['calibration']} on {answer['mission']}: {answer['state']}: {answer['reason']}")
+    for oddity in answer["oddities"]:
+        print(f"  {oddity}")
+    if "vertical_error" not in answer:
+        return
+    error, trimmed = answer["vertical_error"], answer["after_trim"]
+    print(
+        f"  vertical error at full resolution: median {error['median']:.2f} px, "
+        f"p90 {error['p90']:.2f} px ({error['matches']} matches in frames {answer['frames']})"
+    )
+    print(
+        f"  with a row trim of {answer['trim_px']:+.2f} px: median {trimmed['median']:.2f} px, "
+        f"p90 {trimmed['p90']:.2f} px"
+    )
+    print("  rows alone say nothing of the zero of disparity: distances are not checked")
+
+
+def _from_boards(folder: Path, board: str, square: float | None, output: Path, json: bool) -> None:
+    from ..features.mission import open_mission
+    from ..inference.calibration_writer import write_calibration
+    from ..training.stereo.checkerboard import calibrate_boards, parse_board
+
+    if square is None or not 0 < square < float("inf"):
+        raise ToktError("--board needs --square MM, the side of the board's squares")
+    found = calibrate_boards(open_mission(folder), parse_board(board), square, progress)
+    write_calibration(output, found.calibration, found.notes())
+    if json:
+        print_json({"calibration": str(output), **found.to_json()})
+        return
+    _print_boards(found)
+    print(f"written: {output}")
+
+
+def _print_boards(found: BoardCalibration) -> None:
+    print(f"{len(found.frames)} of {found.looked_at} pairs show the whole board in both pictures")
+    print(
+        f"  reprojection error: left {found.left_px:.3f} px, right {found.right_px:.3f} px, "
+        f"both together {found.stereo_px:.3f} px (root mean square)"
+    )
+    error = found.held_out
+    print(
+        f"  vertical error on {len(found.test_frames)} boards held out of a first fit: median "
+        f"{error.median_px:.3f} px, p90 {error.p90_px:.3f} px; the calibration itself is then "
+        "fitted to all boards"
+    )
+    baseline = found.baseline_mm
+    print(f"  the cameras stand {baseline:.2f} mm apart, focal length {found.focal_px:.1f} px")

@@ -1,0 +1,231 @@
+"""Calibrate a stereo rig from pictures of a checkerboard."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import __version__
+from ...features.errors import FrameError, ToktError
+from ...features.mission import LEFT, RIGHT, Mission, format_frames
+from ...inference.calibration import StereoCalibration
+from .survey import Progress, stereo_frames
+from .vertical_error import VerticalError, row_error
+
+Float = NDArray[np.float64]
+
+LEAST_BOARDS = 8
+"""Two cameras have some 20 numbers; from fewer boards, tilted too little, they come out wrong."""
+_TEST_EACH = 4
+"""Every fourth board is held out of the first fit."""
+_SIDE = range(3, 51)
+_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+_FIND = (cv2.CALIB_CB_ACCURACY, cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE)
+"""Evened out, dark pictures give a board that they otherwise would not: and bright ones lose it."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """Inner corners (n, 2) of one board as both cameras see it, in the same order."""
+
+    frame: int
+    left: Float
+    right: Float
+
+
+@dataclass(frozen=True)
+class BoardCalibration:
+    """A calibration from checkerboards.
+
+    Attributes
+    ----------
+    left_px, right_px, stereo_px : float
+        Root mean square reprojection error of each camera alone, and of both together.
+    held_out : VerticalError
+        On the boards `test_frames`, of a fit to the others.
+    """
+
+    calibration: StereoCalibration
+    frames: list[int]
+    looked_at: int
+    test_frames: list[int]
+    left_px: float
+    right_px: float
+    stereo_px: float
+    held_out: VerticalError
+
+    @property
+    def baseline_mm(self) -> float:
+        """Distance between the cameras."""
+        return float(np.linalg.norm(self.calibration.T_mm))
+
+    @property
+    def focal_px(self) -> float:
+        """The left focal length."""
+        return float(self.calibration.K1[0, 0])
+
+    def notes(self) -> dict[str, str]:
+        """How it was made, for the calibration's file."""
+        return {
+            "made_by": f"tokt {__version__} calibrate --board, {len(self.frames)} boards",
+            "reprojection_error": f"{self.stereo_px:.3f} px root mean square",
+            "vertical_error": (
+                f"median {self.held_out.median_px:.3f} px, p90 {self.held_out.p90_px:.3f} px on "
+                f"{len(self.test_frames)} boards held out of a first fit"
+            ),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return {
+            "boards": len(self.frames),
+            "frames": format_frames(self.frames),
+            "pairs": self.looked_at,
+            "reprojection_px": {
+                "left": round(self.left_px, 4),
+                "right": round(self.right_px, 4),
+                "stereo": round(self.stereo_px, 4),
+            },
+            "test_frames": format_frames(self.test_frames),
+            "vertical_error": {"after": self.held_out.figures()},
+            "baseline_mm": round(self.baseline_mm, 3),
+            "focal_px": round(self.focal_px, 2),
+        }
+
+
+def parse_board(text: str) -> tuple[int, int]:
+    """Read the number of inner corners along a board's two sides, as ``9x6``.
+
+    Raises
+    ------
+    ToktError
+        If it is not two numbers from 3 to 50.
+    """
+    match = re.fullmatch(r"\s*(\d{1,2})\s*[xX]\s*(\d{1,2})\s*", text)
+    if match is None or not all(int(side) in _SIDE for side in match.groups()):
+        raise ToktError(f"a board is given by its inner corners, as 9x6, not as {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def calibrate_boards(
+    mission: Mission, corners: tuple[int, int], square_mm: float, progress: Progress
+) -> BoardCalibration:
+    """Calibrate both cameras and how they stand from pictures of one board.
+
+    Each camera by Zhang's method (``cv2.calibrateCamera``), then R and T with the cameras kept
+    (``cv2.stereoCalibrate``).
+
+    Parameters
+    ----------
+    mission : Mission
+        A folder with ``Left/`` and ``Right/``.
+    corners : (int, int)
+        Inner corners along the board's rows and columns.
+    square_mm : float
+        Side of a square.
+
+    Raises
+    ------
+    ToktError
+        If too few pictures show the whole board, or the pictures differ in size.
+    """
+    present = stereo_frames(mission)
+    boards, sizes = [], set()
+    for frame in progress(present, len(present), "find boards"):
+        found = _find(mission, frame, corners)
+        if found is not None:
+            boards.append(found[0])
+            sizes.add(found[1])
+    if len(boards) < LEAST_BOARDS:
+        raise ToktError(
+            f"{len(boards)} of {len(present)} pairs show the whole {corners[0]}x{corners[1]} board "
+            f"in both pictures; {LEAST_BOARDS} are needed, tilted and spread over the picture"
+        )
+    if len(sizes) > 1:
+        raise ToktError("the pictures of the board are not all of one size")
+    size = sizes.pop()
+    points = _board_points(corners, square_mm)
+    test = boards[1::_TEST_EACH]
+    fitted = _fit([one for one in boards if one not in test], points, size)[0]
+    calibration, left_px, right_px, stereo_px = _fit(boards, points, size)
+    return BoardCalibration(
+        calibration,
+        [one.frame for one in boards],
+        len(present),
+        [one.frame for one in test],
+        left_px,
+        right_px,
+        stereo_px,
+        row_error(
+            fitted,
+            np.concatenate([one.left for one in test]),
+            np.concatenate([one.right for one in test]),
+        ),
+    )
+
+
+def _board_points(corners: tuple[int, int], square_mm: float) -> NDArray[np.float32]:
+    across, down = np.meshgrid(np.arange(corners[0]), np.arange(corners[1]))
+    flat = np.stack([across.ravel(), down.ravel(), np.zeros(across.size)], axis=1)
+    return (flat * square_mm).astype(np.float32)
+
+
+def _find(
+    mission: Mission, frame: int, corners: tuple[int, int]
+) -> tuple[Board, tuple[int, int]] | None:
+    """The board in both pictures of a frame, and their size; None where one lacks it."""
+    places = []
+    sizes = set()
+    for camera in (LEFT, RIGHT):
+        try:
+            image = mission.read(frame, camera)
+        except FrameError:
+            return None
+        if image.ndim == 3:
+            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+        found = _corners(image, corners)
+        if found is None:
+            return None
+        places.append(found)
+        sizes.add((image.shape[1], image.shape[0]))
+    if len(sizes) > 1:
+        raise ToktError(f"frame {frame}: the left and the right picture differ in size")
+    left, right = places
+    # A board that looks the same upside down may be counted from opposite corners.
+    if (left[-1] - left[0]) @ (right[-1] - right[0]) < 0:
+        right = right[::-1]
+    return Board(frame, left, right), sizes.pop()
+
+
+def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None:
+    for flags in _FIND:
+        good, found = cv2.findChessboardCornersSB(image, corners, flags=flags)
+        if good:
+            return np.asarray(found, np.float64).reshape(-1, 2)
+    return None
+
+
+def _fit(
+    boards: Sequence[Board], points: NDArray[np.float32], size: tuple[int, int]
+) -> tuple[StereoCalibration, float, float, float]:
+    """Calibration and the three reprojection errors of it."""
+    world = [points] * len(boards)
+    left = [one.left.astype(np.float32).reshape(-1, 1, 2) for one in boards]
+    right = [one.right.astype(np.float32).reshape(-1, 1, 2) for one in boards]
+    # k3 stays 0: beyond the outermost corner that was seen it runs away.
+    how: Any = {"flags": cv2.CALIB_FIX_K3, "criteria": _STEPS}
+    left_px, K1, D1, *_ = cv2.calibrateCamera(world, left, size, None, None, **how)
+    right_px, K2, D2, *_ = cv2.calibrateCamera(world, right, size, None, None, **how)
+    stereo_px, K1, D1, K2, D2, R, T, *_ = cv2.stereoCalibrate(
+        world, left, right, K1, D1, K2, D2, size,
+        flags=cv2.CALIB_FIX_INTRINSIC, criteria=_STEPS,
+    )  # fmt: skip
+    K1, D1, K2, D2, R, T = (np.asarray(value, np.float64) for value in (K1, D1, K2, D2, R, T))
+    calibration = StereoCalibration(K1, D1.ravel(), K2, D2.ravel(), R, T.reshape(3, 1), size)
+    return calibration, float(left_px), float(right_px), float(stereo_px)

@@ -1,0 +1,190 @@
+"""Points that both cameras see in a frame, found without knowing the cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import FrameError
+from ...features.mission import LEFT, RIGHT, Mission
+
+Float = NDArray[np.float64]
+
+_HALVED_FROM = 1000
+"""Frames this wide are matched at half resolution: SIFT doubles the picture by itself, and the
+noise of neighbouring pixels, which a nearly black frame is full of, averages out."""
+_LOCAL_PX = 12.0
+"""Spread of the window of the local contrast, in pixels of a view 680 wide."""
+_NOISE_LEVELS = 2.0
+"""Local contrast in grey levels that is taken for noise rather than enlarged."""
+_GAIN, _MIDDLE = 50.0, 128.0
+_MOST_FEATURES = 3000
+_RATIO = 0.8
+LINK_RATIO = 0.85
+"""Lowe's ratio between cameras, and between frames, where only matched features compete."""
+_EPIPOLAR_PX = 3.0
+"""Full-resolution distance to the epipolar line of the frame's own fundamental matrix."""
+_WINDOW_PX = 11
+_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.005)
+_RETURN_PX, _MOVE_PX = 0.5, 4.0
+"""Window in pixels of the view in which a match is made exact; how far from its start, in px of the
+full frame, it may come back from the other view, and move from where SIFT had it."""
+_LEAST_MATCHES = 16
+"""A fundamental matrix has 7 degrees of freedom: from fewer matches it would fit anything."""
+
+
+@dataclass(frozen=True)
+class FrameMatches:
+    """Points of one frame that both cameras see.
+
+    Attributes
+    ----------
+    left, right : (n, 2) arrays
+        Pixels of the full frame; the centre of the first pixel is (0, 0).
+    left_look, right_look : (n, 128) float32 arrays
+        SIFT descriptors.
+    """
+
+    frame: int
+    left: Float
+    right: Float
+    left_look: NDArray[np.float32]
+    right_look: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+
+def view_scale(width: int) -> float:
+    """Pixels of the view that is matched for one pixel of a frame of this width."""
+    return 0.5 if width >= _HALVED_FROM else 1.0
+
+
+def gray_view(mission: Mission, frame: int, camera: str) -> tuple[NDArray[np.float32], float]:
+    """One frame in grey levels, not rounded, at `view_scale`; and that. Raises FrameError."""
+    image = mission.read(frame, camera)
+    if image.ndim == 3:
+        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    height, width = image.shape
+    scale = view_scale(width)
+    size = (round(width * scale), round(height * scale))
+    view = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(view, np.float32), scale
+
+
+def even_contrast(view: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A view with its background removed and its local contrast made even."""
+    spread = _LOCAL_PX * view.shape[1] / 680
+    detail = view - cv2.GaussianBlur(view, (0, 0), spread)
+    contrast = cv2.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), spread))
+    even = detail / (contrast + _NOISE_LEVELS)
+    return np.asarray(np.clip(even * _GAIN + _MIDDLE, 0, 255), np.uint8)
+
+
+def match_frame(mission: Mission, frame: int) -> FrameMatches | None:
+    """Match the two pictures of one frame: ratio, mutual choice, exact place, one geometry.
+
+    SIFT's places are off by half a pixel and more; Lucas and Kanade's method moves the right one
+    to where the left one's surroundings are, and must lead back from there. The geometry is a
+    fundamental matrix of this frame's own matches (USAC MAGSAC++), so that no calibration decides
+    which matches another one is judged on.
+
+    Returns
+    -------
+    FrameMatches or None
+        None where the frame cannot be read or has too few matches for a geometry.
+    """
+    try:
+        (left_view, scale), (right_view, _) = (
+            gray_view(mission, frame, camera) for camera in (LEFT, RIGHT)
+        )
+    except FrameError:
+        return None
+    if left_view.shape != right_view.shape:
+        return None
+    views = even_contrast(left_view), even_contrast(right_view)
+    (left, left_look), (right, right_look) = (_features(view) for view in views)
+    a, b = mutual_matches(left_look, right_look, _RATIO).T
+    if len(a) < _LEAST_MATCHES:
+        return None
+    exact, good = _exact(views, left[a], right[b], scale)
+    a, b = a[good], b[good]
+    places = (left[a] + 0.5) / scale - 0.5, (exact[good] + 0.5) / scale - 0.5
+    if len(a) < _LEAST_MATCHES:
+        return None
+    fit = _one_geometry(*places)
+    if fit.sum() < _LEAST_MATCHES:
+        return None
+    return FrameMatches(
+        frame, places[0][fit], places[1][fit], left_look[a[fit]], right_look[b[fit]]
+    )
+
+
+def _features(view: NDArray[np.uint8]) -> tuple[Float, NDArray[np.float32]]:
+    """SIFT features of a view: its pixels (n, 2) and descriptors (n, 128)."""
+    sift = cv2.SIFT.create(_MOST_FEATURES, enable_precise_upscale=True)
+    found: tuple[Any, Any] = sift.detectAndCompute(view, None)
+    keypoints, looks = found
+    if looks is None:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    return np.array([keypoint.pt for keypoint in keypoints], np.float64), looks
+
+
+def _exact(
+    views: tuple[NDArray[np.uint8], NDArray[np.uint8]], at: Float, near: Float, scale: float
+) -> tuple[Float, NDArray[np.bool_]]:
+    """Where in the right view, starting from `near`, the surroundings of `at` in the left are."""
+    start, guess = at.astype(np.float32)[:, None], near.astype(np.float32)[:, None]
+    found, there, _ = _follow(*views, start, guess)
+    back, again, _ = _follow(*views[::-1], found, start)
+    returned = np.linalg.norm((back - start)[:, 0], axis=1) / scale <= _RETURN_PX
+    moved = np.linalg.norm((found - guess)[:, 0], axis=1) / scale <= _MOVE_PX
+    good = (there.ravel() > 0) & (again.ravel() > 0) & returned & moved
+    return found[:, 0].astype(np.float64), good
+
+
+def _follow(
+    a: NDArray[np.uint8],
+    b: NDArray[np.uint8],
+    start: NDArray[np.float32],
+    guess: NDArray[np.float32],
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    return cv2.calcOpticalFlowPyrLK(
+        a, b, start, guess.copy(),
+        winSize=(_WINDOW_PX, _WINDOW_PX), maxLevel=0, criteria=_STEPS,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )  # fmt: skip
+
+
+def mutual_matches(
+    a: NDArray[np.float32], b: NDArray[np.float32], ratio: float
+) -> NDArray[np.int64]:
+    """Pairs (n, 2) of rows of `a` and `b` that choose each other, clearly before the next best."""
+    if len(a) < 2 or len(b) < 2:
+        return np.zeros((0, 2), np.int64)
+    # |a - b|^2 of unit vectors, for all pairs in one product.
+    distance = _squared_distances(a, b)
+    rows = np.arange(len(a))
+    best = distance.argmin(axis=1)
+    nearest = distance[rows, best]
+    second = np.partition(distance, 1, axis=1)[:, 1]
+    chosen = (distance.argmin(axis=0)[best] == rows) & (nearest < ratio * ratio * second)
+    return np.stack([rows[chosen], best[chosen]], axis=1)
+
+
+def _squared_distances(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    lengths = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1)
+    return np.asarray(np.maximum(lengths - 2 * (a @ b.T), 0), np.float32)
+
+
+def _one_geometry(left: Float, right: Float) -> NDArray[np.bool_]:
+    """Which matches fit one epipolar geometry."""
+    found: Any = cv2.findFundamentalMat(left, right, cv2.USAC_MAGSAC, _EPIPOLAR_PX, 0.999, 5000)
+    mask = found[1]
+    if mask is None:
+        return np.zeros(len(left), bool)
+    return np.asarray(mask.ravel() > 0)

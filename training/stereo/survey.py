@@ -1,0 +1,107 @@
+"""Which frames of a mission have anything to match: most of a dive is open water."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import cv2
+import numpy as np
+
+from ...features.errors import FrameError, ToktError
+from ...features.mission import LEFT, RIGHT, Mission
+from .matching import FrameMatches, match_frame
+
+Progress = Callable[[Iterable[int], int, str], Iterable[int]]
+
+_WIDTH = 340
+_LOCAL_PX = 6.0
+_CONTRAST_LEVELS = 2.0
+_LEAST_SHARE = 0.004
+"""A frame is worth matching when this share of it, at `_WIDTH`, has a local contrast of more than
+so many grey levels. On open water of the 2016 mission the share is 0; its tower has 0.007 from
+frame 150, where matching begins to find points, to 0.5 at its nearest."""
+MOST_FRAMES = 100
+
+
+def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
+    """Frames that both cameras have.
+
+    Raises
+    ------
+    ToktError
+        If there are none, or a wanted one is not among them.
+    """
+    both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)))
+    if not both:
+        raise ToktError(f"mission {mission.path} has no frames of two cameras (Left/ and Right/)")
+    if wanted is None:
+        return both
+    chosen = sorted(set(wanted) & set(both))
+    if not chosen:
+        raise ToktError(f"none of these frames is in both cameras of mission {mission.path}")
+    return chosen
+
+
+def match_mission(
+    mission: Mission,
+    frames: Sequence[int] | None,
+    progress: Progress,
+    most: int = MOST_FRAMES,
+    spread: bool = False,
+) -> list[FrameMatches]:
+    """Match the frames that have something to match.
+
+    Parameters
+    ----------
+    frames : sequence of int, optional
+        Only these; by default all that both cameras have.
+    most : int
+        At most so many, the stretch of the dive with the most texture: or, if `spread`, evenly
+        over the whole dive.
+
+    Raises
+    ------
+    ToktError
+        If there is no frame in which matches are found.
+    """
+    present = stereo_frames(mission, frames)
+    shares = [texture(mission, frame) for frame in progress(present, len(present), "survey")]
+    worth = [f for f, share in zip(present, shares, strict=True) if share >= _LEAST_SHARE]
+    if len(worth) > most:
+        worth = _spread(worth, most) if spread else _densest(worth, shares, present, most)
+    found = [match_frame(mission, frame) for frame in progress(worth, len(worth), "match")]
+    matched = [one for one in found if one is not None]
+    if not matched:
+        raise ToktError(
+            f"mission {mission.path}: no frame has enough points that both cameras see; frames of "
+            "something solid, near and well lit, are needed"
+        )
+    return matched
+
+
+def texture(mission: Mission, frame: int) -> float:
+    """Share of the left picture that has local contrast; 0 for one that cannot be read."""
+    try:
+        image = mission.read(frame, LEFT)
+    except FrameError:
+        return 0.0
+    if image.ndim == 3:
+        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    size = (_WIDTH, max(1, round(image.shape[0] * _WIDTH / image.shape[1])))
+    view = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    detail = view - cv2.GaussianBlur(view, (0, 0), _LOCAL_PX)
+    contrast = cv2.GaussianBlur(detail * detail, (0, 0), _LOCAL_PX)
+    return float((contrast > _CONTRAST_LEVELS**2).mean())
+
+
+def _spread(frames: list[int], most: int) -> list[int]:
+    places = np.linspace(0, len(frames) - 1, most).round().astype(int)
+    return [frames[place] for place in places]
+
+
+def _densest(worth: list[int], shares: list[float], present: list[int], most: int) -> list[int]:
+    """The `most` frames in a row with the most texture: tracks need neighbours."""
+    by_frame = dict(zip(present, shares, strict=True))
+    sums = np.convolve([by_frame[frame] for frame in worth], np.ones(most), "valid")
+    first = int(sums.argmax())
+    return worth[first : first + most]

@@ -1,0 +1,182 @@
+"""How well a calibration rectifies: matched points must lie in the same row of both views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference.calibration import StereoCalibration
+from .matching import FrameMatches
+
+Float = NDArray[np.float64]
+
+GOOD, SHIFTED, UNUSABLE = "good", "shifted", "unusable"
+GOOD_MEDIAN_PX, GOOD_P90_PX = 1.0, 4.0
+"""Vertical error at full resolution up to which block matching at half resolution works."""
+MOST_SHIFT_PX = 6.0
+"""The row offset that the detector's own trim can mend."""
+CHECKED_FRAMES = 40
+"""So many frames, spread over the dive, are enough to judge a calibration by."""
+_MOST_BEHIND = 0.05
+_REGIONS = 3
+
+
+@dataclass(frozen=True)
+class VerticalError:
+    """Row differences of matched points after rectification, in pixels of the full frame.
+
+    Attributes
+    ----------
+    row_px : (n,) array
+        How much lower a point lies in the left view than in the right one.
+    disparity_px : (n,) array
+    at : (n, 2) array
+        Where it is in the left frame.
+    """
+
+    row_px: Float
+    disparity_px: Float
+    at: Float
+    frame_size: tuple[int, int]
+
+    @property
+    def median_px(self) -> float:
+        """Median of the absolute row difference."""
+        return float(np.median(np.abs(self.row_px)))
+
+    @property
+    def p90_px(self) -> float:
+        """Its 90th percentile."""
+        return float(np.percentile(np.abs(self.row_px), 90))
+
+    def figures(self) -> dict[str, Any]:
+        """Median, p90 and number of matches."""
+        return {
+            "median": round(self.median_px, 3),
+            "p90": round(self.p90_px, 3),
+            "matches": len(self.row_px),
+        }
+
+    def by_region(self) -> list[list[dict[str, Any] | None]]:
+        """The same figures in 3x3 regions of the left frame; None without a match."""
+        width, height = self.frame_size
+        column = np.clip(self.at[:, 0] * _REGIONS // width, 0, _REGIONS - 1)
+        row = np.clip(self.at[:, 1] * _REGIONS // height, 0, _REGIONS - 1)
+        return [
+            [self._only((row == r) & (column == c)) for c in range(_REGIONS)]
+            for r in range(_REGIONS)
+        ]
+
+    def _only(self, chosen: NDArray[np.bool_]) -> dict[str, Any] | None:
+        if not chosen.any():
+            return None
+        part = VerticalError(
+            self.row_px[chosen], self.disparity_px[chosen], self.at[chosen], self.frame_size
+        )
+        return part.figures()
+
+
+def vertical_error(
+    calibration: StereoCalibration, matches: Sequence[FrameMatches]
+) -> VerticalError:
+    """Rectify matched points and compare their rows.
+
+    Nothing is thrown away here: which matches there are was decided without any calibration.
+    """
+    left = np.concatenate([one.left for one in matches])
+    right = np.concatenate([one.right for one in matches])
+    return row_error(calibration, left, right)
+
+
+def row_error(calibration: StereoCalibration, left: Float, right: Float) -> VerticalError:
+    """The same of matched points given as pixels (n, 2) of the left and of the right frame."""
+    c = calibration
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+        c.K1, c.D1, c.K2, c.D2, c.frame_size, c.R, c.T_mm.reshape(3, 1)
+    )
+    a = cv2.undistortPoints(left[:, None], c.K1, c.D1, R=R1, P=P1)[:, 0]
+    b = cv2.undistortPoints(right[:, None], c.K2, c.D2, R=R2, P=P2)[:, 0]
+    difference = (a - b) * (c.K1[0, 0] / P1[0, 0])
+    return VerticalError(difference[:, 1], difference[:, 0], left, c.frame_size)
+
+
+def raw_error(matches: Sequence[FrameMatches], frame_size: tuple[int, int]) -> VerticalError:
+    """The same of the frames as they are, without any calibration."""
+    left = np.concatenate([one.left for one in matches])
+    right = np.concatenate([one.right for one in matches])
+    return VerticalError(left[:, 1] - right[:, 1], left[:, 0] - right[:, 0], left, frame_size)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is to be said of a calibration, by the frames themselves.
+
+    Attributes
+    ----------
+    state : str
+        `GOOD`, `SHIFTED` or `UNUSABLE`.
+    trim_px : float
+        By how much the right view has to be moved down.
+    after_trim : dict
+        Median and p90 with that trim.
+    """
+
+    state: str
+    reason: str
+    trim_px: float
+    error: VerticalError
+    after_trim: VerticalError
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return {
+            "state": self.state,
+            "reason": self.reason,
+            "trim_px": round(self.trim_px, 3),
+            "vertical_error": self.error.figures(),
+            "after_trim": self.after_trim.figures(),
+            "by_region": self.error.by_region(),
+        }
+
+
+def measurable(calibration: StereoCalibration) -> bool:
+    """Whether a calibration, usable or not, turns two frames side by side at all."""
+    c = calibration
+    cameras = all(K[0, 0] > 0 and K[1, 1] > 0 for K in (c.K1, c.K2))
+    turned = np.allclose(c.R @ c.R.T, np.eye(3), atol=1e-3) and np.linalg.det(c.R) > 0
+    return bool(cameras and turned and abs(c.T_mm[0, 0]) > np.abs(c.T_mm[1:]).max())
+
+
+def judge(calibration: StereoCalibration, matches: Sequence[FrameMatches]) -> Judgement:
+    """Say whether a calibration is good, shifted by some rows, or unusable for these frames."""
+    error = vertical_error(calibration, matches)
+    trim = float(np.median(error.row_px))
+    trimmed = VerticalError(error.row_px - trim, error.disparity_px, error.at, error.frame_size)
+    behind = float((error.disparity_px < 0).mean())
+    if behind > _MOST_BEHIND:
+        state, reason = UNUSABLE, (
+            f"{100 * behind:.0f} % of the points would lie behind the cameras: left and right are "
+            "exchanged, or the rotation is wrong"
+        )  # fmt: skip
+    elif _fits(error):
+        state, reason = GOOD, f"rows agree within {error.median_px:.2f} px (median)"
+    elif _fits(trimmed) and abs(trim) <= MOST_SHIFT_PX:
+        state, reason = SHIFTED, (
+            f"a constant row offset: a trim of {trim:+.1f} px mends it (the right view moved "
+            f"{'down' if trim > 0 else 'up'})"
+        )  # fmt: skip
+    else:
+        state, reason = UNUSABLE, (
+            f"rows differ by {error.median_px:.1f} px (median), and by {trimmed.median_px:.1f} px "
+            "with the best constant offset"
+        )  # fmt: skip
+    return Judgement(state, reason, trim, error, trimmed)
+
+
+def _fits(error: VerticalError) -> bool:
+    return error.median_px <= GOOD_MEDIAN_PX and error.p90_px <= GOOD_P90_PX
