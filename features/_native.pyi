@@ -171,3 +171,21 @@ def nearest_counts(
     scratch: NDArray[np.uint8],
     counts: NDArray[np.int64],
 ) -> None: ...
+
+class MatchKernel:
+    def __init__(
+        self, smallest: int, count: int, block: int, zero: int, texture: int, uniqueness: int
+    ) -> None: ...
+    def scratch_size(self, width: int) -> int: ...
+    def disparities(
+        self,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        wanted: NDArray[np.uint8],
+        top: int,
+        bottom: int,
+        first: int,
+        last: int,
+        scratch: NDArray[np.uint16],
+        out: NDArray[np.int16],
+    ) -> None: ...

@@ -38,7 +38,9 @@ def block_disparity(
     column, row, width, height = cv2.boundingRect(inside)
     if not width:
         return disparity
-    views = [_gradients(padded(view, settings, PADDING), settings.cap) for view in (left, right)]
+    left, right = (
+        _gradients(padded(view, settings, PADDING), settings.cap) for view in (left, right)
+    )
     area = (row, row + height, column + margin, column + margin + width)
     kernel = _native.MatchKernel(
         settings.min_disparity,
@@ -49,16 +51,17 @@ def block_disparity(
         settings.uniqueness,
     )
     scratch = SCRATCH.array("match", kernel.scratch_size(width), np.uint16)
-    wide = np.full(views[0].shape, settings.unmatched, np.int16)
-    kernel.disparities(*views, padded(inside, settings, 0), *area, scratch, wide)
+    wide = np.full(left.shape, settings.unmatched, np.int16)
+    kernel.disparities(left, right, padded(inside, settings, 0), *area, scratch, wide)
     return wide[:, margin:]
 
 
 def _gradients(view: NDArray[np.uint8], cap: int) -> NDArray[np.uint8]:
     """OpenCV's XSOBEL filter: gradients across, clipped at `cap`, which itself means none."""
     gradient = cv2.Sobel(view, cv2.CV_16S, 1, 0)
-    raised = cv2.add(gradient, (float(cap), 0.0, 0.0, 0.0), dtype=cv2.CV_8U)  # clips below
-    clipped = np.asarray(cv2.min(raised, 2.0 * cap), np.uint8)
+    # To bytes: what is below -cap becomes 0.
+    raised = cv2.addWeighted(gradient, 1.0, gradient, 0.0, float(cap), dtype=cv2.CV_8U)
+    clipped = np.minimum(np.asarray(raised, np.uint8), np.uint8(2 * cap))
     clipped[:, [0, -1]] = cap
     if len(clipped) % 2:  # it works on pairs of rows, and leaves a last single one without any
         clipped[-1] = cap

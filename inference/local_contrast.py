@@ -32,7 +32,8 @@ def local_mean_and_sigma(
     mean = cv2.boxFilter(view, cv2.CV_32F, window)
     variance = cv2.sqrBoxFilter(view, cv2.CV_32F, window)
     cv2.subtract(variance, cv2.multiply(mean, mean), dst=variance)
-    sigma = cv2.sqrt(cv2.max(variance, 0.0))
+    np.maximum(variance, 0, out=variance)
+    sigma = cv2.sqrt(variance)
     return np.asarray(mean, np.float32), np.asarray(sigma, np.float32)
 
 
@@ -52,5 +53,6 @@ def even_contrast(
         Grey levels that one local standard deviation becomes.
     """
     even = cv2.subtract(view, mean)
-    cv2.divide(even, cv2.max(sigma, LEAST_SIGMA_GREY), dst=even, scale=gain)
-    return np.asarray(cv2.add(even, (_MIDDLE, 0.0, 0.0, 0.0), dtype=cv2.CV_8U), np.uint8)
+    cv2.divide(even, np.maximum(sigma, LEAST_SIGMA_GREY), dst=even, scale=gain)
+    raised = cv2.addWeighted(even, 1.0, even, 0.0, _MIDDLE, dtype=cv2.CV_8U)
+    return np.asarray(raised, np.uint8)

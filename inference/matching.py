@@ -15,6 +15,7 @@ left finds it too, where both views have enough contrast, and in patches that ar
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,7 +44,9 @@ BLOCK_PX = 21
 WINDOW_PX = 21
 """Height and width of what counts as around a pixel for its local contrast."""
 BLOB_PX = 150
-"""Fewest pixels of a patch of valid matches."""
+"""Fewest pixels of a patch of valid matches of like disparity; fewer are specks."""
+LIKE_PX = 1
+"""Most that the disparities of two neighbours in a patch differ by."""
 GAIN = 12.5
 """Grey levels that one local standard deviation becomes before matching."""
 CAP = 31
@@ -137,8 +140,8 @@ class DenseMatcher:
     def match(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> Matches:
         """Match a pair of rectified views, float32, of the rectifier's size."""
         left_mean, left_sigma = local_mean_and_sigma(left, self._window)
-        rough = cv2.compare(left_sigma, LOCAL_SIGMA_GREY, cv2.CMP_GT)
-        textured = np.asarray(cv2.bitwise_and(rough, self._searched), np.uint8)
+        textured = (left_sigma > LOCAL_SIGMA_GREY).view(np.uint8)
+        textured &= self._searched
         if cv2.countNonZero(textured) < self._least_blob:
             nothing = np.zeros(left.shape, bool)
             none = np.full(left.shape, self.settings.unmatched / PER_PIXEL, np.float32)
@@ -149,8 +152,9 @@ class DenseMatcher:
         wanted = np.asarray(cv2.bitwise_and(textured, self._matched_pixels), np.uint8)
         disparity = self._disparity(left_even, right_even, wanted)
         seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
-        valid = self._large_blobs(seen[:: self._step, :: self._step])
-        sparse = disparity[:: self._step, :: self._step].astype(np.float32) / np.float32(PER_PIXEL)
+        matched = np.s_[:: self._step, :: self._step]
+        valid = self._without_specks(disparity[matched], seen[matched])
+        sparse = disparity[matched].astype(np.float32) / np.float32(PER_PIXEL)
         return Matches(
             self._spread(sparse),
             self._spread(valid).view(bool),
@@ -197,14 +201,14 @@ class DenseMatcher:
         seen.ravel()[here[same]] = 1
         return seen
 
-    def _large_blobs(self, seen: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Only the connected regions of enough pixels."""
-        _, labels, statistics, _ = cv2.connectedComponentsWithStats(
-            np.ascontiguousarray(seen), connectivity=4
-        )
-        large = statistics[:, cv2.CC_STAT_AREA] >= self._least_blob / self._step**2
-        large[0] = False  # the background
-        return np.asarray(large.astype(np.uint8)[labels])
+    def _without_specks(
+        self, disparity: NDArray[np.int16], seen: NDArray[np.uint8]
+    ) -> NDArray[np.uint8]:
+        """Of what was seen twice, only connected regions of enough pixels of like disparity."""
+        kept = np.where(seen != 0, disparity, self.settings.unmatched).astype(np.int16)
+        largest_speck = math.ceil(self._least_blob / self._step**2) - 1
+        cv2.filterSpeckles(kept, self.settings.unmatched, largest_speck, LIKE_PX * PER_PIXEL)
+        return np.asarray(kept != self.settings.unmatched, np.uint8)
 
 
 def semi_global_disparity(

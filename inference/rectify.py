@@ -64,7 +64,7 @@ class Rectifier:
         self._rectify()
         self._places: dict[tuple[int, int], NDArray[np.float32]] = {}
         places = np.moveaxis(self._frame_places(9, 9), -1, 0)
-        if self._inside(places).mean() < _LEAST_IN_VIEW:
+        if self._inside((places[0], places[1])).mean() < _LEAST_IN_VIEW:
             raise ToktError("the calibration moves most of the left frame out of view")
 
     def _rectify(self) -> None:
