@@ -126,7 +126,7 @@ def test_rows_alone_do_not_fix_the_yaw(dive: Dive) -> None:
 
 @pytest.mark.parametrize(("yaw", "free"), [(0.06, DISTORTION), (-0.05, ())])
 def test_a_large_yaw_is_found(yaw: float, free: tuple[str, ...]) -> None:
-    """Three degrees are 60 px of disparity; found even where the lens is taken for a straight one."""
+    """Three degrees are 60 px of disparity; found even where the lens is taken for straight."""
     found = fit_rig(draw_dive(rotation_y=yaw).matches[::2], Rig.plain(1111.0, 305.5, SIZE), free)
     assert found.rig.values["rotation_y"] == pytest.approx(yaw, abs=2e-3)
 

@@ -26,7 +26,7 @@ def bench(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Its stereo calibration; default: calibration.yml in the mission.",
+            help="Its stereo calibration; default: calibration.yml in the mission or beside it.",
         ),
     ] = None,
     frames: Annotated[

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from ..features.mission import Mission
     from ..inference.calibration import StereoCalibration
     from ..training.stereo.checkerboard import BoardCalibration
-    from ..training.stereo.self_calibration import SelfCalibration, Start
+    from ..training.stereo.self_calibration import SelfCalibration
+    from ..training.stereo.start import Start
 
 NOT_GOOD = 1
 """Exit code of --check for a calibration that is shifted or unusable."""
@@ -109,12 +110,7 @@ def _start(
     mission: Path, baseline: float | None, focal: float | None, start: Path | None, free: str | None
 ) -> Start:
     from ..features.mission import open_mission
-    from ..training.stereo.self_calibration import (
-        BASELINE_MM,
-        parse_free,
-        plain_start,
-        start_from,
-    )
+    from ..training.stereo.start import BASELINE_MM, parse_free, plain_start, start_from
 
     for name, value in (("--baseline", baseline), ("--focal", focal)):
         if value is not None and not 0 < value < float("inf"):
@@ -179,8 +175,7 @@ def _print_self(found: SelfCalibration) -> None:
             f"{'-' if value is None else format(value, '.3g' if i % 2 == 0 else '.5g'):>11}"
             for i, value in enumerate((one.sigma, one.value_all_free, one.sigma_all_free))
         )
-        state = f"{'held; ' if one.held else ''}{one.verdict}"
-        print(f"  {one.name:13}{one.value:12.6g}{figures} {one.unit:4}{state}")
+        print(f"  {one.name:13}{one.value:12.6g}{figures} {one.unit:4}{one.words()}")
     print(
         "  Pictures have no scale: every distance is as right as the baseline. "
         + _focal_words(found)
@@ -225,7 +220,7 @@ def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
 
 def _misfit(calibration: StereoCalibration, mission: Mission) -> str:
     """Why a calibration is not of this mission's cameras, whatever its frames show."""
-    from ..training.stereo.self_calibration import frame_size
+    from ..training.stereo.survey import frame_size
 
     size, given = frame_size(mission), calibration.frame_size
     if given == size:

@@ -45,7 +45,7 @@ class StereoInput:
 
 
 def stereo_input(mission: Mission, calibration: StereoCalibration | None) -> StereoInput:
-    """The calibration given, or the one in the mission's folder, if the pairs fit it.
+    """The calibration given, or the one in the mission's folder or beside it, if the pairs fit.
 
     Parameters
     ----------
@@ -55,10 +55,13 @@ def stereo_input(mission: Mission, calibration: StereoCalibration | None) -> Ste
     """
     words = "calibration given"
     if calibration is None:
-        file = mission.path / CALIBRATION_FILE
-        words = f"{CALIBRATION_FILE} of the mission"
+        inside, beside = (at / CALIBRATION_FILE for at in (mission.path, mission.path.parent))
+        file = inside if inside.is_file() else beside
+        words = f"{CALIBRATION_FILE} {'of' if file is inside else 'beside'} the mission"
         if not file.is_file():
-            return _left_out(f"there is no {CALIBRATION_FILE} in it (--calibration FILE)")
+            return _left_out(
+                f"there is no {CALIBRATION_FILE} in it or beside it (--calibration FILE)"
+            )
         try:
             calibration = load_calibration(file)
         except ToktError as error:

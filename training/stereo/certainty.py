@@ -31,6 +31,7 @@ _TOLERANCE = {
 """The deviation that moves a point by about a pixel, or a depth by about one percent."""
 _FOCAL_TOLERANCE = 0.01
 _WEAK = 4.0
+_MANY_SIGMAS = 3.0
 _FOCAL_STEPS = (0.95, 1.05)
 
 
@@ -61,6 +62,17 @@ class Parameter:
     value_all_free: float | None
     verdict: str
     held: bool
+
+    def words(self) -> str:
+        """The verdict, and what it rests on."""
+        if self.held:
+            return f"held; {self.verdict}"
+        moves = (
+            self.value_all_free is not None
+            and self.sigma_all_free is not None
+            and (abs(self.value_all_free - self.value) > _MANY_SIGMAS * self.sigma_all_free)
+        )
+        return f"{self.verdict}{', as long as those held are right' if moves else ''}"
 
 
 @dataclass(frozen=True)

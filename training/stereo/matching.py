@@ -64,8 +64,16 @@ def view_scale(width: int) -> float:
     return 0.5 if width >= _HALVED_FROM else 1.0
 
 
-def gray_view(mission: Mission, frame: int, camera: str) -> tuple[NDArray[np.float32], float]:
-    """One frame in grey levels, not rounded, at `view_scale`; and that. Raises FrameError."""
+def gray_view(
+    mission: Mission, frame: int, camera: str
+) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    """One frame in grey levels, not rounded, at `view_scale`; and the frame's width and height.
+
+    Raises
+    ------
+    FrameError
+        If it cannot be read.
+    """
     image = mission.read(frame, camera)
     if image.ndim == 3:
         image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
@@ -73,7 +81,7 @@ def gray_view(mission: Mission, frame: int, camera: str) -> tuple[NDArray[np.flo
     scale = view_scale(width)
     size = (round(width * scale), round(height * scale))
     view = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(view, np.float32), scale
+    return np.asarray(view, np.float32), (width, height)
 
 
 def even_contrast(view: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -85,7 +93,7 @@ def even_contrast(view: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.asarray(np.clip(even * _GAIN + _MIDDLE, 0, 255), np.uint8)
 
 
-def match_frame(mission: Mission, frame: int) -> FrameMatches | None:
+def match_frame(mission: Mission, frame: int, frame_size: tuple[int, int]) -> FrameMatches | None:
     """Match the two pictures of one frame: ratio, mutual choice, exact place, one geometry.
 
     SIFT's places are off by half a pixel and more; Lucas and Kanade's method moves the right one
@@ -96,16 +104,18 @@ def match_frame(mission: Mission, frame: int) -> FrameMatches | None:
     Returns
     -------
     FrameMatches or None
-        None where the frame cannot be read or has too few matches for a geometry.
+        None where the frame cannot be read, is of another size than `frame_size` (width,
+        height), or has too few matches for a geometry.
     """
     try:
-        (left_view, scale), (right_view, _) = (
+        (left_view, size), (right_view, right_size) = (
             gray_view(mission, frame, camera) for camera in (LEFT, RIGHT)
         )
     except FrameError:
         return None
-    if left_view.shape != right_view.shape:
+    if size != frame_size or right_size != frame_size:
         return None
+    scale = view_scale(frame_size[0])
     views = even_contrast(left_view), even_contrast(right_view)
     (left, left_look), (right, right_look) = (_features(view) for view in views)
     a, b = mutual_matches(left_look, right_look, _RATIO).T

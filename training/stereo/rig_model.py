@@ -17,7 +17,11 @@ POSE = ("rotation_x", "rotation_y", "rotation_z", "direction_y", "direction_z", 
 """What is always estimated: R as a rotation vector (rad), T's direction as the ratios of its y
 and z to its x, and the right focal length divided by the left one."""
 DISTORTION = ("k1", "k2")
-"""Added to both cameras' distortion: they are of one make, and look through equal ports."""
+"""Added to both cameras' distortion: they are of one make, and look through equal ports.
+
+On the 2016 mission the frames tell both: a rig fitted to points within 430 px of the centres of
+the even frames has a vertical error of 0.41 px (median) beyond 480 px in the odd ones; with the
+printed k1 and k2 it is 0.51 px, with k1 alone 0.61 px, without distortion 2.6 px."""
 FOCAL = ("focal",)
 PRINCIPAL = ("cx_left", "cy_left", "cx_right", "cy_right")
 _K, _R, _T, _F, _C = slice(10, 12), slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10)

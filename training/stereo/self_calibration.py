@@ -5,46 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
+
+from threadpoolctl import ThreadpoolController
 
 from ... import __version__
 from ...features.errors import ToktError
-from ...features.mission import LEFT, Mission, format_frames
+from ...features.mission import Mission, format_frames
 from ...inference.calibration import StereoCalibration
 from .certainty import Certainty, certainty
 from .matching import FrameMatches
 from .rig_fit import RigFit, fit_rig
-from .rig_model import DISTORTION, FOCAL, PRINCIPAL, Rig
+from .start import Start
 from .survey import Progress, match_mission
 from .vertical_error import VerticalError, raw_error, vertical_error
 
-BASELINE_MM = 305.5
-"""Distance between the mission cameras (thesis, table 3.4: the length of T)."""
-FOCAL_PX, FOCAL_WIDTH = 2222.7, 1360
-"""Focal length in water of the mission cameras (thesis, table 3.3), at their frame width."""
 PARTS = ("alternate", "even", "odd", "all")
-_FREE_NAMES = {"k1": ("k1",), "k2": ("k2",), "focal": FOCAL, "principal": PRINCIPAL}
-
-
-@dataclass(frozen=True)
-class Start:
-    """What the cameras are taken for before a frame is looked at.
-
-    Attributes
-    ----------
-    rig : Rig
-    words : str
-        Where it comes from.
-    free : tuple of str
-        What is estimated besides R, the direction of T and the focal ratio.
-    calibration : StereoCalibration or None
-        The whole of it, where a usable one was given: what `before` is measured with.
-    """
-
-    rig: Rig
-    words: str
-    free: tuple[str, ...]
-    calibration: StereoCalibration | None = None
 
 
 @dataclass(frozen=True)
@@ -96,8 +73,8 @@ class SelfCalibration:
         if not self.held_out:
             return "NOT held out: measured on the frames it was fitted to"
         words = (
-            f"fitted to {len(self.fit_frames)} frames ({format_frames(self.fit_frames)}), tested "
-            f"on {len(self.test_frames)} others ({format_frames(self.test_frames)})"
+            f"fitted to {len(self.fit_frames)} frames ({_frame_words(self.fit_frames)}), tested "
+            f"on {len(self.test_frames)} others ({_frame_words(self.test_frames)})"
         )
         if self.part == PARTS[0]:
             return f"{words}; the calibration itself is then fitted to all of them"
@@ -144,88 +121,6 @@ class SelfCalibration:
         }
 
 
-def parse_free(text: str) -> tuple[str, ...]:
-    """Read ``k1,k2,focal,principal``, or ``none``.
-
-    Raises
-    ------
-    ToktError
-        If a name is none of these.
-    """
-    if text.strip() == "none":
-        return ()
-    names: list[str] = []
-    for word in text.split(","):
-        if word.strip() not in _FREE_NAMES:
-            known = ", ".join(_FREE_NAMES)
-            raise ToktError(f"{word.strip()!r} cannot be freed (choose from {known}, or none)")
-        names += _FREE_NAMES[word.strip()]
-    return tuple(dict.fromkeys(names))
-
-
-def plain_start(
-    mission: Mission, baseline_mm: float, focal_px: float | None, free: tuple[str, ...] | None
-) -> Start:
-    """Two equal cameras of a known focal length; the lens distortion is estimated."""
-    size = frame_size(mission)
-    focal = focal_px or FOCAL_PX * size[0] / FOCAL_WIDTH
-    words = f"f = {focal:.1f} px{'' if focal_px else ' (the mission cameras of 2016)'}"
-    rig = Rig.plain(focal, baseline_mm, size)
-    freed = DISTORTION if free is None else free
-    return Start(rig, f"{words}, principal point at the centre", freed)
-
-
-def start_from(
-    given: StereoCalibration,
-    usable: bool,
-    mission: Mission,
-    baseline_mm: float,
-    free: tuple[str, ...] | None,
-) -> Start:
-    """Cameras as a calibration file has them; only how they stand is estimated, by default.
-
-    Of a calibration that cannot be used as it is, as that printed in the thesis, only f, k1 and
-    k2 are taken.
-
-    Raises
-    ------
-    ToktError
-        If it is of frames of another size, or its lenses need more than five numbers.
-    """
-    size = frame_size(mission)
-    if given.frame_size != size:
-        raise ToktError(
-            f"the calibration to start from is of {given.frame_size[0]}x{given.frame_size[1]} "
-            f"frames, the mission's are {size[0]}x{size[1]}"
-        )
-    freed = () if free is None else free
-    K, D = (given.K1, given.K2), (given.D1, given.D2)
-    if usable:
-        if any(d[5:].any() for d in D):
-            raise ToktError(
-                "a start with more than k1 k2 p1 p2 k3 of distortion cannot be adjusted"
-            )
-        rig = Rig.from_cameras(K, D, baseline_mm, size)
-        return Start(rig, "cameras as given, their standing to each other anew", freed, given)
-    centred = [_centred(k, size) for k in K]
-    lenses = [d[:2] for d in D]
-    rig = Rig.from_cameras((centred[0], centred[1]), (lenses[0], lenses[1]), baseline_mm, size)
-    return Start(rig, "f, k1 and k2 as given; principal point at the centre, square pixels", freed)
-
-
-def _centred(K: Any, size: tuple[int, int]) -> Any:
-    plain = K.copy()
-    plain[1, 1], plain[0, 1] = K[0, 0], 0.0
-    plain[0, 2], plain[1, 2] = (size[0] - 1) / 2, (size[1] - 1) / 2
-    return plain
-
-
-def frame_size(mission: Mission) -> tuple[int, int]:
-    """Width and height of the mission's first left frame."""
-    image = mission.read(mission.frames(LEFT)[0], LEFT)
-    return image.shape[1], image.shape[0]
-
-
 def self_calibrate(
     mission: Mission,
     start: Start,
@@ -252,6 +147,17 @@ def self_calibrate(
     ToktError
         If there is too little to match, or nothing is left to fit to or to test on.
     """
+    with ThreadpoolController().limit(limits=1, user_api="blas"):  # threads gain nothing here
+        return _calibrate(mission, start, progress, frames, part)
+
+
+def _calibrate(
+    mission: Mission,
+    start: Start,
+    progress: Progress,
+    frames: Sequence[int] | None,
+    part: str,
+) -> SelfCalibration:
     began = time.perf_counter()
     matches = match_mission(mission, frames, progress)
     chosen, tested = _split(matches, part)
@@ -297,3 +203,11 @@ def _split(matches: list[FrameMatches], part: str) -> tuple[list[FrameMatches], 
                 f"{format_frames(one.frame for one in matches)}); choose --fit all or more frames"
             )
     return halves
+
+
+def _frame_words(frames: list[int]) -> str:
+    """As `format_frames`, shorter for every second frame of a stretch."""
+    steps = {later - earlier for earlier, later in pairwise(frames)}
+    if len(frames) > 3 and steps == {2}:
+        return f"{frames[0]} to {frames[-1]}, every second"
+    return format_frames(frames)

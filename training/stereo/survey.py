@@ -42,6 +42,23 @@ def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list
     return chosen
 
 
+def frame_size(mission: Mission) -> tuple[int, int]:
+    """Width and height of the first left frame that can be read.
+
+    Raises
+    ------
+    ToktError
+        If none can.
+    """
+    for frame in mission.frames(LEFT):
+        try:
+            image = mission.read(frame, LEFT)
+        except FrameError:
+            continue
+        return image.shape[1], image.shape[0]
+    raise ToktError(f"mission {mission.path}: no left frame can be read")
+
+
 def match_mission(
     mission: Mission,
     frames: Sequence[int] | None,
@@ -69,7 +86,8 @@ def match_mission(
     worth = [f for f, share in zip(present, shares, strict=True) if share >= _LEAST_SHARE]
     if len(worth) > most:
         worth = _spread(worth, most) if spread else _densest(worth, shares, present, most)
-    found = [match_frame(mission, frame) for frame in progress(worth, len(worth), "match")]
+    size = frame_size(mission)
+    found = [match_frame(mission, frame, size) for frame in progress(worth, len(worth), "match")]
     matched = [one for one in found if one is not None]
     if not matched:
         raise ToktError(
