@@ -55,7 +55,7 @@ class ObstacleMemory:
         rays = np.column_stack([flat, np.ones(len(flat))]) @ self._rotation
         return np.asarray(rays, np.float64)
 
-    def advance(self, frames: int, motion: Motion | None) -> None:
+    def advance(self, frames: int, motion: Motion | None, moving: int = 1) -> None:
         """Let time pass, and move the camera.
 
         Parameters
@@ -63,14 +63,20 @@ class ObstacleMemory:
         frames : int
             How many frames later it is.
         motion : Motion, optional
-            Of the camera since then; None where it is not known: the points stay in view where
-            they are, at the distance they were seen at.
+            Of the camera; None where it is not known: the points stay in view where they are, at
+            the distance they were seen at.
+        moving : int
+            How many frames the motion took. A point that is younger was seen on the way: it
+            takes only the part of the motion that came after, as of an even one.
         """
         self.ages += frames
         self._keep(self.ages <= self._oldest)
         if motion is None or not len(self.ages):
             return
-        self.points_m = motion.of(self.points_m)
+        after = self.ages.clip(max=moving)
+        for age in np.unique(after):
+            points = self.points_m[after == age]
+            self.points_m[after == age] = motion.last(age / moving).of(points)
         self._keep(self.depths_m > _NEAREST_M)
         self._cells = self._cells_of(self.points_m)
         self._keep(self._cells >= 0)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,6 +56,11 @@ class Motion:
     def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points after the move, shape (n, 3) like those before it."""
         return np.asarray(points_m @ self.rotation.T + self.translation_m, np.float64)
+
+    def last(self, part: float) -> Motion:
+        """The last part, from 0 to 1, of the motion, as if turn and way had been even."""
+        turn = cv2.Rodrigues(self.rotation)[0] * part
+        return Motion(np.asarray(cv2.Rodrigues(turn)[0], np.float64), self.translation_m * part)
 
 
 def motion_between(before: Pose, after: Pose) -> Motion:

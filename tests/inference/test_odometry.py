@@ -103,3 +103,13 @@ def test_motion_is_the_way_back_into_the_moved_camera() -> None:
     # 1 m forward, then a quarter turn to the right: what was 3 m ahead is 2 m to the left.
     moved = motion_between(read[1], read[2]).of(np.array([[0.0, 0.5, 3.0]]))
     assert moved == pytest.approx(np.array([[-2.0, 0.5, 0.0]]))
+
+
+def test_an_even_motion_is_the_sum_of_its_parts() -> None:
+    turn = "0.9,0.3,0.1,-0.3"  # of length 1
+    read = parse_odometry(poses("1,0,1,2,3,1,0,0,0", f"2,1,2,2,5,{turn}"), "o.csv")
+    whole = motion_between(read[1], read[2])
+    point = np.array([[0.5, -1.0, 4.0]])
+    assert whole.last(1).of(point) == pytest.approx(whole.of(point))
+    assert whole.last(0).of(point) == pytest.approx(point)
+    assert whole.last(0.25).rotation @ whole.last(0.75).rotation == pytest.approx(whole.rotation)

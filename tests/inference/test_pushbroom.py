@@ -188,6 +188,43 @@ def test_what_was_passed_is_forgotten() -> None:
     assert is_clear(detector.detect(Frame(2, 0.0, *EMPTY)))
 
 
+def test_what_was_met_before_the_poses_came_back_is_still_ahead() -> None:
+    """1 m a frame, and the first and last pose only: seen on the way at 4 m, now 3 m away."""
+    path = poses("1,0,0,0,0,1,0,0,0", "5,0,0,0,4,1,0,0,0")
+    detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
+    for number in range(1, 5):
+        detector.detect(Frame(number, 0.0, *(draw(4.0) if number == 4 else EMPTY)))
+    found = detector.detect(Frame(5, 0.0, *EMPTY))
+    assert found.distance_m == pytest.approx(3.0, rel=0.03)
+
+
+def test_what_is_remembered_but_has_become_too_small_is_not_clear() -> None:
+    path = poses("1,0,0,0,0,1,0,0,0", "2,0,0,0,-6,1,0,0,0")
+    detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
+    small = cv2.resize(np.random.default_rng(8).uniform(20, 120, (12, 12)), (60, 60))
+    assert detector.detect(Frame(1, 0.0, *draw(2.0, small))).distance_m is not None
+    found = detector.detect(Frame(2, 0.0, *EMPTY))
+    assert found.mask is None and found.against_clear and "met before" in found.fault
+
+
+def noise(seed: int, light: float = 1.0) -> np.ndarray:
+    """Open water, never twice the same."""
+    rng = np.random.default_rng(seed)
+    return (light * sea() + rng.normal(0, 2, (HEIGHT, WIDTH))).round().clip(0).astype(np.uint8)
+
+
+def test_a_camera_that_sees_nothing_makes_no_clear(detector: PushbroomDetector) -> None:
+    tower = draw(1.5)[1]  # before the right camera alone
+    assert is_clear(detector.detect(Frame(1, 0.0, noise(1), noise(2))))
+    frozen = detector.detect(Frame(2, 0.0, noise(1), noise(3)))
+    assert frozen.mask is None and frozen.against_clear and "left camera repeats" in frozen.fault
+    covered = detector.detect(Frame(3, 0.0, noise(4), tower))
+    assert covered.mask is None and covered.against_clear and "right view shows" in covered.fault
+    dark = detector.detect(Frame(4, 0.0, noise(5), noise(6, light=0.2)))
+    assert dark.mask is None and not dark.against_clear and "times darker" in dark.fault
+    assert is_clear(detector.detect(Frame(5, 0.0, noise(7), noise(8))))
+
+
 def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(
     detector: PushbroomDetector,
 ) -> None:
@@ -268,8 +305,11 @@ def test_the_tower_is_met_as_it_crosses_each_distance(
     ):
         found = look(real, mission, number, number)
         assert np.median(found[found > 0]) == pytest.approx(distance_m, rel=0.06)
-    for number in (158, 170, 204):  # between two distances
+    for number in (146, 158, 170, 204):  # farther, or between two distances
         assert not look(real, mission, number, number).any()
+        left = read_image(mission / "Left" / f"tokt1_L_{number}.jpg")
+        right = read_image(mission / "Right" / f"tokt1_R_{number}.jpg")
+        assert real.detect(Frame(number, 0.0, left, right)).against_clear  # and never clear
 
 
 @pytest.mark.mission

@@ -187,7 +187,8 @@ def test_a_cloud_of_another_frame_cut_off_at_a_distance(
     assert told.code == 0 and "1 with an obstacle" in told.out and "of frame 8" in told.out
     assert np.median(read_ply(tmp_path / "c.ply")["z"]) == pytest.approx(depth_m(8), rel=0.01)
     again = run_tokt(*command, "--ply", tmp_path / "d.ply", "--ply-farthest", 2, *options[2:])
-    assert again.code == 2 and "within 2 m" in again.err and again.err.count("error") == 1
+    assert again.code == 2 and again.err.count("error") == 1
+    assert "nothing in frame 8 was matched within 2 m" in again.err
     assert (tmp_path / "depth.csv").is_file() and not (tmp_path / "d.ply").exists()
 
 
@@ -195,6 +196,12 @@ def test_a_cloud_of_another_frame_cut_off_at_a_distance(
     ("options", "words"),
     [
         (("--out", "file"), "not a folder"),
+        (("--out", "file/out"), "file is not a folder"),
+        (("--out", "/proc/out"), "--out: cannot write in /"),
+        (("--ply", "file/c.ply"), "file is not a folder; choose another with --ply"),
+        (("--ply-farthest", "3"), "together with --ply"),
+        (("--pictures", ""), "not a list of frames"),
+        (("--frames", ""), "not a list of frames"),
         (("--ply", "."), "--ply names a file"),
         (("--ply", "c.ply", "--ply-frame", "5", "--frames", "7-9"), "frames 5 are not among"),
         (("--ply-frame", "5"), "together with --ply"),
@@ -228,6 +235,9 @@ def test_people_are_told_why_nothing_could_be_judged(
     ran = run_tokt("depth", sea, "--calibration", tmp_path / "c.yml", *options)
     assert ran.code == 0, ran.err
     assert "2 unknown\n  unknown in 2: the left frame is 680x512, the calibration" in ran.out
+    towards = ("--frames", "3-5", "--pictures", "none", "--out", tmp_path / "out")
+    ran = run_tokt("depth", sea, "--calibration", sea / "calibration.yml", *towards)
+    assert "median depth: falls to frame 5; beside" in ran.out
 
 
 def test_one_camera_has_no_depth(sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
@@ -254,6 +264,11 @@ def test_three_in_a_row_make_a_detection() -> None:
     specked = summary([*rows_of({1: 5.0}), speck, DepthRow(3, 0, valid_fraction=0.0)])
     assert specked["nearest"] == {"frame": 1, "distance_m": 5.0, "median_m": 5.0}
     assert specked["clear_valid_fraction"] == {"mean": 5e-5, "max": 1e-4, "frames_above_0": "2"}
+    # A clear frame's stray matches are no depth of the obstacle; one frame alone can be nearest.
+    stray = [*rows_of({1: 5.0, 2: 4.0, 3: 3.0}), DepthRow(4, 0, None, 9.0), *rows_of({5: 2.0})]
+    broken = summary([*stray, *rows_of({6: 2.5, 7: 2.6, 9: 1.5})])
+    assert broken["gaps"] == {"count": 1, "frames": "4"} and broken["median_m"]["monotone"]
+    assert broken["nearest"]["frame"] == 9
     none = summary(rows_of({1: None}))
     assert none["first_detection"] is none["nearest"] is none["median_m"] is None
 

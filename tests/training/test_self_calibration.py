@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from tokt.features.errors import ToktError
-from tokt.training.stereo.adjustment import Path, Problem
+from tokt.training.stereo.adjustment import LOSS_PX, Path, Problem
 from tokt.training.stereo.certainty import FIXED, NOT_FIXED, Certainty, certainty
 from tokt.training.stereo.first_guess import epipolar_px, fit_epipolar, triangulate
 from tokt.training.stereo.matching import FrameMatches
-from tokt.training.stereo.rig_fit import RigFit, fit_rig
+from tokt.training.stereo.rig_fit import PRIORS, RigFit, fit_rig
 from tokt.training.stereo.rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
 from tokt.training.stereo.tracks import Tracks, build_tracks
 from tokt.training.stereo.vertical_error import (
@@ -101,6 +102,24 @@ def test_recovers_the_rig(fit: RigFit) -> None:
     bounds |= {"focal_ratio": 1.5e-3, "k1": 0.05, "k2": 0.3}
     off = {name: abs(fit.rig.values[name] - value) for name, value in TRUE.items()}
     assert {name: error for name, error in off.items() if error > bounds[name]} == {}
+
+
+def test_scipys_least_squares_finds_nothing_better(fit: RigFit) -> None:
+    """The same loss, as a sum of squares: each observation's residuals scaled by their length."""
+    problem = fit.problem(fit.names, PRIORS)
+    n = len(problem.tracks.frame)
+
+    def scaled(vector: Float) -> Float:
+        residuals = problem.residuals(vector)
+        length = np.maximum(problem.lengths(residuals), 1e-9)
+        factor = LOSS_PX * np.sqrt(np.log1p(np.square(length / LOSS_PX))) / length
+        return residuals * np.append(np.repeat(factor, 4), np.ones(len(residuals) - 4 * n))
+
+    end = problem.pack(fit.path)
+    assert np.square(scaled(end)).sum() / 2 == pytest.approx(problem.cost(problem.residuals(end)))
+    pattern = problem.jacobian(end) != 0
+    better = least_squares(scaled, end, jac_sparsity=pattern, x_scale="jac", max_nfev=8)
+    assert better.cost > 0.999 * problem.cost(problem.residuals(end))
 
 
 def test_the_zero_of_disparity_is_found(fit: RigFit, dive: Dive) -> None:

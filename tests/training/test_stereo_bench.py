@@ -155,6 +155,7 @@ def test_both_cases_of_a_mission(
     print_table(results, about)
     table = capsys.readouterr().out
     assert "(ours) of 2 pairs" in table and "without obstacle:" in table
+    assert "exact: ours matches" in table and "exact: depths are within" in table
     assert "stereo: calibration given" in table
 
 

@@ -59,12 +59,12 @@ def depth(
     from ..training.depth.run import DepthRequest, run_depth
     from .stereo_file import read_calibration_file
 
-    chosen = parse_frames(frames) if frames else None
+    chosen = None if frames is None else parse_frames(frames)
     opened = open_mission(mission)
     known = read_calibration_file(calibration)
     request = DepthRequest(
         chosen,
-        [] if pictures == "none" else parse_frames(pictures) if pictures else None,
+        None if pictures is None else [] if pictures == "none" else parse_frames(pictures),
         rate,
         stereo,
         scale,
@@ -104,7 +104,7 @@ def _print(found: dict[str, Any], out: Path) -> None:
         )
     for measure, words in (("median_m", "median depth"), ("distance_m", "near end")):
         if found[measure]:
-            print(f"  {words}: {_steadiness(found[measure])}")
+            print(f"  {words}: {_steadiness(found[measure], *found['detected'])}")
     if found["clear_valid_fraction"]:
         clear = found["clear_valid_fraction"]
         where = f" (frames {clear['frames_above_0']})" if clear["frames_above_0"] else ""
@@ -120,11 +120,13 @@ def _print(found: dict[str, Any], out: Path) -> None:
         )
 
 
-def _steadiness(figures: dict[str, Any]) -> str:
-    """How a depth runs over the frames with an obstacle."""
+def _steadiness(figures: dict[str, Any], first: int, last: int) -> str:
+    """How a depth runs over the frames with an obstacle, the first to the last."""
     turn = figures["nearest_frame"]
     if figures["monotone"]:
         words = f"falls to frame {turn} and rises after it"
+        if turn in (first, last):
+            words = f"falls to frame {turn}" if turn == last else f"rises from frame {turn}"
     else:
         parts = [
             f"{name} at {figures[key]}"

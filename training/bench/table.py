@@ -54,7 +54,7 @@ def _remark(case: Result) -> str:
 
 
 def _stereo_remark(extras: Mapping[str, Any]) -> str:
-    """The obstacles of both ways, and the times of pairs with one and without alone."""
+    """The obstacles of both ways, the times of pairs with and without one, and what is exact."""
     seen, count = extras["obstacle_pairs"], extras["pairs_checked"]
     parts = [f"obstacle in {seen['baseline']} (thesis) and {seen['ours']} (ours) of {count} pairs"]
     for key in ("with_obstacle", "without_obstacle"):
@@ -62,6 +62,7 @@ def _stereo_remark(extras: Mapping[str, Any]) -> str:
         if kind is not None:
             times = f"{_figure(kind['baseline_ms'])} to {_figure(kind['ours_ms'])} ms"
             parts.append(f"{key.replace('_', ' ')}: {times}, {kind['ratio']:.3g}x")
+    parts.append(f"exact: {extras['exact_is']}")
     return "; ".join(parts)
 
 

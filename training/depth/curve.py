@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...inference.verdict import OBSTACLE, UNKNOWN
 from .look import DepthRow
+from .summary import gaps_of
 
 COLUMNS = tuple(DepthRow.__dataclass_fields__)
 _DPI = 110
@@ -111,7 +112,7 @@ def _draw_valid(axes: Any, rows: Sequence[DepthRow], frames: NDArray[np.int64], 
     axes.set_yticks(_PERCENT_TICKS, [f"{tick:g}" for tick in _PERCENT_TICKS])
     axes.set_yticks([], minor=True)
     axes.set_ylim(0, 100)
-    axes.set(xlabel="frame", ylabel="matched, %")
+    axes.set(xlabel="frame", ylabel="matched, %\nof the view")
 
 
 def _mark(axes: Any, found: Mapping[str, Any]) -> None:
@@ -146,14 +147,9 @@ def _mark(axes: Any, found: Mapping[str, Any]) -> None:
 
 def _shade(axes: Any, rows: Sequence[DepthRow], found: Mapping[str, Any], step: int) -> None:
     """Frames that could not be judged, and gaps of depth inside the detected span."""
-    span = found["detected"]
-    kinds: dict[str, list[int]] = {"unknown": [], "no depth (gap)": []}
-    for row in rows:
-        inside = span is not None and span[0] <= row.frame <= span[1]
-        if inside and row.median_m is None:
-            kinds["no depth (gap)"].append(row.frame)
-        elif row.status == UNKNOWN:
-            kinds["unknown"].append(row.frame)
+    gaps = gaps_of(rows, found["detected"])
+    unknown = [row.frame for row in rows if row.status == UNKNOWN and row.frame not in gaps]
+    kinds = {"unknown": unknown, "no depth (gap)": gaps}
     for (label, frames), color in zip(kinds.items(), (_UNKNOWN_COLOR, _GAP_COLOR), strict=True):
         for place, (first, last) in enumerate(_runs(frames, step)):
             ends = (first - step / 2, last + step / 2)

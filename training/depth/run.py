@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,7 +121,8 @@ def run_depth(
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
     if request.ply is not None and about["ply"] is None:
-        where = "any frame" if request.ply_frame is None else f"frame {request.ply_frame}"
+        number = _cloud_frame(found, request)
+        where = "any frame" if number is None else f"frame {number}"
         raise ToktError(
             f"no point cloud: nothing in {where} was matched within {request.farthest_m:g} m"
         )
@@ -131,12 +133,13 @@ def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource
     """The frames to look at, after refusing what cannot be done, before hours of work."""
     if RIGHT not in mission.cameras:
         raise ToktError(f"mission {mission.name} has no right camera: depth needs both")
-    if out.exists() and not out.is_dir():
-        raise ToktError(f"{out} is not a folder; choose another with --out")
     if request.ply is not None and request.ply.is_dir():
         raise ToktError(f"{request.ply} is a folder; --ply names a file")
-    if request.ply is None and request.ply_frame is not None:
-        raise ToktError("--ply-frame goes together with --ply")
+    _refuse_unwritable(out, "--out")
+    if request.ply is not None:
+        _refuse_unwritable(request.ply.parent, "--ply")
+    if request.ply is None and (request.ply_frame, request.farthest_m) != (None, FARTHEST_M):
+        raise ToktError("--ply-frame and --ply-farthest go together with --ply")
     if request.rate is not None and not 0 < request.rate < float("inf"):
         raise ToktError(f"a rate is a positive number of frames per second, not {request.rate}")
     source = MissionSource(mission, SYSTEM_CLOCK, request.frames)
@@ -148,6 +151,17 @@ def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource
             f"frames {format_frames(missing)} are not among those looked at: {looked_at}"
         )
     return source
+
+
+def _refuse_unwritable(folder: Path, option: str) -> None:
+    """A folder that exists and cannot be written to, or cannot be made where it would be."""
+    there = next(at for at in (folder.absolute(), *folder.absolute().parents) if at.exists())
+    if not there.is_dir():
+        raise ToktError(f"{there} is not a folder; choose another with {option}")
+    try:
+        tempfile.TemporaryFile(dir=there).close()
+    except OSError as error:
+        raise ToktError(f"{option}: cannot write in {there}: {error.strerror}") from None
 
 
 def _to_draw(
@@ -166,9 +180,13 @@ def _to_draw(
 def _cloud(
     rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest, views: Views
 ) -> dict[str, Any] | None:
-    number = request.ply_frame
-    if number is None and found["nearest"]:
-        number = found["nearest"]["frame"]
+    number = _cloud_frame(found, request)
     if request.ply is None or number is None:
         return None
     return views.write_cloud(request.ply, rows[number], request.farthest_m)
+
+
+def _cloud_frame(found: dict[str, Any], request: DepthRequest) -> int | None:
+    if request.ply_frame is not None or not found["nearest"]:
+        return request.ply_frame
+    return int(found["nearest"]["frame"])

@@ -32,14 +32,15 @@ def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
     dict
         frames, obstacle, clear, unknown (counts); first_detection (the first of three frames in
         a row with an obstacle, or None); detected (first and last frame of the detected span, or
-        None); gaps (frames within that span without depth: count and list); nearest (the frame
-        of the least distance among those with an obstacle); of each measure of depth its
+        None); gaps (frames within that span without an obstacle's depth: count and list); nearest
+        (the frame of the least distance among all with an obstacle); of each measure of depth its
         `steadiness` over that span; clear_valid_fraction (mean and max over clear frames, and
         those of them with any match).
     """
     span = detected_span(rows, step)
-    inside = [row for row in rows if span and span[0] <= row.frame <= span[1]]
-    gaps = [row.frame for row in inside if row.median_m is None]
+    seen = [row for row in rows if row.status == OBSTACLE and row.median_m is not None]
+    inside = [row for row in seen if span and span[0] <= row.frame <= span[1]]
+    gaps = gaps_of(rows, span)
     return {
         "frames": len(rows),
         **{
@@ -49,10 +50,18 @@ def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
         "first_detection": span[0] if span else None,
         "detected": list(span) if span else None,
         "gaps": {"count": len(gaps), "frames": format_frames(gaps)},
-        "nearest": nearest(inside or [row for row in rows if row.status == OBSTACLE]),
+        "nearest": nearest(seen),
         **{measure: steadiness(inside, measure, step) for measure in MEASURES},
         "clear_valid_fraction": _fractions(rows),
     }
+
+
+def gaps_of(rows: Sequence[DepthRow], span: Sequence[int] | None) -> list[int]:
+    """Frames of the span that show no obstacle's depth: of a few stray matches there is none."""
+    if span is None:
+        return []
+    inside = [row for row in rows if span[0] <= row.frame <= span[1]]
+    return [row.frame for row in inside if row.status != OBSTACLE or row.median_m is None]
 
 
 def nearest(rows: Sequence[DepthRow]) -> dict[str, Any] | None:
@@ -83,7 +92,7 @@ def steadiness(rows: Sequence[DepthRow], measure: str, step: int = 1) -> dict[st
     Parameters
     ----------
     rows : sequence of DepthRow
-        The detected span.
+        Those with an obstacle in the detected span.
     measure : {"median_m", "distance_m"}
     step : int
         As for `summary`.

@@ -188,7 +188,9 @@ def adjust(problem: Problem, path: Path, rounds: int = 60) -> Adjusted:
     Levenberg and Marquardt's method. Each point touches only its own observations, so the points
     are eliminated first (Schur complement; Triggs et al. 2000, Bundle adjustment, section 6.1) and
     what is solved is dense and small. scipy's least_squares, which solves the whole sparse system
-    by LSMR, had not arrived after 40 s where this takes 2 s (23 frames of the 2016 mission).
+    by LSMR, comes to the same (0.1 % less) in 11 s of processor or more where this takes 2 s (23
+    frames of the 2016 mission), and a calibration adjusts some ten times; with its own Cauchy
+    loss it had got nowhere after 60 evaluations. A test holds the end against it.
     """
     vector, damping = problem.pack(path), 1e-3
     residuals = problem.residuals(vector)
