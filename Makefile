@@ -48,7 +48,8 @@ sanitize: $(READY)
 		ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc \
 		PYTHONPATH=$(CURDIR)/$(SANITIZED) PYTHONSAFEPATH=1 TOKT_KERNELS=compiled \
 		$(BIN)/python -m pytest -q tests/features/test_kernels.py tests/features/test_area.py \
-		tests/features/test_pictures.py tests/features/test_textures.py
+		tests/features/test_pictures.py tests/features/test_textures.py \
+		tests/features/test_block_matching.py
 
 format: $(READY)
 	$(BIN)/ruff check --fix .

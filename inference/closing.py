@@ -112,9 +112,6 @@ class ClosingSpeed:
         while self._points and point[0] - self._points[0][0] > WINDOW_S:
             self._points.popleft()
 
-    def _newest(self) -> tuple[float, float]:
-        return self._waiting[-1] if self._waiting else self._points[-1]
-
     def _fitted(self, t_s: float) -> Closing:
         """Speed and time to contact from the points of the window."""
         points = np.array(self._points)

@@ -63,8 +63,8 @@ class DisparityDetector:
     Raises
     ------
     ToktError
-        If rectifying with the calibration moves most of the left frame out of view, or there is
-        no such matcher.
+        If by the calibration most of the left frame is out of view or not seen by the right
+        camera, or there is no such matcher.
 
     Notes
     -----

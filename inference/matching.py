@@ -23,7 +23,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.block_matching import PADDING, PER_PIXEL, BlockMatching, padded
+from ..features.block_matching import (
+    LARGEST_DISPARITY_PX,
+    PADDING,
+    PER_PIXEL,
+    BlockMatching,
+    padded,
+)
 from ..features.errors import ToktError
 from ..features.kernels import KERNELS, Kernels
 from .local_contrast import even_contrast, local_mean_and_sigma
@@ -32,7 +38,7 @@ from .rectify import Rectifier
 BM, SGBM = "bm", "sgbm"
 MATCHERS = (BM, SGBM)
 
-NEAREST_M, FARTHEST_M = 1.635, 10.6
+NEAREST_M, FARTHEST_M = 1.65, 10.6
 """Depths in metres that are searched: disparities 32 to 207 at half the mission's resolution."""
 
 # Settings in pixels of a view `SETTINGS_WIDTH` wide: half the mission cameras' resolution. Source:
@@ -61,6 +67,8 @@ SEMI_GLOBAL_BLOCK_PX = 7
 STEP_PX = 2
 """Every so many rows and columns a pixel is matched, and its neighbours are taken to be alike: the
 blocks of two neighbours share nine tenths of their pixels."""
+_LEAST_SEARCHED = 0.5
+"""Part of the left frame that is searched: what is not cannot be told from open water."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +94,10 @@ class Matches:
 
 def disparity_range(rectifier: Rectifier) -> tuple[int, int]:
     """The smallest disparity in pixels that is searched, and how many, a multiple of 16."""
-    smallest = int(rectifier.focal_baseline_px_m / FARTHEST_M)
-    count = rectifier.focal_baseline_px_m / NEAREST_M - smallest
-    return smallest, max(round(count / 16), 1) * 16
+    # At disparity 0 the distance is infinite, and beside it negative.
+    smallest = max(int(rectifier.focal_baseline_px_m / FARTHEST_M), 1)
+    largest = math.ceil(rectifier.focal_baseline_px_m / NEAREST_M)
+    return smallest, max(math.ceil((largest + 1 - smallest) / 16), 1) * 16
 
 
 class DenseMatcher:
@@ -106,7 +115,8 @@ class DenseMatcher:
     Raises
     ------
     ToktError
-        If there is no such matcher, or the disparities do not fit the view.
+        If there is no such matcher, the disparities do not fit the view or their integers, or
+        most of the left frame would not be searched.
     """
 
     def __init__(
@@ -126,6 +136,11 @@ class DenseMatcher:
                 f"views of {width} pixels show nothing at {FARTHEST_M:g} m: the disparity there "
                 f"is {smallest} pixels; is the calibration for these frames?"
             )
+        if smallest + count > LARGEST_DISPARITY_PX:
+            raise ToktError(
+                f"disparities up to {smallest + count} pixels would be searched, {NEAREST_M:g} m "
+                f"away, and at most {LARGEST_DISPARITY_PX} can be: take smaller views"
+            )
         block = min(max(2 * round((BLOCK_PX * ratio - 1) / 2) + 1, 5), BLOCK_PX)
         texture = round(TEXTURE * block**2 / BLOCK_PX**2)
         self.settings = BlockMatching(smallest, count, block, CAP, texture, UNIQUENESS_PERCENT)
@@ -133,6 +148,12 @@ class DenseMatcher:
         self._least_blob = max(round(BLOB_PX * ratio**2), 2)
         self._matcher, self._kernels, self._step = matcher, kernels, step
         self.searched = _searched(rectifier, self.settings)
+        seen = rectifier.to_left(self.searched, 64, 64).mean()
+        if seen < _LEAST_SEARCHED:
+            raise ToktError(
+                f"by the calibration the right camera sees {100 * seen:.0f} % of what the left "
+                f"one does, {NEAREST_M:g} to {FARTHEST_M:g} m away: is it for these cameras?"
+            )
         self._searched = self.searched.astype(np.uint8)
         self._matched_pixels = np.zeros_like(self._searched)
         self._matched_pixels[::step, ::step] = 1

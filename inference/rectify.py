@@ -49,7 +49,7 @@ class Rectifier:
     Raises
     ------
     ToktError
-        If the calibration moves most of the left frame out of view.
+        If the calibration moves most of the left frame out of view, or has the cameras exchanged.
     """
 
     def __init__(self, calibration: StereoCalibration, scale: float = HALF) -> None:
@@ -62,6 +62,8 @@ class Rectifier:
         # Odd frames: the two sides are scaled by slightly different ratios.
         self._ratio = np.array([self.size[0] / width, self.size[1] / height])
         self._rectify()
+        if not self.focal_baseline_px_m > 0:
+            raise ToktError("by the calibration the right camera is not right of the left one")
         self._places: dict[tuple[int, int], NDArray[np.float32]] = {}
         places = np.moveaxis(self._frame_places(9, 9), -1, 0)
         if self._inside((places[0], places[1])).mean() < _LEAST_IN_VIEW:

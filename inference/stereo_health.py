@@ -65,6 +65,20 @@ _BANDS = 4
 _ROW_STEP = 16
 _COLUMN_STEP = 8
 
+MOST_REPEATS = 5
+"""Times that a source may repeat a pair exactly."""
+
+DIM_GREY = 12.0
+"""Least mean grey level of a view. True pairs: 18.7 and more. At half the sea trial's light the
+tower is not seen any more where 2 % of the view are textured, at a third where 7 % are."""
+
+UNMATCHED_FRACTION = 0.12
+"""Part of the view that may be textured without a match near by. True pairs: at most 0.062 /
+0.081, nearer than 2 m; a hidden strip beside a near thing counts, too."""
+_NEAR_BY = 7
+_NEAR_BY_WIDTH = 170
+"""Height and width in pixels of a view so wide that count as near by: about a block."""
+
 MOST_SPREAD_PX = 1.6
 """Median deviation of a pair's row offsets, pixels of the full resolution. True pairs: at most
 1.05 / 0.91, nearer than 2 m."""
@@ -77,6 +91,7 @@ MOST_VARIATION_PX = 1.0
 """Median deviation of the remembered pairs' row offsets. True pairs: at most 0.17 / 0.15."""
 
 MISFIT = "the left and right frames do not match: another moment, or something too near"
+NEARER = "much of the left view matches nowhere: something may be nearer than the distance"
 OUT_OF_STEP = "the rows of the two views do not agree: another moment, or a camera has moved"
 
 
@@ -139,6 +154,28 @@ def _darkness_fault(
         reason = _darker("right", "left", -stops.min())
         return PairFault(reason, against_clear=_something_there(matches))
     return None
+
+
+def _dim_fault(left_view: NDArray[np.float32], right_view: NDArray[np.float32]) -> PairFault | None:
+    """Too little light for the texture of what is there."""
+    for side, view in (("left", left_view), ("right", right_view)):
+        level = view[::_ROW_STEP, ::_COLUMN_STEP].mean(dtype=np.float64)
+        if level < DIM_GREY:
+            reason = f"the {side} view is too dim for distances: mean grey level {level:.0f}"
+            return PairFault(reason, against_clear=False, matches_stand=True)
+    return None
+
+
+def _nearer_fault(matches: Matches) -> PairFault | None:
+    """Something beside what is matched, nearer than the nearest distance that is searched."""
+    step = max(matches.valid.shape[1] // _NEAR_BY_WIDTH, 1)
+    some = np.s_[::step, ::step]
+    around = np.ones((_NEAR_BY, _NEAR_BY), np.uint8)
+    near_by = cv2.dilate(matches.valid[some].astype(np.uint8), around)
+    alone = (matches.textured & matches.searched)[some] & (near_by == 0)
+    if np.count_nonzero(alone) <= UNMATCHED_FRACTION * alone.size:
+        return None
+    return PairFault(NEARER, against_clear=True, matches_stand=True)
 
 
 def _band_levels(view: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -223,11 +260,13 @@ class StereoHealth:
 
     Notes
     -----
-    Between pairs it keeps a few rows of each view, and which cause of a misfit was tried last.
+    Between pairs it keeps a few rows of each view, how often both were the same, and which cause
+    of a misfit was tried last.
     """
 
     def __init__(self) -> None:
         self._before: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self._repeats = 0
         self._cause = ""
         self._tried = 0
 
@@ -252,6 +291,9 @@ class StereoHealth:
             self._frozen_fault(left_view, right_view, matches)
             or pair_fault(left_view, right_view, matches, offset)
             or _trim_fault(matches, trim)
+            # Last, as an obstacle stands beside them.
+            or _dim_fault(left_view, right_view)
+            or _nearer_fault(matches)
         )
         if fault is None or fault.reason != MISFIT:
             self._cause, self._tried = "", 0
@@ -264,13 +306,16 @@ class StereoHealth:
         matches: Matches,
     ) -> PairFault | None:
         """A camera that repeats its picture exactly, which noise forbids, while the other's
-        changes. Where both repeat, the source repeats a pair, and these two do fit.
+        changes. Where both repeat, the source may repeat a pair, yet not for long.
         """
         now = tuple(view[::_ROW_STEP].copy() for view in (left_view, right_view))
         before, self._before = self._before, (now[0], now[1])
         if before is None:
             return None
         left, right = (np.array_equal(old, new) for old, new in zip(before, now, strict=True))
+        self._repeats = self._repeats + 1 if left and right else 0
+        if self._repeats > MOST_REPEATS:
+            return PairFault("both cameras repeat their last pictures: frozen", against_clear=True)
         if left == right or np.ptp(now[0] if left else now[1]) == 0:
             return None
         side = "left" if left else "right"

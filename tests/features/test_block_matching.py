@@ -102,6 +102,7 @@ def test_each_instruction_set_gives_the_same_at_the_runtimes_settings() -> None:
     "changes",
     [
         {"min_disparity": -1},
+        {"min_disparity": 2000, "n_disparities": 48},
         {"n_disparities": 24},
         {"n_disparities": 0},
         {"block": 8},

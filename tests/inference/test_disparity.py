@@ -10,22 +10,15 @@ from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
 from tokt.features.image_file import read_image
 from tokt.features.kernels import KERNELS, load_kernels
-from tokt.inference.calibration import StereoCalibration, load_calibration
+from tokt.inference.calibration import load_calibration
 from tokt.inference.disparity import DisparityDetector, Matches
+from tokt.inference.matching import NEAREST_M, disparity_range
+from tokt.inference.rectify import Rectifier
 from tokt.inference.sources import Frame
 from tokt.inference.verdict import verdict_from_mask
 
-WIDTH, HEIGHT = 1360, 1024
-CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])
-PLAIN = StereoCalibration(
-    CAMERA,
-    np.zeros(5),
-    CAMERA,
-    np.zeros(5),
-    np.eye(3),
-    np.array([[-300.0], [0.0], [0.0]]),
-    (WIDTH, HEIGHT),
-)
+from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH
+
 SQUARE_PX = 320
 DISPARITY_PX = 200  # at full size: 2200 * 0.3 / 200 = 3.3 m
 DEPTH_M = 3.3
@@ -98,6 +91,57 @@ def test_texture_that_matches_nowhere_is_unknown_not_clear(plain: DisparityDetec
     assert found.mask is None and "do not match" in found.fault and found.against_clear
 
 
+def plane(depth_m: float, columns: slice, seed: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Two empty views before which a textured wall stands in those columns of the left one."""
+    disparity_px = round(CAMERA[0, 0] * 0.3 / depth_m)
+    rng = np.random.default_rng(seed)
+    wide = (WIDTH + disparity_px, HEIGHT)
+    texture = cv2.resize(rng.uniform(20, 120, (HEIGHT // 8, wide[0] // 8)), wide)
+    wall = np.zeros(wide[0], bool)
+    wall[columns] = True
+    views = sea() + rng.integers(0, 2, (2, HEIGHT, WIDTH), np.uint8)
+    for view, seen in zip(views, (np.s_[:WIDTH], np.s_[disparity_px:]), strict=True):
+        view[:, wall[seen]] = texture[:, seen][:, wall[seen]]
+    return views[0], views[1]
+
+
+EVERYWHERE, THIRD = slice(None), slice(WIDTH // 3, 2 * WIDTH // 3)
+
+
+@pytest.mark.parametrize("columns", [EVERYWHERE, THIRD])
+@pytest.mark.parametrize("depth_m", [1.0, 1.4])
+def test_what_is_nearer_than_is_searched_is_unknown_not_clear(
+    depth_m: float, columns: slice, plain: DisparityDetector
+) -> None:
+    found = plain.detect(Frame(1, 0.0, *plane(depth_m, columns)))
+    assert found.mask is None and "something too near" in found.fault and found.against_clear
+
+
+def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(
+    plain: DisparityDetector,
+) -> None:
+    wall = plane(6.0, EVERYWHERE)
+    alone = plain.detect(Frame(1, 0.0, *wall))
+    near_x = (THIRD.start, THIRD.start - round(CAMERA[0, 0] * 0.3 / 1.0))
+    for view, near, x in zip(wall, plane(1.0, THIRD, seed=5), near_x, strict=True):
+        seen = slice(max(x, 0), max(x + WIDTH // 3, 0))
+        view[:, seen] = near[:, seen]
+    both = plain.detect(Frame(2, 0.1, *wall))
+    for found in (alone, both):
+        assert found.mask is not None and found.distance_m == pytest.approx(6.0, rel=0.02)
+    assert not alone.note and "something may be nearer" in both.note
+
+
+def test_too_little_light_for_texture_is_no_open_water(plain: DisparityDetector) -> None:
+    noise = np.random.default_rng(6).integers(0, 3, (4, HEIGHT, WIDTH), np.uint8)
+    left, right = (view // 4 + noise[side] for side, view in enumerate(pair(700)))
+    found = plain.detect(Frame(1, 0.0, left, right))
+    assert found.mask is not None and found.mask.any() and "too dim" in found.note
+    left, right = sea() // 4 + noise[2], sea() // 4 + noise[3]
+    found = plain.detect(Frame(2, 0.1, left, right))
+    assert found.mask is None and "too dim" in found.fault and not found.against_clear
+
+
 def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: DisparityDetector) -> None:
     left, right = pair(700, y=100)
     rng = np.random.default_rng(5)
@@ -136,6 +180,31 @@ def test_a_calibration_that_turns_the_view_away_is_refused() -> None:
     away = cv2.Rodrigues(np.array([0.0, 0.9, 0.0]))[0]
     with pytest.raises(ToktError, match="out of view"):
         DisparityDetector(replace(PLAIN, R=away, T_mm=np.array([[-10.0], [0], [9.0]])), Grid())
+
+
+@pytest.mark.parametrize(
+    ("changes", "scale", "message"),
+    [
+        ({"D2": np.array([1e6, 0, 0, 0, 0])}, 0.5, "sees 1 % of what the left one does"),
+        ({"T_mm": -PLAIN.T_mm}, 0.5, "not right of the left one"),
+        ({"T_mm": 10 * PLAIN.T_mm}, 1.0, "at most 2047 can be"),
+    ],
+)
+def test_a_calibration_with_which_hardly_anything_is_searched_is_refused(
+    changes: dict[str, np.ndarray], scale: float, message: str
+) -> None:
+    with pytest.raises(ToktError, match=message):
+        DisparityDetector(replace(PLAIN, **changes), Grid(), scale=scale)
+
+
+@pytest.mark.parametrize("scale", [0.05, 0.2, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("baseline_mm", [5.0, 60.0, 300.0, 305.5])
+def test_all_depths_are_searched_and_none_behind_infinity(baseline_mm: float, scale: float) -> None:
+    shift = np.array([[-baseline_mm], [0.0], [0.0]])
+    rectifier = Rectifier(replace(PLAIN, T_mm=shift), scale)
+    smallest, count = disparity_range(rectifier)
+    nearest_m = rectifier.focal_baseline_px_m / (smallest + count - 1)
+    assert smallest >= 1 and nearest_m <= NEAREST_M
 
 
 @pytest.fixture(scope="module")

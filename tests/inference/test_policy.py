@@ -9,24 +9,15 @@ import pytest
 from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
 from tokt.inference.assemble import Stereo, build_policy
-from tokt.inference.calibration import StereoCalibration
 from tokt.inference.detector import Detection, GridDetector
 from tokt.inference.disparity import DisparityDetector
 from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
 from tokt.inference.pushbroom import PushbroomDetector
 from tokt.inference.sources import Frame
 
+from .plain_rig import PLAIN as CALIBRATION
+
 FRAME = Frame(1, 0.0, None, None, "no picture", "no picture")
-CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])
-CALIBRATION = StereoCalibration(
-    CAMERA,
-    np.zeros(5),
-    CAMERA,
-    np.zeros(5),
-    np.eye(3),
-    np.array([[-300.0], [0.0], [0.0]]),
-    (1360, 1024),
-)
 STEREO = Stereo(CALIBRATION)
 
 

@@ -11,26 +11,16 @@ from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
 from tokt.features.image_file import read_image
 from tokt.inference import pushbroom
-from tokt.inference.calibration import StereoCalibration, load_calibration
+from tokt.inference.calibration import load_calibration
 from tokt.inference.detector import Detection
 from tokt.inference.odometry import Odometry, parse_odometry
 from tokt.inference.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
 from tokt.inference.sources import Frame
 from tokt.inference.verdict import verdict_from_mask
 
-WIDTH, HEIGHT = 1360, 1024
-FOCAL, CENTRE = 2200.0, np.array([679.5, 511.5])
-CAMERA = np.array([[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1]])
-FOCAL_BASELINE = FOCAL * 0.3
-PLAIN = StereoCalibration(
-    CAMERA,
-    np.zeros(5),
-    CAMERA,
-    np.zeros(5),
-    np.eye(3),
-    np.array([[-300.0], [0.0], [0.0]]),
-    (WIDTH, HEIGHT),
-)
+from .plain_rig import BASELINE_M, CENTRE, FOCAL_PX, HEIGHT, PLAIN, WIDTH
+
+FOCAL_BASELINE = FOCAL_PX * BASELINE_M
 SQUARE_PX, X, Y = 320, 780, 350
 MASK = 360 / WIDTH
 CELL = 4 / MASK  # pixels at full size

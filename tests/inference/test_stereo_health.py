@@ -96,6 +96,24 @@ def test_what_the_right_camera_alone_sees_is_not_clear() -> None:
     assert pair_fault(water(), both, SEEN, GOOD) is None
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_view_too_dim_for_texture_leaves_only_an_obstacle_standing(side: str) -> None:
+    views = (water(9), water(20)) if side == "left" else (water(20), water(9))
+    fault = judge(StereoHealth(), *views, RowTrim())
+    assert fault is not None and f"the {side} view is too dim" in fault.reason
+    assert fault.matches_stand and not fault.against_clear
+
+
+def test_texture_without_a_match_near_by_leaves_only_an_obstacle_standing() -> None:
+    valid, textured = np.zeros((2, HEIGHT, WIDTH), bool)
+    textured[:, 20:] = valid[:, 100:] = True
+    seen = replace(SEEN, valid=valid, textured=textured)
+    fault = StereoHealth().judge(water(), water(seed=1), seen, GOOD, RowTrim())
+    assert fault == PairFault(stereo_health.NEARER, against_clear=True, matches_stand=True)
+    valid[::8, ::8] = True  # a match here and there
+    assert StereoHealth().judge(water(), water(seed=1), seen, GOOD, RowTrim()) is None
+
+
 @pytest.mark.parametrize(
     ("offset", "told"),
     [
@@ -132,10 +150,19 @@ def test_a_frozen_camera_is_named(side: str) -> None:
 def test_a_repeated_pair_and_a_view_without_noise_are_not_frozen() -> None:
     health, trim = StereoHealth(), RowTrim()
     flat = np.full_like(water(), 30)
-    for left, right in ((water(seed=1), water(seed=2)),) * 2:
+    for left, right in ((water(seed=1), water(seed=2)),) * 6:
         assert judge(health, left, right, trim) is None
     for number in range(2):
         assert judge(health, water(seed=number), flat, trim) is None
+
+
+def test_both_cameras_frozen_are_no_open_water() -> None:
+    health, trim = StereoHealth(), RowTrim()
+    faults = [judge(health, water(seed=1), water(seed=2), trim) for _ in range(8)]
+    assert faults[:6] == [None] * 6
+    assert all(fault and "both cameras repeat" in fault.reason for fault in faults[6:])
+    assert all(fault and fault.against_clear for fault in faults[6:])
+    assert judge(health, water(seed=3), water(seed=4), trim) is None
 
 
 class StubTrim(RowTrim):
