@@ -12,6 +12,7 @@ from ..features import atomic
 from ..features.errors import ToktError
 from .calibration import StereoCalibration
 from .calibration_files import FORMAT_VERSION
+from .rectify import rectifying
 
 _KINDS = {
     ".yml": cv2.FILE_STORAGE_FORMAT_YAML,
@@ -63,9 +64,7 @@ def _fill(
     storage: cv2.FileStorage, calibration: StereoCalibration, notes: Mapping[str, str]
 ) -> None:
     known = calibration
-    R1, R2, *_ = cv2.stereoRectify(
-        known.K1, known.D1, known.K2, known.D2, known.frame_size, known.R, known.T_mm
-    )
+    R1, R2, *_ = rectifying(known)
     storage.write("format_version", FORMAT_VERSION)
     storage.write("image_width", known.frame_size[0])
     storage.write("image_height", known.frame_size[1])

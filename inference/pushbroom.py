@@ -154,11 +154,6 @@ class PushbroomDetector:
         to be where the last one was, until the next pose tells. Without it an obstacle stays,
         for `KEPT_FRAMES` frames, where it was seen and at the distance it had; the note says so.
 
-    Attributes
-    ----------
-    row_trim_px : float
-        Full-resolution pixels by which right views are moved down.
-
     Raises
     ------
     ToktError
@@ -177,7 +172,6 @@ class PushbroomDetector:
     ) -> None:
         self.calibration = calibration
         self.grid = grid
-        self.row_trim_px = 0.0
         width = calibration.frame_size[0]
         self._checked_grid = PATCH_GRID if width >= VIEW_WIDTH else replace(PATCH_GRID, width=None)
         self.rectifier = Rectifier(calibration, min(VIEW_WIDTH / width, 1))
@@ -206,7 +200,7 @@ class PushbroomDetector:
             return self._unjudged(fault)
         left, left_fault = self._picture(frame.left)
         right, right_fault = self._picture(frame.right)
-        views = self.rectifier.left_of(left), self.rectifier.right_of(right, self.row_trim_px)
+        views = self.rectifier.left_of(left), self.rectifier.right_of(right)
         evened = _evened(views[0])
         seen = self._depths(evened, _evened(views[1]))
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
@@ -230,7 +224,7 @@ class PushbroomDetector:
             begins at pixel (`CELL_PX` * row, `CELL_PX` * column) of the rectifier's left view.
         """
         left_view = self.rectifier.left_of(self._picture(left)[0])
-        right_view = self.rectifier.right_of(self._picture(right)[0], self.row_trim_px)
+        right_view = self.rectifier.right_of(self._picture(right)[0])
         return self._depths(_evened(left_view), _evened(right_view))
 
     def _unjudged(self, fault: str, against_clear: bool = False) -> Detection:

@@ -7,6 +7,7 @@ where each pixel of the left frame lies in the left view.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -20,6 +21,38 @@ HALF = 0.5
 """Scale of the views: half the camera's resolution."""
 _LEAST_IN_VIEW = 0.5
 """Part of the left frame that has to lie inside its rectified view."""
+
+
+def rectifying(calibration: StereoCalibration) -> tuple[NDArray[np.float64], ...]:
+    """Both rectifying rotations (3, 3) and projections (3, 4): R1, R2, P1, P2."""
+    known = calibration
+    found = cv2.stereoRectify(
+        known.K1,
+        known.D1,
+        known.K2,
+        known.D2,
+        known.frame_size,
+        known.R,
+        known.T_mm,
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=-1,
+    )
+    return tuple(np.asarray(one, np.float64) for one in found[:4])
+
+
+def rectified(
+    points: NDArray[Any],
+    K: NDArray[np.float64],
+    D: NDArray[np.float64],
+    R: NDArray[np.float64],
+    P: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Where points (n, 2) of a camera's frame lie in its rectified view, both in pixels."""
+    seen = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
+    # By default it stops after 5 steps, which strong distortion at the edge outlasts.
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+    places = cv2.undistortPoints(seen, K, D, None, R, P, criteria)
+    return np.asarray(places, np.float64).reshape(-1, 2)
 
 
 class Rectifier:
@@ -80,17 +113,7 @@ class Rectifier:
             ]
         )
         K1, K2 = to_view @ known.K1, to_view @ known.K2
-        R1, R2, P1, P2, *_ = cv2.stereoRectify(
-            K1,
-            known.D1,
-            K2,
-            known.D2,
-            self.size,
-            known.R,
-            known.T_mm,
-            flags=cv2.CALIB_ZERO_DISPARITY,
-            alpha=-1,
-        )
+        R1, R2, P1, P2 = rectifying(replace(known, K1=K1, K2=K2, frame_size=self.size))
         self.rotations, self.projections = (R1, R2), (P1, P2)
         self.focal_px = float(P1[0, 0])
         self.principal = (float(P1[0, 2]), float(P1[1, 2]))
@@ -142,20 +165,8 @@ class Rectifier:
 
     def from_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
         """Where points of the left frame lie in the left view, both in pixels, shape (n, 2)."""
-        return self._from_camera(points, 0)
-
-    def right_from_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Where points of the right frame lie in the right view, both in pixels, shape (n, 2)."""
-        return self._from_camera(points, 1)
-
-    def _from_camera(self, points: NDArray[Any], side: int) -> NDArray[np.float64]:
         known = self.calibration
-        K, D = ((known.K1, known.D1), (known.K2, known.D2))[side]
-        P = self.projections[side][:, :3]
-        seen = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
-        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
-        places = cv2.undistortPoints(seen, K, D, None, self.rotations[side], P, criteria)
-        return np.asarray(places, np.float64).reshape(-1, 2)
+        return rectified(points, known.K1, known.D1, self.rotations[0], self.projections[0])
 
     def to_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
         """Where points of the left view lie in the left frame, both in pixels, shape (n, 2)."""

@@ -123,13 +123,6 @@ def test_a_wrong_right_frame_gives_no_hit(detector: PushbroomDetector) -> None:
     assert not detector.look(left, EMPTY[1]).any()
 
 
-def test_a_right_view_that_stands_too_high_is_moved_down(detector: PushbroomDetector) -> None:
-    left, right = draw(4.0, texture=np.random.default_rng(8).uniform(20, 120, (320, 320)))
-    detector.row_trim_px = 12.0
-    assert not detector.look(left, right).any()
-    assert detector.look(left, np.roll(right, -12, axis=0)).any()
-
-
 def test_an_obstacle_is_remembered_for_some_frames_as_it_was(
     detector: PushbroomDetector,
 ) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
 from ...features.mission import LEFT, RIGHT, Mission
-from .matching import FrameMatches, even_contrast, gray_view, view_scale
+from ...inference.rectify import Rectifier
+from .matching import FrameMatches, even_contrast, view_scale
 from .self_calibration import SelfCalibration
 from .vertical_error import vertical_error
 
@@ -79,24 +78,16 @@ def path_and_depth(found: SelfCalibration) -> Figure:
 
 def rectified_pair(found: SelfCalibration, mission: Mission, one: FrameMatches) -> Figure:
     """Both pictures of a frame, rectified: what is in one row on the left is so on the right."""
-    c = found.calibration
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(
-        c.K1, c.D1, c.K2, c.D2, c.frame_size, c.R, c.T_mm.reshape(3, 1)
+    rectifier = Rectifier(found.calibration, view_scale(found.calibration.frame_size[0]))
+    views = (
+        (LEFT, rectifier.left(mission.read(one.frame, LEFT))),
+        (RIGHT, rectifier.right(mission.read(one.frame, RIGHT))),
     )
-    scale = view_scale(c.frame_size[0])
-    size = round(c.frame_size[0] * scale), round(c.frame_size[1] * scale)
-    half = np.array([[scale, 0, (scale - 1) / 2], [0, scale, (scale - 1) / 2], [0, 0, 1]])
     figure = Figure(figsize=(10.5, 4.2), layout="constrained")
-    views = zip(
-        figure.subplots(1, 2), (LEFT, RIGHT), (c.K1, c.K2), (c.D1, c.D2), (R1, R2), (P1, P2),
-        strict=True,
-    )  # fmt: skip
-    for axes, camera, K, D, R, P in views:
-        maps: Any = cv2.initUndistortRectifyMap(half @ K, D, R, half @ P[:, :3], size, cv2.CV_32FC1)
-        picture = even_contrast(gray_view(mission, one.frame, camera)[0])
-        view = cv2.remap(picture, maps[0], maps[1], cv2.INTER_LINEAR)
+    for axes, (camera, gray) in zip(figure.subplots(1, 2), views, strict=True):
+        view = even_contrast(gray)
         axes.imshow(view, cmap="gray", vmin=0, vmax=255)
-        for row in np.linspace(0, size[1], _LINES + 2)[1:-1]:
+        for row in np.linspace(0, rectifier.size[1], _LINES + 2)[1:-1]:
             axes.axhline(row, color="#e0a500", lw=0.5)
         axes.set(xticks=[], yticks=[], title=f"{camera}, frame {one.frame}")
     return figure

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ...inference.calibration import StereoCalibration
+from ...inference.rectify import rectified, rectifying
 from .matching import FrameMatches
 
 Float = NDArray[np.float64]
@@ -96,12 +96,9 @@ def vertical_error(
 def row_error(calibration: StereoCalibration, left: Float, right: Float) -> VerticalError:
     """The same of matched points given as pixels (n, 2) of the left and of the right frame."""
     c = calibration
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(
-        c.K1, c.D1, c.K2, c.D2, c.frame_size, c.R, c.T_mm.reshape(3, 1)
-    )
-    a = cv2.undistortPoints(left[:, None], c.K1, c.D1, R=R1, P=P1)[:, 0]
-    b = cv2.undistortPoints(right[:, None], c.K2, c.D2, R=R2, P=P2)[:, 0]
-    difference = (a - b) * (c.K1[0, 0] / P1[0, 0])
+    R1, R2, P1, P2 = rectifying(c)
+    difference = rectified(left, c.K1, c.D1, R1, P1) - rectified(right, c.K2, c.D2, R2, P2)
+    difference *= c.K1[0, 0] / P1[0, 0]
     return VerticalError(difference[:, 1], difference[:, 0], left, c.frame_size)
 
 
