@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .boxes import pixels_of_boxes
 from .tower import GROWTH, TEXEL_M, TEXTURE_SIZE, Box, Frustum, Material, Stalk, Tower
 
 Float = NDArray[np.float64]
@@ -92,8 +93,7 @@ def look(tower: Tower, camera: Camera) -> View:
             _add_frustum(view, tower, solid)
         else:
             _add_box(view, tower, solid)
-    for stalk in _seen_stalks(tower.stalks, camera):
-        _add_stalk(view, *stalk)
+    _add_stalks(view, tower.stalks)
     return view
 
 
@@ -211,48 +211,47 @@ def _albedo(
     return np.asarray((paint + rust * (rusty - paint)) * shade, np.float32)
 
 
-def _seen_stalks(
-    stalks: tuple[Stalk, ...], camera: Camera
-) -> list[tuple[Float, Float, float, float]]:
-    """Stalks in view: pixels of both ends (2, 2), their depths, half-width in px, brightness."""
+def _add_stalks(view: View, stalks: tuple[Stalk, ...]) -> None:
+    """Lines from root to tip, tapering to half their width, their depth read off along them."""
+    camera = view.camera
     if not stalks:
-        return []
+        return
     ends = np.array([(stalk.root, stalk.tip) for stalk in stalks]).reshape(-1, 3)
     pixels, depth = camera.project(ends)
     pixels, depth = pixels.reshape(-1, 2, 2), depth.reshape(-1, 2)
     size = np.array([camera.width, camera.height])
     inside = (depth > _NEAREST_M).all(axis=1)
     inside &= ((pixels.max(axis=1) > -8) & (pixels.min(axis=1) < size + 8)).all(axis=1)
-    focal = camera.matrix[0, 0]
-    return [
-        # Under a pixel's width a stalk would break up into dots.
-        (pixels[i], depth[i], max(stalks[i].half_width * focal / depth[i, 0], 0.5),
-         stalks[i].brightness)
-        for i in np.flatnonzero(inside)
-    ]  # fmt: skip
+    pixels, depth = pixels[inside], depth[inside]
+    width = np.array([stalk.half_width for stalk in stalks])[inside]
+    # Under a pixel's width a stalk would break up into dots.
+    half_px = np.maximum(width * camera.matrix[0, 0] / depth[:, 0], 0.5)
+    bright = np.array([stalk.brightness for stalk in stalks], np.float32)[inside]
+    albedo = bright[:, None] * np.array(GROWTH.paint, np.float32)
+    reach = half_px[:, None] + 1
+    low = np.maximum(np.floor(pixels.min(axis=1) - reach), 0).astype(np.int64)
+    high = np.minimum(np.ceil(pixels.max(axis=1) + reach) + 1, size).astype(np.int64)
+    root, step = pixels[:, 0], pixels[:, 1] - pixels[:, 0]
+    length_squared = np.maximum((step * step).sum(axis=1), 1e-9)
+    for which, column, row in pixels_of_boxes(low, high):
+        x, y = column - root[which, 0], row - root[which, 1]
+        across, down = step[which].T
+        along = ((x * across + y * down) / length_squared[which]).clip(0, 1)
+        distance_squared = (x - along * across) ** 2 + (y - along * down) ** 2
+        hit = distance_squared <= (half_px[which] * (1 - 0.5 * along)) ** 2
+        which, place = which[hit], row[hit] * camera.width + column[hit]
+        t = depth[which, 0] + along[hit] * (depth[which, 1] - depth[which, 0])
+        nearest = _nearest(place, t)
+        won = nearest[t[nearest] < view.depth[place[nearest]]]
+        _paint(view, place[won], t[won], albedo[which[won]], np.zeros((3, 1)))
 
 
-def _add_stalk(
-    view: View, ends: Float, depth: Float, half_width_px: float, brightness: float
-) -> None:
-    """A line from root to tip, tapering to half its width, its depth read off along it."""
-    camera, reach = view.camera, half_width_px + 1
-    low = np.maximum(np.floor(ends.min(axis=0) - reach), 0).astype(np.int64)
-    high = np.minimum(np.ceil(ends.max(axis=0) + reach) + 1, [camera.width, camera.height])
-    x = np.arange(low[0], high[0]) - ends[0, 0]
-    y = (np.arange(low[1], high[1]) - ends[0, 1])[:, None]
-    step = ends[1] - ends[0]
-    length_squared = max(float(step @ step), 1e-9)
-    along = ((x * step[0] + y * step[1]) / length_squared).clip(0, 1)
-    distance_squared = (x - along * step[0]) ** 2 + (y - along * step[1]) ** 2
-    inside = distance_squared <= (half_width_px * (1 - 0.5 * along)) ** 2
-    row, col = np.nonzero(inside)
-    pixels = (row + low[1]) * camera.width + col + low[0]
-    t = depth[0] + along[row, col] * (depth[1] - depth[0])
-    won = t < view.depth[pixels]
-    shade = np.float32(brightness) * np.array(GROWTH.paint, np.float32)
-    albedo = np.broadcast_to(shade, (int(won.sum()), 3))
-    _paint(view, pixels[won], t[won], albedo, np.zeros((3, 1)))
+def _nearest(place: Index, depth: Float) -> Index:
+    """For each place that occurs, which of its depths is least: the first of these."""
+    order = np.lexsort((depth, place))
+    first = np.ones(len(order), bool)
+    first[1:] = place[order][1:] != place[order][:-1]
+    return order[first]
 
 
 def _paint(

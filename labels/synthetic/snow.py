@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .boxes import pixels_of_boxes
 from .raycast import View
 from .rig import Rig
 from .story import Pose
@@ -38,13 +39,12 @@ def marine_snow(water: Water, rig: Rig, pose: Pose, view: View, rng: np.random.G
     amount = water.snow_brightness * rig.scale**2 * size / depth**2
     fine = np.zeros((rig.height, rig.width), np.float32)
     coarse = np.zeros((rig.height // _COARSE + 1, rig.width // _COARSE + 1), np.float32)
-    for i in np.flatnonzero((z > _NEAR_M / 2) & ~_hidden(view, where, z)):
-        length = np.hypot(*streak[i])
-        if radius[i] + length / 4 > 2.5 * _COARSE:
-            _splat(coarse, (where[i] - (_COARSE - 1) / 2) / _COARSE, radius[i] / _COARSE,
-                   streak[i] / _COARSE, amount[i] / _COARSE**2)  # fmt: skip
-        else:
-            _splat(fine, where[i], radius[i], streak[i], amount[i])
+    seen = np.flatnonzero((z > _NEAR_M / 2) & ~_hidden(view, where, z))
+    where, radius, streak, amount = where[seen], radius[seen], streak[seen], amount[seen]
+    big = radius + np.hypot(*streak.T) / 4 > 2.5 * _COARSE
+    _splat(fine, where[~big], radius[~big], streak[~big], amount[~big])
+    _splat(coarse, (where[big] - (_COARSE - 1) / 2) / _COARSE, radius[big] / _COARSE,
+           streak[big] / _COARSE, amount[big] / _COARSE**2)  # fmt: skip
     whole = cv2.resize(coarse, None, fx=_COARSE, fy=_COARSE, interpolation=cv2.INTER_LINEAR)
     fine += whole[: rig.height, : rig.width]
     return fine
@@ -58,23 +58,25 @@ def _hidden(view: View, where: Float, depth: Float) -> NDArray[np.bool_]:
     return np.asarray(view.depth[row * camera.width + col] < depth)
 
 
-def _splat(image: Image, where: Float, radius: float, streak: Float, amount: float) -> None:
-    """Add a Gaussian disc of standard deviation `radius` px and sum `amount`, drawn out."""
-    # Covariance ((a, b), (b, c)) of the disc and the streak, and its inverse, written out: numpy's
-    # own for 2x2 matrices would take most of a frame's time.
-    variance = max(radius, 0.5) ** 2
-    dx, dy = float(streak[0]), float(streak[1])
+def _splat(image: Image, where: Float, radius: Float, streak: Float, amount: Float) -> None:
+    """Add Gaussian discs of standard deviation `radius` px and sum `amount`, drawn out."""
+    # Covariance ((a, b), (b, c)) of the disc and the streak, and its inverse, written out.
+    variance = np.maximum(radius, 0.5) ** 2
+    dx, dy = streak.T
     a, b, c = variance + dx * dx / 12, dx * dy / 12, variance + dy * dy / 12
     area = a * c - b * b
-    x_reach, y_reach = 3 * math.sqrt(a), 3 * math.sqrt(c)
-    left, right = max(math.ceil(where[0] - x_reach), 0), math.floor(where[0] + x_reach) + 1
-    top, bottom = max(math.ceil(where[1] - y_reach), 0), math.floor(where[1] + y_reach) + 1
-    right, bottom = min(right, image.shape[1]), min(bottom, image.shape[0])
-    if right <= left or bottom <= top:
-        return
-    x = np.arange(left, right, dtype=np.float32) - np.float32(where[0])
-    y = (np.arange(top, bottom, dtype=np.float32) - np.float32(where[1]))[:, None]
-    peak = amount / (2 * math.pi * math.sqrt(area))
-    exponent = np.float32(-0.5 * c / area) * x * x + np.float32(-0.5 * a / area) * y * y
-    exponent += np.float32(b / area) * x * y
-    image[top:bottom, left:right] += np.float32(peak) * np.exp(exponent)
+    reach = 3 * np.sqrt(np.stack([a, c], axis=1))
+    size = np.array(image.shape)[::-1]
+    low = np.maximum(np.ceil(where - reach), 0).astype(np.int64)
+    high = np.minimum(np.floor(where + reach) + 1, size).astype(np.int64)
+    centre = where.astype(np.float32)
+    peak = (amount / (2 * math.pi * np.sqrt(area))).astype(np.float32)
+    across, down, skew = (
+        values.astype(np.float32) for values in (-0.5 * c / area, -0.5 * a / area, b / area)
+    )
+    for which, col, row in pixels_of_boxes(low, high):
+        x = col.astype(np.float32) - centre[which, 0]
+        y = row.astype(np.float32) - centre[which, 1]
+        exponent = across[which] * x * x + down[which] * y * y
+        exponent += skew[which] * x * y
+        np.add.at(image, (row, col), peak[which] * np.exp(exponent))
