@@ -39,7 +39,8 @@ fast = pytest.mark.parametrize(
     ],
 )
 ONE = Grid(1, 1, None)
-ROUNDING = 2e-13  # of a sum of counts and logarithms, relative to its terms; 9,000 of them gave 1.01e-13
+# Of a sum of counts and logarithms, relative to its terms; 9,000 of them gave 1.01e-13.
+ROUNDING = 2e-13
 BORDERS = st.sampled_from(("patch", "frame"))
 CIRCLES = st.sampled_from(((10, 5), (24, 8), (8, 1), (16, 2), (4, 1.5), (12, 2.7))) | st.tuples(
     st.integers(1, 64), st.integers(1, 12) | st.floats(1e-3, 13) | st.just(200)
