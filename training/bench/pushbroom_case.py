@@ -11,16 +11,15 @@ from ...inference.calibration import StereoCalibration
 from ...inference.disparity import DisparityDetector
 from ...inference.pair_check import pair_fault
 from ...inference.pushbroom import BAND, CELL_PX, PushbroomDetector
-from .cases import Case
+from .pair_case import PairCase
 from .pairs import Pair
-from .thesis_stereo import judge_pair
 from .thesis_way import GRID
 
 MOST_DIFFERENT = 0.01
 """Part of the cells that both found whose depths may be further apart than a slice is deep."""
 
 
-class PushbroomPair(Case[Pair]):
+class PushbroomPair(PairCase):
     """A decoded pair to its detection, as ``tokt run --stereo pushbroom`` does it.
 
     Parameters
@@ -30,13 +29,15 @@ class PushbroomPair(Case[Pair]):
     """
 
     def __init__(self, calibration: StereoCalibration) -> None:
-        super().__init__("pushbroom.pair")
+        super().__init__(
+            "pushbroom.pair",
+            f"depths are within {BAND:.0%} of dense matching's in {1 - MOST_DIFFERENT:.0%} of a "
+            "pair's cells that both found",
+        )
         self._detector = PushbroomDetector(calibration, GRID)
         self._dense = DisparityDetector(calibration, GRID)
         self._places = self._dense_places()
-        self._found = dict.fromkeys(("pairs_checked", "pairs_different", "pairs_refused"), 0)
         self._cells = {"found": 0, "found_by_both": 0}
-        self._obstacles = {"baseline": 0, "ours": 0}
 
     def _dense_places(self) -> NDArray[np.int64]:
         """The pixel (x, y) of the dense view at the middle of each cell, shape (n_cells, 2)."""
@@ -47,10 +48,6 @@ class PushbroomPair(Case[Pair]):
         places = dense.from_frame(self._detector.rectifier.to_frame(middles))
         return places.round().astype(np.int64).clip(0, np.array(dense.size) - 1)
 
-    def baseline(self, item: Pair) -> object:
-        """Undistort, match, stretch, contours."""
-        return judge_pair(item.left, item.right)
-
     def ours(self, item: Pair) -> object:
         """Rectify, match at a few disparities, remember."""
         return self._detector.detect(item.frame)
@@ -58,35 +55,18 @@ class PushbroomPair(Case[Pair]):
     def check(self, item: Pair) -> bool:
         """Every depth that ours finds against the one that dense matching finds there."""
         if pair_fault(item.frame, self._detector.calibration.frame_size):
-            self._found["pairs_refused"] += 1
-            return False
+            return self.refused()
         ours = self._detector.look(item.left, item.right).ravel()
         matches = self._dense.match(item.left, item.right)
         x, y = self._places[ours > 0].T
         both = matches.valid[y, x]
         dense = self._dense.rectifier.focal_baseline_px_m / matches.disparity_px[y, x][both]
         apart = np.abs(ours[ours > 0][both] / dense - 1) > BAND
-        self._found["pairs_checked"] += 1
-        self._found["pairs_different"] += bool(apart.sum() > MOST_DIFFERENT * apart.size)
         self._cells["found"] += int((ours > 0).sum())
         self._cells["found_by_both"] += int(both.sum())
-        self._obstacles["ours"] += bool(ours.any())
-        self._obstacles["baseline"] += judge_pair(item.left, item.right).obstacle
-        return True
-
-    @property
-    def exact(self) -> bool:
-        """Whether dense matching agreed in every pair; nothing of the thesis's pipeline could."""
-        return self._found["pairs_checked"] > 0 and self._found["pairs_different"] == 0
+        different = bool(apart.sum() > MOST_DIFFERENT * apart.size)
+        return self.compared(item, different, bool(ours.any()))
 
     def findings(self) -> dict[str, Any]:
-        """What was compared."""
-        return {
-            "of": "one decoded pair to its verdict",
-            "baseline_is": "the thesis's disparity pipeline: full resolution, not rectified",
-            "exact_is": f"depths are within {BAND:.0%} of dense matching's in "
-            f"{1 - MOST_DIFFERENT:.0%} of a pair's cells that both found",
-            "obstacle_pairs": dict(self._obstacles),
-            "cells": dict(self._cells),
-            **self._found,
-        }
+        """What was compared, and how many cells."""
+        return {**super().findings(), "cells": dict(self._cells)}
