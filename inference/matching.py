@@ -154,7 +154,7 @@ class DenseMatcher:
                 f"by the calibration the right camera sees {100 * seen:.0f} % of what the left "
                 f"one does, {NEAREST_M:g} to {FARTHEST_M:g} m away: is it for these cameras?"
             )
-        self._searched = self.searched.astype(np.uint8)
+        self._searched = self.searched.view(np.uint8)
         self._matched_pixels = np.zeros_like(self._searched)
         self._matched_pixels[::step, ::step] = 1
 

@@ -51,7 +51,6 @@ from .obstacle_memory import ObstacleMemory
 from .odometry import Odometry, Pose, motion_between
 from .pair_check import pair_fault
 from .rectify import Rectifier
-from .row_trim import RowTrim
 from .sources import Frame
 from .stereo_health import PairFault, StereoHealth
 from .verdict import STATUS_MEAN_THRESHOLD
@@ -242,7 +241,7 @@ class PushbroomDetector:
         hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST)
         nowhere = np.zeros(left.shape, bool)
         matches = Matches(np.zeros_like(left), np.asarray(hits, bool), nowhere, nowhere)
-        return self._health.judge(left, right, matches, None, RowTrim())
+        return self._health.judge(left, right, matches, None, None)
 
     def _advance(self, frame: Frame) -> None:
         """Let the memory's time pass; where this frame has a pose, move the camera there."""

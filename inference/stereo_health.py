@@ -26,16 +26,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .local_contrast import local_mean_and_sigma
+from .matching import LOCAL_SIGMA_GREY, Matches
 from .row_trim import RowOffset, RowTrim
-
-if TYPE_CHECKING:
-    from .matching import Matches
 
 # Thresholds stand above the extremes of the sea trial's odd frames and hold on the even ones (odd /
 # even, true pairs). None of its 246 true pairs has a fault.
@@ -53,7 +51,6 @@ RIGHT_ONLY_FRACTION = 0.06
 """This much more of the right view than of the left one is textured, and hardly matched: something
 is before the right camera alone, or the left one is covered. True pairs: at most 0.026 / 0.026,
 glare in the right view."""
-LOCAL_SIGMA_GREY = 2.0
 _QUARTER = 4
 _WINDOW_PX = 5
 
@@ -225,10 +222,8 @@ def _textured_fraction(view: NDArray[np.float32]) -> float:
     height, width = view.shape
     size = (max(width // _QUARTER, 1), max(height // _QUARTER, 1))
     small = cv2.resize(view, size, interpolation=cv2.INTER_AREA)
-    window = (_WINDOW_PX, _WINDOW_PX)
-    mean = cv2.boxFilter(small, -1, window)
-    variance = cv2.sqrBoxFilter(small, -1, window) - mean * mean
-    return float(np.count_nonzero(variance > LOCAL_SIGMA_GREY**2) / variance.size)
+    _, sigma = local_mean_and_sigma(np.asarray(small, np.float32), _WINDOW_PX)
+    return float(np.count_nonzero(sigma > LOCAL_SIGMA_GREY) / sigma.size)
 
 
 def _rows_fault(offset: RowOffset | None) -> PairFault | None:
@@ -276,7 +271,7 @@ class StereoHealth:
         right_view: NDArray[np.float32],
         matches: Matches,
         offset: RowOffset | None,
-        trim: RowTrim,
+        trim: RowTrim | None,
     ) -> PairFault | None:
         """Why this pair is not to be believed, or None.
 
@@ -284,8 +279,9 @@ class StereoHealth:
         ----------
         left_view, right_view, matches, offset
             As in `pair_fault`.
-        trim : RowTrim
-            What `offset` was added to, and what `right_view` was moved by.
+        trim : RowTrim or None
+            What `offset` was added to, and what `right_view` was moved by; None where rows are
+            not followed.
         """
         fault = (
             self._frozen_fault(left_view, right_view, matches)
@@ -354,9 +350,9 @@ class StereoHealth:
         return replace(fault, reason=self._cause) if self._cause else fault
 
 
-def _trim_fault(matches: Matches, trim: RowTrim) -> PairFault | None:
+def _trim_fault(matches: Matches, trim: RowTrim | None) -> PairFault | None:
     """Rows that agree among themselves, yet not with those of the pairs before."""
-    if not matches.valid.any():
+    if trim is None or not matches.valid.any():
         return None
     deviation, varying = trim.deviation_px, trim.variation_px
     if deviation is not None and deviation > MOST_DEVIATION_PX:
