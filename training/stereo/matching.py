@@ -176,19 +176,14 @@ def mutual_matches(
     """Pairs (n, 2) of rows of `a` and `b` that choose each other, clearly before the next best."""
     if len(a) < 2 or len(b) < 2:
         return np.zeros((0, 2), np.int64)
-    # |a - b|^2 of unit vectors, for all pairs in one product.
-    distance = _squared_distances(a, b)
-    rows = np.arange(len(a))
-    best = distance.argmin(axis=1)
-    nearest = distance[rows, best]
-    second = np.partition(distance, 1, axis=1)[:, 1]
-    chosen = (distance.argmin(axis=0)[best] == rows) & (nearest < ratio * ratio * second)
-    return np.stack([rows[chosen], best[chosen]], axis=1)
-
-
-def _squared_distances(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    lengths = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1)
-    return np.asarray(np.maximum(lengths - 2 * (a @ b.T), 0), np.float32)
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    back = {match.queryIdx: match.trainIdx for match in matcher.match(b, a)}
+    pairs = [
+        (best.queryIdx, best.trainIdx)
+        for best, second in matcher.knnMatch(a, b, k=2)
+        if best.distance < ratio * second.distance and back[best.trainIdx] == best.queryIdx
+    ]
+    return np.array(pairs, np.int64).reshape(-1, 2)
 
 
 def _one_geometry(left: Float, right: Float) -> NDArray[np.bool_]:
