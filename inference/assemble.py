@@ -15,6 +15,8 @@ from .odometry import Odometry
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
 from .pushbroom import PushbroomDetector
 from .rectify import HALF
+from .stopwatch import SYSTEM_STOPWATCH, Stopwatch
+from .texture_slot import TextureSlot
 
 LoadModel = Callable[[], PatchScorer]
 
@@ -62,13 +64,55 @@ class Stereo:
         return DisparityDetector(self.calibration, grid, self.way, self.scale)
 
 
+@dataclass(frozen=True)
+class Assembly:
+    """A policy, and the place in it where a model can be exchanged.
+
+    Parameters
+    ----------
+    policy : Policy
+    texture : TextureSlot or None
+        None where the policy has no model.
+    stereo : Stereo or None
+    grid : Grid
+        Which disparity's mask is as wide as.
+    """
+
+    policy: Policy
+    texture: TextureSlot | None
+    stereo: Stereo | None
+    grid: Grid
+
+    def misfit(self, model: PatchScorer) -> str:
+        """Why a model cannot take the place of the one there is, or an empty string."""
+        if self.texture is None:
+            return "the policy uses no model"
+        if self.stereo is None:
+            return ""
+        width, height = self.stereo.calibration.frame_size
+        if model.grid.resized(height, width) != self.grid.resized(height, width):
+            return f"its frames are {model.grid.width} px wide, the running ones {self.grid.width}"
+        return ""
+
+
 def build_policy(
     name: str,
     load_model: LoadModel | None,
     stereo: Stereo | None,
     threads: int = 1,
 ) -> Policy:
-    """The policy of that name.
+    """`assemble`, for those who exchange no model."""
+    return assemble(name, load_model, stereo, threads).policy
+
+
+def assemble(
+    name: str,
+    load_model: LoadModel | None,
+    stereo: Stereo | None,
+    threads: int = 1,
+    stopwatch: Stopwatch = SYSTEM_STOPWATCH,
+) -> Assembly:
+    """Put the policy of that name together.
 
     Parameters
     ----------
@@ -80,6 +124,8 @@ def build_policy(
         What disparity needs.
     threads : int
         How many threads share one frame's rows of patches; verdicts do not depend on it.
+    stopwatch : Stopwatch
+        What a policy measures lateness with.
 
     Raises
     ------
@@ -91,16 +137,19 @@ def build_policy(
     model, fault = _load(load_model, may_fail=name == "fallback" and stereo is not None)
     grid = DEFAULT_GRID if model is None else model.grid
     disparity = None if stereo is None else stereo.detector(grid)
-    if disparity is not None and (name == "disparity" or model is None):
-        return SinglePolicy(disparity, note=fault)
-    if model is None:
-        raise AssertionError("a model that may not fail was loaded")
-    texture = GridDetector(model, threads)
+    if name == "disparity" and disparity is not None:
+        return Assembly(SinglePolicy(disparity), None, stereo, grid)
+    texture = TextureSlot(None if model is None else GridDetector(model, threads), fault)
+    policy: Policy
     if name == "texture":
-        return SinglePolicy(texture)
-    if disparity is None:
-        return SinglePolicy(texture, note="no fallback: there is no stereo calibration")
-    return (EitherPolicy if name == "either" else FallbackPolicy)(texture, disparity)
+        policy = SinglePolicy(texture)
+    elif disparity is None:
+        policy = SinglePolicy(texture, note="no fallback: there is no stereo calibration")
+    elif name == "either":
+        policy = EitherPolicy(texture, disparity)
+    else:
+        policy = FallbackPolicy(texture, disparity, stopwatch)
+    return Assembly(policy, texture, stereo, grid)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:
@@ -127,4 +176,4 @@ def _load(load_model: LoadModel | None, may_fail: bool) -> tuple[PatchScorer | N
     except ToktError as error:
         if not may_fail:
             raise
-        return None, f"no texture model: {error}"
+        return None, str(error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..features.levels import Levels
 from ..models.operating_point import OperatingPoint
 from .frame_check import frame_fault, shape_fault
 from .frame_rule import RuleRun, least_white
+from .reason import NO_FAULT, Fault, Reason
 from .sources import Frame
 
 TEXTURE, DISPARITY, PUSHBROOM = "texture", "disparity", "pushbroom"
@@ -47,7 +48,9 @@ class Detection:
     contact_s : float or None
         Seconds until the distance is 0 at that speed, if it falls.
     decision_values : array of float64, shape (n_patches, n_outputs), or None
-    fault : str
+    features : array of float64, shape (n_patches, dim), or None
+        What the decision values come from.
+    fault : Fault
         Why the frame could not be judged; empty when it was.
     against_clear : bool
         Whether the fault is itself a sign that something may be there, such as two views that do
@@ -64,7 +67,8 @@ class Detection:
     closing_m_s: float | None = None
     contact_s: float | None = None
     decision_values: NDArray[np.float64] | None = None
-    fault: str = ""
+    features: NDArray[np.float64] | None = None
+    fault: Fault = NO_FAULT
     against_clear: bool = False
     note: str = ""
 
@@ -117,10 +121,10 @@ class PatchScorer(Protocol):
     def images(self) -> tuple[Levels | None, ...]:
         """The pictures of a frame that it looks at; None is the plain one."""
 
-    def decision_values(
+    def features(
         self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
     ) -> NDArray[np.float64]:
-        """Decision values of a frame's patches, shape (n_patches, n_outputs).
+        """Features of a frame's patches, shape (n_patches, dim).
 
         Parameters
         ----------
@@ -128,8 +132,11 @@ class PatchScorer(Protocol):
         pictures : FramePictures, optional
             The frame's pictures on this grid, where the caller has some already.
         threads : int
-            How many threads share the work; the values do not depend on it.
+            How many threads share the work; the features do not depend on it.
         """
+
+    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
 
 
 class GridDetector:
@@ -156,7 +163,9 @@ class GridDetector:
         """Judge the left picture."""
         self._rule.begin(frame.missed)
         if frame.left is None:
-            return self._unjudged(frame.left_fault or "there is no left frame")
+            return self._unjudged(
+                frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
+            )
         # First what needs no look at the pixels: a picture of another shape may have no resize.
         fault = shape_fault(frame.left) or self._size_fault(*frame.left.shape[:2])
         if fault:
@@ -168,10 +177,12 @@ class GridDetector:
         fault = frame_fault(frame.left, gray, grid)
         if fault:
             return self._unjudged(fault)
-        values = self.scorer.decision_values(frame.left, pictures, self.threads)
+        features = self.scorer.features(frame.left, pictures, self.threads)
+        values = self.scorer.values_of(features)
         if not np.isfinite(values).all():
-            return self._unjudged("the model gave a decision value that is not finite")
-        return self._ruled(values, *gray.shape)
+            words = "the model gave a decision value that is not finite"
+            return self._unjudged(Fault(Reason.NOT_FINITE, words))
+        return replace(self._ruled(values, *gray.shape), features=features)
 
     def _ruled(self, values: NDArray[np.float64], height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""
@@ -188,22 +199,23 @@ class GridDetector:
                 TEXTURE,
                 label,
                 decision_values=values,
-                fault=ruled.note,
+                fault=Fault(Reason.FRAME_RULE, ruled.note),
                 against_clear=True,
             )
         mask = grid.paint(ruled.patches, height, width)
         return Detection(mask, TEXTURE, label, decision_values=values, note=ruled.note)
 
-    def _unjudged(self, fault: str) -> Detection:
+    def _unjudged(self, fault: Fault) -> Detection:
         return Detection(None, TEXTURE, self.scorer.label, fault=fault)
 
-    def _size_fault(self, height: int, width: int) -> str:
+    def _size_fault(self, height: int, width: int) -> Fault:
         """Why a frame is unlike all that the model learnt from, or an empty string."""
         learnt = self.scorer.frame_sizes
         if any(self._alike(height, width, *size) for size in learnt):
-            return ""
+            return NO_FAULT
         sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
-        return f"frames are {width}x{height}, the model learnt from {sizes}"
+        words = f"frames are {width}x{height}, the model learnt from {sizes}"
+        return Fault(Reason.WRONG_SIZE, words)
 
     def _alike(self, height: int, width: int, learnt_height: int, learnt_width: int) -> bool:
         aspect_ratio = (width * learnt_height) / (height * learnt_width)

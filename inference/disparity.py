@@ -24,6 +24,7 @@ from .detector import DISPARITY, Detection
 from .frame_check import PATCH_GRID, frame_fault
 from .matching import BM, STEP_PX, DenseMatcher, Matches
 from .pair_check import pair_fault
+from .reason import NO_FAULT, Fault
 from .rectify import HALF, Rectifier
 from .row_trim import RowTrim
 from .sources import Frame
@@ -138,12 +139,12 @@ class DisparityDetector:
         views = self.rectifier.left(left), self.rectifier.right(right, row_trim_px)
         return self._matcher.match(*views)
 
-    def _judged(self, found: Matches, unfit: str, doubt: PairFault | None) -> Detection:
+    def _judged(self, found: Matches, unfit: Fault, doubt: PairFault | None) -> Detection:
         """What the matches of a pair come to.
 
         Parameters
         ----------
-        unfit : str
+        unfit : Fault
             Why one of its pictures is unfit, or empty.
         doubt : PairFault or None
             Why the two do not fit together.
@@ -154,7 +155,7 @@ class DisparityDetector:
             # An unfit picture explains it; two good ones that do not match are a sign of danger.
             against_clear = doubt.against_clear and not unfit
             return Detection(
-                None, DISPARITY, fault=unfit or doubt.reason, against_clear=against_clear
+                None, DISPARITY, fault=unfit or doubt.fault, against_clear=against_clear
             )
         distance = self.distance_m(found)
         if obstacle:
@@ -181,13 +182,13 @@ class DisparityDetector:
 
 def _unfit(
     left: NDArray[np.uint8], right: NDArray[np.uint8], scaled: list[NDArray[np.float32]]
-) -> str:
+) -> Fault:
     """Which picture `frame_fault` finds fault with and why, or an empty string."""
     for side, picture, half in (("left", left, scaled[0]), ("right", right, scaled[1])):
         fault = frame_fault(picture, *_small(picture, half))
         if fault:
-            return f"{side}: {fault}"
-    return ""
+            return fault.about(side)
+    return NO_FAULT
 
 
 def _small(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..features.extractor import gray_picture
 from ..features.grid import DEFAULT_GRID, Grid
+from .reason import NO_FAULT, Fault, Reason
 
 # The measured values below are of the gray pictures of the 492 frames, 246 of each camera, of the
 # sea trial of 20 April 2016: one dive. A resized picture has less noise than its frame: these
@@ -52,7 +53,7 @@ _LEAST_PATCH_PX = 8
 """Height and width in pixels below which one grey level in a patch proves nothing."""
 
 
-def shape_fault(frame: NDArray[np.uint8]) -> str:
+def shape_fault(frame: NDArray[np.uint8]) -> Fault:
     """Why an array is no picture of a camera, or an empty string.
 
     Parameters
@@ -62,8 +63,9 @@ def shape_fault(frame: NDArray[np.uint8]) -> str:
     """
     picture = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] == 3)
     if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
-        return f"the frame is {frame.dtype} of shape {frame.shape}, not an 8-bit picture"
-    return ""
+        words = f"the frame is {frame.dtype} of shape {frame.shape}, not an 8-bit picture"
+        return Fault(Reason.WRONG_SIZE, words)
+    return NO_FAULT
 
 
 def _some_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -78,7 +80,7 @@ def frame_fault(
     frame: NDArray[np.uint8],
     gray: NDArray[np.uint8] | None = None,
     grid: Grid | None = None,
-) -> str:
+) -> Fault:
     """Why a frame is outside what can be judged, or an empty string.
 
     Parameters
@@ -99,7 +101,7 @@ def frame_fault(
         try:
             gray = gray_picture(frame, own_grid)
         except ValueError as error:
-            return f"the frame cannot be looked at: {error}"
+            return Fault(Reason.WRONG_SIZE, f"the frame cannot be looked at: {error}")
     return _whole_frame_fault(gray, _some_rows(frame)) or _blank_patches_fault(gray, own_grid)
 
 
@@ -108,17 +110,17 @@ def _own_grid(frame_width: int) -> Grid:
     return _NATIVE_PATCH_GRID if narrow else PATCH_GRID
 
 
-def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> str:
+def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> Fault:
     """Whether a picture, or the single pixels of its frame, are dark, blank or saturated."""
     for seen in (gray, pixels):
         if np.count_nonzero(seen >= DARK_GREY) <= (1 - DARK_FRACTION) * seen.size:
-            return "the frame is too dark to judge"
+            return Fault(Reason.DARK, "the frame is too dark to judge")
     if cv2.meanStdDev(gray)[1].item() < BLANK_GREY:
-        return "the frame is blank"
+        return Fault(Reason.BLANK, "the frame is blank")
     for seen in (gray, pixels):
         if np.count_nonzero(seen >= SATURATED_GREY) >= SATURATED_FRACTION * seen.size:
-            return "the frame is saturated"
-    return ""
+            return Fault(Reason.SATURATED, "the frame is saturated")
+    return NO_FAULT
 
 
 def _by_patch(extreme: np.ufunc, gray: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
@@ -129,12 +131,13 @@ def _by_patch(extreme: np.ufunc, gray: NDArray[np.uint8], grid: Grid) -> NDArray
     return np.asarray(extreme.reduce(down.reshape(grid.rows, grid.cols, width), axis=2))
 
 
-def _blank_patches_fault(gray: NDArray[np.uint8], grid: Grid) -> str:
+def _blank_patches_fault(gray: NDArray[np.uint8], grid: Grid) -> Fault:
     """Why a picture is damaged or covered, or an empty string; small ones are not looked at."""
     if min(gray.shape[0] // grid.rows, gray.shape[1] // grid.cols) < _LEAST_PATCH_PX:
-        return ""
+        return NO_FAULT
     darkest, brightest = _by_patch(np.minimum, gray, grid), _by_patch(np.maximum, gray, grid)
     blank = int(np.sum((darkest == brightest) & (brightest < SATURATED_GREY)))
     if blank < BLANK_PATCHES * grid.n_patches:
-        return ""
-    return f"{blank} of {grid.n_patches} patches are blank: the picture is damaged or covered"
+        return NO_FAULT
+    words = f"{blank} of {grid.n_patches} patches are blank: the picture is damaged or covered"
+    return Fault(Reason.DAMAGED, words)

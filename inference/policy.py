@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import SYSTEM_CLOCK, Clock
 from .detector import Detection, Detector, GridDetector, PatchScorer
+from .reason import Fault, Reason
 from .sources import Frame
+from .stopwatch import SYSTEM_STOPWATCH, Stopwatch
 from .verdict import (
     CLEAR,
     HEALTHY,
@@ -31,16 +32,22 @@ POLICIES = ("texture", "disparity", "either", "fallback")
 
 @dataclass(frozen=True)
 class Judgement:
-    """A verdict, and the decision values behind it where a model gave some.
+    """A verdict, and the features and decision values behind it where a model gave some.
 
     Parameters
     ----------
     verdict : Verdict
     decision_values : array of float64, shape (n_patches, n_outputs), or None
+    features : array of float64, shape (n_patches, dim), or None
+        What the texture model looked at, also where the verdict comes from elsewhere.
+    texture_s : float or None
+        Seconds that the texture detector took, where the verdict depends on it.
     """
 
     verdict: Verdict
     decision_values: NDArray[np.float64] | None = None
+    features: NDArray[np.float64] | None = None
+    texture_s: float | None = None
 
 
 class Policy(Protocol):
@@ -57,25 +64,33 @@ def guarded(detector: Detector, frame: Frame) -> Detection:
     # The one place where any exception is caught: a defect in a detector must cost one verdict,
     # which is then unknown, and never the loop that keeps the vehicle's pilot informed.
     except Exception as error:  # noqa: BLE001
-        fault = f"the {detector.method} detector failed: {type(error).__name__}: {error}"
-        return Detection(None, detector.method, fault=" ".join(fault.split()))
+        words = f"the {detector.method} detector failed: {type(error).__name__}: {error}"
+        fault = Fault(Reason.DETECTOR_FAILED, " ".join(words.split()))
+        return Detection(None, detector.method, fault=fault)
 
 
-def _judgement(detection: Detection, health: str) -> Judgement:
+def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
     if detection.mask is None:
-        return Judgement(unknown_verdict(health), detection.decision_values)
+        verdict = unknown_verdict(Fault(reason, health))
+        return Judgement(verdict, detection.decision_values, detection.features)
     verdict = verdict_from_mask(
         detection.mask, detection.method, detection.model, detection.distance_m, health
     )
-    moving = replace(verdict, closing_m_s=detection.closing_m_s, contact_s=detection.contact_s)
-    return Judgement(moving, detection.decision_values)
+    whole = replace(
+        verdict,
+        closing_m_s=detection.closing_m_s,
+        contact_s=detection.contact_s,
+        reason=reason,
+    )
+    return Judgement(whole, detection.decision_values, detection.features)
 
 
 def _not_clear(judgement: Judgement) -> Judgement:
     """The same where it does not say clear, otherwise unknown."""
     if judgement.verdict.status != CLEAR:
         return judgement
-    return replace(judgement, verdict=unknown_verdict(judgement.verdict.health))
+    verdict = judgement.verdict
+    return replace(judgement, verdict=unknown_verdict(Fault(verdict.reason, verdict.health)))
 
 
 class SinglePolicy:
@@ -95,7 +110,8 @@ class SinglePolicy:
     def judge(self, frame: Frame) -> Judgement:
         """The detector's answer."""
         detection = guarded(self.detector, frame)
-        return _judgement(detection, _health(self.note, detection.fault, detection.note))
+        health = _health(self.note, detection.fault, detection.note)
+        return _judgement(detection, health, _reason(detection))
 
 
 def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
@@ -135,8 +151,8 @@ class FallbackPolicy:
     Parameters
     ----------
     texture, disparity : Detector
-    clock : Clock
-        Lateness comes from its `monotonic`.
+    stopwatch : Stopwatch
+        What lateness is measured with.
     late_s : float
     """
 
@@ -144,33 +160,34 @@ class FallbackPolicy:
         self,
         texture: Detector,
         disparity: Detector,
-        clock: Clock = SYSTEM_CLOCK,
+        stopwatch: Stopwatch = SYSTEM_STOPWATCH,
         late_s: float = LATE_S,
     ) -> None:
         self.texture = texture
         self.disparity = disparity
-        self.clock = clock
+        self.stopwatch = stopwatch
         self.late_s = late_s
 
     def judge(self, frame: Frame) -> Judgement:
         """The first detector's answer, or the second's where the first has none."""
-        first = self._in_time(frame)
+        found, took_s = self.stopwatch.took(lambda: guarded(self.texture, frame))
+        first = self._in_time(found, took_s)
         if first.mask is not None:
-            return _judgement(first, _health(first.note))
+            judgement = _judgement(first, _health(first.note), first.fault.reason)
+            return replace(judgement, texture_s=took_s)
         second = guarded(self.disparity, frame)
-        judgement = _judgement(second, _health(_unable(first), _unable(second)))
+        health = _health(_unable(first), _unable(second))
+        judgement = _judgement(second, health, _reason(first, second))
+        judgement = replace(judgement, features=found.features, texture_s=took_s)
         return _not_clear(judgement) if first.against_clear else judgement
 
-    def _in_time(self, frame: Frame) -> Detection:
+    def _in_time(self, found: Detection, took_s: float) -> Detection:
         """Texture's answer, or why there is none in time."""
-        start = self.clock.monotonic()
-        found = guarded(self.texture, frame)
-        took_s = self.clock.monotonic() - start
         if took_s <= self.late_s or found.mask is None:
             return found
-        late = f"late: {1000 * took_s:.0f} ms"
+        late = Fault(Reason.LATE, f"late: {1000 * took_s:.0f} ms")
         if cv2.mean(found.mask)[0] > STATUS_MEAN_THRESHOLD:
-            return replace(found, note="; ".join(filter(None, (found.note, late))))
+            return replace(found, fault=late, note="; ".join(filter(None, (found.note, late))))
         return replace(found, mask=None, fault=late)
 
 
@@ -197,7 +214,9 @@ class EitherPolicy:
         first, second = guarded(self.texture, frame), guarded(self.disparity, frame)
         health = _health(*(_unable(found) or found.note for found in (first, second)))
         if first.mask is None or second.mask is None:
-            judgement = _judgement(second if first.mask is None else first, health)
+            able = second if first.mask is None else first
+            judgement = _judgement(able, health, _reason(first, second))
+            judgement = replace(judgement, features=first.features)
             warned = first.against_clear or second.against_clear
             return _not_clear(judgement) if warned else judgement
         joined = replace(
@@ -208,11 +227,17 @@ class EitherPolicy:
             closing_m_s=second.closing_m_s,
             contact_s=second.contact_s,
         )
-        return _judgement(joined, health)
+        return _judgement(joined, health, Reason.OK)
 
 
 def _unable(detection: Detection) -> str:
     return "" if detection.mask is not None else f"{detection.method}: {detection.fault}"
+
+
+def _reason(*found: Detection) -> Reason:
+    """Of the first that could not judge; that there is no model is said if nothing else is."""
+    reasons = [detection.fault.reason for detection in found if detection.mask is None]
+    return min(reasons, key=lambda reason: reason is Reason.NO_MODEL, default=Reason.OK)
 
 
 def _health(*faults: str) -> str:

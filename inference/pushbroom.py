@@ -50,6 +50,7 @@ from .matching import Matches
 from .obstacle_memory import ObstacleMemory
 from .odometry import Odometry, Pose, motion_between
 from .pair_check import pair_fault
+from .reason import NO_FAULT, Fault, Reason
 from .rectify import Rectifier
 from .sources import Frame
 from .stereo_health import PairFault, StereoHealth
@@ -203,7 +204,9 @@ class PushbroomDetector:
         evened = _evened(views[0])
         seen = self._depths(evened, _evened(views[1]))
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
-        unfit = f"left: {left_fault}" if left_fault else right_fault and f"right: {right_fault}"
+        unfit = left_fault.about("left") if left_fault else NO_FAULT
+        if right_fault and not unfit:
+            unfit = right_fault.about("right")
         doubt = self._doubt(*views, seen)
         if doubt is None or doubt.matches_stand:
             self._memory.add(seen)
@@ -211,7 +214,7 @@ class PushbroomDetector:
                 return self._judged(textured)
         if unfit or doubt is None:
             return self._unjudged(unfit)
-        return self._unjudged(doubt.reason, doubt.against_clear or textured)
+        return self._unjudged(doubt.fault, doubt.against_clear or textured)
 
     def look(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
         """What stands at the distances in one pair of frames of the calibration's size.
@@ -226,7 +229,7 @@ class PushbroomDetector:
         right_view = self.rectifier.right_of(self._picture(right)[0])
         return self._depths(_evened(left_view), _evened(right_view))
 
-    def _unjudged(self, fault: str, against_clear: bool = False) -> Detection:
+    def _unjudged(self, fault: Fault, against_clear: bool = False) -> Detection:
         remembered = bool(len(self._memory.ages))
         return Detection(None, PUSHBROOM, fault=fault, against_clear=against_clear or remembered)
 
@@ -256,7 +259,7 @@ class PushbroomDetector:
         if pose is not None:
             self._since_pose = 0
 
-    def _picture(self, frame: NDArray[np.uint8]) -> tuple[NDArray[np.float32], str]:
+    def _picture(self, frame: NDArray[np.uint8]) -> tuple[NDArray[np.float32], Fault]:
         """The frame gray and scaled, in grey levels and fractions of them; and its fault."""
         width, height = self.rectifier.size
         # Averaged before rounding: the frames hold only a few grey levels of signal.
@@ -289,9 +292,10 @@ class PushbroomDetector:
         if cv2.mean(mask)[0] <= STATUS_MEAN_THRESHOLD:
             if textured:
                 fault = f"something is in view, but at none of {self._where}; or a wrong pair"
-                return self._unjudged(fault, against_clear=True)
+                return self._unjudged(Fault(Reason.STEREO, fault), against_clear=True)
             if len(memory.ages):
-                return self._unjudged("too little of an obstacle met before is still in view")
+                fault = "too little of an obstacle met before is still in view"
+                return self._unjudged(Fault(Reason.STEREO, fault))
             return Detection(mask, PUSHBROOM, note=note)
         since = int(memory.ages.min())
         if since > 0:

@@ -15,26 +15,34 @@ HEALTH_CHARACTERS = 300
 
 @dataclass(frozen=True)
 class Report:
-    """What is said about one frame.
+    """What is said about one frame, or, as a heartbeat, of there being none.
 
     Parameters
     ----------
     seq : int
-        1 for the first frame of a run, then rising by one a frame, whatever was sent.
-    frame : int
-        The frame's number in its source.
-    t : float
-        Frame time: seconds since 1970 (UTC) when the source delivered it.
-    latency_ms : float
-        From the frame's delivery to its verdict, in milliseconds.
+        1 for the first report of a run, then rising by one, whatever was sent.
+    frame : int or None
+        The frame's number in its source; None in a heartbeat.
+    t : float or None
+        Frame time: seconds since 1970 (UTC) when the source delivered it. A heartbeat has that of
+        the newest frame, or None before the first.
+    latency_ms : float or None
+        From when the frame was taken up to its verdict, in milliseconds.
     verdict : Verdict
+    age_ms : float or None
+        From the frame's arrival in this process to the datagram, in milliseconds; a heartbeat has
+        that of the newest frame.
+    left_out : int
+        Frames between the one before and this one that there was no time for.
     """
 
     seq: int
-    frame: int
-    t: float
-    latency_ms: float
+    frame: int | None
+    t: float | None
+    latency_ms: float | None
     verdict: Verdict
+    age_ms: float | None = None
+    left_out: int = 0
 
     def fields(self) -> dict[str, Any]:
         """The fields of UDP v2 (docs/udp.md); a number that is not finite becomes None."""
@@ -55,6 +63,8 @@ class Report:
             "health": verdict.health[:HEALTH_CHARACTERS],
             "closing_m_s": _finite(verdict.closing_m_s),
             "contact_s": _finite(verdict.contact_s),
+            "reason": verdict.reason.value,
+            "age_ms": _finite(self.age_ms),
         }
 
 

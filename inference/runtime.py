@@ -1,18 +1,34 @@
-"""The loop: a frame in, a verdict out to the log and to every receiver."""
+"""The loop: a frame in, a verdict out to every receiver, then to whoever looks on.
+
+docs/failsafe.md has the states it can be in, and what each fault comes to.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from .announcer import Announcer
 from .clock import Clock
-from .log import JsonLines
-from .policy import Judgement, Policy
+from .event_queue import EventQueue
+from .frozen import FrozenWatch
+from .intake import Intake, intake_of
+from .limits import Limits
+from .observer import Event, Observer
+from .policy import Policy
 from .report import Report
-from .sources import Source
+from .sources import Frame, Source
 from .udp import Sender
 from .verdict import CLEAR, OBSTACLE, UNKNOWN
+
+POLL_S = 0.1
+"""Longest time in seconds that the loop waits for a frame before it looks for anything else."""
+
+_TICK_S = 0.05
 
 
 @dataclass
@@ -23,10 +39,16 @@ class Summary:
     ----------
     frames, obstacle, clear, unknown : int
         Frames judged, and how.
+    heartbeats : int
+        Times that unknown was said without a frame.
+    dropped : int
+        Frames that there was no time for.
+    reasons : dict of str to int
+        How many frames' verdicts had each reason.
     seconds : float
         From the first frame asked for to the last verdict.
     latency_ms_mean, latency_ms_max : float
-        From a frame's delivery to its verdict, in milliseconds.
+        From when a frame was taken up to its verdict, in milliseconds.
     sent, send_failures : int
         Datagrams over all receivers; a failure is one the operating system refused.
     log_failures : int
@@ -37,6 +59,9 @@ class Summary:
     obstacle: int = 0
     clear: int = 0
     unknown: int = 0
+    heartbeats: int = 0
+    dropped: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
     seconds: float = 0.0
     latency_ms_mean: float = 0.0
     latency_ms_max: float = 0.0
@@ -45,20 +70,30 @@ class Summary:
     log_failures: int = 0
 
     def add(self, report: Report) -> None:
-        """Count one report."""
+        """Count one frame's report."""
         name = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}[report.verdict.status]
         setattr(self, name, getattr(self, name) + 1)
+        self.reasons[report.verdict.reason.value] += 1
         self.frames += 1
-        self.latency_ms_mean += (report.latency_ms - self.latency_ms_mean) / self.frames
-        self.latency_ms_max = max(self.latency_ms_max, report.latency_ms)
+        latency_ms = report.latency_ms or 0.0
+        self.latency_ms_mean += (latency_ms - self.latency_ms_mean) / self.frames
+        self.latency_ms_max = max(self.latency_ms_max, latency_ms)
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""
-        return asdict(self)
+        return {**asdict(self), "reasons": dict(sorted(self.reasons.items()))}
+
+
+def _nothing() -> None:
+    """What a loop does between frames that has nothing to do there."""
+
+
+def _no_events() -> Sequence[Event]:
+    return ()
 
 
 class Runtime:
-    """Judge every frame of a source and tell about it.
+    """Judge the frames of a source and tell about each.
 
     Parameters
     ----------
@@ -67,10 +102,17 @@ class Runtime:
     senders : sequence of Sender
     clock : Clock
         Durations come from its `monotonic`.
-    log : JsonLines, optional
-    log_values : bool
-        Whether the log carries each patch's decision values, exact to the last bit: what
-        training and serving can be compared by.
+    observers : sequence of Observer
+        Told after the senders, in this order, by the loop's thread.
+    limits : Limits
+    events : EventQueue
+        Passed on to the observers between two frames.
+    between : callable
+        Called between two frames, such as to exchange the model; gives what there is to tell before
+        the next one.
+    alive : callable
+        Called each time the loop comes round, at least every `POLL_S` seconds unless a frame is
+        being judged: what a watchdog goes by.
     """
 
     def __init__(
@@ -79,40 +121,96 @@ class Runtime:
         policy: Policy,
         senders: Sequence[Sender],
         clock: Clock,
-        log: JsonLines | None = None,
-        log_values: bool = False,
+        observers: Sequence[Observer] = (),
+        limits: Limits | None = None,
+        events: EventQueue | None = None,
+        between: Callable[[], Sequence[Event]] = _no_events,
+        alive: Callable[[], None] = _nothing,
     ) -> None:
         self.source = source
         self.policy = policy
         self.senders = senders
         self.clock = clock
-        self.log = log
-        self.log_values = log_values
+        self.observers = observers
+        self.limits = Limits() if limits is None else limits
+        self._events = EventQueue() if events is None else events
+        self._between = between
+        self._alive = alive
+        self._frozen = FrozenWatch(self.limits)
+        self._announcer = Announcer(senders, clock, self.limits, source.live)
 
     def run(self) -> Summary:
-        """Go on until the source ends or is stopped."""
+        """Go on until the source ends or is stopped.
+
+        Raises
+        ------
+        Exception
+            What the source raises: a loop that cannot see ends, and is started anew by who watches
+            over it.
+        """
         summary = Summary()
         start = self.clock.monotonic()
-        for seq, frame in enumerate(self.source, 1):
-            delivered = self.clock.monotonic()
-            judgement = self.policy.judge(frame)
-            latency_ms = 1000 * (self.clock.monotonic() - delivered)
-            report = Report(seq, frame.number, frame.t, latency_ms, judgement.verdict)
-            for sender in self.senders:
-                sender.send(report)
-            self._write(report, judgement)
-            summary.add(report)
-            summary.seconds = self.clock.monotonic() - start
+        intake = intake_of(self.source)
+        try:
+            with self._heart():
+                while not intake.ended:
+                    self._round(intake, summary)
+                    summary.seconds = self.clock.monotonic() - start
+            self._pass_heartbeats(summary)
+        finally:
+            intake.close()
+            self._tell(self._events.take())
+        summary.dropped = intake.dropped
         summary.sent = sum(sender.sent for sender in self.senders)
         summary.send_failures = sum(sender.failed for sender in self.senders)
-        summary.log_failures = self.log.failed if self.log is not None else 0
         return summary
 
-    def _write(self, report: Report, judgement: Judgement) -> None:
-        if self.log is None:
+    def _tell(self, events: Sequence[Event]) -> None:
+        for event in events:
+            for observer in self.observers:
+                observer.event(event)
+
+    def _round(self, intake: Intake, summary: Summary) -> None:
+        self._alive()
+        self._tell(self._events.take())
+        self._tell(self._between())
+        frame = intake.take(POLL_S)
+        self._pass_heartbeats(summary)
+        if frame is not None:
+            self._judge(frame, intake.left_out, summary)
+
+    def _judge(self, frame: Frame, left_out: int, summary: Summary) -> None:
+        self._announcer.take_up(frame)
+        frame = self._frozen.look(frame)
+        judgement = self.policy.judge(frame)
+        report = self._announcer.say(frame, judgement, left_out)
+        summary.add(report)
+        self._pass_heartbeats(summary)
+        for observer in self.observers:
+            observer.judged(frame, judgement, report)
+
+    def _pass_heartbeats(self, summary: Summary) -> None:
+        for report in self._announcer.heartbeats():
+            summary.heartbeats += 1
+            for observer in self.observers:
+                observer.heartbeat(report)
+
+    @contextmanager
+    def _heart(self) -> Iterator[None]:
+        """Let a thread say unknown where the loop says nothing for too long, in real time."""
+        if not self.source.live:
+            yield
             return
-        line = {**report.fields(), "frame": report.frame}
-        if self.log_values:
-            values = judgement.decision_values
-            line["decision_values"] = None if values is None else values.tolist()
-        self.log.write(line)
+        stopped = threading.Event()
+
+        def beat() -> None:
+            while not stopped.wait(_TICK_S):
+                self._announcer.heartbeat()
+
+        thread = threading.Thread(target=beat, name="tokt heartbeat", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stopped.set()
+            thread.join()

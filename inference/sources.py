@@ -19,8 +19,13 @@ from ..features.errors import FrameError, ToktError
 from ..features.mission import LEFT, RIGHT, Mission, format_frames, open_mission
 from ..models.operating_point import frame_step, missed_before
 from .clock import Clock
+from .reason import NO_FAULT, Fault, Reason
 
 _STOP_CHECK_S = 0.05
+_NOT_READ = Fault(Reason.MISSING, "not read")
+
+MANY_MISSED = 1_000_000
+"""Frames missed, where nobody knows how many."""
 
 
 @dataclass(frozen=True)
@@ -34,27 +39,39 @@ class Frame:
         Seconds since 1970 (UTC) when the source delivered it.
     left, right : array of uint8, shape (height, width) or (height, width, 3), or None
         None where there is no picture.
-    left_fault, right_fault : str
+    left_fault, right_fault : Fault
         Why there is none; empty where there is one.
     missed : int
         Frames between the one delivered before and this one that were not delivered.
     timed : bool
         Whether `t` tells frames' times apart as they were taken: live, or replayed at a rate. As
         fast as they can be read they only tell how fast the disk is.
+    arrived : float or None
+        The clock's `monotonic` when the frame reached this process: what its age is counted from,
+        as the time of day may be set back. None where it has no age.
     """
 
     number: int
     t: float
     left: NDArray[np.uint8] | None
     right: NDArray[np.uint8] | None
-    left_fault: str = ""
-    right_fault: str = ""
+    left_fault: Fault = NO_FAULT
+    right_fault: Fault = NO_FAULT
     missed: int = 0
     timed: bool = False
+    arrived: float | None = None
 
 
 class Source(Protocol):
     """Something that delivers frames."""
+
+    @property
+    def live(self) -> bool:
+        """Whether frames come in real time.
+
+        The loop then judges the newest and leaves out those that it has no time for; otherwise it
+        judges every one.
+        """
 
     def __iter__(self) -> Iterator[Frame]:
         """Frames in order, until there are no more or `stop` was called."""
@@ -117,7 +134,7 @@ class MissionSource:
         start = self._clock.monotonic()
         for index, number in enumerate(self.numbers):
             left, left_fault = self._read(number, LEFT)
-            right, right_fault = self._read(number, RIGHT) if self._stereo else (None, "not read")
+            right, right_fault = self._read(number, RIGHT) if self._stereo else (None, _NOT_READ)
             if self._rate is not None:
                 self._wait_until(start + index / self._rate)
             if self._stopped:
@@ -132,20 +149,20 @@ class MissionSource:
                 right_fault,
                 self._missed[index],
                 timed=self._rate is not None,
+                arrived=self._clock.monotonic(),
             )
+
+    @property
+    def live(self) -> bool:
+        """Whether there is a rate."""
+        return self._rate is not None
 
     def stop(self) -> None:
         """Deliver no further frame."""
         self._stopped = True
 
-    def _read(self, number: int, camera: str) -> tuple[NDArray[np.uint8] | None, str]:
-        try:
-            image = self._mission.read(number, camera)
-        except FrameError as error:
-            return None, str(error)
-        if self._pixel_format is None:
-            return image, ""
-        return _from_raw(image, self._pixel_format)
+    def _read(self, number: int, camera: str) -> tuple[NDArray[np.uint8] | None, Fault]:
+        return read_picture(self._mission, number, camera, self._pixel_format)
 
     def _wait_until(self, due: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
@@ -156,15 +173,42 @@ class MissionSource:
             self._clock.sleep(min(remaining, _STOP_CHECK_S))
 
 
-def _from_raw(image: NDArray[np.uint8], pixel_format: str) -> tuple[NDArray[np.uint8] | None, str]:
+def read_picture(
+    mission: Mission, number: int, camera: str, pixel_format: str | None = None
+) -> tuple[NDArray[np.uint8] | None, Fault]:
+    """One camera's picture of a mission's frame, or why there is none.
+
+    Parameters
+    ----------
+    mission : Mission
+    number : int
+    camera : {"left", "right"}
+    pixel_format : str, optional
+        As in `MissionSource`.
+    """
+    try:
+        image = mission.read(number, camera)
+    except FrameError as error:
+        present = number in mission.frames(camera)
+        reason = Reason.UNREADABLE if present else Reason.MISSING
+        return None, Fault(reason, str(error))
+    if pixel_format is None:
+        return image, NO_FAULT
+    return _from_raw(image, pixel_format)
+
+
+def _from_raw(
+    image: NDArray[np.uint8], pixel_format: str
+) -> tuple[NDArray[np.uint8] | None, Fault]:
     """The frame that an image's gray levels are the raw pixels of, or why there is none."""
     if image.ndim != 2:
-        return None, f"the image is in colour: it does not hold raw {pixel_format} pixels"
+        words = f"the image is in colour: it does not hold raw {pixel_format} pixels"
+        return None, Fault(Reason.UNREADABLE, words)
     height, width = image.shape
     try:
-        return frame_from_camera(image, height, width, pixel_format), ""
+        return frame_from_camera(image, height, width, pixel_format), NO_FAULT
     except ValueError as error:
-        return None, str(error)
+        return None, Fault(Reason.UNREADABLE, str(error))
 
 
 def _present(mission: Mission) -> set[int]:

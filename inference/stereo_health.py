@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from .local_contrast import local_mean_and_sigma
 from .matching import LOCAL_SIGMA_GREY, Matches
+from .reason import Fault, Reason
 from .row_trim import RowOffset, RowTrim
 
 # Thresholds stand above the extremes of the sea trial's odd frames and hold on the even ones (odd /
@@ -106,11 +107,18 @@ class PairFault:
     matches_stand : bool
         Whether what was matched all the same is there: a view that is dark in part still shows
         truly what it shows.
+    code : Reason
     """
 
     reason: str
     against_clear: bool
     matches_stand: bool = False
+    code: Reason = Reason.STEREO
+
+    @property
+    def fault(self) -> Fault:
+        """The reason with its code."""
+        return Fault(self.code, self.reason)
 
 
 def pair_fault(
@@ -146,10 +154,11 @@ def _darkness_fault(
     left, right = (_band_levels(view) for view in (left_view, right_view))
     stops = np.log2((right + 1) / (left + 1))
     if stops.max() > DARKER_STOPS:
-        return PairFault(_darker("left", "right", stops.max()), against_clear=True)
+        reason = _darker("left", "right", stops.max())
+        return PairFault(reason, against_clear=True, code=Reason.DARK)
     if -stops.min() > DARKER_STOPS:
         reason = _darker("right", "left", -stops.min())
-        return PairFault(reason, against_clear=_something_there(matches))
+        return PairFault(reason, against_clear=_something_there(matches), code=Reason.DARK)
     return None
 
 
@@ -159,7 +168,7 @@ def _dim_fault(left_view: NDArray[np.float32], right_view: NDArray[np.float32]) 
         level = view[::_ROW_STEP, ::_COLUMN_STEP].mean(dtype=np.float64)
         if level < DIM_GREY:
             reason = f"the {side} view is too dim for distances: mean grey level {level:.0f}"
-            return PairFault(reason, against_clear=False, matches_stand=True)
+            return PairFault(reason, against_clear=False, matches_stand=True, code=Reason.DARK)
     return None
 
 
@@ -311,12 +320,14 @@ class StereoHealth:
         left, right = (np.array_equal(old, new) for old, new in zip(before, now, strict=True))
         self._repeats = self._repeats + 1 if left and right else 0
         if self._repeats > MOST_REPEATS:
-            return PairFault("both cameras repeat their last pictures: frozen", against_clear=True)
+            reason = "both cameras repeat their last pictures: frozen"
+            return PairFault(reason, against_clear=True, code=Reason.FROZEN)
         if left == right or np.ptp(now[0] if left else now[1]) == 0:
             return None
         side = "left" if left else "right"
         reason = f"the {side} camera repeats its last picture: frozen"
-        return PairFault(reason, against_clear=left or _something_there(matches))
+        against_clear = left or _something_there(matches)
+        return PairFault(reason, against_clear, code=Reason.FROZEN)
 
     def explained(
         self,

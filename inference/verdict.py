@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models import operating_point
+from .reason import Fault, Reason
 
 OBSTACLE, CLEAR, UNKNOWN = operating_point.OBSTACLE, operating_point.CLEAR, operating_point.UNKNOWN
 
@@ -64,6 +65,11 @@ class Verdict:
         Metres a second by which the distance falls, negative where it grows, where it is known.
     contact_s : float or None
         Seconds until the distance is 0 at that speed, if it falls.
+    reason : Reason
+        The first thing that is not as it should be: why a verdict is unknown, or what one that
+        stands had to do without.
+    mask_size : (height, width) or None
+        Of the mask that `x`, `y` and `box` are in, in pixels.
     """
 
     status: int
@@ -77,11 +83,15 @@ class Verdict:
     health: str = HEALTHY
     closing_m_s: float | None = None
     contact_s: float | None = None
+    reason: Reason = Reason.OK
+    mask_size: tuple[int, int] | None = None
 
 
-def unknown_verdict(reason: str) -> Verdict:
+def unknown_verdict(fault: Fault) -> Verdict:
     """The verdict on a frame that nothing could judge, and why."""
-    return Verdict(UNKNOWN, None, None, None, None, None, "none", None, reason)
+    return Verdict(
+        UNKNOWN, None, None, None, None, None, "none", None, str(fault), reason=fault.reason
+    )
 
 
 def verdict_from_mask(
@@ -111,11 +121,15 @@ def verdict_from_mask(
     mean = float(cv2.mean(mask)[0])
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     status = OBSTACLE if mean > STATUS_MEAN_THRESHOLD else CLEAR
-    if not contours:
-        return Verdict(status, 0, 0, None, mean, distance_m, method, model, health)
-    cx, cy = _centre(contours, mask)
-    x, y = -(cx - width // 2), -(cy - height // 2)
-    return Verdict(status, x, y, _box(contours), mean, distance_m, method, model, health)
+    x = y = 0
+    box = None
+    if contours:
+        cx, cy = _centre(contours, mask)
+        x, y = -(cx - width // 2), -(cy - height // 2)
+        box = _box(contours)
+    return Verdict(
+        status, x, y, box, mean, distance_m, method, model, health, mask_size=(height, width)
+    )
 
 
 def _centre(contours: Sequence[NDArray[Any]], mask: NDArray[np.uint8]) -> tuple[int, int]:

@@ -97,13 +97,19 @@ class NoiseScorer:
     def model(self) -> NoiseScorer:
         return self
 
-    def decision_values(
+    def features(
         self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
     ) -> NDArray[np.float64]:
         height, width = self.grid.resized(*frame.shape[:2])
         gray = frame if frame.ndim == 2 else frame.mean(axis=2).astype(np.uint8)
         cells = self.grid.cells(np.asarray(cv2.resize(gray, (width, height))))
-        return cells.std(axis=(1, 2))[:, None] - 5.0
+        return np.asarray(cells.std(axis=(1, 2))[:, None])
+
+    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        return features - 5.0
+
+    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+        return self.values_of(self.features(frame))
 
     def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         return values[:, 0]

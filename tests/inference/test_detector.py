@@ -13,6 +13,7 @@ from tokt.features.grid import Grid
 from tokt.features.image_file import decode_image, read_image
 from tokt.inference.detector import GridDetector
 from tokt.inference.frame_check import frame_fault
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.sources import Frame
 from tokt.models.bundle import read_bundle
 
@@ -38,17 +39,20 @@ def test_a_real_bundle_is_a_scorer(
     assert found.mask is not None and found.model == "noise/7"
     assert found.mask[54:81, 108:144].all() and found.mask.sum() == 255 * 27 * 36
     np.testing.assert_array_equal(found.decision_values, bundle.decision_values(picture))
+    described = bundle.extractor.describe(picture, bundle.grid)
+    np.testing.assert_array_equal(found.features, described)
+    np.testing.assert_array_equal(bundle.model.decision_values(described), found.decision_values)
 
 
 def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None:
     given: list[Any] = []
-    values = noise_scorer.decision_values
+    features = noise_scorer.features
 
     def listen(frame: np.ndarray, pictures: FramePictures, threads: int) -> np.ndarray:
         given.append((pictures.picture(None), threads))
-        return values(frame, pictures, threads)
+        return features(frame, pictures, threads)
 
-    noise_scorer.decision_values, noise_scorer.frame_sizes = listen, ((1024, 1360),)
+    noise_scorer.features, noise_scorer.frame_sizes = listen, ((1024, 1360),)
     picture = noisy(60, 9, 1024, 1360)[:, :, None].repeat(3, 2)
     detector = GridDetector(noise_scorer, threads=2)
     for shift in (0, 40):
@@ -63,14 +67,16 @@ def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None
 
 
 def test_no_frame_is_unknown_with_the_source_s_reason(noise_scorer: Any) -> None:
-    found = GridDetector(noise_scorer).detect(Frame(1, 0.0, None, None, "a.jpg is truncated"))
+    found = GridDetector(noise_scorer).detect(
+        Frame(1, 0.0, None, None, Fault(Reason.UNREADABLE, "a.jpg is truncated"))
+    )
     assert found.mask is None and found.fault == "a.jpg is truncated"
 
 
 def test_values_that_are_not_finite_are_unknown(
     noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
 ) -> None:
-    noise_scorer.decision_values = lambda frame, gray, threads: np.full((100, 1), np.nan)
+    noise_scorer.values_of = lambda features: np.full((100, 1), np.nan)
     found = GridDetector(noise_scorer).detect(Frame(1, 0.0, draw_frame([]), None))
     assert found.mask is None and "not finite" in found.fault
 

@@ -13,6 +13,7 @@ from tokt.features.kernels import KERNELS, load_kernels
 from tokt.inference.calibration import load_calibration
 from tokt.inference.disparity import DisparityDetector, Matches
 from tokt.inference.matching import NEAREST_M, disparity_range
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.rectify import Rectifier
 from tokt.inference.sources import Frame
 from tokt.inference.verdict import verdict_from_mask
@@ -164,12 +165,12 @@ def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: Disparity
 def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
     left, right = pair(700)
     cases = {
-        "no right": Frame(1, 0.0, left, None, "", "no right frame 1"),
+        "no right": Frame(1, 0.0, left, None, NO_FAULT, Fault(Reason.MISSING, "no right frame 1")),
         "340x256": Frame(1, 0.0, left, right[::4, ::4]),
         "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
         "right: the frame is blank": Frame(1, 0.0, sea(), np.full_like(right, 90)),
         "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
-        "a.jpg": Frame(1, 0.0, None, right, "a.jpg is truncated"),
+        "a.jpg": Frame(1, 0.0, None, right, Fault(Reason.UNREADABLE, "a.jpg is truncated")),
     }
     for word, frame in cases.items():
         found = plain.detect(frame)

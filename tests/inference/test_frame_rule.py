@@ -41,11 +41,14 @@ class Script:
     def model(self) -> Script:
         return self
 
-    def decision_values(self, frame: Any, pictures: Any = None, threads: int = 1) -> Any:
+    def features(self, frame: Any, pictures: Any = None, threads: int = 1) -> Any:
         answer = next(self._answers)
         if isinstance(answer, Exception):
             raise answer
         return np.asarray(answer, np.float64)[:, None]
+
+    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        return features
 
     def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         return values[:, 0]

@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 from tokt.features.errors import ToktError
 from tokt.features.grid import Grid
-from tokt.inference.assemble import Stereo, build_policy
+from tokt.inference.assemble import Stereo, assemble, build_policy
 from tokt.inference.detector import Detection, GridDetector
 from tokt.inference.disparity import DisparityDetector
 from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
 from tokt.inference.pushbroom import PushbroomDetector
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.sources import Frame
+from tokt.inference.stopwatch import ClockStopwatch
 
 from .plain_rig import PLAIN as CALIBRATION
 
-FRAME = Frame(1, 0.0, None, None, "no picture", "no picture")
+NO_PICTURE = Fault(Reason.MISSING, "no picture")
+FRAME = Frame(1, 0.0, None, None, NO_PICTURE, NO_PICTURE)
 STEREO = Stereo(CALIBRATION)
 
 
@@ -38,7 +41,7 @@ class Says:
         if isinstance(self.answer, Exception):
             raise self.answer
         if isinstance(self.answer, str):
-            return Detection(None, self.method, fault=self.answer)
+            return Detection(None, self.method, fault=Fault(Reason.STEREO, self.answer))
         model = "m/1" if self.method == "texture" else None
         distance_m = 2.5 if self.method == "disparity" else None
         return Detection(self.answer, self.method, model, distance_m)
@@ -51,7 +54,9 @@ class Warns(Says):
         super().__init__("disparity", "the frames do not match")
 
     def detect(self, frame: Frame) -> Detection:
-        return Detection(None, self.method, fault=self.answer, against_clear=True)
+        return Detection(
+            None, self.method, fault=Fault(Reason.STEREO, self.answer), against_clear=True
+        )
 
 
 ANSWERS = {
@@ -102,7 +107,7 @@ def test_a_picture_in_memory_is_judged_like_a_frame(
     assert judged.verdict == expected.verdict and judged.verdict.status == 1
     np.testing.assert_array_equal(judged.decision_values, noise_scorer.decision_values(image))
     assert judge_image(noise_scorer, np.zeros_like(image)).verdict.status == -1
-    noise_scorer.decision_values = None
+    noise_scorer.features = None
     assert "TypeError" in judge_image(noise_scorer, image).verdict.health
 
 
@@ -149,17 +154,23 @@ class Slow(Says):
 
 def test_a_late_clear_is_left_to_disparity(hand_clock: Any) -> None:
     nothing = np.zeros((50, 100), np.uint8)
-    policy = FallbackPolicy(Slow(nothing, hand_clock), Says("disparity", mask(3)), hand_clock)
+    policy = FallbackPolicy(
+        Slow(nothing, hand_clock), Says("disparity", mask(3)), ClockStopwatch(hand_clock)
+    )
     verdict = policy.judge(FRAME).verdict
     assert (verdict.status, verdict.method) == (1, "disparity")
     assert verdict.health == "texture: late: 1000 ms"
-    blind = FallbackPolicy(Slow(nothing, hand_clock), Says("disparity", "dark"), hand_clock)
+    blind = FallbackPolicy(
+        Slow(nothing, hand_clock), Says("disparity", "dark"), ClockStopwatch(hand_clock)
+    )
     assert blind.judge(FRAME).verdict.status == -1
 
 
 def test_a_late_obstacle_is_one(hand_clock: Any) -> None:
     policy = FallbackPolicy(
-        Slow(mask(3), hand_clock), Says("disparity", np.zeros((50, 100), np.uint8)), hand_clock
+        Slow(mask(3), hand_clock),
+        Says("disparity", np.zeros((50, 100), np.uint8)),
+        ClockStopwatch(hand_clock),
     )
     verdict = policy.judge(FRAME).verdict
     assert (verdict.status, verdict.method, verdict.health) == (1, "texture", "late: 1000 ms")
@@ -195,7 +206,7 @@ def broken_model() -> Any:
 def test_fallback_goes_on_without_a_model_and_says_so() -> None:
     policy = build_policy("fallback", broken_model, STEREO)
     health = policy.judge(FRAME).verdict.health
-    assert health.startswith("no texture model: bundle x.tokt: a hash does not match; ")
+    assert health.startswith("texture: no model: bundle x.tokt: a hash does not match; ")
 
 
 @pytest.mark.parametrize(("name", "stereo"), [("texture", None), ("either", STEREO)])
@@ -245,6 +256,6 @@ def test_at_least_one_thread(noise_scorer: Any, threads: int) -> None:
 
 
 def test_threads_reach_the_detector(noise_scorer: Any) -> None:
-    policy = build_policy("texture", lambda: noise_scorer, None, threads=3)
-    assert isinstance(policy, SinglePolicy) and isinstance(policy.detector, GridDetector)
-    assert policy.detector.threads == 3
+    slot = assemble("texture", lambda: noise_scorer, None, threads=3).texture
+    assert slot is not None and isinstance(slot.detector, GridDetector)
+    assert slot.detector.threads == 3

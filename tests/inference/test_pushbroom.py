@@ -15,6 +15,7 @@ from tokt.inference.calibration import load_calibration
 from tokt.inference.detector import Detection
 from tokt.inference.odometry import Odometry, parse_odometry
 from tokt.inference.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.sources import Frame
 from tokt.inference.verdict import verdict_from_mask
 
@@ -130,7 +131,9 @@ def test_an_obstacle_is_remembered_for_some_frames_as_it_was(
     then = detector.detect(Frame(2, 0.0, *EMPTY))
     assert then.distance_m == first.distance_m and (corners(then) == corners(first)).all()
     assert "1 frame ago" in then.note and "there is no odometry" in then.note
-    lost = detector.detect(Frame(3, 0.0, EMPTY[0], None, "", "no right frame 3"))
+    lost = detector.detect(
+        Frame(3, 0.0, EMPTY[0], None, NO_FAULT, Fault(Reason.MISSING, "no right frame 3"))
+    )
     assert lost.mask is None and lost.fault == "no right frame 3" and lost.against_clear
     late = detector.detect(Frame(KEPT_FRAMES + 1, 0.0, *EMPTY, missed=KEPT_FRAMES - 3))
     assert corners(late).any()
@@ -213,11 +216,11 @@ def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(
 ) -> None:
     left, right = EMPTY
     cases = {
-        "no right": Frame(1, 0.0, left, None, "", "no right frame 1"),
+        "no right": Frame(1, 0.0, left, None, NO_FAULT, Fault(Reason.MISSING, "no right frame 1")),
         "340x256": Frame(1, 0.0, left, right[::4, ::4]),
         "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
         "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
-        "a.jpg": Frame(1, 0.0, None, right, "a.jpg is truncated"),
+        "a.jpg": Frame(1, 0.0, None, right, Fault(Reason.UNREADABLE, "a.jpg is truncated")),
         "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
     }
     for words, frame in cases.items():

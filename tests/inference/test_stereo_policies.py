@@ -13,6 +13,7 @@ from tokt.features.mission import LEFT, RIGHT, open_mission
 from tokt.inference.assemble import Stereo, build_policy
 from tokt.inference.calibration import load_calibration
 from tokt.inference.policy import Policy
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.sources import Frame
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
 from tokt.models.bundle import read_bundle
@@ -52,9 +53,12 @@ class Sees:
     def model(self) -> Sees:
         return self
 
-    def decision_values(self, frame: np.ndarray, pictures: Any, threads: int) -> np.ndarray:
+    def features(self, frame: np.ndarray, pictures: Any, threads: int) -> np.ndarray:
         cells = self.grid.cells(pictures.gray(self.images))
-        return cells.std(axis=(1, 2))[:, None] - 15.0
+        return cells.std(axis=(1, 2))[:, None]
+
+    def values_of(self, features: np.ndarray) -> np.ndarray:
+        return features - 15.0
 
     def obstacle_score(self, values: np.ndarray) -> np.ndarray:
         return values[:, 0]
@@ -110,7 +114,9 @@ def test_without_the_right_camera(
     pair: Callable[[int], Frame],
 ) -> None:
     seen = pair(TOWER)
-    frame = Frame(TOWER, 0.0, seen.left, None, "", "the right camera is gone")
+    frame = Frame(
+        TOWER, 0.0, seen.left, None, NO_FAULT, Fault(Reason.CAMERA_LOST, "the right camera is gone")
+    )
     verdict = said(policy(name), frame)
     assert (verdict.status, verdict.method) == (tower, method)
     if name in ("disparity", "either"):
@@ -138,7 +144,7 @@ def test_a_killed_model_file_leaves_disparity(
     verdict = said(judge, pair(TOWER))
     assert (verdict.status, verdict.method) == (OBSTACLE, "disparity")
     assert verdict.distance_m == pytest.approx(2.8, abs=0.1)
-    assert verdict.health.startswith("no texture model: ") and "killed.tokt" in verdict.health
+    assert verdict.health.startswith("texture: no model: ") and "killed.tokt" in verdict.health
     assert said(judge, pair(WATER)).status == CLEAR
 
 

@@ -19,6 +19,7 @@ from tokt.inference.disparity import DisparityDetector
 from tokt.inference.distortion import distortion
 from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy
 from tokt.inference.pushbroom import PushbroomDetector
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.rectify import Rectifier, rectified
 from tokt.inference.sources import Frame
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
@@ -125,7 +126,11 @@ class Texture:
 
     def __init__(self, size: tuple[int, int], judges: bool) -> None:
         mask = np.zeros(GRID.resized(size[1], size[0]), np.uint8)
-        self._answer = Detection(mask if judges else None, "texture", fault="" if judges else "no")
+        self._answer = Detection(
+            mask if judges else None,
+            "texture",
+            fault=NO_FAULT if judges else Fault(Reason.STEREO, "no"),
+        )
 
     def detect(self, frame: Frame) -> Detection:
         return self._answer

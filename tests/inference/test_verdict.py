@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tokt.features.grid import Grid
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, unknown_verdict, verdict_from_mask
 
 masks = hnp.arrays(
@@ -63,9 +64,9 @@ def test_status_changes_just_above_the_threshold() -> None:
 
 
 def test_unknown_has_no_direction() -> None:
-    verdict = unknown_verdict("no frame")
+    verdict = unknown_verdict(Fault(Reason.NO_FRAME, "no frame"))
     assert (verdict.status, verdict.x, verdict.y, verdict.mean) == (-1, None, None, None)
-    assert verdict.health == "no frame"
+    assert (verdict.health, verdict.reason) == ("no frame", Reason.NO_FRAME)
 
 
 @settings(max_examples=200, deadline=None)

@@ -1,0 +1,84 @@
+"""Why a verdict is what it is: one code of a short list, and the words that go with it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Reason(StrEnum):
+    """What was not as it should be; datagrams, logs and counters carry it (docs/failsafe.md)."""
+
+    OK = "ok"
+
+    # No frame, or one that is too old.
+    NO_FRAME = "no_frame"
+    """None has come since the start."""
+    STALE = "stale"
+    """None has come for too long, or one came that was too old already."""
+    LATE = "late"
+    """Judging took so long that a clear is of a frame that is gone."""
+    STALLED = "stalled"
+    """A frame is being judged for too long."""
+    OVERLOAD = "overload"
+    """Frames come faster than they are judged, and were left out."""
+
+    # A frame without a picture.
+    MISSING = "missing"
+    """A camera gave none."""
+    UNREADABLE = "unreadable"
+    """It cannot be decoded."""
+    INCOMPLETE = "incomplete"
+    """The camera gave only a part of it."""
+    UNPAIRED = "unpaired"
+    """The other camera has none of the same moment."""
+    CAMERA_LOST = "camera_lost"
+    """The camera does not answer."""
+
+    # A picture that cannot be judged.
+    DARK = "dark"
+    SATURATED = "saturated"
+    BLANK = "blank"
+    DAMAGED = "damaged"
+    FROZEN = "frozen"
+    """The camera repeats its last picture."""
+    WRONG_SIZE = "wrong_size"
+    """Unlike those that the model learnt from, or that the calibration is for."""
+
+    # A detector that cannot judge.
+    DETECTOR_FAILED = "detector_failed"
+    NOT_FINITE = "not_finite"
+    FRAME_RULE = "frame_rule"
+    """Frames before, which the rule needs, are not known."""
+    STEREO = "stereo"
+    """The two views of a pair do not fit together, or show too little."""
+    NO_MODEL = "no_model"
+
+
+class Fault(str):
+    """Why something could not be judged, in words; empty where nothing is wrong.
+
+    Parameters
+    ----------
+    reason : Reason
+    words : str
+    """
+
+    __slots__ = ("reason",)
+    reason: Reason
+
+    def __new__(cls, reason: Reason, words: str) -> Fault:
+        """Words with a code."""
+        made = super().__new__(cls, words)
+        made.reason = reason
+        return made
+
+    def __getnewargs__(self) -> tuple[Reason, str]:  # type: ignore[override]
+        """What pickle and copy make it anew from."""
+        return self.reason, str(self)
+
+    def about(self, what: str) -> Fault:
+        """The same of one part of a frame, such as ``"left"``."""
+        return Fault(self.reason, f"{what}: {self}")
+
+
+NO_FAULT = Fault(Reason.OK, "")

@@ -1,0 +1,223 @@
+"""A dive with a fault in it: a live loop, real sockets, and the truth about every frame."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tokt.inference.clock import SYSTEM_CLOCK, Clock
+from tokt.inference.detector import Detection, Detector, GridDetector
+from tokt.inference.event_queue import EventQueue
+from tokt.inference.limits import Limits
+from tokt.inference.observer import Event, Observer
+from tokt.inference.policy import Policy, SinglePolicy
+from tokt.inference.reason import NO_FAULT, Fault
+from tokt.inference.runtime import Runtime, Summary
+from tokt.inference.sources import Frame
+from tokt.inference.udp import Sender, UdpSender, decode
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+
+from .conftest import NoiseScorer, draw
+from .live import HandSource, Listener
+
+QUICK = Limits(stale_s=0.2, heartbeat_s=0.2)
+WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
+_LONGEST_S = 8.0
+
+
+class Heard:
+    """A receiver on loopback that keeps every datagram."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self.port = int(self._socket.getsockname()[1])
+
+    def datagrams(self) -> list[bytes]:
+        """Those since the last call."""
+        found = []
+        while True:
+            try:
+                found.append(self._socket.recv(65535))
+            except BlockingIOError:
+                return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Faulty:
+    """A detector that a test makes do what no detector should."""
+
+    def __init__(self, detector: Detector) -> None:
+        self.detector = detector
+        self.before: Callable[[Frame], None] = lambda frame: None
+
+    @property
+    def method(self) -> str:
+        return self.detector.method
+
+    def detect(self, frame: Frame) -> Detection:
+        self.before(frame)
+        return self.detector.detect(frame)
+
+
+@dataclass
+class Outcome:
+    """What was said of the frames, and that none was called clear wrongly.
+
+    Parameters
+    ----------
+    said : list of (what, status, reason)
+        `what` is the truth about the frame: ``clear``, ``obstacle``, ``fault``, or ``-`` for a
+        heartbeat.
+    events : list of Event
+    summary : Summary
+    """
+
+    said: list[tuple[str, str, str]]
+    events: list[Event]
+    summary: Summary
+
+    def of(self, what: str) -> set[tuple[str, str]]:
+        """Status and reason of all frames of one kind."""
+        return {(status, reason) for kind, status, reason in self.said if kind == what}
+
+
+@dataclass
+class Dive:
+    """A loop that is fed by hand.
+
+    Parameters
+    ----------
+    clock : Clock
+    limits : Limits
+    """
+
+    clock: Clock = SYSTEM_CLOCK
+    limits: Limits = QUICK
+    scorer: Any = field(default_factory=NoiseScorer)
+    senders: list[Sender] = field(default_factory=list)
+    observers: list[Observer] = field(default_factory=list)
+    between: Callable[[], Sequence[Event]] = tuple
+
+    def __post_init__(self) -> None:
+        self.source = HandSource(self.clock)
+        self.events = EventQueue()
+        self.listener = Listener()
+        self.detector = Faulty(GridDetector(self.scorer))
+        self.policy: Policy = SinglePolicy(self.detector)
+        self.truth: dict[float, str] = {}
+        self._v1, self._v2 = Heard(), Heard()
+        self._seed = 0
+        self._summary: list[Summary] = []
+        self.died: Exception | None = None
+
+    def picture(self, what: str) -> NDArray[np.uint8]:
+        """A new picture, of clear water or of something in it."""
+        self._seed += 1
+        picture = draw([(4, 4)] if what == "obstacle" else [], self._seed)
+        # No two pictures of a camera are the same.
+        picture[self._seed % 271, self._seed % 360] += 1
+        return picture
+
+    def give(self, what: str, left: NDArray[np.uint8] | None = None, **more: Any) -> None:
+        """Deliver a frame of ``clear`` or ``obstacle``, or what a fault makes of it."""
+        judged = len(self.listener.reports)
+        picture = self.picture(what) if left is None and "left_fault" not in more else left
+        frame = self.source.frame(picture, **more)
+        self.truth[frame.t] = what
+        self.source._frames.put(frame)
+        self.until(lambda: len(self.listener.reports) > judged)
+
+    def give_at_once(self, *what: str) -> None:
+        """Deliver frames faster than they can be judged."""
+        for one in what:
+            frame = self.source.frame(self.picture(one))
+            self.truth[frame.t] = one
+            self.source._frames.put(frame)
+
+    def fault(self, fault: Fault = NO_FAULT, **more: Any) -> None:
+        """Deliver a frame without a picture."""
+        self.give("fault", None, left_fault=fault, **more)
+
+    def until(self, true: Callable[[], object]) -> None:
+        """Wait until something is true."""
+        deadline = time.monotonic() + _LONGEST_S
+        while not true():
+            assert time.monotonic() < deadline, f"it never came true; said: {self.listener.reports}"
+            time.sleep(0.001)
+
+    @contextmanager
+    def under_way(self) -> Iterator[None]:
+        """Run the loop; clear water and an obstacle are told apart before the fault and after."""
+        addresses = ((self._v1.port, 1), (self._v2.port, 2))
+        own = [UdpSender("127.0.0.1", port, version) for port, version in addresses]
+        runtime = Runtime(
+            *(self.source, self.policy, [*self.senders, *own], self.clock),
+            observers=[*self.observers, self.listener],
+            limits=self.limits,
+            events=self.events,
+            between=self.between,
+        )
+
+        def run() -> None:
+            try:
+                self._summary.append(runtime.run())
+            except OSError as error:
+                self.died = error
+
+        self._runtime = runtime
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            yield
+        finally:
+            self.source.stop()
+            thread.join(_LONGEST_S)
+            for sender in own:
+                sender.close()
+
+    def taken_up(self) -> bool:
+        """Whether a frame is being judged."""
+        return self._runtime._announcer._taken_up is not None
+
+    def heard_stalled(self) -> bool:
+        """Whether it was said that a frame takes too long."""
+        unread = list(self._runtime._announcer._unread)
+        return any(report.verdict.reason == "stalled" for report in unread)
+
+    def outcome(self) -> Outcome:
+        """What was heard; no datagram said clear but of a frame of clear water."""
+        said = [decode(data) for data in self._v2.datagrams()]
+        v1 = [decode(data) for data in self._v1.datagrams()]
+        self._v1.close()
+        self._v2.close()
+        assert [one["seq"] for one in said] == list(range(1, len(said) + 1)), "a datagram was lost"
+        heartbeats = {report.seq for report in self.listener.heartbeats}
+        known = []
+        for one in said:
+            what = "-" if one["seq"] in heartbeats else self.truth[one["t"]]
+            assert one["status"] != CLEAR or what == "clear", f"a wrong clear: {one}"
+            assert one["status"] != UNKNOWN or one["reason"] != "ok"
+            known.append((what, WORDS[one["status"]], one["reason"]))
+        # v1 says the same, and nothing where nothing is known.
+        expected = Counter(one["status"] for one in said if one["status"] != UNKNOWN)
+        assert Counter(one["status"] for one in v1) == expected
+        return Outcome(known, self.listener.events, self._summary[0])
+
+
+def healthy(dive: Dive) -> None:
+    """Clear water, and an obstacle, as they are seen without a fault."""
+    dive.give("clear")
+    dive.give("obstacle")

@@ -1,0 +1,74 @@
+"""A source whose frames a test hands out, in real time."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from tokt.inference.clock import SYSTEM_CLOCK, Clock
+from tokt.inference.observer import Event, Observer
+from tokt.inference.policy import Judgement
+from tokt.inference.report import Report
+from tokt.inference.sources import Frame
+
+
+class HandSource:
+    """Deliver what `give` is given, at once; `stop` ends it."""
+
+    live = True
+
+    def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
+        self.clock = clock
+        self._frames: queue.Queue[Frame | Exception | None] = queue.Queue()
+        self._number = 0
+
+    def frame(self, left: NDArray[np.uint8] | None, age_s: float = 0.0, **more: object) -> Frame:
+        """The next frame."""
+        self._number += 1
+        arrived = self.clock.monotonic() - age_s
+        now = self.clock.time()
+        made = {"right": None, "timed": True, "arrived": arrived, **more}
+        return Frame(number=self._number, t=now, left=left, **made)  # type: ignore[arg-type]
+
+    def give(self, left: NDArray[np.uint8] | None, age_s: float = 0.0, **more: object) -> None:
+        """Deliver a picture as the next frame."""
+        self._frames.put(self.frame(left, age_s, **more))
+
+    def fail(self, error: Exception) -> None:
+        """Raise in the source's thread."""
+        self._frames.put(error)
+
+    def __iter__(self) -> Iterator[Frame]:
+        while (item := self._frames.get()) is not None:
+            if isinstance(item, Exception):
+                raise item
+            yield item
+
+    def stop(self) -> None:
+        """Deliver no further frame."""
+        self._frames.put(None)
+
+
+class Listener(Observer):
+    """Remember everything, and call back after each report."""
+
+    def __init__(self, then: Callable[[Report], None] = lambda report: None) -> None:
+        self.reports: list[Report] = []
+        self.heartbeats: list[Report] = []
+        self.events: list[Event] = []
+        self.frames: list[Frame] = []
+        self._then = then
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        self.frames.append(frame)
+        self.reports.append(report)
+        self._then(report)
+
+    def heartbeat(self, report: Report) -> None:
+        self.heartbeats.append(report)
+        self._then(report)
+
+    def event(self, event: Event) -> None:
+        self.events.append(event)
