@@ -1,0 +1,192 @@
+"""Notice a store's new active model and make it ready beside the running one.
+
+::
+
+    thread:  active pointer changed ──> child process: every check, golden values ──> build
+                                             │ refused                                  │
+                                             └─> told; the old one goes on              v
+    loop:    frame, frame, frame ───────────────────────────────────────> exchange ──> frame
+
+All checks run in a process of their own: a bundle that hangs or crashes the one that loads it
+costs that process, and the loop's frames do not wait for it.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from ..features.errors import ToktError
+from ..models.bundle import Bundle
+from ..models.last_good import remember_good
+from ..models.store import Store
+from .clock import Clock
+from .observer import Event
+
+POLL_S = 1.0
+CHECK_S = 60.0
+"""Seconds that the checks of a bundle may take."""
+RETRY_S = 30.0
+"""Seconds after which a refused one is looked at again: its file may have been made good."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What the child process says of the active bundle.
+
+    Parameters
+    ----------
+    sha256 : str
+        Of the bundle that passed; empty where none did.
+    fault : str
+        Why none did.
+    """
+
+    sha256: str
+    fault: str
+
+
+def check_in_child(store: Store) -> Checked:
+    """Load a store's active bundle in another process, with every check."""
+    command = [sys.executable, "-P", "-m", "tokt.models.check_bundle", str(store.path)]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, timeout=CHECK_S, check=False, stdin=subprocess.DEVNULL
+        )
+        answer = json.loads(done.stdout.splitlines()[-1])
+        return Checked(str(answer["sha256"] or ""), str(answer["fault"]))
+    except subprocess.TimeoutExpired:
+        return Checked("", f"its checks did not end in {CHECK_S:g} s")
+    except OSError as error:
+        return Checked("", f"its checks cannot be run: {error.strerror or error}")
+    except (ValueError, LookupError, TypeError):
+        return Checked("", f"its checks died with exit code {done.returncode}")
+
+
+class ModelWatch:
+    """Keep the running model the store's active one.
+
+    Parameters
+    ----------
+    store : Store
+    running : Bundle or None
+        The model at the start.
+    misfit : callable
+        Why a bundle cannot take the running one's place, or an empty string.
+    put : callable
+        Puts a bundle into the policy; called by the loop's thread, between two frames.
+    clock : Clock
+    check : callable
+        `check_in_child`.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        running: Bundle | None,
+        misfit: Callable[[Bundle], str],
+        put: Callable[[Bundle], None],
+        clock: Clock,
+        check: Callable[[Store], Checked] = check_in_child,
+    ) -> None:
+        self._store = store
+        self._running = "" if running is None else running.sha256
+        self._to_remember = running
+        self._misfit = misfit
+        self._put = put
+        self._clock = clock
+        self._check = check
+        self._refused: tuple[int, str] | None = None
+        self._retry_at = 0.0
+        self._fault = ""
+        self._lock = threading.Lock()
+        self._ready: Bundle | None = None
+        self._events: list[Event] = []
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="tokt model", daemon=True)
+
+    def start(self) -> None:
+        """Look at the store from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Look no more; a check that is under way is not waited for."""
+        self._stopped.set()
+
+    def exchange(self) -> Sequence[Event]:
+        """Put a new model that is ready into the policy; what there is to tell."""
+        with self._lock:
+            bundle, self._ready = self._ready, None
+            events, self._events = self._events, []
+        if bundle is None:
+            return events
+        self._put(bundle)
+        words = f"model {bundle.label} runs from the next frame on"
+        fields = {"label": bundle.label, "sha256": bundle.sha256}
+        return [*events, Event(self._clock.time(), "model", words, fields)]
+
+    def _run(self) -> None:
+        while True:
+            self._remember()
+            if self._stopped.wait(POLL_S):
+                return
+            self.look()
+
+    def look(self) -> None:
+        """Look at the store once."""
+        try:
+            entry = self._store.active_entry()
+        except ToktError as error:
+            self._refuse(None, str(error))
+            return
+        if entry is None or entry.sha256 == self._running:
+            self._refused, self._fault = None, ""
+            return
+        key = (entry.number, entry.sha256)
+        if key == self._refused and self._clock.monotonic() < self._retry_at:
+            return
+        fault = self._make_ready(entry.sha256)
+        if fault:
+            self._refuse(key, f"model {entry.label} is refused: {fault}")
+
+    def _make_ready(self, sha256: str) -> str:
+        """Check a bundle and build it; why it cannot be used, or an empty string."""
+        checked = self._check(self._store)
+        if checked.fault:
+            return checked.fault
+        if checked.sha256 != sha256:
+            return ""  # another one has become active meanwhile: the next look is at that one
+        try:
+            bundle = self._store.runnable(sha256, golden=False)
+        except ToktError as error:
+            return str(error)
+        fault = self._misfit(bundle)
+        if not fault:
+            with self._lock:
+                self._ready = bundle
+            self._running, self._to_remember = sha256, bundle
+            self._refused, self._fault = None, ""
+        return fault
+
+    def _refuse(self, key: tuple[int, str] | None, fault: str) -> None:
+        self._refused, self._retry_at = key, self._clock.monotonic() + RETRY_S
+        if fault == self._fault:
+            return
+        self._fault = fault
+        self._tell("model_refused", f"{fault}; the running model goes on")
+
+    def _remember(self) -> None:
+        bundle, self._to_remember = self._to_remember, None
+        if bundle is None:
+            return
+        fault = remember_good(self._store, bundle)
+        if fault:
+            self._tell("model_not_kept", f"no copy of model {bundle.label} is kept: {fault}")
+
+    def _tell(self, name: str, words: str) -> None:
+        with self._lock:
+            self._events.append(Event(self._clock.time(), name, words))

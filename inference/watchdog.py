@@ -1,0 +1,164 @@
+"""A process that starts the runtime, and starts it again whenever it dies or hangs.
+
+What systemd does with docs/tokt.service, for a PC without systemd.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from .notify import ALIVE, READY, STOPPING, SYSTEMD_VARIABLE, WATCHDOG_VARIABLE, Notifier
+
+RESTARTS_VARIABLE = "TOKT_RESTARTS"
+"""How often the runtime has been started again."""
+
+_USER_ERROR = 2
+_POLL_S = 0.02
+_LONGEST_PAUSE_S = 2.0
+_LARGEST_DATAGRAM = 1024
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long the runtime may take.
+
+    Parameters
+    ----------
+    start_s : float
+        Seconds until it is ready.
+    hang_s : float
+        Seconds without a sign of life until it is killed.
+    stop_s : float
+        Seconds from being asked to end until it is killed.
+    steady_s : float
+        Seconds after which a runtime that dies is started again at once, as it had worked.
+    """
+
+    start_s: float = 60.0
+    hang_s: float = 2.0
+    stop_s: float = 5.0
+    steady_s: float = 5.0
+
+
+class Watchdog:
+    """Keep one command running.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and arguments; it tells its signs of life as `tokt.inference.notify` does.
+    say : callable
+        Given one line for people each time something happens.
+    notifier : Notifier
+        Passes the runtime's signs of life on.
+    patience : Patience
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        say: Callable[[str], None],
+        notifier: Notifier,
+        patience: Patience | None = None,
+    ) -> None:
+        self.restarts = 0
+        self._command = list(command)
+        self._say = say
+        self._notifier = notifier
+        self._patience = Patience() if patience is None else patience
+        self._asked_to_stop = False
+        self._was_ready = False
+
+    def stop(self) -> None:
+        """End the runtime and then this; may be called from a signal handler."""
+        self._asked_to_stop = True
+
+    def run(self) -> int:
+        """Go on until the runtime ends by itself, or `stop` was called.
+
+        Returns
+        -------
+        int
+            The runtime's exit code: 0, or 2 where it never got ready because of what a user wrote.
+        """
+        token = secrets.token_hex(8)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as signs:
+            signs.bind(("127.0.0.1", 0))
+            signs.settimeout(_POLL_S)
+            where = f"{signs.getsockname()[1]}:{token}"
+            quick = 0
+            while True:
+                started = time.monotonic()
+                child = self._start(where)
+                why = self._watch(child, signs, token.encode() + b" ")
+                code = child.returncode
+                never_ready = code == _USER_ERROR and not self._was_ready
+                if self._asked_to_stop or code == 0 or never_ready:
+                    return max(code, 0)
+                lived_s = time.monotonic() - started
+                quick = 0 if lived_s > self._patience.steady_s else quick + 1
+                self.restarts += 1
+                self._say(f"{why}; started again ({self.restarts})")
+                self._pause(quick)
+
+    def _start(self, where: str) -> subprocess.Popen[bytes]:
+        environ = {**os.environ, WATCHDOG_VARIABLE: where, RESTARTS_VARIABLE: str(self.restarts)}
+        environ.pop(SYSTEMD_VARIABLE, None)
+        return subprocess.Popen(self._command, env=environ, stdin=subprocess.DEVNULL)
+
+    def _pause(self, quick: int) -> None:
+        """None the first time, then longer ones for a runtime that cannot stay up."""
+        if quick > 1:
+            until = time.monotonic() + min(0.1 * 2**quick, _LONGEST_PAUSE_S)
+            while time.monotonic() < until and not self._asked_to_stop:
+                time.sleep(_POLL_S)
+
+    def _watch(self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes) -> str:
+        """Wait until the runtime has ended; why it did."""
+        patience = self._patience
+        ready = False
+        until = time.monotonic() + patience.start_s
+        asked = False
+        while child.poll() is None:
+            sign = _next_sign(signs, token)
+            if self._asked_to_stop and not asked:
+                child.terminate()
+                asked, until = True, time.monotonic() + patience.stop_s
+            elif sign in (READY, ALIVE) and not asked:
+                ready = ready or sign == READY
+                self._pass_on(sign)
+                until = time.monotonic() + (patience.hang_s if ready else patience.start_s)
+            elif sign == STOPPING and not asked:
+                asked, until = True, time.monotonic() + patience.stop_s
+            elif time.monotonic() > until:
+                child.kill()
+                child.wait()
+                what = "does not answer" if ready else "did not get ready"
+                return f"the runtime {what} and was killed"
+        code = child.returncode
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        return f"the runtime ended with {how}"
+
+    def _pass_on(self, sign: bytes) -> None:
+        if sign == ALIVE:
+            self._notifier.alive()
+        elif not self._was_ready:
+            self._was_ready = True
+            self._notifier.ready()
+
+
+def _next_sign(signs: socket.socket, token: bytes) -> bytes:
+    """What the runtime said within the next moment, or nothing; others' datagrams are no signs."""
+    try:
+        data = signs.recv(_LARGEST_DATAGRAM)
+    except TimeoutError:
+        return b""
+    except ConnectionResetError:
+        return b""  # Windows reports another socket's ICMP answer here
+    return data.removeprefix(token) if data.startswith(token) else b""

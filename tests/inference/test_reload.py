@@ -1,0 +1,179 @@
+"""A store's new active model beside the running one; with real stores and real bundles."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.detector import GridDetector
+from tokt.inference.event_queue import EventQueue
+from tokt.inference.limits import Limits
+from tokt.inference.policy import SinglePolicy
+from tokt.inference.reload import Checked, ModelWatch, check_in_child
+from tokt.inference.runtime import Runtime
+from tokt.inference.texture_slot import TextureSlot
+from tokt.models.bundle import Bundle, bundle_bytes, bundle_from_bytes, read_bundle
+from tokt.models.last_good import load_running
+from tokt.models.store import Store
+
+from .live import HandSource, Listener
+from .test_live_loop import run, until
+
+
+@pytest.fixture
+def make_bundle(bundle_file: Path) -> Callable[[str], Bundle]:
+    content = read_bundle(bundle_file).content
+
+    def make(version: str) -> Bundle:
+        return bundle_from_bytes(bundle_bytes(replace(content, version=version)), version)
+
+    return make
+
+
+@pytest.fixture
+def store(tmp_path: Path, make_bundle: Callable[[str], Bundle]) -> Store:
+    made = Store(tmp_path / "store")
+    made.deploy(make_bundle("1"))
+    return made
+
+
+class Watched:
+    """A watch over a store, looked at by hand; what it put and told."""
+
+    def __init__(self, store: Store, clock: Any, misfit: str = "") -> None:
+        self.put: list[str] = []
+        self.checks = 0
+        self.watch = ModelWatch(
+            store,
+            store.active(),
+            lambda bundle: misfit,
+            lambda bundle: self.put.append(bundle.label),
+            clock,
+            self._check,
+        )
+
+    def _check(self, store: Store) -> Checked:
+        self.checks += 1
+        try:
+            return Checked(store.active().sha256, "")
+        except Exception as error:  # noqa: BLE001 - as the child process tells it
+            return Checked("", str(error))
+
+    def look(self) -> list[str]:
+        self.watch.look()
+        return [f"{event.name}: {event.words}" for event in self.watch.exchange()]
+
+
+def test_a_new_model_is_put_between_frames_and_told(
+    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
+) -> None:
+    watched = Watched(store, hand_clock)
+    assert watched.look() == [] and watched.checks == 0
+    store.deploy(make_bundle("2"))
+    assert watched.look() == ["model: model noise/2 runs from the next frame on"]
+    assert watched.look() == [] and (watched.put, watched.checks) == (["noise/2"], 1)
+    store.rollback()
+    assert len(watched.look()) == 1 and watched.put[-1] == "noise/1"
+
+
+def test_a_damaged_one_is_refused_once_and_tried_again_later(
+    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
+) -> None:
+    watched = Watched(store, hand_clock)
+    entry = store.deploy(make_bundle("2"))
+    file = store.path / "versions" / entry.sha256 / "bundle.tokt"
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-10])
+    told = watched.look()
+    assert len(told) == 1 and told[0].startswith("model_refused: model noise/2 is refused: ")
+    assert told[0].endswith("; the running model goes on")
+    assert watched.look() == [] and watched.checks == 1
+    hand_clock.now += 31
+    assert watched.look() == [] and watched.checks == 2  # told once
+    file.write_bytes(whole)
+    hand_clock.now += 31
+    assert len(watched.look()) == 1 and watched.put == ["noise/2"]
+
+
+def test_a_damaged_pointer_changes_nothing(store: Store, hand_clock: Any) -> None:
+    watched = Watched(store, hand_clock)
+    (store.path / "active").write_text("{")
+    told = watched.look()
+    assert len(told) == 1 and "pointer is damaged" in told[0]
+    assert watched.look() == [] and watched.put == []
+
+
+def test_one_that_does_not_fit_the_run_is_refused(
+    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
+) -> None:
+    watched = Watched(store, hand_clock, misfit="its frames are 480 px wide")
+    store.deploy(make_bundle("2"))
+    assert "refused: its frames are 480 px wide" in watched.look()[0]
+    assert watched.put == []
+
+
+def test_one_that_kills_its_checks_is_refused(
+    store: Store, make_bundle: Callable[[str], Bundle], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tokt.inference.reload.sys.executable", "/bin/false")
+    assert "died with exit code 1" in check_in_child(store).fault
+    monkeypatch.setattr("tokt.inference.reload.sys.executable", str(store.path / "no python"))
+    assert "cannot be run" in check_in_child(store).fault
+
+
+def test_a_run_goes_over_to_the_new_model_and_remembers_it(
+    store: Store,
+    make_bundle: Callable[[str], Bundle],
+    draw_frame: Callable[..., np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tokt.inference.reload.POLL_S", 0.05)
+    first = store.active()
+    slot = TextureSlot(GridDetector(first))
+    watch = ModelWatch(
+        store,
+        first,
+        lambda bundle: "",
+        lambda bundle: setattr(slot, "detector", GridDetector(bundle)),
+        SYSTEM_CLOCK,
+    )
+    source, listener = HandSource(), Listener()
+    runtime = Runtime(
+        *(source, SinglePolicy(slot), [], SYSTEM_CLOCK, [listener], Limits(5, 5), EventQueue()),
+        between=watch.exchange,
+    )
+    watch.start()
+    thread, _ = run(runtime)
+    seed = 0
+
+    def step() -> bool:
+        nonlocal seed
+        seed += 1
+        source.give(draw_frame([(1, 1)], seed))
+        time.sleep(0.02)
+        return bool(listener.events)
+
+    step()
+    second = make_bundle("2")
+    store.deploy(second)
+    until(step)
+    step()
+    until(lambda: listener.reports[-1].verdict.model == "noise/2")
+    until(lambda: store.last_good_file.read_bytes() == second.data)
+    source.stop()
+    thread.join()
+    watch.close()
+    models = [report.verdict.model for report in listener.reports]
+    assert models == sorted(models, key=str) and set(models) == {"noise/1", "noise/2"}
+    assert [event.name for event in listener.events] == ["model"]
+    (store.path / "versions" / second.sha256 / "bundle.tokt").write_bytes(b"gone")
+    again, notes = load_running(store)
+    assert again.sha256 == second.sha256 and len(notes) == 2
+    assert json.loads((store.path / "active").read_text())["sha256"] == second.sha256

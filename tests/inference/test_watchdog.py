@@ -1,0 +1,197 @@
+"""The watchdog with real child processes, and the words it goes by with real sockets."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.notify import EVERY_S, Notifier
+from tokt.inference.watchdog import Patience, Watchdog
+
+# What a runtime tells, without what makes it slow to start.
+CHILD = """
+import os, signal, socket, sys, time
+port, _, token = os.environ["TOKT_WATCHDOG"].partition(":")
+signs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+tell = lambda words: signs.sendto(f"{token} {words}".encode(), ("127.0.0.1", int(port)))
+with open(sys.argv[1], "a") as lives:
+    lives.write(f"{os.getpid()} {os.environ['TOKT_RESTARTS']} {time.monotonic()}\\n")
+life = int(os.environ["TOKT_RESTARTS"])
+"""
+LOOP = "\nwhile True:\n    tell('WATCHDOG=1'); time.sleep(0.02)\n"
+
+
+class Kept:
+    """A watchdog in a thread, over a program."""
+
+    def __init__(self, folder: Path, program: str, patience: Patience | None = None) -> None:
+        self.lives_file = folder / "lives"
+        self.lives_file.touch()
+        self.lines: list[str] = []
+        command = [sys.executable, "-S", "-c", CHILD + program, str(self.lives_file)]
+        self.dog = Watchdog(command, self.lines.append, Notifier(SYSTEM_CLOCK, {}), patience)
+        self.codes: list[int] = []
+        self.thread = threading.Thread(target=lambda: self.codes.append(self.dog.run()))
+        self.thread.start()
+
+    def lives(self) -> list[tuple[int, int, float]]:
+        """Process, restarts so far, and time of each start."""
+        rows = [line.split() for line in self.lives_file.read_text().splitlines()]
+        return [(int(pid), int(restarts), float(at)) for pid, restarts, at in rows]
+
+    def wait_for(self, lives: int) -> None:
+        deadline = time.monotonic() + 10
+        while len(self.lives()) < lives:
+            assert time.monotonic() < deadline, self.lines
+            time.sleep(0.005)
+
+    def end(self) -> int:
+        self.dog.stop()
+        self.thread.join(10)
+        return self.codes[0]
+
+
+@pytest.fixture
+def keep(tmp_path: Path) -> Any:
+    kept: list[Kept] = []
+
+    def start(program: str, patience: Patience | None = None) -> Kept:
+        kept.append(Kept(tmp_path, program, patience))
+        return kept[-1]
+
+    yield start
+    for one in kept:
+        one.dog.stop()
+        one.thread.join(10)
+
+
+def test_a_runtime_that_is_killed_is_back_at_once(keep: Callable[..., Kept]) -> None:
+    kept = keep("tell('READY=1')" + LOOP)
+    for life in (1, 2, 3):
+        kept.wait_for(life)
+        time.sleep(0.1)
+        os.kill(kept.lives()[-1][0], signal.SIGKILL)
+        killed = time.monotonic()
+        kept.wait_for(life + 1)
+        if life == 1:  # those that cannot stay up are started more slowly
+            assert kept.lives()[-1][2] - killed < 1
+    assert [restarts for _, restarts, _ in kept.lives()] == [0, 1, 2, 3]
+    assert "signal 9; started again (1)" in kept.lines[0]
+    assert kept.end() == 0
+
+
+def test_a_runtime_that_hangs_is_killed(keep: Callable[..., Kept]) -> None:
+    hangs = "tell('READY=1')\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+    kept = keep(f"{hangs}if life == 0: time.sleep(60)" + LOOP, Patience(hang_s=0.2, stop_s=0.2))
+    kept.wait_for(2)
+    assert "does not answer and was killed" in kept.lines[0]
+    assert kept.end() == 0  # killed as well, as it does not listen
+    assert not _alive(kept.lives()[-1][0])
+
+
+def test_one_that_never_gets_ready_is_killed_too(keep: Callable[..., Kept]) -> None:
+    kept = keep("time.sleep(60)", Patience(start_s=0.2))
+    kept.wait_for(2)
+    assert "did not get ready" in kept.lines[0]
+
+
+def test_what_a_user_wrote_wrong_ends_it(keep: Callable[..., Kept]) -> None:
+    kept = keep("sys.exit(2)")
+    kept.thread.join(10)
+    assert kept.codes == [2] and len(kept.lives()) == 1
+
+
+def test_the_same_code_after_it_has_worked_does_not(keep: Callable[..., Kept]) -> None:
+    kept = keep("tell('READY=1'); time.sleep(0.1)\nif life == 0: sys.exit(2)" + LOOP)
+    kept.wait_for(2)
+    assert "exit code 2" in kept.lines[0]
+
+
+def test_one_that_has_done_its_work_ends_it(keep: Callable[..., Kept]) -> None:
+    kept = keep("tell('READY=1')")
+    kept.thread.join(10)
+    assert kept.codes == [0] and len(kept.lives()) == 1
+
+
+def test_signs_of_others_are_none(keep: Callable[..., Kept]) -> None:
+    kept = keep("token = 'guessed'\ntell('READY=1')" + LOOP, Patience(start_s=0.3))
+    kept.wait_for(2)
+    assert "did not get ready" in kept.lines[0]
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="systemd's socket is a unix one")
+@pytest.mark.parametrize("abstract", [False, True])
+def test_systemd_hears_the_words_of_sd_notify(
+    tmp_path: Path, hand_clock: Any, abstract: bool
+) -> None:
+    if abstract and sys.platform != "linux":
+        pytest.skip("only Linux has abstract names")
+    name = f"@tokt-{os.getpid()}" if abstract else str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind("\0" + name[1:] if abstract else name)
+        systemd.settimeout(5)
+        notifier = Notifier(hand_clock, {"NOTIFY_SOCKET": name})
+        notifier.ready()
+        for _ in range(3):
+            notifier.alive()
+            hand_clock.now += 0.6 * EVERY_S
+        notifier.stopping()
+        heard = [systemd.recv(100) for _ in range(4)]
+        assert heard == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1", b"STOPPING=1"]
+    notifier.alive()  # systemd has gone; nothing happens
+    notifier.close()
+
+
+def test_without_anyone_to_tell_nothing_is_told(hand_clock: Any) -> None:
+    for environ in ({}, {"NOTIFY_SOCKET": "/nowhere/at/all"}, {"TOKT_WATCHDOG": "no port"}):
+        notifier = Notifier(hand_clock, environ)
+        notifier.ready()
+        notifier.alive()
+        notifier.close()
+
+
+def test_a_runtime_whose_watchdog_has_died_knows_it() -> None:
+    program = """
+import os, subprocess, sys
+os.environ["TOKT_WATCHDOG"] = "9:x"
+subprocess.Popen([sys.executable, "-c", '''
+import sys, time
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.notify import Notifier
+notifier = Notifier(SYSTEM_CLOCK)
+print(notifier.orphaned, flush=True)
+sys.stdin.read()
+while not notifier.orphaned: time.sleep(0.01)
+print(notifier.orphaned, flush=True)
+'''], stdin=sys.stdin)
+sys.stdin.close()
+import time; time.sleep(60)
+"""
+    parent = subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert parent.stdout is not None and parent.stdin is not None
+    assert parent.stdout.readline() == b"False\n"
+    parent.kill()
+    parent.stdin.close()
+    assert parent.stdout.readline() == b"True\n"
+    parent.stdout.close()
+    parent.wait()
