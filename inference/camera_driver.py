@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib.metadata import PackageNotFoundError, version
 
 from ..features.finding import FAULT, NOTE, OK, Finding
+from .cameras.vimba_library import NO_PYMBA, WHAT_TO_SET, is_missing, pymba_version
 
 NAME = "camera driver"
 _TIMEOUT_S = 20.0
 _PROGRAM = "import pymba; print('VimbaC', pymba.Vimba.version())"
-# How pymba 0.3.7 says that there is no Vimba at all.
-_NO_VIMBA = ("_PATH environment set", "No libVimbaC.so found", "VimbaC.dll not found")
 
 
 def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
@@ -26,10 +24,10 @@ def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
     timeout_s : float
         How long the library may take, in seconds.
     """
-    try:
-        pymba = f"pymba {version('pymba')}"
-    except PackageNotFoundError:
-        return Finding(NAME, NOTE, "no pymba; live cameras need tokt[camera]")
+    installed = pymba_version()
+    if installed is None:
+        return Finding(NAME, NOTE, NO_PYMBA)
+    pymba = f"pymba {installed}"
     try:
         tried = subprocess.run(
             # -P: a folder named pymba in the current one is not it.
@@ -47,8 +45,9 @@ def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
         library = (tried.stdout.splitlines() or ["VimbaC"])[-1]
         return Finding(NAME, OK, f"{pymba} with {library}")
     reason = (tried.stderr.strip().splitlines() or [f"ended with {tried.returncode}"])[-1]
-    if any(words in reason for words in _NO_VIMBA):
-        return Finding(NAME, NOTE, f"{pymba}, but no Vimba library: {_message(reason)}")
+    if is_missing(reason):
+        words = f"{pymba}, but no Vimba library ({_message(reason)}): {WHAT_TO_SET}"
+        return Finding(NAME, NOTE, words)
     return Finding(NAME, FAULT, f"{pymba} cannot be used: {reason}")
 
 

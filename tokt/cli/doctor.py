@@ -47,6 +47,7 @@ def _findings(store: Path | None, workspace: Path) -> Iterator[Finding]:
     yield from _examined("installation", _installation)
     yield from _examined("kernels", _kernels)
     yield from _examined("camera driver", _camera)
+    yield from _examined("genicam cameras", _genicam)
     if store is not None:
         yield from _examined("store", lambda: _store(store))
     yield from _examined("workspace", lambda: [_disk(workspace)])
@@ -78,6 +79,12 @@ def _camera() -> Iterable[Finding]:
     from ..inference.camera_driver import camera_driver_finding
 
     return [camera_driver_finding()]
+
+
+def _genicam() -> Iterable[Finding]:
+    from ..inference.genicam_finding import genicam_finding
+
+    return [genicam_finding()]
 
 
 def _store(path: Path) -> Iterable[Finding]:

@@ -1,0 +1,111 @@
+"""What a camera's driver is, and what it delivers: the one interface between drivers and source.
+
+A driver knows one camera and nothing of the other. It opens the camera, sets its features and
+delivers captures; `live_source.CameraSource` watches it, starts it again when its camera is lost,
+and pairs the captures of two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..reason import NO_FAULT, Fault
+
+LEFT, RIGHT = 0, 1
+SIDES = ("left", "right")
+"""How the two are called in words for people."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One exposure of one camera.
+
+    Parameters
+    ----------
+    camera : int
+        `LEFT` or `RIGHT`.
+    frame_id : int
+        The camera's own number for it.
+    taken_s : float
+        When it was taken by the camera's own clock, in seconds since a moment that only this
+        camera knows; not a number where the camera did not say.
+    arrived : float
+        When it was complete in this process: `Clock.monotonic`, in seconds.
+    t : float
+        The same as wall time: seconds since 1970 (UTC).
+    picture : array of uint8, shape (height, width) or (height, width, 3) in BGR order, or None
+        In memory of its own, which nobody writes again. None where `fault` says why.
+    fault : Fault
+        `NO_FAULT` where there is a picture.
+    """
+
+    camera: int
+    frame_id: int
+    taken_s: float
+    arrived: float
+    t: float
+    picture: NDArray[np.uint8] | None
+    fault: Fault = NO_FAULT
+
+
+Deliver = Callable[[Capture], None]
+"""Takes a capture; quick, and called from any thread."""
+
+
+class CameraDriver(Protocol):
+    """One camera.
+
+    `start` and `stop` are called from one thread at a time, but not always the same one, and in
+    turns for as long as the source lives: a driver is started again after its camera was lost.
+    """
+
+    @property
+    def name(self) -> str:
+        """The camera as the user called it, for messages."""
+
+    @property
+    def period_s(self) -> float | None:
+        """Seconds from one exposure to the next as the camera is set; None where it cannot say.
+
+        Asked for after `start`. The source measures it as well, and takes the shorter.
+        """
+
+    @property
+    def shared_clock(self) -> bool:
+        """Whether `taken_s` is of a clock that the cameras share (PTP); asked for after `start`."""
+
+    @property
+    def failures(self) -> int:
+        """How often `deliver`, or what came before it, raised: each cost one capture."""
+
+    def start(self, deliver: Deliver) -> None:
+        """Open the camera, set its features, and deliver captures until `stop`.
+
+        `deliver` may be called from any thread, but for one driver never from two at once. A
+        driver outlives whatever `deliver` raises: it counts it and goes on.
+
+        Raises
+        ------
+        ToktError
+            If the camera is not there, or cannot be set as asked. Then nothing is left open.
+        """
+
+    def stop(self) -> None:
+        """Deliver nothing more, join the threads of its own and close the camera.
+
+        After it returned `deliver` is not called. May be called twice, and for a camera that was
+        pulled out: then it closes what it can. Never raises for a camera that is gone.
+        """
+
+    def lost(self) -> str:
+        """Why the camera is known to be gone, in words; empty as long as that is not known.
+
+        Asked for some times a second, from the thread that calls `start` and `stop`. It may look
+        at the camera, but not for longer than some 10 ms. A driver that cannot tell says "": the
+        source sees by itself when nothing is delivered any more.
+        """

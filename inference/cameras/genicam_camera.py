@@ -1,0 +1,213 @@
+"""One open GenICam camera: what harvesters needs to be told, and what is kept from it.
+
+For a camera's own process only (see `genicam_process`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
+
+from ...features.errors import ToktError
+from ..reason import NO_FAULT, Fault, Reason
+from .genicam_buffer import NoPictureError, Pixels, pixels_of, said, taken_s
+from .genicam_features import Features
+from .genicam_listing import Listed
+from .genicam_producers import Producers, in_one_line
+from .options import CameraOptions
+
+_BUFFERS = 4
+_WAIT_S = 0.2
+_WAIT_MS = 100  # of one call within; a process that shall stop notices it no sooner
+_NEWEST_ONLY = "NewestOnly"
+
+
+class CameraGoneError(Exception):
+    """The camera does not answer any more; the message says what its producer said."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """One exposure as it lies in the producer's buffer, or why there is no picture.
+
+    Parameters
+    ----------
+    frame_id : int
+    taken_s : float or None
+        Seconds of the camera's clock.
+    fetched_s : float
+        `time.monotonic` when the producer handed it over.
+    pixels : Pixels or None
+        Gone when the next one is asked for.
+    fault : Fault
+    """
+
+    frame_id: int
+    taken_s: float | None
+    fetched_s: float
+    pixels: Pixels | None
+    fault: Fault = NO_FAULT
+
+
+class GenicamCamera:
+    """A camera that sends frames.
+
+    Parameters
+    ----------
+    acquirer : harvesters.core.ImageAcquirer
+        Of a camera that is set and started.
+    features : Features
+    """
+
+    def __init__(self, acquirer: Any, features: Features) -> None:
+        from genicam.genapi import GenericException as FeatureError
+        from genicam.gentl import GenericException as ProducerError
+        from harvesters.core import Callback
+        from harvesters.util.pfnc import dict_by_ints
+
+        camera = self
+
+        class Incomplete(Callback):  # type: ignore[misc]
+            """Told by harvesters, which gives such a buffer back by itself."""
+
+            def emit(self, context: object = None) -> None:
+                camera._incomplete = True
+
+        acquirer.add_callback(acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
+        self._acquirer = acquirer
+        self._gone = (ProducerError, FeatureError)
+        self._formats = dict_by_ints
+        self._incomplete = False
+        self._last_id = 0
+        self._ticks_per_s = said(acquirer.device, "timestamp_frequency", 0) or (
+            features.ticks_per_s()
+        )
+        self.period_s = features.period_s()
+        self.shared_clock = features.clock_is_shared()
+
+    @contextmanager
+    def next(self) -> Iterator[Taken | None]:
+        """Wait a moment for the next exposure; its pixels are there within the context only.
+
+        Yields
+        ------
+        Taken or None
+            None where none came.
+
+        Raises
+        ------
+        CameraGoneError
+            If the producer says that something is wrong.
+        """
+        buffer = None
+        try:
+            self._incomplete = False
+            buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
+            yield self._taken(buffer) if buffer is not None else self._not_whole()
+        except self._gone as error:
+            raise CameraGoneError(in_one_line(str(error))) from None
+        finally:
+            if buffer is not None:
+                self._give_back(buffer)
+
+    def forget_waiting(self) -> None:
+        """Give back what was filled while nobody looked: nothing says how old it is.
+
+        Raises
+        ------
+        CameraGoneError
+            If the producer says that something is wrong.
+        """
+        stream = self._acquirer.data_streams[0]
+        try:
+            for _ in range(int(said(stream, "num_awaiting_delivery", 0))):
+                buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
+                if buffer is not None:
+                    self._give_back(buffer)
+        except self._gone as error:
+            raise CameraGoneError(in_one_line(str(error))) from None
+
+    def _taken(self, buffer: Any) -> Taken:
+        fetched_s = time.monotonic()
+        self._last_id = int(said(buffer, "frame_id", self._last_id + 1))
+        when = taken_s(buffer, self._ticks_per_s)
+        try:
+            pixels = pixels_of(buffer, self._format_name)
+        except NoPictureError as error:
+            return Taken(self._last_id, when, fetched_s, None, error.fault)
+        return Taken(self._last_id, when, fetched_s, pixels)
+
+    def _not_whole(self) -> Taken | None:
+        """What came, where no buffer did."""
+        if not self._incomplete:
+            return None
+        # Its own number went with the buffer; cameras count frames one by one.
+        self._last_id += 1
+        fault = Fault(Reason.INCOMPLETE, "incomplete frame: packets were lost")
+        return Taken(self._last_id, None, time.monotonic(), None, fault)
+
+    def _format_name(self, number: int) -> str:
+        return str(self._formats.get(number, f"unknown (0x{number:08x})"))
+
+    def _give_back(self, buffer: Any) -> None:
+        # A camera that is gone takes nothing back: the next call says so.
+        try:
+            buffer.parent.queue_buffer(buffer)
+        except self._gone:
+            return
+
+
+@contextmanager
+def opened_camera(
+    producers: Producers, listed: Listed, name: str, options: CameraOptions, share: float
+) -> Iterator[GenicamCamera]:
+    """Open a camera, set it and have it send frames.
+
+    Parameters
+    ----------
+    producers : Producers
+    listed : Listed
+        Which camera.
+    name : str
+        How the user calls it, for messages.
+    options : CameraOptions
+    share : float
+        The part of the bandwidth that is this camera's.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be opened, or set as asked.
+    """
+    from genicam.genapi import GenericException as FeatureError
+    from genicam.gentl import GenericException as ProducerError
+    from harvesters.core import ParameterKey, ParameterSet
+
+    values = {
+        ParameterKey.NUM_BUFFERS_FOR_FETCH_CALL: _BUFFERS,
+        ParameterKey.TIMEOUT_PERIOD_ON_CLIENT_FETCH_CALL: 2 * _WAIT_S,
+        ParameterKey.TIMEOUT_PERIOD_ON_UPDATE_EVENT_DATA_CALL: _WAIT_MS,
+        ParameterKey.ENABLE_AUTO_CHUNK_DATA_UPDATE: False,
+    }
+    try:
+        info = producers.info(listed)
+        acquirer = producers.harvester.create(info, config=ParameterSet(values))
+        features = Features(acquirer.remote_device.node_map, name)
+        features.set_up(options, share, listed.link)
+        Features(acquirer.data_streams[0].node_map, name).give(
+            "StreamBufferHandlingMode", _NEWEST_ONLY
+        )
+        acquirer.start()
+        camera = GenicamCamera(acquirer, features)
+    except (FeatureError, ProducerError) as error:
+        words = in_one_line(str(error))
+        raise ToktError(f"camera {name} cannot be opened: {words}") from None
+    try:
+        yield camera
+    finally:
+        # One that is gone refuses to be closed as it should.
+        with suppress(FeatureError, ProducerError):
+            acquirer.destroy()

@@ -1,0 +1,235 @@
+"""The driver of one GenICam camera: its process, and the thread that takes its frames.
+
+::
+
+    camera ── producer ── harvesters ──> pipe ──> reader thread ──> deliver
+    └───────── genicam_process ──────┘            └── this process ──────┘
+
+Newest wins: when `deliver` is slow the pipe is full, the camera's process waits, and its producer
+overwrites what nobody took. What waited in the pipe is as old as it is: `Capture.arrived` is when
+the camera's process had it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import queue
+import subprocess
+import threading
+import time
+from dataclasses import asdict
+from typing import Any
+
+from ...features.camera_frame import frame_from_camera
+from ...features.errors import ToktError
+from ..clock import Clock
+from ..reason import Fault, Reason
+from .capture import Capture, Deliver
+from .genicam_listing import Place, check_installed
+from .genicam_messages import Message, program, read_message, write_message
+from .options import CameraOptions
+
+_OPEN_S = 30.0
+_CLOSE_S = 3.0
+
+
+class GenicamDriver:
+    """A `CameraDriver` through harvesters.
+
+    Parameters
+    ----------
+    camera : int
+        `capture.LEFT` or `capture.RIGHT`.
+    name : str
+        As the user called it.
+    place : Place or None
+        Where it is; None to look for it by its name at each start.
+    options : CameraOptions
+    share : float
+        The part of ``options.bandwidth_bytes_s`` that is this camera's.
+    clock : Clock
+    open_s : float
+        How long opening it may take, in seconds.
+    """
+
+    def __init__(
+        self,
+        camera: int,
+        name: str,
+        place: Place | None,
+        options: CameraOptions,
+        share: float,
+        clock: Clock,
+        open_s: float = _OPEN_S,
+    ) -> None:
+        self._camera = camera
+        self._name = name
+        self._place = place
+        self._options = options
+        self._share = share
+        self._clock = clock
+        self._open_s = open_s
+        self._process: subprocess.Popen[bytes] | None = None
+        self._reader = threading.Thread()
+        self._stopping = threading.Event()
+        self._lost = ""
+        self._period_s: float | None = None
+        self._shared_clock = False
+        self._failures = 0
+
+    @property
+    def name(self) -> str:
+        """The camera as the user called it."""
+        return self._name
+
+    @property
+    def period_s(self) -> float | None:
+        """Seconds from one exposure to the next; None where the camera does not say."""
+        return self._period_s
+
+    @property
+    def shared_clock(self) -> bool:
+        """Whether the camera's clock is set by the Precision Time Protocol, as of its start."""
+        return self._shared_clock
+
+    @property
+    def failures(self) -> int:
+        """How often `deliver` raised."""
+        return self._failures
+
+    def start(self, deliver: Deliver) -> None:
+        """Start the camera's process, and wait until it sends.
+
+        Raises
+        ------
+        ToktError
+            If the camera is not there, cannot be set as asked, or does not answer in time.
+        """
+        self.stop()
+        check_installed()
+        self._stopping.clear()
+        self._lost = ""
+        process = subprocess.Popen(
+            program(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        self._process = process
+        opened: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._reader = threading.Thread(
+            target=self._read,
+            args=(process, opened, deliver),
+            name=f"tokt camera {self._name}",
+            daemon=True,
+        )
+        self._reader.start()
+        self._order(process)
+        try:
+            answer = opened.get(timeout=self._open_s)
+        except queue.Empty:
+            answer = _refused(f"camera {self._name} does not answer in {self._open_s:g} s")
+        if answer["kind"] != "ready":
+            self.stop()
+            raise ToktError(answer["words"])
+        self._place = Place(**answer["place"])
+
+    def stop(self) -> None:
+        """Deliver nothing more and end the camera's process, by force if it does not end."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        assert process.stdin is not None and process.stdout is not None
+        self._stopping.set()
+        with contextlib.suppress(BrokenPipeError):
+            process.stdin.close()
+        try:
+            process.wait(_CLOSE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        self._reader.join()
+        process.stdout.close()
+
+    def lost(self) -> str:
+        """Why the camera is gone: what its producer said, or how its process ended."""
+        return self._lost
+
+    def _order(self, process: subprocess.Popen[bytes]) -> None:
+        """Tell the process what to do."""
+        assert process.stdin is not None
+        order = {
+            "name": self._name,
+            "place": None if self._place is None else asdict(self._place),
+            "options": asdict(self._options),
+            "share": self._share,
+        }
+        # One that has ended already is noticed by the reader.
+        with contextlib.suppress(BrokenPipeError):
+            write_message(process.stdin, order)
+
+    def _read(
+        self,
+        process: subprocess.Popen[bytes],
+        opened: queue.SimpleQueue[dict[str, Any]],
+        deliver: Deliver,
+    ) -> None:
+        """Take messages until the process ends; the thread's whole life."""
+        assert process.stdout is not None
+        try:
+            while (message := read_message(process.stdout)) is not None:
+                if message.header["kind"] == "frame":
+                    self._take(message, deliver)
+                else:
+                    self._hear(message.header, opened)
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            self._lose(f"camera {self._name}: its process does not make sense: {error!r}", opened)
+        self._lose(f"camera {self._name}: its process ended with {process.wait()}", opened)
+
+    def _hear(self, answer: dict[str, Any], opened: queue.SimpleQueue[dict[str, Any]]) -> None:
+        """Everything but frames."""
+        if answer["kind"] != "ready":
+            self._lose(answer["words"], opened)
+            return
+        self._period_s = answer["period_s"]
+        self._shared_clock = answer["shared_clock"]
+        opened.put(answer)
+
+    def _lose(self, words: str, opened: queue.SimpleQueue[dict[str, Any]]) -> None:
+        """The camera is gone, for the first reason that is known."""
+        if not self._stopping.is_set() and not self._lost:
+            self._lost = words
+        opened.put(_refused(words))
+
+    def _take(self, message: Message, deliver: Deliver) -> None:
+        """Deliver a frame."""
+        capture = self._capture(message)
+        try:
+            deliver(capture)
+        except Exception:  # noqa: BLE001 - the thread is the camera's: it outlives all
+            self._failures += 1
+
+    def _capture(self, message: Message) -> Capture:
+        header = message.header
+        # One clock for all processes of a machine.
+        age_s = max(0.0, time.monotonic() - header["fetched_s"])
+        taken_s = header["taken_s"]
+        picture, fault = None, Fault(Reason(header["reason"]), header["words"])
+        if message.data is not None:
+            try:
+                picture = frame_from_camera(
+                    message.data, header["height"], header["width"], header["pixel_format"]
+                )
+            except ValueError as error:
+                fault = Fault(Reason.UNREADABLE, str(error))
+        return Capture(
+            self._camera,
+            header["frame_id"],
+            math.nan if taken_s is None else taken_s,
+            self._clock.monotonic() - age_s,
+            self._clock.time() - age_s,
+            picture,
+            fault,
+        )
+
+
+def _refused(words: str) -> dict[str, Any]:
+    return {"kind": "refused", "words": words}

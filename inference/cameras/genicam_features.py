@@ -1,0 +1,213 @@
+"""Setting a GenICam camera: what the user asked for, under the names that cameras have for it.
+
+Names are of the Standard Features Naming Convention (SFNC 2), and the older ones that GigE cameras
+still have. What was asked for and a camera does not have is refused; a default is left out.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from ...features.camera_frame import PIXEL_FORMATS
+from ...features.errors import ToktError
+from .options import GIGABIT_BYTES_S, CameraOptions
+
+_GIGE = ("GEV", "GigEVision")
+_FIXED_RATE = "FixedRate"
+_PTP_S, _LOOK_S = 15.0, 0.1
+_PTP_FOLLOWS = ("Master", "Slave")
+
+
+class Features:
+    """The features of one camera.
+
+    Parameters
+    ----------
+    nodes : genicam.genapi.NodeMap
+    name : str
+        The camera, for messages.
+    ptp_s : float
+        How long its clock may take to be set by the Precision Time Protocol, in seconds.
+    """
+
+    def __init__(self, nodes: Any, name: str, ptp_s: float = _PTP_S) -> None:
+        from genicam.genapi import EAccessMode, GenericException
+
+        self._nodes = nodes
+        self._name = name
+        self._ptp_s = ptp_s
+        self._readable = (EAccessMode.RO, EAccessMode.RW)
+        self._writable = (EAccessMode.WO, EAccessMode.RW)
+        self._error = GenericException
+
+    def set_up(self, options: CameraOptions, share: float, link: str) -> None:
+        """Set what a user asked for.
+
+        Parameters
+        ----------
+        options : CameraOptions
+        share : float
+            The part of the bandwidth that is this camera's.
+        link : str
+            How it is connected, as its producer says.
+
+        Raises
+        ------
+        ToktError
+            If the camera cannot be set so.
+        """
+        self.give("AcquisitionMode", "Continuous")
+        self._set_pixel_format(options.pixel_format)
+        self._set_start(options)
+        if options.exposure_us is not None:
+            self.give("ExposureAuto", "Off")
+            self.give("ExposureMode", "Timed")
+            self._set(("ExposureTime", "ExposureTimeAbs"), options.exposure_us, "exposure time")
+        if options.gain_db is not None:
+            self.give("GainAuto", "Off")
+            self._set(("Gain",), options.gain_db, "gain in dB")
+        if options.packet_size is not None:
+            self._set(("GevSCPSPacketSize",), options.packet_size, "packet size")
+        asked_for = options.bandwidth_bytes_s != GIGABIT_BYTES_S
+        # The default is a gigabit's: a camera on another link has a bandwidth of its own.
+        if asked_for or link in _GIGE:
+            self._set_bandwidth(options.bandwidth_bytes_s * share, asked_for)
+        if options.ptp:
+            self._share_clock()
+
+    def period_s(self) -> float | None:
+        """Seconds from one exposure to the next, or None where the camera does not say."""
+        if self.value("TriggerMode") == "On" and self.value("TriggerSource") != _FIXED_RATE:
+            return None
+        names = ("AcquisitionResultingFrameRate", "ResultingFrameRate")
+        for name in (*names, "AcquisitionFrameRate", "AcquisitionFrameRateAbs"):
+            rate = self.value(name)
+            if rate:
+                return float(1 / rate)
+        return None
+
+    def clock_is_shared(self) -> bool:
+        """Whether the camera's clock follows the Precision Time Protocol, as of now."""
+        self._execute("PtpDataSetLatch")
+        return self.value("PtpStatus") in _PTP_FOLLOWS or (
+            self.value("GevIEEE1588Status") in _PTP_FOLLOWS
+        )
+
+    def ticks_per_s(self) -> float | None:
+        """How fast its clock ticks, where a feature says so."""
+        value = self.value("GevTimestampTickFrequency")
+        return float(value) if value else None
+
+    def value(self, name: str) -> Any:
+        """A feature's value, or None where there is none to be read."""
+        node = self._node(name, self._readable)
+        return None if node is None else node.value
+
+    def give(self, name: str, value: object) -> bool:
+        """Set a feature where there is one that takes the value; whether there is."""
+        node = self._node(name, self._writable)
+        if node is None or (isinstance(value, str) and value not in _choices(node)):
+            return False
+        node.value = value
+        return True
+
+    def _set_pixel_format(self, wanted: str | None) -> None:
+        node = self._node("PixelFormat", self._readable)
+        if node is None:
+            raise ToktError(f"camera {self._name} does not say its pixel format")
+        offered = _choices(node)
+        if wanted is None and node.value in PIXEL_FORMATS:
+            return
+        spelt = [name for name in PIXEL_FORMATS if wanted is None or _plain(name) == _plain(wanted)]
+        chosen = next((name for name in spelt if name in offered), None)
+        if chosen is None:
+            wanted = wanted or "pixel format that tokt reads"
+            raise ToktError(
+                f"camera {self._name} has no {wanted}; it has {', '.join(offered)}"
+                f" (tokt reads {', '.join(PIXEL_FORMATS)})"
+            )
+        self._set(("PixelFormat",), chosen, "pixel format")
+
+    def _set_start(self, options: CameraOptions) -> None:
+        """What starts an exposure."""
+        if options.trigger is None and options.frame_rate is None:
+            return
+        self.give("TriggerSelector", "FrameStart")
+        if options.trigger is not None:
+            self._set(("TriggerSource",), options.trigger, "trigger")
+            self._set(("TriggerMode",), "On", "trigger")
+            return
+        # GigE cameras of Allied Vision keep a rate only where it is what triggers them.
+        fixed = self.give("TriggerSource", _FIXED_RATE)
+        self.give("TriggerMode", "On" if fixed else "Off")
+        self.give("AcquisitionFrameRateMode", "On")
+        self.give("AcquisitionFrameRateEnable", True)
+        self.give("AcquisitionFrameRateEnabled", True)
+        names = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+        self._set(names, options.frame_rate, "frame rate")
+
+    def _set_bandwidth(self, bytes_s: float, asked_for: bool) -> None:
+        """At most what the camera can do, and at least what it must."""
+        self.give("DeviceLinkThroughputLimitMode", "On")
+        for name in ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"):
+            node = self._node(name, self._writable)
+            if node is not None:
+                lowest = int(node.min)
+                step = int(getattr(node, "inc", 1)) or 1
+                limited = max(lowest, min(int(bytes_s), int(node.max)))
+                node.value = lowest + (limited - lowest) // step * step
+                return
+        if asked_for:
+            raise ToktError(f"camera {self._name} has no bandwidth that could be set")
+
+    def _share_clock(self) -> None:
+        """Have its clock set by the Precision Time Protocol, and wait until it is."""
+        if not self.give("PtpMode", "Auto"):
+            self._set(("PtpEnable", "GevIEEE1588"), True, "Precision Time Protocol")
+        until = time.monotonic() + self._ptp_s
+        while not self.clock_is_shared():
+            if time.monotonic() > until:
+                raise ToktError(f"camera {self._name}: no clock by PTP in {self._ptp_s:g} s")
+            time.sleep(_LOOK_S)
+
+    def _set(self, names: Iterable[str], value: Any, what: str) -> None:
+        """Set the first of these features that the camera has."""
+        for name in names:
+            node = self._node(name, self._writable)
+            if node is None:
+                continue
+            try:
+                node.value = value
+            except (self._error, TypeError) as error:
+                raise ToktError(
+                    f"camera {self._name} does not take {name} {value}: {_first_sentence(error)}"
+                ) from None
+            return
+        raise ToktError(f"camera {self._name} has no {what} that could be set ({', '.join(names)})")
+
+    def _execute(self, name: str) -> None:
+        node = self._node(name, self._writable)
+        if node is not None:
+            node.execute()
+
+    def _node(self, name: str, access: tuple[Any, ...]) -> Any:
+        """A feature, or None where the camera has none that can be used so."""
+        node = getattr(self._nodes, name, None)
+        return node if node is not None and node.get_access_mode() in access else None
+
+
+def _choices(node: Any) -> tuple[str, ...]:
+    """What an enumeration can be set to."""
+    return tuple(getattr(node, "symbolics", ()))
+
+
+def _plain(pixel_format: str) -> str:
+    """A pixel format's name as it is spelt today."""
+    return pixel_format.removesuffix("Packed")
+
+
+def _first_sentence(error: Exception) -> str:
+    """What GenApi says, without the place in its own code."""
+    return str(error).partition(" : ")[0].strip().rstrip(".")

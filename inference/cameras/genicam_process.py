@@ -1,0 +1,128 @@
+"""The process of one GenICam camera, or of the list of all: ``python -m`` this module.
+
+A process of its own, for three reasons. The genicam binding keeps Python's lock while it waits for
+a frame, looks for cameras or opens one (a wait of 100 ms stops every thread for 100 ms). Producers
+are the vendors' native code: one that crashes or hangs is a camera lost, and not the runtime. And a
+producer that lost its camera may keep its memory; here that goes with the process.
+
+What it is told and what it answers: `genicam_messages`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from typing import IO, Any
+
+from ...features.errors import ToktError
+from .genicam_camera import CameraGoneError, GenicamCamera, Taken, opened_camera
+from .genicam_listing import Listed, Listing, Place
+from .genicam_messages import write_message
+from .genicam_producers import in_one_line, opened_producers
+from .options import CameraOptions
+
+_SLOW_S = 0.02
+
+
+def main() -> None:
+    """Do what the first line of the standard input says until that is closed."""
+    # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = _answers()
+    order = json.loads(sys.stdin.buffer.readline())
+    try:
+        if "list" in order:
+            with opened_producers() as producers:
+                write_message(answers, {"kind": "listed", "listing": producers.listing.to_json()})
+        else:
+            _run(answers, order)
+    except BrokenPipeError:
+        return  # the runtime is gone, or does not listen any more
+    except ToktError as error:
+        write_message(answers, {"kind": "refused", "words": str(error)})
+    except Exception as error:  # noqa: BLE001 - foreign code; nobody would see the traceback
+        words = in_one_line(f"{type(error).__name__}: {error}")
+        write_message(answers, {"kind": "refused", "words": words})
+
+
+def _answers() -> IO[bytes]:
+    """The standard output, which from now on is out of reach: producers print, too."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    return answers
+
+
+def _run(answers: IO[bytes], order: dict[str, Any]) -> None:
+    """Send a camera's frames."""
+    stop = threading.Event()
+    threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
+    options = CameraOptions(**order["options"])
+    with opened_producers() as producers:
+        listed = _chosen(producers.listing, order)
+        with opened_camera(producers, listed, order["name"], options, order["share"]) as camera:
+            # harvesters takes the signal for itself.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            place = vars(listed.place)
+            ready = {"kind": "ready", "place": place, "period_s": camera.period_s}
+            write_message(answers, {**ready, "shared_clock": camera.shared_clock})
+            try:
+                while not stop.is_set():
+                    _send_next(answers, camera)
+            except CameraGoneError as error:
+                # Told before it is closed, which may hang or fail as well.
+                write_message(answers, {"kind": "lost", "words": str(error)})
+
+
+def _watch_input(stop: threading.Event) -> None:
+    """Stop when the runtime closes its end, or is gone."""
+    # Not through sys.stdin: a thread that waits in it makes Python abort when it ends.
+    while os.read(0, 1):
+        pass
+    stop.set()
+
+
+def _chosen(listing: Listing, order: dict[str, Any]) -> Listed:
+    """The camera that the order names, by its place if that is known."""
+    if order["place"] is None:
+        return listing.camera(order["name"])
+    place = Place(**order["place"])
+    for camera in listing.cameras:
+        if camera.place == place:
+            return camera
+    raise ToktError(f"no GenICam camera {order['name']!r}: {listing.in_words()}")
+
+
+def _send_next(answers: IO[bytes], camera: GenicamCamera) -> None:
+    with camera.next() as taken:
+        if taken is None:
+            return
+        header = _header(taken)
+        started = time.monotonic()
+        pixels = taken.pixels
+        write_message(answers, header, None if pixels is None else pixels.data.data)
+    # The runtime did not read: what was filled meanwhile is older than it looks.
+    if time.monotonic() - started > _SLOW_S:
+        camera.forget_waiting()
+
+
+def _header(taken: Taken) -> dict[str, Any]:
+    header: dict[str, Any] = {
+        "kind": "frame",
+        "frame_id": taken.frame_id,
+        "taken_s": taken.taken_s,
+        "fetched_s": taken.fetched_s,
+        "reason": taken.fault.reason,
+        "words": str(taken.fault),
+    }
+    if taken.pixels is not None:
+        header["height"], header["width"] = taken.pixels.height, taken.pixels.width
+        header["pixel_format"] = taken.pixels.pixel_format
+    return header
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,323 @@
+"""Live cameras as a source of frames.
+
+::
+
+    left driver ──> capture ─┐                 overtaken: counted, told as missed
+                             ├─ Pairer ──> newest moment ──> frame
+    right driver ─> capture ─┘     (one place, never a queue)
+
+A camera's keeper starts it again for as long as it is lost. Meanwhile frames without its picture
+go on coming, and say why: whoever judges them goes on saying unknown.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..clock import Clock
+from ..observer import Event
+from ..reason import NO_FAULT, Fault, Reason
+from ..sources import MANY_MISSED, Frame
+from .capture import LEFT, RIGHT, SIDES, CameraDriver, Capture
+from .keeper import CameraKeeper
+from .pairing import ClockFit, Moment, Pairer
+
+_CHECK_S = 0.05  # how soon `stop` is noticed: a handler of a signal must not take a lock
+_LOST_EVERY_S = 0.2  # between two frames that say that the left camera is lost
+_JOIN_S = 5.0  # seconds that a driver may take to close its camera
+
+_ONE_CAMERA = Fault(Reason.MISSING, "the source is one camera")
+_NOTHING = Fault(Reason.MISSING, "no frame")
+
+
+@dataclass
+class CameraCounts:
+    """What one camera's captures came to.
+
+    Parameters
+    ----------
+    captured : int
+        Captures delivered by the driver, incomplete ones among them.
+    incomplete : int
+        Captures without a usable picture.
+    left_out : int
+        Exposures that never arrived, by the camera's own numbers.
+    unpaired : int
+        Captures that the other camera has none to.
+    lost : int
+        Times that the camera was lost.
+    """
+
+    captured: int = 0
+    incomplete: int = 0
+    left_out: int = 0
+    unpaired: int = 0
+    lost: int = 0
+
+
+class CameraSource:
+    """Frames of one camera, or of two that see the same moments.
+
+    Parameters
+    ----------
+    drivers : sequence of CameraDriver
+        The left camera's, and if there are two the right one's.
+    clock : Clock
+    on_event : callable
+        Given an `Event` named ``camera_lost`` or ``camera_back``, on a camera's own thread.
+    wait : bool
+        Whether cameras that are not there at the start are waited for.
+    """
+
+    live = True
+
+    def __init__(
+        self,
+        drivers: Sequence[CameraDriver],
+        clock: Clock,
+        on_event: Callable[[Event], None],
+        wait: bool = False,
+    ) -> None:
+        self.counts = [CameraCounts() for _ in drivers]
+        self.overtaken = 0
+        self._clock = clock
+        self._on_event = on_event
+        self._keepers = [
+            CameraKeeper(camera, driver, clock, self, wait) for camera, driver in enumerate(drivers)
+        ]
+        self._begun = self._stopped = False
+        # All of these under the lock, which captures, keepers and the reader share.
+        self._changed = threading.Condition()
+        self._pairer = Pairer()
+        self._lost: list[Fault] = [NO_FAULT for _ in drivers]
+        self._newest: Moment | None = None
+        self._skipped = 0
+        self._gap = False
+        # The reader's alone.
+        self._number = 0
+        self._last_at = math.nan
+
+    def start(self) -> None:
+        """Open the cameras.
+
+        Raises
+        ------
+        ToktError
+            If one cannot be opened or set, unless they are to be waited for.
+        """
+        self._begun = True
+        with ExitStack() as undo:
+            # An interrupt while a camera opens closes it as well: its library's thread would go
+            # on calling into a Python that is ending.
+            undo.callback(self.close)
+            for keeper in self._keepers:
+                keeper.start()
+            for keeper in self._keepers:
+                keeper.wait_for_first_try()
+            refused = [keeper.refused for keeper in self._keepers if keeper.refused]
+            if refused:
+                raise refused[0]
+            undo.pop_all()
+
+    def stop(self) -> None:
+        """Deliver no further frame, and close the cameras; may be called from a signal handler."""
+        self._stopped = True
+        for keeper in self._keepers:
+            keeper.stop()
+
+    def close(self) -> None:
+        """Stop, and wait until the cameras are closed."""
+        self.stop()
+        for keeper in self._keepers:
+            if keeper.alive:
+                keeper.join(_JOIN_S)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Deliver the newest frame, again and again, until `stop`.
+
+        Raises
+        ------
+        ToktError
+            As `start` does, which it calls if nobody has.
+        RuntimeError
+            If nobody looks after a camera any more: a mistake in this program.
+        """
+        if not self._begun:
+            self.start()
+        told_s = -math.inf
+        try:
+            while not self._stopped:
+                frame = self._next(told_s)
+                if frame is not None:
+                    told_s = self._clock.monotonic()
+                    yield frame
+        finally:
+            self.close()
+
+    def figures(self) -> dict[str, Any]:
+        """What was counted so far: plain JSON."""
+        with self._changed:
+            cameras = {
+                SIDES[camera]: {**asdict(counts), "failures": keeper.driver.failures}
+                for camera, (counts, keeper) in enumerate(
+                    zip(self.counts, self._keepers, strict=True)
+                )
+            }
+            return {"cameras": cameras, "overtaken": self.overtaken}
+
+    # What the keepers tell, on their threads.
+
+    def captured(self, capture: Capture) -> None:
+        """Take a capture."""
+        camera, back = capture.camera, None
+        with self._changed:
+            counts = self.counts[camera]
+            counts.captured += 1
+            counts.incomplete += capture.picture is None
+            fit = self._fit(camera)
+            if not math.isnan(capture.taken_s):
+                counts.left_out += fit.add(capture)
+            if self._lost[camera]:
+                back, self._lost[camera] = f"the {SIDES[camera]} camera is back", NO_FAULT
+            self._put(self._settled(capture, fit))
+        if back is not None:
+            self._tell("camera_back", camera, back)
+
+    def lost(self, camera: int, words: str) -> None:
+        """A camera is gone."""
+        with self._changed:
+            first = not self._lost[camera]
+            self._lost[camera] = Fault(Reason.CAMERA_LOST, words)
+            self._put(self._pairer.absent(camera))
+            self._gap |= camera == LEFT
+            self.counts[camera].lost += first
+        if first:
+            self._tell("camera_lost", camera, f"the {SIDES[camera]} camera is lost: {words}")
+
+    def _tell(self, name: str, camera: int, words: str) -> None:
+        fields = {"camera": SIDES[camera], "name": self._keepers[camera].driver.name}
+        self._on_event(Event(self._clock.time(), name, words, fields))
+
+    def _fit(self, camera: int) -> ClockFit:
+        """What is known of a camera's clock since it delivers; locked."""
+        fit = self._pairer.fits[camera]
+        if fit is None:
+            driver = self._keepers[camera].driver
+            fit = ClockFit(driver.period_s, driver.shared_clock)
+            self._pairer.present(camera, fit)
+        return fit
+
+    def _settled(self, capture: Capture, fit: ClockFit) -> list[Moment]:
+        if len(self.counts) > 1:
+            return self._pairer.add(capture)
+        at = fit.common_s(capture.taken_s, fit.shared)
+        return [Moment(capture, None, NO_FAULT, math.nan if at is None else at)]
+
+    def _put(self, moments: Sequence[Moment]) -> None:
+        """The newest takes the place of the one before; locked."""
+        for moment in moments:
+            if moment.alone:
+                camera = RIGHT if moment.left is None else LEFT
+                self.counts[camera].unpaired += not self._lost[1 - camera]
+            if self._newest is not None:
+                self.overtaken += 1
+                self._skipped += 1
+            self._newest = moment
+        if moments:
+            self._changed.notify()
+
+    # What the reader does, on its thread.
+
+    def _next(self, told_s: float) -> Frame | None:
+        """The newest frame; None if it is time to look whether all is well."""
+        self._look_after()
+        with self._changed:
+            now = self._clock.monotonic()
+            self._put(self._pairer.expired(now))
+            if self._newest is None:
+                due = self._pairer.due()
+                wait_s = _CHECK_S if due is None else min(max(due - now, 0.0), _CHECK_S)
+                self._changed.wait(wait_s)
+            moment, self._newest = self._newest, None
+            if moment is not None:
+                return self._frame(moment)
+            if self._lost[LEFT] and self._clock.monotonic() - told_s >= _LOST_EVERY_S:
+                return self._lost_frame()
+            return None
+
+    def _look_after(self) -> None:
+        """A keeper that ended by itself is one that raised: its camera would never come back."""
+        for camera, keeper in enumerate(self._keepers):
+            if not keeper.alive and not self._stopped:
+                raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
+
+    def _frame(self, moment: Moment) -> Frame:
+        first = moment.left or moment.right
+        assert first is not None
+        left, left_fault = self._view(LEFT, moment.left, moment.alone)
+        right, right_fault = self._view(RIGHT, moment.right, moment.alone)
+        missed = self._missed(moment.at)
+        self._number += 1 + (missed if missed < MANY_MISSED else 0)
+        arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
+        return Frame(
+            self._number,
+            first.t,
+            left,
+            right,
+            left_fault,
+            right_fault,
+            missed,
+            timed=True,
+            arrived=min(arrived),
+        )
+
+    def _view(
+        self, camera: int, capture: Capture | None, alone: Fault
+    ) -> tuple[NDArray[np.uint8] | None, Fault]:
+        """A camera's picture, or why there is none."""
+        if capture is not None:
+            return capture.picture, capture.fault.about(
+                SIDES[camera]
+            ) if capture.fault else NO_FAULT
+        if camera == len(self._lost):
+            return None, _ONE_CAMERA
+        return None, (self._lost[camera] or alone).about(SIDES[camera])
+
+    def _missed(self, at: float) -> int:
+        """How many frames between the last one delivered and this one were not."""
+        skipped, self._skipped = self._skipped, 0
+        last, self._last_at = self._last_at, at
+        if self._lost[LEFT]:
+            return MANY_MISSED
+        gap, self._gap = self._gap, False
+        if gap:
+            return MANY_MISSED
+        fits = [fit for fit in self._pairer.fits if fit is not None]
+        periods = [fit.period_s for fit in fits if fit.period_s is not None]
+        if math.isnan(at - last) or not periods:
+            return skipped
+        return max(skipped, round((at - last) / min(periods)) - 1)
+
+    def _lost_frame(self) -> Frame:
+        """No picture, and why; nobody knows what was missed."""
+        self._number += 1
+        views = [self._view(camera, None, _NOTHING) for camera in (LEFT, RIGHT)]
+        return Frame(
+            self._number,
+            self._clock.time(),
+            None,
+            None,
+            views[LEFT][1],
+            views[RIGHT][1],
+            MANY_MISSED,
+            timed=True,
+            arrived=self._clock.monotonic(),
+        )

@@ -1,0 +1,233 @@
+"""Which captures of two cameras are of the same moment.
+
+Two captures are of one moment when they were taken within half a period of each other. What makes
+that hard is that each camera stamps with a clock of its own, of any zero and a little drift:
+
+::
+
+    taken_s of the left     ───┬───────┬───────┬───>   its own seconds
+                               │ + least (arrived - taken) of the last captures
+    both, in host seconds   ───L─R─────L─R─────L───>   |L - R| < period / 2: one moment
+                                 │ + the same for the right
+    taken_s of the right    ─────┴───────┴─────────>   its own seconds
+
+The difference between a camera's clock and this machine's is taken as the least of the last 64
+captures, as a capture is delayed by the link and the scheduler but never comes early. What stays
+is the least delay of the link, which is the same for two alike cameras. Where one's is longer by
+half a period or more, no estimate from arrivals can see it: only clocks set by PTP pair right
+(`ClockFit.shared`: their times are compared as they are). As long as too little is known nothing
+is paired.
+
+Everything here is free of clocks and threads: the caller says what time it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from ..reason import NO_FAULT, Fault, Reason
+from .capture import LEFT, RIGHT, Capture
+
+_WINDOW = 64  # captures: 4 s at 15 Hz, in which a clock 100 ppm off drifts by 0.4 ms
+_LEAST_SAMPLES = 8  # more than a driver has buffers: no single stall has delayed all of them
+_MOST_WAITING = 4  # captures of a camera that wait for the other's
+
+NOT_FITTED = Fault(Reason.UNPAIRED, "the cameras' clocks have not been compared yet")
+_NO_TIME = Fault(Reason.UNPAIRED, "the camera gave no time of exposure")
+_NO_PARTNER = Fault(Reason.UNPAIRED, "no frame within half a period")
+
+
+class ClockFit:
+    """What a camera's clock and period are, seen from its captures.
+
+    Parameters
+    ----------
+    period_s : float, optional
+        Seconds between two exposures as the camera is set.
+    shared : bool
+        Whether the camera's clock is that of the other already.
+    """
+
+    def __init__(self, period_s: float | None = None, shared: bool = False) -> None:
+        self._nominal_s = period_s
+        self.shared = shared
+        self._delays: deque[float] = deque(maxlen=_WINDOW)
+        self._periods: deque[float] = deque(maxlen=_WINDOW)
+        self._last: Capture | None = None
+
+    def add(self, capture: Capture) -> int:
+        """Learn from a capture that has a time.
+
+        Returns
+        -------
+        int
+            How many captures the camera took since the one before and did not deliver, by its
+            own numbers; 0 where these do not tell.
+        """
+        last, self._last = self._last, capture
+        step = 0
+        if last is not None:
+            step = capture.frame_id - last.frame_id
+            if capture.taken_s <= last.taken_s:  # the clock was set back: the camera began anew
+                self._delays.clear()
+                self._periods.clear()
+            else:
+                # Numbers may wrap, or count delivered captures only: then a period comes out too
+                # long, which is why the least of them is taken.
+                self._periods.append((capture.taken_s - last.taken_s) / max(1, step))
+        self._delays.append(capture.arrived - capture.taken_s)
+        return max(0, step - 1)
+
+    @property
+    def period_s(self) -> float | None:
+        """Seconds between exposures, rather too short than too long; None if not known."""
+        known = list(self._periods)
+        if self._nominal_s is not None:
+            known.append(self._nominal_s)
+        return min(known, default=None)
+
+    def common_s(self, taken_s: float, shared: bool) -> float | None:
+        """A time by the camera's clock, in seconds that both cameras share; None if not known.
+
+        Parameters
+        ----------
+        taken_s : float
+        shared : bool
+            Whether both cameras' clocks are one.
+        """
+        if shared:
+            return taken_s
+        if len(self._delays) < _LEAST_SAMPLES:
+            return None
+        return taken_s + min(self._delays)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What the cameras have of one moment.
+
+    Parameters
+    ----------
+    left, right : Capture or None
+    alone : Fault
+        Why one of them is missing; empty for a pair, and where there is but one camera.
+    at : float
+        When it was, in seconds that all moments share; not a number where that is not known.
+    """
+
+    left: Capture | None
+    right: Capture | None
+    alone: Fault
+    at: float
+
+
+class Pairer:
+    """Put the captures of two cameras together, each in exactly one moment."""
+
+    def __init__(self) -> None:
+        self.fits: list[ClockFit | None] = [None, None]
+        self._waiting: tuple[deque[tuple[float, Capture]], ...] = (deque(), deque())
+        self._newest = [-math.inf, -math.inf]
+
+    def present(self, camera: int, fit: ClockFit) -> None:
+        """A camera delivers from now on, for the first time or again."""
+        self.fits[camera] = fit
+        self._newest = [-math.inf, -math.inf]
+
+    def absent(self, camera: int) -> list[Moment]:
+        """A camera is gone: nothing waits for it any more, or of it.
+
+        Returns
+        -------
+        list of Moment
+            What is settled by that.
+        """
+        self.fits[camera] = None
+        return [
+            moment
+            for side in (LEFT, RIGHT)
+            for moment in self._alone(side, len(self._waiting[side]))
+        ]
+
+    @property
+    def period_s(self) -> float | None:
+        """The shorter of the cameras' periods, or None if one is not known."""
+        periods = [None if fit is None else fit.period_s for fit in self.fits]
+        if periods[0] is None or periods[1] is None:
+            return None
+        return min(periods[0], periods[1])
+
+    def add(self, capture: Capture) -> list[Moment]:
+        """Take a capture that its camera's `ClockFit` has learnt from.
+
+        Returns
+        -------
+        list of Moment
+            What is settled by it.
+        """
+        camera, other = capture.camera, 1 - capture.camera
+        fit = self.fits[camera]
+        if fit is None or math.isnan(capture.taken_s):
+            return [_moment(capture, _NO_TIME, math.nan)]
+        shared = all(known.shared for known in self.fits if known is not None)
+        at, period_s = fit.common_s(capture.taken_s, shared), self.period_s
+        if self.fits[other] is None:  # its source knows why better
+            return [_moment(capture, _NO_PARTNER, math.nan if at is None else at)]
+        if at is None or period_s is None:
+            return [_moment(capture, NOT_FITTED, math.nan)]
+        self._newest[camera] = at
+        return self._paired(capture, at, 0.5 * period_s)
+
+    def _paired(self, capture: Capture, at: float, half_s: float) -> list[Moment]:
+        camera, other = capture.camera, 1 - capture.camera
+        others = self._waiting[other]
+        # Captures of a camera come in order: what is too old for this one is for all after it.
+        past = sum(when <= at - half_s for when, _ in others)
+        settled = self._alone(other, past)
+        if others and others[0][0] < at + half_s:
+            when, partner = others.popleft()
+            settled += self._alone(camera, len(self._waiting[camera]))
+            pair = (capture, partner) if camera == LEFT else (partner, capture)
+            return [*settled, Moment(*pair, NO_FAULT, at if camera == LEFT else when)]
+        if self._newest[other] >= at + half_s:  # the other camera is further already
+            return [*settled, _moment(capture, _NO_PARTNER, at)]
+        self._waiting[camera].append((at, capture))
+        if len(self._waiting[camera]) > _MOST_WAITING:
+            settled += self._alone(camera, 1)
+        return settled
+
+    def expired(self, now: float) -> list[Moment]:
+        """What has waited for longer than a period.
+
+        Parameters
+        ----------
+        now : float
+            `Clock.monotonic`, in seconds.
+        """
+        return [
+            moment
+            for camera, waiting in enumerate(self._waiting)
+            for moment in self._alone(camera, sum(self._due(held) <= now for _, held in waiting))
+        ]
+
+    def due(self) -> float | None:
+        """When `expired` is to be asked next: `Clock.monotonic`, in seconds."""
+        return min((self._due(waiting[0][1]) for waiting in self._waiting if waiting), default=None)
+
+    def _due(self, capture: Capture) -> float:
+        return capture.arrived + (self.period_s or 0.0)
+
+    def _alone(self, camera: int, count: int) -> list[Moment]:
+        """Settle the first so many of those of a camera that wait."""
+        waiting = self._waiting[camera]
+        held = [waiting.popleft() for _ in range(count)]
+        return [_moment(capture, _NO_PARTNER, at) for at, capture in held]
+
+
+def _moment(capture: Capture, alone: Fault, at: float) -> Moment:
+    """What one camera has alone."""
+    if capture.camera == LEFT:
+        return Moment(capture, None, alone, at)
+    return Moment(None, capture, alone, at)

@@ -1,0 +1,195 @@
+"""Cameras of Allied Vision, through pymba and the Vimba SDK."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.camera_frame import frame_from_camera
+from ...features.errors import ToktError
+from ..clock import Clock
+from ..reason import NO_FAULT, Fault, Reason
+from .capture import CameraDriver, Capture, Deliver
+from .options import CameraOptions
+from .vimba_features import Features, Stream, set_features
+from .vimba_library import load_pymba
+from .vimba_stream import VimbaStream
+from .vimba_system import VimbaSystem
+
+_COMPLETE = 0  # VmbFrameStatusComplete
+_HAS_TIMESTAMP = 8  # VmbFrameFlagsTimestamp
+_FORMATS = {  # VmbPixelFormat; the same in pymba/vimba_pixelformat.py
+    0x01080001: "Mono8",
+    0x01080008: "BayerGR8",
+    0x01080009: "BayerRG8",
+    0x0108000A: "BayerGB8",
+    0x0108000B: "BayerBG8",
+    0x02180014: "RGB8",
+    0x02180015: "BGR8",
+}
+_INCOMPLETE = Fault(Reason.INCOMPLETE, "the camera's frame did not arrive whole")
+
+
+class VimbaDriver:
+    """One camera of the Vimba API.
+
+    Parameters
+    ----------
+    camera : int
+        `LEFT` or `RIGHT`.
+    name : str
+        How the user called it: its ID, serial number, IP or MAC address, or index.
+    options : CameraOptions
+    share : float
+        The part of the bandwidth that it has.
+    clock : Clock
+    pymba : module
+    system : VimbaSystem
+        The same for all cameras.
+    """
+
+    def __init__(
+        self,
+        camera: int,
+        name: str,
+        options: CameraOptions,
+        share: float,
+        clock: Clock,
+        pymba: ModuleType,
+        system: VimbaSystem,
+    ) -> None:
+        self._camera = camera
+        self._name = name
+        self._options = options
+        self._share = share
+        self._clock = clock
+        self._pymba = pymba
+        self._system = system
+        # An index is looked up once: after a camera was pulled out it may be another's.
+        self._id: str | None = None
+        self._set: Stream | None = None
+        self._stream: VimbaStream | None = None
+        self._unreleased: list[VimbaStream] = []
+        self._failures = 0
+
+    @property
+    def name(self) -> str:
+        """The camera as the user called it."""
+        return self._name
+
+    @property
+    def period_s(self) -> float | None:
+        """Seconds between exposures, where a rate was asked for."""
+        return None if self._set is None else self._set.period_s
+
+    @property
+    def shared_clock(self) -> bool:
+        """Whether its clock is set by PTP."""
+        return self._set is not None and self._set.shared_clock
+
+    @property
+    def failures(self) -> int:
+        """How often a capture was lost to an exception."""
+        return self._failures + (0 if self._stream is None else self._stream.failures)
+
+    def start(self, deliver: Deliver) -> None:
+        """Open the camera, set it and let it send.
+
+        Raises
+        ------
+        ToktError
+            If it is not there, is refused or cannot be set as asked.
+        """
+        self._system.enter()
+        try:
+            self._id = self._id or self._system.camera_id(self._name)
+            opened = self._system.open(self._id)
+        except ToktError:
+            self._system.leave()
+            raise
+        self._stream = VimbaStream(opened, lambda frame: deliver(self._capture(frame)))
+        try:
+            features = Features(opened, self._pymba.VimbaException, self._name, self._clock)
+            self._set = set_features(features, self._options, self._share)
+            self._stream.start()
+        except ToktError:
+            self.stop()
+            raise
+        except self._pymba.VimbaException as error:
+            self.stop()
+            raise ToktError(f"camera {self._name} cannot be set: {error}") from error
+
+    def stop(self) -> None:
+        """Close the camera; nothing is delivered after that."""
+        stream, self._stream = self._stream, None
+        if stream is None:
+            return
+        if not stream.stop():
+            self._unreleased.append(stream)
+        self._failures += stream.failures
+        self._system.leave()
+
+    def lost(self) -> str:
+        """Why the camera is known to be gone, or nothing."""
+        if self._id is None or self._system.is_there(self._id):
+            return ""
+        return f"camera {self._name} is no longer found"
+
+    def _capture(self, frame: Any) -> Capture:
+        """What is in a buffer, in memory of its own."""
+        arrived, t = self._clock.monotonic(), self._clock.time()
+        assert self._set is not None
+        taken_s = math.nan
+        if frame.receiveFlags & _HAS_TIMESTAMP:
+            taken_s = frame.timestamp / self._set.ticks_per_s
+        picture, fault = _picture(frame)
+        return Capture(self._camera, frame.frameID, taken_s, arrived, t, picture, fault)
+
+
+def _picture(frame: Any) -> tuple[NDArray[np.uint8] | None, Fault]:
+    """A copy of a buffer's picture, or why there is none."""
+    if frame.receiveStatus != _COMPLETE:
+        return None, _INCOMPLETE
+    pixel_format = _FORMATS.get(frame.pixelFormat)
+    if pixel_format is None:
+        return None, Fault(Reason.DAMAGED, f"pixel format {frame.pixelFormat:#010x} is not known")
+    if not 0 < frame.imageSize <= frame.bufferSize:
+        words = f"the frame has {frame.imageSize} bytes in a buffer of {frame.bufferSize}"
+        return None, Fault(Reason.DAMAGED, words)
+    buffer = (ctypes.c_ubyte * frame.imageSize).from_address(frame.buffer)
+    data = np.frombuffer(buffer, np.uint8)
+    try:
+        return frame_from_camera(data, frame.height, frame.width, pixel_format), NO_FAULT
+    except ValueError as error:
+        return None, Fault(Reason.DAMAGED, str(error))
+
+
+def open_drivers(
+    ids: Sequence[str], options: CameraOptions, clock: Clock
+) -> Sequence[CameraDriver]:
+    """The drivers of one camera, or of a left and a right one; nothing is opened yet.
+
+    Parameters
+    ----------
+    ids : sequence of str
+    options : CameraOptions
+    clock : Clock
+
+    Raises
+    ------
+    ToktError
+        If pymba or the Vimba SDK is missing.
+    """
+    pymba = load_pymba()
+    system = VimbaSystem(pymba)
+    share = 1 / len(ids)
+    return [
+        VimbaDriver(camera, name, options, share, clock, pymba, system)
+        for camera, name in enumerate(ids)
+    ]

@@ -1,0 +1,211 @@
+"""A Vimba camera's features: what a user asked for is set, and what its stream needs.
+
+Names differ from camera to camera: GigE cameras of Allied Vision say ``ExposureTimeAbs`` where
+USB ones say ``ExposureTime`` (GigE and USB Features References of Allied Vision).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...features.camera_frame import PIXEL_FORMATS
+from ...features.errors import ToktError
+from ..clock import Clock
+from .options import CameraOptions
+
+_EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
+_FRAME_RATE = ("AcquisitionFrameRateAbs", "AcquisitionFrameRate")
+_PACKET_SIZE = ("GVSPPacketSize", "GevSCPSPacketSize")
+_NS_PER_S = 1e9  # ticks of a camera that does not say how many it has a second: USB ones
+_ADJUST_S, _PTP_S, _LOOK_S = 3.0, 15.0, 0.02
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What is to be known of a camera that is set.
+
+    Parameters
+    ----------
+    ticks_per_s : float
+        Of its time stamps.
+    period_s : float or None
+        Seconds between exposures; None where no rate was asked for.
+    shared_clock : bool
+        Whether its clock is set by PTP.
+    """
+
+    ticks_per_s: float
+    period_s: float | None
+    shared_clock: bool
+
+
+class Features:
+    """An opened camera's features.
+
+    Parameters
+    ----------
+    camera : pymba.camera.Camera
+    error : type
+        pymba's VimbaException.
+    name : str
+        The camera, for messages.
+    clock : Clock
+    """
+
+    def __init__(self, camera: Any, error: type[Exception], name: str, clock: Clock) -> None:
+        self.name = name
+        self._clock = clock
+        self._camera = camera
+        self._error = error
+        self._names = set(camera.feature_names())
+
+    def first(self, *names: str) -> str | None:
+        """The first of these that the camera has."""
+        return next((name for name in names if name in self._names), None)
+
+    def get(self, *names: str) -> Any:
+        """The value of the first of these that the camera has, or None."""
+        name = self.first(*names)
+        return None if name is None else self._camera.feature(name).value
+
+    def entries(self, name: str) -> list[str]:
+        """What can be chosen; nothing where the camera has no such feature."""
+        return list(self._camera.feature(name).range) if name in self._names else []
+
+    def limits(self, name: str) -> tuple[int, int] | None:
+        """The least and the most that a whole number can be set to; None where there is none."""
+        if name not in self._names:
+            return None
+        least, most = self._camera.feature(name).range
+        return int(least), int(most)
+
+    def demand(self, what: str, value: Any, *names: str) -> None:
+        """Set what the user asked for.
+
+        Raises
+        ------
+        ToktError
+            If the camera has none of these, or refuses the value.
+        """
+        name = self.first(*names)
+        if name is None:
+            raise ToktError(f"camera {self.name} has no {' or '.join(names)}: no {what} to set")
+        feature = self._camera.feature(name)
+        # Some cameras take whole numbers only, where others take any.
+        whole = isinstance(value, float) and isinstance(feature.value, int)
+        try:
+            feature.value = round(value) if whole else value
+        except self._error as error:
+            allowed = ", ".join(map(str, feature.range or ()))
+            raise ToktError(
+                f"camera {self.name} refuses {name} = {value} (it has {allowed}): {error}"
+            ) from error
+
+    def offer(self, value: Any, *names: str) -> None:
+        """Set what is good to have, where the camera has it."""
+        if self.first(*names) is not None:
+            self.demand("such thing", value, *names)
+
+    def run(self, command: str, limit_s: float) -> None:
+        """Run a command and wait until it is done, or until the limit: the camera goes on."""
+        self._camera.run_feature_command(command)
+        until = self._clock.monotonic() + limit_s
+        while not self._camera.feature_command_is_done(command) and self._clock.monotonic() < until:
+            self._clock.sleep(_LOOK_S)
+
+    def wait_for(self, values: tuple[str, ...], name: str, limit_s: float) -> bool:
+        """Whether a feature comes to one of these values before the limit."""
+        until = self._clock.monotonic() + limit_s
+        while self.get(name) not in values:
+            if self._clock.monotonic() > until:
+                return False
+            self._clock.sleep(_LOOK_S)
+        return True
+
+
+def set_features(features: Features, options: CameraOptions, share: float) -> Stream:
+    """Set an opened camera.
+
+    Parameters
+    ----------
+    features : Features
+    options : CameraOptions
+    share : float
+        The part of the bandwidth that this camera has.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be set as asked.
+    """
+    _set_pixel_format(features, options.pixel_format)
+    _set_network(features, options, share)
+    if options.exposure_us is not None:
+        features.offer("Off", "ExposureAuto")
+        features.demand("exposure", options.exposure_us, *_EXPOSURE)
+    if options.gain_db is not None:
+        features.offer("Off", "GainAuto")
+        features.demand("gain", options.gain_db, "Gain")
+    _set_trigger(features, options)
+    if options.ptp:
+        features.demand("PTP", "Auto", "PtpMode")
+        if not features.wait_for(("Master", "Slave"), "PtpStatus", _PTP_S):
+            raise ToktError(f"camera {features.name}: no clock was found by PTP in {_PTP_S:g} s")
+    features.demand("acquisition mode", "Continuous", "AcquisitionMode")
+    # What a camera that keeps no rate says of its rate is not to be relied on.
+    rate = None if options.frame_rate is None else features.get(*_FRAME_RATE)
+    return Stream(
+        ticks_per_s=float(features.get("GevTimestampTickFrequency") or _NS_PER_S),
+        period_s=1 / rate if rate else None,
+        shared_clock=options.ptp,
+    )
+
+
+def _set_pixel_format(features: Features, asked: str | None) -> None:
+    offered = features.entries("PixelFormat")
+    if asked is None:
+        known = [pixel_format for pixel_format in PIXEL_FORMATS if pixel_format in offered]
+        if features.get("PixelFormat") in known:
+            return
+        alike = known[:1]
+    else:
+        # GigE cameras say BGR8Packed where others say BGR8.
+        alike = [
+            one for one in (asked, asked.removesuffix("Packed"), f"{asked}Packed") if one in offered
+        ]
+    if not alike:
+        wanted = asked or f"of those that tokt reads ({', '.join(PIXEL_FORMATS)})"
+        raise ToktError(
+            f"camera {features.name} has no pixel format {wanted}: it has {', '.join(offered)}"
+        )
+    features.demand("pixel format", alike[0], "PixelFormat")
+
+
+def _set_network(features: Features, options: CameraOptions, share: float) -> None:
+    if options.packet_size is not None:
+        features.demand("packet size", options.packet_size, *_PACKET_SIZE)
+    elif features.first("GVSPAdjustPacketSize"):
+        features.run("GVSPAdjustPacketSize", _ADJUST_S)
+    limits = features.limits("StreamBytesPerSecond")
+    if limits is not None:
+        bytes_s = min(max(round(options.bandwidth_bytes_s * share), limits[0]), limits[1])
+        features.demand("bandwidth", bytes_s, "StreamBytesPerSecond")
+
+
+def _set_trigger(features: Features, options: CameraOptions) -> None:
+    if options.trigger is not None:
+        features.offer("FrameStart", "TriggerSelector")
+        features.demand("trigger", options.trigger, "TriggerSource")
+        features.demand("trigger", "On", "TriggerMode")
+    if options.frame_rate is None:
+        return
+    features.offer("FrameStart", "TriggerSelector")
+    # GigE cameras keep a rate only where it is what triggers them; others where it is enabled.
+    if "FixedRate" in features.entries("TriggerSource"):
+        features.demand("frame rate", "FixedRate", "TriggerSource")
+        features.demand("frame rate", "On", "TriggerMode")
+    else:
+        features.offer("Off", "TriggerMode")
+    features.offer(True, "AcquisitionFrameRateEnable")
+    features.demand("frame rate", options.frame_rate, *_FRAME_RATE)

@@ -1,0 +1,207 @@
+"""harvesters and its simulated camera (viky.cti of the genicam package), in this process."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tokt.features.camera_frame import frame_from_camera
+from tokt.features.errors import ToktError
+from tokt.inference import genicam_finding
+from tokt.inference.cameras.genicam_buffer import NoPictureError, pixels_of
+from tokt.inference.cameras.genicam_camera import (
+    CameraGoneError,
+    GenicamCamera,
+    Taken,
+    opened_camera,
+)
+from tokt.inference.cameras.genicam_listing import Listed, Listing, Place
+from tokt.inference.cameras.genicam_process import _send_next
+from tokt.inference.cameras.genicam_producers import Producers, opened_producers, producer_files
+from tokt.inference.cameras.options import CameraOptions
+from tokt.inference.reason import NO_FAULT, Reason
+
+genicam = pytest.importorskip("genicam")
+pytest.importorskip("harvesters")
+
+PRODUCERS = Path(genicam.__file__).parent
+VARIABLE = "GENICAM_GENTL64_PATH"
+
+
+@pytest.fixture(autouse=True)
+def viky(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The variable set; and what harvesters makes of Ctrl-C undone, as it is in this process."""
+    monkeypatch.setenv(VARIABLE, str(PRODUCERS))
+    handler = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, handler)
+
+
+@pytest.fixture
+def producers() -> Iterator[Producers]:
+    with opened_producers() as opened:
+        yield opened
+
+
+def taken(camera: GenicamCamera, count: int) -> list[Taken]:
+    """So many exposures, with pictures of their own."""
+    found = []
+    while len(found) < count:
+        with camera.next() as one:
+            if one is not None:
+                pixels = one.pixels
+                if pixels is not None:
+                    frame_from_camera(pixels.data, pixels.height, pixels.width, pixels.pixel_format)
+                found.append(one)
+    return found
+
+
+def test_what_is_listed_and_who_is_meant(producers):
+    listing = producers.listing
+    assert listing.camera("VikyTL_DEV_green") is listing.cameras[1]
+    assert listing.camera("2") is listing.cameras[2]  # serial number and index
+    assert listing == Listing.from_json(listing.to_json())
+    with pytest.raises(ToktError, match=r"no GenICam camera 'x': found 0: VikyTL_DEV_red .*serial"):
+        listing.camera("x")
+
+
+def test_who_is_meant_is_one_camera():
+    place = Place("p", "i", "d")
+    other = Place("p", "j", "e")
+    listing = Listing(("p",), (Listed(place, "7", "bow"), Listed(other, "8", "bow")), ())
+    assert listing.camera("7").place == listing.camera("0").place == place
+    with pytest.raises(ToktError, match="2 cameras are called 'bow'"):
+        listing.camera("bow")
+    with pytest.raises(ToktError, match="no GenICam camera '2'"):
+        listing.camera("2")
+
+
+def test_no_producer(monkeypatch, tmp_path):
+    monkeypatch.setenv(VARIABLE, f"{tmp_path}{os.pathsep}{tmp_path / 'none'}")
+    with pytest.raises(ToktError, match=r"no GenTL producer \(\*\.cti\) in"):
+        producer_files()
+    assert genicam_finding.genicam_finding().state == "note"
+    monkeypatch.delenv(VARIABLE)
+    with pytest.raises(ToktError, match=f"install the camera vendor's, and set {VARIABLE}"):
+        producer_files()
+
+
+def test_producers_that_are_none_are_said_and_others_used(monkeypatch, tmp_path):
+    (tmp_path / "broken.cti").write_text("not a library")
+    other = next((PRODUCERS).glob("libLog_*.so"))
+    shutil.copy(other, tmp_path / "other.cti")
+    monkeypatch.setenv(VARIABLE, os.pathsep.join((str(PRODUCERS), str(tmp_path), str(PRODUCERS))))
+    with opened_producers() as opened:
+        assert opened.listing.producers == (str(PRODUCERS / "viky.cti"),)
+        assert len(opened.listing.cameras) == 3
+        broken, no_producer = sorted(opened.listing.complaints)
+    assert "broken.cti: " in broken and "other.cti: " in no_producer
+    assert "broken.cti" in opened.listing.in_words()
+
+
+def test_frames_and_the_buffers_given_back(producers):
+    listed = producers.listing.cameras[0]
+    options = CameraOptions(frame_rate=200)
+    with opened_camera(producers, listed, "red", options, 1.0) as camera:
+        assert camera.period_s == pytest.approx(1 / 200)
+        found = taken(camera, 20)
+    numbers = [one.frame_id for one in found]
+    assert numbers == sorted(set(numbers))
+    assert {one.fault for one in found} == {NO_FAULT}
+    assert {one.taken_s for one in found} == {None}  # viky has no clock
+    pixels = found[-1].pixels
+    assert (pixels.height, pixels.width, pixels.pixel_format) == (400, 400, "Mono8")
+    assert np.all(np.diff([one.fetched_s for one in found]) >= 0)
+
+
+def test_pixels_that_tokt_does_not_read(producers):
+    acquirer = producers.harvester.create(0)
+    acquirer.remote_device.node_map.PixelFormat.value = "RGBa8"
+    acquirer.start()
+    buffer = acquirer.try_fetch(timeout=2, is_raw=True)
+    with pytest.raises(NoPictureError, match="sends RGBa8 pixels"):
+        pixels_of(buffer, lambda number: "RGBa8" if number == 0x02200016 else "?")
+    buffer.parent.queue_buffer(buffer)
+
+
+def test_incomplete_frames_are_told_and_given_back(producers, monkeypatch):
+    """viky sends none: its complete ones are declared incomplete, and harvesters does the rest."""
+    calls = iter(range(1000))
+    monkeypatch.setattr(genicam.gentl.Buffer, "is_complete", lambda self: next(calls) % 2 == 0)
+    options = CameraOptions(frame_rate=200)
+    with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
+        found = taken(camera, 24)
+    halves = [one for one in found if one.pixels is None]
+    assert len(halves) == 12
+    assert {one.fault.reason for one in halves} == {Reason.INCOMPLETE}
+    numbers = [one.frame_id for one in found]
+    assert numbers == sorted(set(numbers))
+
+
+class Stuck(io.BytesIO):
+    """A pipe that nobody reads for longer than a period."""
+
+    def flush(self) -> None:
+        time.sleep(0.3)
+
+
+def test_what_came_while_nobody_read_is_given_back(producers):
+    options = CameraOptions(frame_rate=5)
+    pipe = Stuck()
+    with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
+        while not pipe.getvalue():
+            _send_next(pipe, camera)
+        sent = json.loads(pipe.getvalue().partition(b"\n")[0])
+        assert producers.harvester.image_acquirers[0].data_streams[0].num_awaiting_delivery == 0
+        assert taken(camera, 1)[0].frame_id > sent["frame_id"] + 1
+    assert (sent["bytes"], sent["reason"]) == (400 * 400, "ok")
+
+
+def test_a_camera_that_is_pulled_out_can_be_opened_again(producers):
+    """Its handles are closed under harvesters, as a producer does when its device is gone."""
+    listed = producers.listing.cameras[0]
+    with (
+        opened_camera(producers, listed, "red", CameraOptions(), 1.0) as camera,
+        pytest.raises(CameraGoneError, match="handle"),
+    ):
+        taken(camera, 1)
+        producers.harvester.image_acquirers[0].device.module.close()
+        taken(camera, 1)
+    with opened_camera(producers, listed, "red", CameraOptions(), 1.0) as camera:
+        assert taken(camera, 1)[0].frame_id == 1
+
+
+def test_a_camera_in_use(producers):
+    listed = producers.listing.cameras[0]
+    with (
+        opened_camera(producers, listed, "red", CameraOptions(), 1.0),
+        pytest.raises(ToktError, match=r"camera red cannot be opened: .*already in use"),
+        opened_camera(producers, listed, "red", CameraOptions(), 1.0),
+    ):
+        pass
+
+
+def test_what_doctor_finds():
+    found = genicam_finding.genicam_finding()
+    assert found.state == "ok" and "harvesters" in found.text
+    assert found.figures["cameras"] == ["VikyTL_DEV_red", "VikyTL_DEV_green", "VikyTL_DEV_blue"]
+
+
+def test_without_harvesters_doctor_says_what_to_install(monkeypatch):
+    def version(name: str) -> str:
+        raise genicam_finding.PackageNotFoundError(name)
+
+    monkeypatch.setattr(genicam_finding, "version", version)
+    found = genicam_finding.genicam_finding()
+    assert (found.state, found.text) == (
+        "note",
+        "no harvesters; GenICam cameras need tokt[genicam]",
+    )

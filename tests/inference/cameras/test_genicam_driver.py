@@ -1,0 +1,297 @@
+"""Cameras in processes of their own: real ones with the simulated camera of the genicam package,
+and small programs in their place for what no real one does on request."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.cameras import genicam as genicam_cameras
+from tokt.inference.cameras import genicam_driver, genicam_listing
+from tokt.inference.cameras.capture import LEFT, Capture, Deliver
+from tokt.inference.cameras.genicam import open_drivers
+from tokt.inference.cameras.genicam_driver import GenicamDriver
+from tokt.inference.cameras.genicam_listing import Listed, Listing, Place, list_cameras
+from tokt.inference.cameras.live_source import CameraSource
+from tokt.inference.cameras.options import CameraOptions
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.observer import Event
+from tokt.inference.reason import NO_FAULT, Reason
+
+genicam = pytest.importorskip("genicam")
+pytest.importorskip("harvesters")
+
+READY = {"kind": "ready", "place": {"producer": "p", "interface": "i", "device": "d"}}
+READY |= {"period_s": None, "shared_clock": True}
+FRAME = {"kind": "frame", "frame_id": 1, "taken_s": 2.5, "fetched_s": 0.0, "shared_clock": True}
+FRAME |= {"reason": "ok", "words": "", "height": 4, "width": 5, "pixel_format": "Mono8"}
+
+
+@pytest.fixture(autouse=True)
+def viky(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(Path(genicam.__file__).parent))
+
+
+@pytest.fixture
+def open_camera() -> Iterator[Callable[..., GenicamDriver]]:
+    """A driver that is stopped at the end, whatever happens."""
+    drivers: list[GenicamDriver] = []
+
+    def make(name: str = "0", **more: Any) -> GenicamDriver:
+        options = CameraOptions(frame_rate=100)
+        drivers.append(GenicamDriver(LEFT, name, None, options, 1.0, SYSTEM_CLOCK, **more))
+        return drivers[-1]
+
+    yield make
+    for driver in drivers:
+        driver.stop()
+
+
+@pytest.fixture
+def instead(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Run a program in the place of a camera's process. It may `say(header, data)`."""
+    head = (
+        "import json, os, sys, time\n"
+        "def say(header, data=None):\n"
+        "    header = header if data is None else {**header, 'bytes': len(data)}\n"
+        "    sys.stdout.buffer.write(json.dumps(header).encode() + b'\\n' + (data or b''))\n"
+        "    sys.stdout.buffer.flush()\n"
+        f"ready, frame = {json.loads(json.dumps(READY))!r}, {FRAME!r}\n".replace("true", "True")
+    )
+
+    def use(program: str) -> None:
+        command = [sys.executable, "-I", "-S", "-c", head + program]
+        monkeypatch.setattr(genicam_driver, "program", lambda: command)
+        monkeypatch.setattr(genicam_listing, "program", lambda: command)
+
+    return use
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 10.0) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until, "it never came"
+        time.sleep(0.005)
+
+
+class Stamped:
+    """A driver whose captures bear their arrival as their time: viky has no clock."""
+
+    def __init__(self, driver: GenicamDriver) -> None:
+        self.driver = driver
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.driver, name)
+
+    def start(self, deliver: Deliver) -> None:
+        def stamped(capture: Capture) -> None:
+            assert math.isnan(capture.taken_s)
+            deliver(replace(capture, taken_s=capture.arrived))
+
+        self.driver.start(stamped)
+
+
+def test_two_cameras_as_a_source_of_pairs():
+    options = CameraOptions(frame_rate=20)
+    drivers = open_drivers(["VikyTL_DEV_red", "1"], options, SYSTEM_CLOCK)
+    assert [driver.name for driver in drivers] == ["VikyTL_DEV_red", "1"]
+    told: list[Event] = []
+    source = CameraSource([Stamped(driver) for driver in drivers], SYSTEM_CLOCK, told.append)
+    pairs = []
+    for frame in source:
+        if frame.left is not None and frame.right is not None:
+            pairs.append(frame)
+        if len(pairs) == 3:
+            source.stop()
+    assert [frame.left_fault or frame.right_fault for frame in pairs] == [NO_FAULT] * 3
+    assert {frame.left.shape for frame in pairs} == {(400, 400)}
+    assert {frame.right.shape for frame in pairs} == {(400, 400)}
+    assert drivers[0].period_s == pytest.approx(0.05)
+    assert told == []
+    assert not [thread for thread in threading.enumerate() if "tokt camera" in thread.name]
+
+
+def test_one_camera_from_start_to_stop_and_again(open_camera):
+    driver = open_camera("VikyTL_DEV_blue")
+    captures: list[Capture] = []
+    slow = threading.Event()
+
+    def deliver(capture: Capture) -> None:
+        captures.append(capture)
+        if len(captures) == 3:
+            raise RuntimeError("not this one")
+        if len(captures) == 5:
+            slow.wait(10)
+
+    driver.start(deliver)
+    wait_for(lambda: len(captures) == 5)
+    time.sleep(0.5)  # 50 frames at the camera's rate
+    slow.set()
+    resumed = time.monotonic()
+    wait_for(lambda: len(captures) >= 30)
+    assert driver.failures == 1
+    assert {capture.fault for capture in captures} == {NO_FAULT}
+    first_pictures = [capture.picture.copy() for capture in captures[:2]]
+    numbers = [capture.frame_id for capture in captures]
+    assert numbers == sorted(set(numbers))
+    # What was in the pipe came, as old as it is; then the newest; and the rest never.
+    assert numbers[29] > 30 + 20
+    old = [capture for capture in captures if capture.arrived < resumed]
+    assert len(old) <= 5 + 3
+
+    os.kill(driver._process.pid, signal.SIGKILL)
+    wait_for(driver.lost)
+    assert "its process ended with -9" in driver.lost()
+    driver.stop()
+    driver.stop()
+
+    del captures[5:]
+    driver.start(captures.append)
+    assert driver.lost() == ""
+    wait_for(lambda: len(captures) > 7)
+    driver.stop()
+    count = len(captures)
+    assert captures[5].frame_id < 5 and driver.lost() == ""
+    time.sleep(0.05)
+    assert len(captures) == count
+    assert all(
+        (one == other.picture).all()
+        for one, other in zip(first_pictures, captures[:2], strict=True)
+    )
+
+
+@pytest.fixture
+def listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two cameras, without asking the producers again."""
+    cameras = tuple(Listed(Place("p", "i", device)) for device in ("red", "green"))
+    listing = Listing(("viky.cti",), cameras, ())
+    monkeypatch.setattr(genicam_cameras, "list_cameras", lambda: listing)
+
+
+@pytest.mark.parametrize(
+    ("ids", "wait", "words"),
+    [
+        (["nope"], False, r"no GenICam camera 'nope': found 0: red"),
+        (["0", "red"], False, "are the same camera"),
+        (["nope", "nope"], True, "are the same camera"),
+        (["2"], True, "no GenICam camera '2'"),  # a number is not waited for
+    ],
+)
+def test_what_cannot_be_meant(ids, wait, words, listed):
+    with pytest.raises(ToktError, match=words):
+        open_drivers(ids, CameraOptions(wait=wait), SYSTEM_CLOCK)
+
+
+def test_a_camera_that_is_waited_for(listed):
+    drivers = open_drivers(["not here yet", "1"], CameraOptions(wait=True), SYSTEM_CLOCK)
+    assert [driver.name for driver in drivers] == ["not here yet", "1"]
+    with pytest.raises(ToktError, match=r"no GenICam camera 'not here yet': found 0: Viky"):
+        drivers[0].start(lambda capture: None)
+
+
+def test_nothing_to_drive_cameras_with(monkeypatch):
+    monkeypatch.setattr(genicam_listing, "find_spec", lambda name: None)
+    with pytest.raises(ToktError, match=r"needs harvesters: install tokt\[genicam\]"):
+        open_drivers(["0"], CameraOptions(), SYSTEM_CLOCK)
+
+
+def test_no_producer_is_said_by_the_runtime(monkeypatch):
+    monkeypatch.delenv("GENICAM_GENTL64_PATH")
+    with pytest.raises(ToktError, match="no GenTL producer: install the camera vendor's"):
+        open_drivers(["0"], CameraOptions(), SYSTEM_CLOCK)
+
+
+def test_producers_that_crash_or_hang(instead):
+    instead("os.abort()")
+    with pytest.raises(ToktError, match="producers end the process with -6"):
+        list_cameras()
+    instead("time.sleep(60)")
+    with pytest.raises(ToktError, match=r"do not answer in 0\.2 s"):
+        list_cameras(timeout_s=0.2)
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("os.abort()", "camera 0: its process ended with -6"),
+        ("time.sleep(60)", r"camera 0 does not answer in 0\.3 s"),
+        ("say({'kind': 'refused', 'words': 'it is taken'})", "it is taken"),
+        ("print('nonsense')", "does not make sense"),
+    ],
+)
+def test_cameras_that_do_not_open(program, words, open_camera, instead, monkeypatch):
+    monkeypatch.setattr(genicam_driver, "_CLOSE_S", 0.1)
+    instead(program)
+    driver = open_camera(open_s=0.3 if "sleep" in program else 20.0)
+    with pytest.raises(ToktError, match=words):
+        driver.start(lambda capture: None)
+    assert driver._process is None
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("say({'kind': 'lost', 'words': 'no such handle'})", "no such handle"),
+        ("os.abort()", "its process ended with -6"),
+        ('os.write(1, b\'{"kind": "frame", "bytes": 9}\\n123\')', "its process ended with 0"),
+        ("say({'kind': 'frame'})", "does not make sense"),
+    ],
+)
+def test_cameras_that_are_lost(program, words, open_camera, instead):
+    instead("say(ready)\nsay(frame, bytes(20))\n" + program)
+    captures: list[Capture] = []
+    driver = open_camera()
+    driver.start(captures.append)
+    wait_for(driver.lost)
+    assert words in driver.lost() and driver.shared_clock
+    assert [capture.taken_s for capture in captures] == [2.5]
+    # Its camera's process had it at 0 s: it is as old as this machine's clock.
+    assert captures[0].arrived == pytest.approx(0.0, abs=0.5)
+
+
+def test_a_process_that_does_not_end_is_ended(open_camera, instead, monkeypatch):
+    monkeypatch.setattr(genicam_driver, "_CLOSE_S", 0.1)
+    instead("say(ready)\ntime.sleep(60)")
+    driver = open_camera()
+    driver.start(lambda capture: None)
+    process = driver._process
+    driver.stop()
+    assert process.returncode == -9
+
+
+def test_memory_does_not_grow(open_camera, instead):
+    """3,000 frames, 200 MB of pictures; every third one is a fault."""
+    instead(
+        "say(ready)\n"
+        "frame.update(height=250, width=400)\n"
+        "half = {**frame, 'reason': 'incomplete', 'words': 'half'}\n"
+        "for frame['frame_id'] in range(3000):\n"
+        "    frame['fetched_s'] = time.monotonic()\n"
+        "    say(half) if frame['frame_id'] % 3 == 2 else say(frame, bytes(100_000))\n"
+    )
+    counts = {Reason.OK: 0, Reason.INCOMPLETE: 0}
+    sizes: list[int] = []
+
+    def deliver(capture: Capture) -> None:
+        counts[capture.fault.reason] += 1
+        assert (capture.picture is None) is bool(capture.fault)
+        if capture.frame_id % 500 == 0:
+            pages = Path("/proc/self/statm").read_text().split()[1]
+            sizes.append(int(pages) * os.sysconf("SC_PAGE_SIZE"))
+
+    driver = open_camera()
+    driver.start(deliver)
+    wait_for(driver.lost, 60)
+    assert counts == {Reason.OK: 2000, Reason.INCOMPLETE: 1000} and driver.failures == 0
+    assert max(sizes) - sizes[1] < 8e6

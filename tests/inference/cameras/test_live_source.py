@@ -1,0 +1,244 @@
+"""Frames of two simulated cameras: true pairs, every fault with its reason, and never a hang."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from itertools import pairwise
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.cameras.capture import Capture, Deliver
+from tokt.inference.cameras.live_source import CameraSource
+from tokt.inference.cameras.open import open_camera_source
+from tokt.inference.cameras.options import CameraOptions
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.reason import Reason
+from tokt.inference.sources import MANY_MISSED, Frame
+
+from .simulated_rig import RATE_HZ, seen
+
+
+def is_pair(frame: Frame) -> bool:
+    return frame.left is not None and frame.right is not None
+
+
+def check(frames: list[Frame]) -> None:
+    """Every picture is whole and of its camera, every pair of one moment, every gap explained."""
+    for frame in frames:
+        views = ((0, frame.left, frame.left_fault), (1, frame.right, frame.right_fault))
+        moments = set()
+        for camera, picture, fault in views:
+            assert (picture is None) == bool(fault)
+            if picture is not None:
+                of, moment = seen(picture)
+                assert of == camera
+                moments.add(moment)
+        assert len(moments) <= 1
+        assert frame.timed and frame.arrived is not None
+    numbers = [frame.number for frame in frames]
+    assert numbers == sorted(set(numbers))
+
+
+def test_pairs_of_one_moment_whatever_the_clocks(simulator, live):
+    simulator.set(0, clock_offset_s=1000)
+    simulator.set(1, delay_s=0.004, jitter_s=0.003)
+    cameras = live()
+    frames = cameras.until(is_pair) + cameras.take(25)
+    check(frames)
+    assert sum(map(is_pair, frames)) >= 20
+    assert cameras.events == []
+    ages = [SYSTEM_CLOCK.monotonic() - frame.arrived for frame in frames[-1:]]
+    assert 0 <= ages[0] < 5 and abs(frames[-1].t - time.time()) < 60
+
+
+def test_clocks_set_by_ptp_pair_from_the_first_frame(simulator, live):
+    """However late the right camera's link is."""
+    simulator.set(1, delay_s=0.015)
+    cameras = live(ptp=True)
+    check(cameras.until(is_pair) + cameras.take(10))
+
+
+def test_one_camera(simulator, live):
+    cameras = live("pymba:1")
+    frames = cameras.take(5)
+    for frame in frames:
+        assert seen(frame.left)[0] == 1 and frame.right is None
+        assert frame.right_fault.reason is Reason.MISSING
+    assert simulator.opened == [0, 1]
+
+
+def test_frames_that_a_camera_drops(simulator, live):
+    simulator.set(0, drop_every=5)
+    simulator.set(1, drop_every=7)
+    cameras = live()
+    cameras.until(is_pair)
+    frames = cameras.take(36)
+    check(frames)
+    reasons = Counter((frame.left_fault.reason, frame.right_fault.reason) for frame in frames)
+    assert set(reasons) >= {
+        (Reason.OK, Reason.OK),
+        (Reason.OK, Reason.UNPAIRED),
+        (Reason.UNPAIRED, Reason.OK),
+    }
+    figures = cameras.source.figures()["cameras"]
+    assert figures["left"]["left_out"] >= 4 and figures["right"]["left_out"] >= 3
+    assert figures["left"]["unpaired"] >= 3 and figures["right"]["unpaired"] >= 4
+
+
+def test_a_dropped_frame_of_a_single_camera_is_told_as_missed(simulator, live):
+    simulator.set(0, drop_every=4)
+    cameras = live("pymba:0")
+    frames = cameras.take(20)[8:]  # its clock is known by then
+    for before, frame in pairwise(frames):
+        assert frame.missed == seen(frame.left)[1] - seen(before.left)[1] - 1
+        assert frame.number - before.number == 1 + frame.missed
+    assert {frame.missed for frame in frames} >= {0, 1}
+
+
+def test_incomplete_frames_are_counted_and_told(simulator, live):
+    simulator.set(1, incomplete_every=4)
+    cameras = live()
+    cameras.until(is_pair)
+    frames = cameras.take(18)
+    check(frames)
+    torn = [frame for frame in frames if frame.right_fault.reason is Reason.INCOMPLETE]
+    assert 3 <= len(torn) <= 6 and all(frame.left is not None for frame in torn)
+    assert cameras.source.figures()["cameras"]["right"]["incomplete"] >= len(torn)
+
+
+def test_a_reader_that_is_slow_gets_the_newest(simulator, live):
+    cameras = live()
+    cameras.until(is_pair)
+    last = cameras.take(1)[0]
+    time.sleep(12 / RATE_HZ)
+    frame = cameras.take(1)[0]
+    check([last, frame])
+    overtaken = seen(frame.left)[1] - seen(last.left)[1] - 1
+    assert overtaken >= 9 and frame.missed >= overtaken
+    assert cameras.source.overtaken >= 9
+
+
+def test_the_left_camera_is_pulled_out_and_put_back(simulator, live):
+    cameras = live()
+    frames = cameras.until(is_pair)
+    simulator.set(0, plugged=0)
+    frames += cameras.until(lambda frame: frame.left_fault.reason is Reason.CAMERA_LOST)
+    lost = cameras.take(10)
+    assert {frame.left_fault.reason for frame in lost} == {Reason.CAMERA_LOST}
+    assert {frame.missed for frame in lost} == {MANY_MISSED}
+    assert "left: camera 0 is no longer found" in frames[-1].left_fault
+    simulator.set(0, plugged=1)
+    back = cameras.until(lambda frame: frame.left is not None)
+    assert back[-1].missed == MANY_MISSED or back[-2].missed == MANY_MISSED
+    again = cameras.until(is_pair) + cameras.take(5)
+    check(frames + lost + back + again)
+    assert max(frame.missed for frame in again[1:]) < MANY_MISSED
+    assert cameras.event_names == [("camera_lost", "left"), ("camera_back", "left")]
+    assert cameras.source.figures()["cameras"]["left"]["lost"] == 1
+
+
+def test_the_right_camera_is_pulled_out_and_the_left_goes_on(simulator, live):
+    cameras = live()
+    cameras.until(is_pair)
+    simulator.set(1, plugged=0)
+    cameras.until(lambda frame: frame.right_fault.reason is Reason.CAMERA_LOST)
+    frames = cameras.take(10)
+    check(frames)
+    assert all(frame.left is not None and frame.missed < 5 for frame in frames)
+    assert {frame.right_fault.reason for frame in frames} == {Reason.CAMERA_LOST}
+    simulator.set(1, plugged=1)
+    check(cameras.until(is_pair))
+    assert cameras.event_names == [("camera_lost", "right"), ("camera_back", "right")]
+
+
+def test_a_camera_that_falls_silent_is_started_again(simulator, live):
+    """The library says nothing of it; only that nothing comes any more."""
+    cameras = live("pymba:0")
+    cameras.take(3)
+    simulator.set(0, mute=1)
+    frame = cameras.until(lambda one: one.left is None)[-1]
+    assert frame.left_fault.reason is Reason.CAMERA_LOST and "has sent nothing" in frame.left_fault
+    simulator.set(0, mute=0)
+    cameras.until(lambda one: one.left is not None)
+    assert cameras.event_names == [("camera_lost", "left"), ("camera_back", "left")]
+    assert simulator.count(0, "starts") >= 2
+
+
+def test_while_a_lone_camera_is_lost_frames_say_so_again_and_again(simulator, live):
+    simulator.set(0, handle_dies=1)
+    cameras = live("pymba:0")
+    cameras.take(2)
+    simulator.set(0, plugged=0)
+    cameras.until(lambda frame: frame.left is None)
+    start = time.monotonic()
+    frames = cameras.take(3)
+    assert 0.3 < time.monotonic() - start < 5
+    assert {frame.left_fault.reason for frame in frames} == {Reason.CAMERA_LOST}
+    assert len({frame.arrived for frame in frames}) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("pymba:DEV_1", "no camera 'DEV_1'"), ("pymba:0,2", "no camera '2'")]
+)
+def test_a_camera_that_is_not_there_at_the_start(text, words, simulator, live):
+    with pytest.raises(ToktError, match=words):
+        live(text)
+    assert simulator.opened == [0, 0]
+
+
+def test_a_camera_that_is_waited_for(simulator, live):
+    simulator.set(1, plugged=0)
+    cameras = live(wait=True)
+    frames = cameras.until(lambda frame: frame.right_fault.reason is Reason.CAMERA_LOST)
+    simulator.set(1, plugged=1)
+    check(frames + cameras.until(is_pair))
+    assert cameras.event_names == [("camera_lost", "right"), ("camera_back", "right")]
+
+
+def test_stop_while_streaming_and_while_lost(simulator):
+    for plugged in (1, 0):
+        simulator.set(1, plugged=1)
+        source = open_camera_source("pymba:0,1", SYSTEM_CLOCK, CameraOptions(), lambda event: None)
+        simulator.set(1, plugged=plugged)
+        frames: list[Frame] = []
+        reader = threading.Thread(target=lambda: frames.extend(source), daemon=True)  # noqa: B023
+        reader.start()
+        time.sleep(0.2)
+        source.stop()
+        reader.join(5)
+        assert not reader.is_alive() and frames
+        assert simulator.opened == [0, 0]
+        assert [thread for thread in threading.enumerate() if "camera" in thread.name] == []
+
+
+def test_stop_without_a_reader(simulator):
+    source = open_camera_source("pymba:0", SYSTEM_CLOCK, CameraOptions(), lambda event: None)
+    source.close()
+    assert list(source) == []
+
+
+class BrokenDriver:
+    """Opens, and then turns out to have a mistake in it."""
+
+    name, period_s, shared_clock, failures = "broken", None, False, 0
+    stopped = False
+
+    def start(self, deliver: Deliver) -> None:
+        deliver(Capture(0, 1, 0.0, time.monotonic(), time.time(), None))
+
+    def stop(self) -> None:
+        self.stopped = True
+
+    def lost(self) -> str:
+        raise KeyError("a mistake")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_mistake_in_a_driver_ends_the_source_and_is_not_passed_over():
+    driver = BrokenDriver()
+    source = CameraSource([driver], SYSTEM_CLOCK, lambda event: None)
+    with pytest.raises(RuntimeError, match="nobody looks after the left camera"):
+        list(source)
+    assert driver.stopped

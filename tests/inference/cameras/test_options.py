@@ -1,0 +1,54 @@
+"""Camera options and the names of cameras: what cannot be meant is refused in one line."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.cameras.open import is_camera_source, open_camera_source
+from tokt.inference.cameras.options import CameraOptions
+from tokt.inference.clock import SYSTEM_CLOCK
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"exposure_us": 0}, "microseconds"),
+        ({"exposure_us": math.nan}, "microseconds"),
+        ({"frame_rate": -1}, "frames per second"),
+        ({"frame_rate": math.inf}, "frames per second"),
+        ({"bandwidth_bytes_s": 0}, "bytes per second"),
+        ({"gain_db": math.inf}, "dB"),
+        ({"pixel_format": "BGR16"}, "choose from Mono8"),
+        ({"packet_size": 64}, "500 to 16384"),
+        ({"trigger": "Line 1"}, "'Line 1'"),
+        ({"trigger": "Line1", "frame_rate": 10}, "a trigger or a frame rate"),
+    ],
+)
+def test_what_cannot_be_meant(options, words):
+    with pytest.raises(ToktError, match=words):
+        CameraOptions(**options)
+
+
+def test_what_can_be_meant():
+    options = CameraOptions(
+        exposure_us=5000, gain_db=-3, pixel_format="BayerRG8", packet_size=9000, trigger="Line1"
+    )
+    assert options.bandwidth_bytes_s == 115_000_000
+
+
+@pytest.mark.parametrize("text", ["pymba:", "pymba:1,", "pymba:1,2,3", "genicam:", "usb:1"])
+def test_what_names_no_cameras(text):
+    with pytest.raises(ToktError, match="live cameras are"):
+        open_camera_source(text, SYSTEM_CLOCK, CameraOptions(), print)
+
+
+def test_one_camera_is_not_two():
+    with pytest.raises(ToktError, match="are both '02-2130A'"):
+        open_camera_source("pymba:02-2130A, 02-2130A", SYSTEM_CLOCK, CameraOptions(), print)
+
+
+def test_cameras_and_folders_are_told_apart():
+    assert is_camera_source("pymba:0") and is_camera_source("genicam:x,y")
+    assert not is_camera_source("pymba") and not is_camera_source("dives/pymba:0")

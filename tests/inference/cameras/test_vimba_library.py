@@ -1,0 +1,77 @@
+"""Without the Vimba SDK, or without pymba: one line that says what to install and set."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.camera_driver import camera_driver_finding
+from tokt.inference.cameras.vimba_library import load_pymba
+
+from .simulated_rig import FOLDERS, run_python
+
+needs_like = pytest.mark.skipif(
+    sys.platform != "linux" or platform.machine() not in FOLDERS,
+    reason="pymba looks for its library in another way here",
+)
+
+
+def refusal() -> str:
+    with pytest.raises(ToktError) as refused:
+        load_pymba()
+    return str(refused.value)
+
+
+@needs_like
+def test_no_sdk_says_what_to_install_and_set(monkeypatch, tmp_path):
+    monkeypatch.delenv("GENICAM_GENTL64_PATH", raising=False)
+    words = refusal()  # an AssertionError of pymba's
+    assert "Vimba SDK" in words and "GENICAM_GENTL64_PATH" in words and "VIMBA_HOME" in words
+    assert "\n" not in words
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "Tl" / "CTI" / "x86_64bit"))
+    words = refusal()  # an OSError of pymba's
+    assert "No libVimbaC.so found" in words and "Vimba SDK" in words
+    # `tokt doctor` says the same.
+    finding = camera_driver_finding()
+    assert finding.state == "note"
+    assert finding.text.partition("): ")[2] == words.partition("): ")[2] != ""
+
+
+@needs_like
+def test_a_library_that_does_not_load(monkeypatch, tmp_path):
+    library = tmp_path / "VimbaC" / "DynamicLib" / FOLDERS[platform.machine()] / "libVimbaC.so"
+    library.parent.mkdir(parents=True)
+    library.write_text("not a library")
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "Tl" / "CTI" / "x86_64bit"))
+    words = refusal()
+    assert "cannot load the Vimba library" in words and "libVimbaC.so" in words
+
+
+@needs_like
+def test_a_library_without_a_symbol(monkeypatch, tmp_path, compiler):
+    """An AttributeError of ctypes'."""
+    library = tmp_path / "VimbaC" / "DynamicLib" / FOLDERS[platform.machine()] / "libVimbaC.so"
+    library.parent.mkdir(parents=True)
+    nothing = tmp_path / "nothing.c"
+    nothing.touch()
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, nothing], check=True)
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "Tl" / "CTI" / "x86_64bit"))
+    assert "VmbVersionQuery" in refusal()
+
+
+def test_no_pymba_names_the_extra(monkeypatch):
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
+    assert refusal() == "no pymba; live cameras need tokt[camera]"
+
+
+def test_doctor_and_the_simulator_in_another_process(vimba_environment, monkeypatch):
+    """pymba's 41 symbols are there: it is imported, and the frame has its 104 bytes."""
+    for name, value in vimba_environment.items():
+        monkeypatch.setenv(name, value)
+    finding = camera_driver_finding()
+    assert finding.state == "ok" and "VimbaC 1.8.3" in finding.text
+    program = "import ctypes; from pymba import vimba_c; print(ctypes.sizeof(vimba_c.VmbFrame))"
+    assert run_python(program, vimba_environment).stdout.split() == ["104"]
