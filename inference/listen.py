@@ -1,26 +1,174 @@
-"""Receive datagrams: what ``tokt listen`` shows."""
+"""Receive datagrams and see what is missing: what ``tokt listen`` shows.
+
+Two things are told besides the datagrams themselves: how many of a sender's are lost, by the gaps
+in v2's `seq`, and that nothing has come for so long that a receiver has to take it for unknown.
+"""
 
 from __future__ import annotations
 
+import json
 import socket
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
 
 from ..features.errors import ToktError
-from .udp import resolve
+from .clock import Clock
+from .udp import decode, resolve
+from .verdict import CLEAR, OBSTACLE, UNKNOWN
 
 _LARGEST_DATAGRAM = 65535
 _STOP_CHECK_S = 0.2
+_STATUS_WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
+
+RESTART_BEHIND = 1000
+"""A number that is so far behind the last is of another run, whose first ones are lost; one less
+far behind was overtaken on its way."""
+MOST_SENDERS = 256
+"""Senders that are kept in mind; of more, the one that was heard longest ago is forgotten."""
 
 
-def datagrams(
-    host: str, port: int, stopped: Callable[[], bool], ready: Callable[[], None]
-) -> Iterator[tuple[str, bytes]]:
-    """Yield ``(sender, datagram)`` as they come, until `stopped` says so.
+@dataclass(frozen=True)
+class Heard:
+    """A datagram that came.
+
+    Parameters
+    ----------
+    sender : str
+        ``ADDRESS:PORT``.
+    fields : dict
+        As `decode` gives them, or ``{"error", "bytes"}`` of what is no datagram of tokt's.
+    lost : int or None
+        Datagrams of this sender that are missing between the one before and this one; None where
+        it does not number them (v1).
+    restarted : bool
+        Whether the sender began to count anew.
+    overtaken : bool
+        Whether it came after one sent later, or twice: what it says is old.
+    after_s : float or None
+        Seconds of silence that it ends, where that silence was told.
+    """
+
+    sender: str
+    fields: dict[str, Any]
+    lost: int | None = None
+    restarted: bool = False
+    overtaken: bool = False
+    after_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Silence:
+    """Nothing came for longer than the time-out.
+
+    Parameters
+    ----------
+    sender : str or None
+        From whom; None while there has been no sender at all.
+    seconds : float
+    """
+
+    sender: str | None
+    seconds: float
+
+
+@dataclass
+class _Sender:
+    """What is known of one sender."""
+
+    heard: float
+    seq: int | None = None
+    silent: bool = False
+
+
+class Watch:
+    """Keep an account of each sender's numbers and silences.
+
+    Parameters
+    ----------
+    now : float
+        Seconds of a clock that never steps back; so are all other times here.
+    timeout_s : float or None
+        Silence that is told, in seconds; None for never.
+
+    Attributes
+    ----------
+    lost : int
+        Datagrams that are missing, over all senders.
+    """
+
+    def __init__(self, now: float, timeout_s: float | None) -> None:
+        self.lost = 0
+        self._timeout_s = timeout_s
+        self._senders: dict[str, _Sender] = {}
+        # Silence before anybody was heard is told, too: most often the address is wrong.
+        self._nobody: _Sender | None = _Sender(now)
+
+    def heard(self, sender: str, data: bytes, now: float) -> Heard:
+        """Take a datagram in."""
+        known = self._senders.pop(sender, None)
+        after_s = now - known.heard if known is not None and known.silent else None
+        seq = None if known is None else known.seq
+        self._nobody = None
+        # Put in anew: the first of them is always the one heard longest ago.
+        self._senders[sender] = kept = _Sender(now, seq)
+        if len(self._senders) > MOST_SENDERS:
+            del self._senders[next(iter(self._senders))]
+        try:
+            fields = decode(data)
+        except ToktError as error:
+            return Heard(sender, {"error": str(error), "bytes": len(data)}, after_s=after_s)
+        if "seq" not in fields:
+            return Heard(sender, fields, after_s=after_s)
+        return self._numbered(kept, Heard(sender, fields, after_s=after_s))
+
+    def _numbered(self, kept: _Sender, heard: Heard) -> Heard:
+        """The same with what its number tells."""
+        seq, last = heard.fields["seq"], kept.seq
+        restarted = last is not None and seq <= last and (seq == 1 or last - seq >= RESTART_BEHIND)
+        overtaken = last is not None and seq <= last and not restarted
+        lost = 0
+        if restarted:
+            lost = max(seq - 1, 0)
+        elif last is not None and not overtaken:
+            lost = seq - last - 1
+        if not overtaken:
+            kept.seq = seq
+        self.lost += lost
+        return Heard(heard.sender, heard.fields, lost, restarted, overtaken, heard.after_s)
+
+    def silences(self, now: float) -> list[Silence]:
+        """Who has been silent for longer than the time-out; each silence is told once."""
+        if self._timeout_s is None:
+            return []
+        watched: list[tuple[str | None, _Sender]] = list(self._senders.items())
+        if self._nobody is not None:
+            watched = [(None, self._nobody)]
+        found = []
+        for name, sender in watched:
+            if not sender.silent and now - sender.heard >= self._timeout_s:
+                sender.silent = True
+                found.append(Silence(name, now - sender.heard))
+        return found
+
+
+def listen(
+    host: str,
+    port: int,
+    watch: Watch,
+    clock: Clock,
+    stopped: Callable[[], bool],
+    ready: Callable[[], None],
+) -> Iterator[Heard | Silence]:
+    """Yield what comes, and when nothing does, until `stopped` says so.
 
     Parameters
     ----------
     host, port
         The address to listen on.
+    watch
+    clock
+        Silence is measured by its `monotonic`.
     stopped
         Asked every 0.2 s, and after each datagram.
     ready
@@ -40,10 +188,59 @@ def datagrams(
         receiver.settimeout(_STOP_CHECK_S)
         ready()
         while not stopped():
+            yield from watch.silences(clock.monotonic())
             try:
                 data, sender = receiver.recvfrom(_LARGEST_DATAGRAM)
             except TimeoutError:
                 continue
             except ConnectionResetError:
                 continue  # Windows reports another socket's ICMP answer here
-            yield f"{sender[0]}:{sender[1]}", data
+            yield watch.heard(f"{sender[0]}:{sender[1]}", data, clock.monotonic())
+
+
+def as_json(event: Heard | Silence) -> str:
+    """One line for programs."""
+    if isinstance(event, Silence):
+        told: dict[str, Any] = {"from": event.sender, "silent_s": round(event.seconds, 3)}
+    else:
+        told = {"from": event.sender, **event.fields}
+        if event.lost is not None:
+            told |= {
+                "lost": event.lost,
+                "restarted": event.restarted,
+                "overtaken": event.overtaken,
+            }
+    return json.dumps(told, allow_nan=False)
+
+
+def as_words(event: Heard | Silence) -> str:
+    """One line for people; what came over the network cannot move the cursor."""
+    if isinstance(event, Silence):
+        sender = event.sender or "nobody yet"
+        return f"{sender}  silent for {event.seconds:.1f} s: take it for unknown"
+    fields = event.fields
+    if "error" in fields:
+        words = [f"{fields['error']} ({fields['bytes']} bytes)"]
+    else:
+        words = [f"v{fields['v']}", _STATUS_WORDS[fields["status"]]]
+        words += [
+            f"{name}={value}"
+            for name, value in fields.items()
+            if name not in ("v", "status") and value is not None
+        ]
+    line = "  ".join([event.sender, *words, *_account(event)])
+    return "".join(char if char.isprintable() else "?" for char in line)
+
+
+def _account(heard: Heard) -> list[str]:
+    """What was odd about a datagram's coming."""
+    return [
+        words
+        for odd, words in (
+            (heard.restarted, "[counts anew]"),
+            (heard.overtaken, "[overtaken: old]"),
+            (heard.lost, f"[{heard.lost} lost before it]"),
+            (heard.after_s is not None, f"[after {heard.after_s or 0:.1f} s of silence]"),
+        )
+        if odd
+    ]

@@ -11,7 +11,7 @@ import math
 import re
 import socket
 import sys
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from ..features.errors import ToktError
 from .report import V2, Report
@@ -25,6 +25,9 @@ _V1 = re.compile(
     rb"status : , ([01])  ,Xpos : ,(-?\d{1,9}),  Ypos : , (-?\d{1,9}) , meanValue : ,"
     rb"(\d{1,24}(?:\.\d{1,24})?(?:e[+-]\d{1,3})?)"
 )
+FORMATS = {"v1": 1, "v2": 2}
+"""The formats by the names they have on the command line."""
+
 _ADDRESS = re.compile(r"(?:\[([^\]]+)\]|([^:\s]+)):(\d{1,5})")
 
 
@@ -58,7 +61,8 @@ def decode(data: bytes) -> dict[str, Any]:
     -------
     dict
         For v1 ``{"v": 1, "status", "x", "y", "mean"}``; for v2 exactly the fields of
-        `Report.fields`, whatever else its JSON object holds. Every number is finite.
+        `Report.fields`, whatever else its JSON object holds; what an older sender does not know
+        yet is None. Every number is finite.
 
     Raises
     ------
@@ -102,11 +106,16 @@ def _contract_fields(value: Any) -> dict[str, Any]:
         "latency_ms": (number, True),
         "health": (text, False),
     }
-    added = {"closing_m_s": (number, True), "contact_s": (number, True)}
+    # What was added later is not in the datagrams of older senders.
+    added: dict[str, tuple[tuple[type, ...], bool]] = {
+        "closing_m_s": (number, True),
+        "contact_s": (number, True),
+        "reason": (text, False),
+        "age_ms": (number, True),
+    }
     for name, (types, optional) in {**contract, **added}.items():
-        # What was added later is not in the datagrams of older senders.
-        missing = name not in value and name not in added
-        if missing or not _fits(value.get(name), types, optional):
+        fits = _fits(value[name], types, optional) if name in value else name in added
+        if not fits:
             raise ToktError(f"not a tokt datagram: v2 with a wrong or missing {name!r}")
     if value["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
         raise ToktError(f"not a tokt datagram: status {value['status']}")
@@ -140,6 +149,47 @@ def parse_address(text: str) -> tuple[str, int]:
     return match[1] or match[2], int(match[3])
 
 
+class Receiver(NamedTuple):
+    """Where datagrams go, and in which format."""
+
+    host: str
+    port: int
+    version: int
+
+
+def parse_receiver(text: str, version: int) -> Receiver:
+    """Read ``HOST:PORT``, or ``v1@HOST:PORT`` where a receiver has a format of its own.
+
+    Parameters
+    ----------
+    text : str
+    version : {1, 2}
+        The format of a receiver that names none.
+
+    Raises
+    ------
+    ToktError
+        If the address or the format is none.
+    """
+    format_, at, address = text.rpartition("@")
+    if at:
+        version = version_of(format_)
+    return Receiver(*parse_address(address), version)
+
+
+def version_of(format_: str) -> int:
+    """The version that a format's name, such as ``v2``, stands for.
+
+    Raises
+    ------
+    ToktError
+        If there is no such format.
+    """
+    if format_.strip() not in FORMATS:
+        raise ToktError(f"unknown format {format_!r} (choose from {', '.join(FORMATS)})")
+    return FORMATS[format_.strip()]
+
+
 def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
     """Look a host name up once: (address family, socket address).
 
@@ -161,24 +211,28 @@ class Sender(Protocol):
 
     sent: int
     failed: int
+    last_error: str
 
     def send(self, report: Report) -> None:
         """Pass a report on; never waits and never raises for what the network does."""
 
+    def close(self) -> None:
+        """Send nothing more."""
 
-class UdpSender:
-    """Send every report to one address, without ever waiting for the network.
 
-    The socket does not block and is not connected: an unreachable host, a cable that is out or
-    a receiver that is not running costs one failed call at most, and sending works again by
-    itself when the network does.
+class Outlet:
+    """A socket for datagrams to one address, which never waits for the network.
+
+    It does not block and is not connected: an unreachable host, a cable that is out or a receiver
+    that is not running costs one failed call at most, and sending works again by itself when the
+    network does. What one receiver's network does touches no other's socket.
 
     Parameters
     ----------
     host : str
-        Name or address; looked up once, here.
+        Name or address. A name is looked up once, here: a look-up can take seconds, which no loop
+        that keeps a pilot informed has. A receiver whose address changes needs a new start.
     port : int
-    version : {1, 2}
 
     Attributes
     ----------
@@ -186,8 +240,6 @@ class UdpSender:
         Datagrams the operating system took. UDP does not tell whether anyone listens.
     failed : int
         Datagrams it refused (no route, full buffer, ...).
-    unsaid : int
-        Reports that the format cannot say: unknown verdicts in v1.
     last_error : str
         Why the last refused datagram was refused.
 
@@ -197,22 +249,16 @@ class UdpSender:
         If the host name is not known.
     """
 
-    def __init__(self, host: str, port: int, version: int) -> None:
-        self.version = version
+    def __init__(self, host: str, port: int) -> None:
         self.sent = 0
         self.failed = 0
-        self.unsaid = 0
         self.last_error = ""
         family, self._address = resolve(host, port)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 
-    def send(self, report: Report) -> None:
+    def write(self, data: bytes) -> None:
         """Send one datagram, or count why not."""
-        data = encode_v1(report.verdict) if self.version == 1 else encode_v2(report)
-        if data is None:
-            self.unsaid += 1
-            return
         try:
             self._socket.sendto(data, self._address)
         except OSError as error:
@@ -224,3 +270,37 @@ class UdpSender:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+class UdpSender(Outlet):
+    """Send every report to one address, in one of the formats.
+
+    Parameters
+    ----------
+    host, port
+        As of `Outlet`.
+    version : {1, 2}
+
+    Attributes
+    ----------
+    unsaid : int
+        Reports that the format cannot say: unknown verdicts in v1.
+
+    Raises
+    ------
+    ToktError
+        If the host name is not known.
+    """
+
+    def __init__(self, host: str, port: int, version: int) -> None:
+        super().__init__(host, port)
+        self.version = version
+        self.unsaid = 0
+
+    def send(self, report: Report) -> None:
+        """Send one datagram, or count why not."""
+        data = encode_v1(report.verdict) if self.version == 1 else encode_v2(report)
+        if data is None:
+            self.unsaid += 1
+        else:
+            self.write(data)

@@ -9,12 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tokt.features.errors import ToktError
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
-from tokt.inference.udp import UdpSender, decode, encode_v1, encode_v2, parse_address
+from tokt.inference.udp import (
+    Receiver,
+    UdpSender,
+    decode,
+    encode_v1,
+    encode_v2,
+    parse_address,
+    parse_receiver,
+)
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 positions = st.integers(-100_000, 100_000)
 means = st.floats(0, 255)
+DARK = Fault(Reason.DARK, "dark")
 any_float = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -60,24 +70,32 @@ def test_an_independent_parser_reads_v1_over_a_real_socket(
 
 
 def test_v1_says_nothing_about_unknown() -> None:
-    assert encode_v1(unknown_verdict("dark")) is None
+    assert encode_v1(unknown_verdict(DARK)) is None
     assert encode_v1(a_verdict(mean=math.nan)) is None
     sender = UdpSender("127.0.0.1", 9, 1)
-    sender.send(Report(1, 1, 0.0, 1.0, unknown_verdict("dark")))
+    sender.send(Report(1, 1, 0.0, 1.0, unknown_verdict(DARK)))
     sender.close()
     assert (sender.sent, sender.unsaid) == (0, 1)
 
 
 def test_v2_says_minus_one_about_unknown() -> None:
-    fields = decode(encode_v2(Report(5, 17, 1.5, 2.0, unknown_verdict("dark"))))
+    fields = decode(encode_v2(Report(5, 17, 1.5, 2.0, unknown_verdict(DARK))))
     assert fields["status"] == -1 and fields["health"] == "dark" and fields["x"] is None
+    assert fields["reason"] == "dark"
+
+
+def test_a_heartbeat_before_the_first_frame_has_no_time() -> None:
+    silent = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
+    fields = decode(encode_v2(Report(1, None, None, None, silent)))
+    assert (fields["status"], fields["reason"]) == (-1, "no_frame")
+    assert (fields["t"], fields["latency_ms"], fields["age_ms"]) == (None, None, None)
 
 
 def test_v2_has_the_fields_of_the_design() -> None:
     fields = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
     assert " ".join(fields) == (
         "v seq t status x y box mean distance_m method model latency_ms health "
-        "closing_m_s contact_s"
+        "closing_m_s contact_s reason age_ms"
     )
 
 
@@ -90,7 +108,7 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
     assert fields["mean"] == float(f"{mean:.12g}")
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 @given(
     st.builds(
         Verdict,
@@ -105,14 +123,16 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
         health=st.text(max_size=400),
         closing_m_s=st.none() | any_float,
         contact_s=st.none() | any_float,
+        reason=st.sampled_from(Reason),
     ),
     any_float,
     any_float,
+    st.none() | any_float,
 )
 def test_v2_round_trip_never_holds_what_json_cannot(
-    verdict: Verdict, t: float, latency_ms: float
+    verdict: Verdict, t: float, latency_ms: float, age_ms: float | None
 ) -> None:
-    data = encode_v2(Report(3, 4, t, latency_ms, verdict))
+    data = encode_v2(Report(3, 4, t, latency_ms, verdict, age_ms))
     assert (
         b"NaN" not in data.split(b'"method"')[0] and b"Infinity" not in data.split(b'"method"')[0]
     )
@@ -122,6 +142,8 @@ def test_v2_round_trip_never_holds_what_json_cannot(
     assert fields["mean"] == (mean if mean is not None and math.isfinite(mean) else None)
     assert fields["box"] == (None if verdict.box is None else list(verdict.box))
     assert fields["health"] == verdict.health[:300]
+    assert fields["reason"] == verdict.reason
+    assert fields["age_ms"] == (age_ms if age_ms is not None and math.isfinite(age_ms) else None)
 
 
 json_values = st.recursive(
@@ -190,12 +212,29 @@ def test_garbage_is_refused_in_one_way(data: bytes) -> None:
         {"x": "left"},
         {"health": None},
         {"seq": 1.5},
+        {"reason": None},
+        {"reason": 3},
+        {"age_ms": "old"},
+        {"age_ms": True},
+        {"age_ms": 10**400},
+        {"closing_m_s": "fast"},
     ],
 )
 def test_v2_outside_the_contract_is_refused(change: dict[str, Any]) -> None:
     decode(json.dumps(good).encode())
     with pytest.raises(ToktError, match="not a tokt datagram"):
         decode(json.dumps({**good, **change}).encode())
+
+
+@pytest.mark.parametrize("later", ["closing_m_s", "contact_s", "reason", "age_ms"])
+def test_an_older_sender_need_not_know_what_came_later(later: str) -> None:
+    old = {name: value for name, value in good.items() if name != later}
+    assert decode(json.dumps(old).encode()) == {**good, later: None}
+
+
+def test_a_reason_of_a_newer_sender_is_passed_on() -> None:
+    fields = decode(json.dumps({**good, "reason": "kraken"}).encode())
+    assert fields["reason"] == "kraken"
 
 
 @pytest.mark.parametrize(
@@ -238,3 +277,46 @@ def test_what_the_network_refuses_is_counted() -> None:
     sender.close()
     assert (sender.sent, sender.failed) == (0, 3)
     assert sender.last_error
+
+
+def test_a_receiver_may_have_a_format_of_its_own() -> None:
+    assert parse_receiver("10.0.0.1:1130", 1) == Receiver("10.0.0.1", 1130, 1)
+    assert parse_receiver("v2@10.0.0.1:1130", 1) == Receiver("10.0.0.1", 1130, 2)
+    assert parse_receiver("v1@[::1]:9", 2) == Receiver("::1", 9, 1)
+
+
+@pytest.mark.parametrize("text", ["v3@h:1", "@h:1", "v1@@h:1", "V2@h:1"])
+def test_formats_that_are_none(text: str) -> None:
+    with pytest.raises(ToktError, match="choose from v1, v2"):
+        parse_receiver(text, 1)
+
+
+@pytest.mark.parametrize("text", ["v2@", "v2@h", "v2@h:0", "h"])
+def test_receivers_without_an_address(text: str) -> None:
+    with pytest.raises(ToktError, match="not an address"):
+        parse_receiver(text, 1)
+
+
+def test_receivers_fail_each_for_itself(receiver: socket.socket, closed_port: int) -> None:
+    # One the system refuses to send to, one whose host answers "port unreachable" (ICMP), and one
+    # that is there: the last gets everything, in order and without delay.
+    refused = UdpSender("255.255.255.255", 9, 2)
+    unreachable = UdpSender("127.0.0.1", closed_port, 2)
+    there = UdpSender(*receiver.getsockname(), 2)
+    try:
+        for seq in range(1, 21):
+            for sender in (refused, unreachable, there):
+                sender.send(Report(seq, seq, 0.0, 1.0, a_verdict()))
+        assert [decode(receiver.recv(4096))["seq"] for _ in range(20)] == list(range(1, 21))
+        assert (refused.sent, refused.failed) == (0, 20) and refused.last_error
+        assert (unreachable.sent + unreachable.failed, there.sent) == (20, 20)
+        assert there.failed == 0
+        # Whoever was not there gets what is sent once they are.
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late:
+            late.bind(("127.0.0.1", closed_port))
+            late.settimeout(5)
+            unreachable.send(Report(21, 21, 0.0, 1.0, a_verdict()))
+            assert decode(late.recv(4096))["seq"] == 21
+    finally:
+        for sender in (refused, unreachable, there):
+            sender.close()

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.listen import MOST_SENDERS, Heard, Watch, as_json, as_words, listen
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import Report
+from tokt.inference.udp import encode_v2
+from tokt.inference.verdict import Verdict, unknown_verdict
+
+V1 = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
+
+
+def v2(seq: int) -> bytes:
+    return encode_v2(
+        Report(seq, seq, 0.0, 1.0, Verdict(0, 0, 0, None, 0.0, None, "texture", "m/1"))
+    )
+
+
+def accounts(*numbers: int) -> list[tuple[int | None, bool, bool]]:
+    watch = Watch(0.0, None)
+    heard = [watch.heard("a", v2(seq), 0.0) for seq in numbers]
+    return [(one.lost, one.restarted, one.overtaken) for one in heard]
+
+
+def test_gaps_are_lost_datagrams() -> None:
+    assert accounts(1, 2, 5, 6) == [
+        (0, False, False),
+        (0, False, False),
+        (2, False, False),
+        (0, False, False),
+    ]
+
+
+def test_who_comes_later_has_lost_nothing_yet() -> None:
+    assert accounts(57, 58) == [(0, False, False), (0, False, False)]
+
+
+def test_a_restart_counts_from_1_and_is_no_loss() -> None:
+    assert accounts(5000, 1, 2)[1:] == [(0, True, False), (0, False, False)]
+    # The first ones of the new run are lost as well.
+    assert accounts(5000, 4, 5)[1:] == [(3, True, False), (0, False, False)]
+
+
+def test_one_that_was_overtaken_or_doubled_is_old() -> None:
+    assert accounts(10, 12, 11, 12, 13)[1:] == [
+        (1, False, False),
+        (0, False, True),
+        (0, False, True),
+        (0, False, False),
+    ]
+
+
+def test_each_sender_is_counted_by_itself() -> None:
+    watch = Watch(0.0, None)
+    for seq in (1, 2, 3):
+        watch.heard("a", v2(seq), 0.0)
+        watch.heard("b", v2(100 + seq), 0.0)
+    assert watch.lost == 0
+    assert watch.heard("b", v2(107), 0.0).lost == 3
+    assert watch.heard("a", v2(4), 0.0).lost == 0
+
+
+def test_v1_and_garbage_have_no_number() -> None:
+    watch = Watch(0.0, None)
+    assert watch.heard("a", V1, 0.0).lost is None
+    assert watch.heard("a", v2(7), 0.0).lost == 0
+    assert "error" in watch.heard("a", b"\x1b[2J garbage", 0.0).fields
+    assert watch.heard("a", v2(8), 0.0).lost == 0
+
+
+@given(st.sets(st.integers(1, 60), min_size=1))
+def test_what_did_not_come_is_lost(arrived: set[int]) -> None:
+    watch = Watch(0.0, None)
+    for seq in sorted(arrived):
+        watch.heard("a", v2(seq), 0.0)
+    assert watch.lost == max(arrived) - min(arrived) + 1 - len(arrived)
+
+
+def test_silence_is_told_once_and_when_it_ends() -> None:
+    watch = Watch(10.0, 1.5)
+    assert watch.silences(11.4) == []
+    (nobody,) = watch.silences(11.5)
+    assert nobody.sender is None and watch.silences(13.0) == []
+    watch.heard("a", v2(1), 20.0)
+    watch.heard("b", v2(1), 21.0)
+    assert [(one.sender, one.seconds) for one in watch.silences(22.0)] == [("a", 2.0)]
+    assert [one.sender for one in watch.silences(23.0)] == ["b"]
+    assert watch.silences(99.0) == []
+    again = watch.heard("a", v2(2), 100.0)
+    assert again.after_s == 80.0 and "after 80.0 s of silence" in as_words(again)
+    assert watch.heard("a", v2(3), 100.1).after_s is None
+    assert [one.sender for one in watch.silences(101.6)] == ["a"]
+
+
+def test_without_a_time_out_silence_is_not_told() -> None:
+    watch = Watch(0.0, None)
+    watch.heard("a", v2(1), 1.0)
+    assert watch.silences(1e6) == []
+
+
+def test_many_senders_fill_no_memory() -> None:
+    watch = Watch(0.0, 1.0)
+    for number in range(MOST_SENDERS + 10):
+        watch.heard(f"s{number}", v2(1), float(number) / 1000)
+    silent = [one.sender for one in watch.silences(1e3)]
+    assert len(silent) == MOST_SENDERS and silent[0] == "s10"
+
+
+@given(st.text(max_size=40), st.text(max_size=20))
+def test_no_sender_moves_the_cursor(health: str, model: str) -> None:
+    verdict = Verdict(0, 0, 0, None, 0.0, None, "texture", model, health)
+    heard = Watch(0.0, None).heard("a", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0)
+    assert as_words(heard).isprintable()
+    assert json.loads(as_json(heard))["health"] == health
+
+
+def test_a_line_says_what_was_odd() -> None:
+    watch = Watch(0.0, None)
+    unknown = unknown_verdict(Fault(Reason.DARK, "left: too dark"))
+    first = watch.heard("1.2.3.4:5", encode_v2(Report(1, 1, None, 2.0, unknown, 3.0)), 0.0)
+    assert as_words(first) == (
+        "1.2.3.4:5  v2  unknown  seq=1  method=none  latency_ms=2.0  health=left: too dark  "
+        "reason=dark  age_ms=3.0"
+    )
+    assert as_words(watch.heard("1.2.3.4:5", v2(5), 0.0)).endswith("[3 lost before it]")
+    assert as_words(watch.heard("1.2.3.4:5", v2(4), 0.0)).endswith("[overtaken: old]")
+    assert as_words(watch.heard("1.2.3.4:5", v2(1), 0.0)).endswith("[counts anew]")
+
+
+def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
+    heard: list[Heard] = []
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
+    ):
+
+        def ready() -> None:
+            for seq in (1, 2, 4):
+                one.sendto(v2(seq), ("127.0.0.1", closed_port))
+                two.sendto(v2(seq * 10), ("127.0.0.1", closed_port))
+
+        watch = Watch(SYSTEM_CLOCK.monotonic(), None)
+        events = listen(
+            "127.0.0.1", closed_port, watch, SYSTEM_CLOCK, lambda: len(heard) == 6, ready
+        )
+        for event in events:
+            assert isinstance(event, Heard)
+            heard.append(event)
+        mine = f"127.0.0.1:{one.getsockname()[1]}"
+    assert [one.lost for one in heard if one.sender == mine] == [0, 0, 1]
+    assert watch.lost == 1 + 9 + 19
+
+
+@pytest.fixture
+def listening(closed_port: int) -> Callable[..., subprocess.Popen[str]]:
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tokt", "listen", "--port", str(closed_port), *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stderr is not None
+        assert "listening" in process.stderr.readline()
+        return process
+
+    return start
+
+
+def test_the_command_tells_silence_and_loss(
+    listening: Callable[..., subprocess.Popen[str]], closed_port: int
+) -> None:
+    process = listening("--timeout", "0.3", "--json")
+    assert process.stdout is not None
+    nobody = json.loads(process.stdout.readline())
+    assert nobody["from"] is None and nobody["silent_s"] >= 0.3
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for seq in (1, 4):
+            sender.sendto(v2(seq), ("127.0.0.1", closed_port))
+        shown = [json.loads(process.stdout.readline()) for _ in range(3)]
+        port = sender.getsockname()[1]
+    assert [one.get("lost") for one in shown] == [0, 2, None]
+    assert shown[2]["silent_s"] >= 0.3 and shown[2]["from"] == f"127.0.0.1:{port}"
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert (process.returncode, out, err) == (0, "", "2 datagrams are missing\n")
