@@ -1,27 +1,77 @@
-"""The runtime's log: one JSON object a frame, on disk as soon as it is said."""
+"""Logs of JSON lines: on disk as soon as they are said, bounded in size, read over all files."""
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ..features.errors import ToktError
+from .log_rotation import MOST_KEPT, every_name, step
+
+MAX_MB = 100.0
+"""Size of a log file at which the next one is begun: some 7 hours at 10 frames a second."""
+KEEP = 20
+"""Older files kept: with `MAX_MB`, 2.1 GB, some 6 days at 10 frames a second."""
+
+_RETRY_BYTES = 1_000_000
+_TRIES = 100
+_LOST = {"lost_lines", "why"}
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """How large a log may become.
+
+    Parameters
+    ----------
+    max_mb : float
+        Megabytes (10^6 bytes) of one file; a line is never cut to fit.
+    keep : int
+        Older files beside the one that is written.
+
+    Raises
+    ------
+    ToktError
+        If the size is not positive, or `keep` is not 1 to 99.
+    """
+
+    max_mb: float = MAX_MB
+    keep: int = KEEP
+
+    def __post_init__(self) -> None:
+        if not 0 < self.max_mb < math.inf:
+            raise ToktError(f"a log file's size is a positive number of MB, not {self.max_mb}")
+        if not 1 <= self.keep <= MOST_KEPT:
+            raise ToktError(f"1 to {MOST_KEPT} older log files can be kept, not {self.keep}")
 
 
 class JsonLines:
     """A file of JSON lines that is added to, never rewritten: a log of an earlier dive stays.
 
+    A line that cannot be written is counted and does not stop the runtime. The first one that can
+    be again follows a line ``{"lost_lines": 12, "why": "No space left on device"}``.
+
     Parameters
     ----------
     path : Path
+        One process at a time writes it.
+    rotation : Rotation, optional
+        Without one the file grows without end.
 
     Attributes
     ----------
     failed : int
-        Lines that could not be written, such as on a full disk. A log that fails does not stop
-        the runtime.
+        Lines that could not be written, such as on a full disk.
     last_error : str
+        What went wrong last, lines lost or not.
 
     Raises
     ------
@@ -29,32 +79,85 @@ class JsonLines:
         If the file cannot be opened.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, rotation: Rotation | None = None) -> None:
         self.failed = 0
         self.last_error = ""
+        self._path = Path(path)
+        self._rotation = rotation
+        self._lost = 0
+        self._file: FileIO | None = None
+        self._size = 0
+        self._torn = False
+        self._rotate_at = math.inf
         try:
-            # Unbuffered: a line is the operating system's once `write` returns.
-            self._file = Path(path).open("ab", buffering=0)  # noqa: SIM115
-            self._torn = _ends_inside_a_line(Path(path))
+            self._open()
         except OSError as error:
             raise ToktError(f"log {path} cannot be written: {error.strerror or error}") from None
 
     def write(self, value: dict[str, Any]) -> None:
         """Add one line, or count why not."""
-        line = json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
-        if self._torn:
-            line = b"\n" + line
         try:
-            self._torn = self._file.write(line) != len(line)
+            line = json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
+        except (ValueError, TypeError, RecursionError) as error:
+            self._fail(f"not JSON: {error}")
+            return
+        try:
+            self._write(line)
         except OSError as error:
-            self.failed += 1
-            self.last_error = error.strerror or str(error)
-        else:
-            self.failed += self._torn
+            self._fail(error.strerror or str(error))
+            self.close()  # opened anew for the next line: the disk may have been taken out
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        if self._file is not None:
+            with contextlib.suppress(OSError):  # what it could not keep was told by `write`
+                self._file.close()
+        self._file = None
+
+    def _write(self, line: bytes) -> None:
+        file = self._file or self._open()
+        if self._rotation and self._size and self._size + len(line) > self._rotate_at:
+            file = self._rotate(self._rotation)
+        before = b"\n" if self._torn else b""
+        if self._lost:
+            lost = {"lost_lines": self._lost, "why": self.last_error}
+            before += json.dumps(lost, separators=(",", ":")).encode("ascii") + b"\n"
+        data = before + line
+        written = file.write(data) or 0
+        self._size += written
+        if written:
+            self._torn = data[written - 1 : written] != b"\n"
+        if written >= len(before):
+            self._lost = 0
+        if written < len(data):
+            self._fail("the disk took a part of the line only")
+
+    def _fail(self, why: str) -> None:
+        self.failed += 1
+        self._lost += 1
+        self.last_error = why
+
+    def _rotate(self, rotation: Rotation) -> FileIO:
+        """Begin the next file, or go on in this one if that cannot be."""
+        self.close()  # Windows renames no open file
+        fault = ""
+        try:
+            step(self._path, rotation.keep)
+        except OSError as error:
+            fault = f"the next file cannot be begun: {error.strerror or error}"
+        file = self._open()
+        if fault:
+            self.last_error = fault
+            self._rotate_at = self._size + _RETRY_BYTES
+        return file
+
+    def _open(self) -> FileIO:
+        # Unbuffered: a line is the operating system's once `write` returns.
+        self._file = file = self._path.open("ab", buffering=0)
+        self._size = os.fstat(file.fileno()).st_size
+        self._torn = _ends_inside_a_line(self._path)
+        self._rotate_at = 1e6 * self._rotation.max_mb if self._rotation else math.inf
+        return file
 
 
 def _ends_inside_a_line(path: Path) -> bool:
@@ -64,3 +167,104 @@ def _ends_inside_a_line(path: Path) -> bool:
     with path.open("rb") as handle:
         handle.seek(-1, 2)
         return handle.read(1) != b"\n"
+
+
+@dataclass(frozen=True)
+class LogGap:
+    """A place in a log where something is missing.
+
+    Parameters
+    ----------
+    file : Path
+    line : int
+        From 1.
+    words : str
+    """
+
+    file: Path
+    line: int
+    words: str
+
+    def __str__(self) -> str:
+        return f"{self.file} line {self.line}: {self.words}"
+
+
+def read_log(path: Path | str, gaps: list[LogGap] | None = None) -> Iterator[dict[str, Any]]:
+    """Every whole line of a log, over its older files, oldest first.
+
+    It may be written meanwhile: no line is left out or given twice as files step on. A last line
+    that is not whole yet is left out.
+
+    Parameters
+    ----------
+    path : Path
+        The newest file's name.
+    gaps : list of LogGap, optional
+        Gets the damaged lines, and the places where lines could not be written, as they are met.
+
+    Raises
+    ------
+    ToktError
+        If there is no such log, or it cannot be read.
+    """
+    path = Path(path)
+    with ExitStack() as opened:
+        try:
+            files = _open_together(path, opened)
+        except OSError as error:
+            raise ToktError(f"log {path} cannot be read: {error.strerror or error}") from None
+        if not files:
+            raise ToktError(f"log {path} does not exist")
+        for name, file in reversed(files):
+            for number, line in enumerate(file, 1):
+                value, fault = _parsed(line)
+                if value is not None:
+                    yield value
+                elif gaps is not None and (name != path or line.endswith(b"\n")):
+                    gaps.append(LogGap(name, number, fault))
+
+
+def _open_together(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]:
+    """The files, newest first, with no step to a next file while they were opened."""
+    for _ in range(_TRIES):
+        newest = _identity(path)
+        with ExitStack() as trial:
+            files = _open_all(path, trial)
+            if _identity(path) == newest:
+                opened.push(trial.pop_all())
+                return files
+    raise OSError("its files step on too fast")
+
+
+def _open_all(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]:
+    """The files, newest first; one met twice, as it was just renamed, is taken once."""
+    files: dict[tuple[int, int], tuple[Path, BinaryIO]] = {}
+    for name in every_name(path):
+        try:
+            file = opened.enter_context(name.open("rb"))
+        except FileNotFoundError:
+            continue
+        status = os.fstat(file.fileno())
+        files.setdefault((status.st_dev, status.st_ino), (name, file))
+    return list(files.values())
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _parsed(line: bytes) -> tuple[dict[str, Any] | None, str]:
+    """The line's object, or why there is none."""
+    try:
+        value = json.loads(line.decode("utf-8"))
+    except (ValueError, RecursionError):
+        return None, "damaged"
+    if not isinstance(value, dict):
+        return None, "not a JSON object"
+    if value.keys() == _LOST:
+        return None, f"lines that could not be written here: {value['lost_lines']} ({value['why']})"
+    return value, ""

@@ -1,0 +1,256 @@
+"""What Prometheus asks for: counters, histograms and states of a run.
+
+A scrape reads what the loop has counted without any lock that the loop could wait for, and asks
+each part for its own counters: nothing is counted twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import TYPE_CHECKING
+
+from ..features.errors import ToktError
+from .clock import Clock
+from .run_counts import BOUNDS_S, Histogram, RunCounts
+from .udp import Sender, parse_address
+
+if TYPE_CHECKING:
+    from prometheus_client.metrics_core import Metric
+
+    from .cameras.live_source import CameraSource
+    from .drift import DriftMonitor
+    from .recorder import Recorder
+    from .run_log import RunLog
+
+LOOPBACK = "127.0.0.1"
+_PREFIX = "tokt_"
+_CAMERA_COUNTS = {
+    "captured": "Captures delivered.",
+    "incomplete": "Captures without a usable picture.",
+    "left_out": "Exposures that never arrived.",
+    "unpaired": "Captures that the other camera has none to.",
+    "lost": "Times that the camera was lost.",
+}
+
+Values = float | Mapping[tuple[str, ...], float]
+"""One, or several by the values of the metric's labels."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What counts by itself.
+
+    Parameters
+    ----------
+    senders : mapping of str to Sender
+        By receiver.
+    log : RunLog or None
+    recorder : Recorder or None
+    cameras : CameraSource or None
+    drift : DriftMonitor or None
+    """
+
+    senders: Mapping[str, Sender] = field(default_factory=dict)
+    log: RunLog | None = None
+    recorder: Recorder | None = None
+    cameras: CameraSource | None = None
+    drift: DriftMonitor | None = None
+
+
+def parse_metrics(text: str) -> tuple[str, int]:
+    """Read ``PORT``, for this computer only, or ``HOST:PORT``.
+
+    Raises
+    ------
+    ToktError
+        If it is neither.
+    """
+    return parse_address(text if ":" in text else f"{LOOPBACK}:{text.strip()}")
+
+
+class Metrics:
+    """Serve a run's metrics.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+        0 takes any that is free.
+    counts : RunCounts
+        An observer of the run.
+    watched : Watched
+    clock : Clock
+
+    Attributes
+    ----------
+    port : int
+
+    Raises
+    ------
+    ToktError
+        If prometheus-client is not installed, or the address cannot be listened on.
+    """
+
+    def __init__(
+        self, host: str, port: int, counts: RunCounts, watched: Watched, clock: Clock
+    ) -> None:
+        from .metrics_server import MetricsServer  # Python's own server takes a while to import
+
+        try:
+            from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
+        except ModuleNotFoundError:
+            raise ToktError(
+                "metrics need the extra 'metrics': pip install 'tokt[metrics]'"
+            ) from None
+        registry = CollectorRegistry()
+        registry.register(RunCollector(counts, watched, clock))
+        ProcessCollector(registry=registry)
+        self._server = MetricsServer(host, port, make_wsgi_app(registry))
+        self.port = self._server.port
+
+    def close(self) -> None:
+        """Answer no more."""
+        self._server.close()
+
+
+class RunCollector:
+    """Turn counts into metrics when asked.
+
+    Parameters
+    ----------
+    counts : RunCounts
+    watched : Watched
+    clock : Clock
+    """
+
+    def __init__(self, counts: RunCounts, watched: Watched, clock: Clock) -> None:
+        self._counts = counts
+        self._watched = watched
+        self._clock = clock
+
+    def collect(self) -> Iterator[Metric]:
+        """All metrics, as they are now."""
+        yield from self._said()
+        yield from self._state()
+        yield from self._senders()
+        yield from self._log()
+        yield from self._recorder()
+        yield from self._cameras()
+        yield from self._drift()
+
+    def _said(self) -> Iterator[Metric]:
+        counts = self._counts
+        verdicts, silences = dict(counts.verdicts), _by_name(counts.silences)
+        yield _counter("verdicts", "Frames judged.", verdicts, "status", "reason")
+        yield _counter("heartbeats", "Unknown, said without a frame.", silences, "reason")
+        yield _counter("frames_missed", "Frames that were not judged.", counts.missed)
+        yield _counter("frames_left_out", "Those there was no time for.", counts.left_out)
+        words = "From when a frame was taken up to its verdict."
+        yield _histogram("verdict_latency_seconds", words, counts.latency)
+        words = "From a frame's arrival to its datagram."
+        yield _histogram("datagram_age_seconds", words, counts.age)
+        events = dict(counts.events)
+        yield _counter("events", "What happened besides frames.", _by_name(events), "event")
+        yield _counter("model_switches", "New models put to work.", events.get("model", 0))
+        words = "New models refused; the old one went on."
+        yield _counter("model_refusals", words, events.get("model_refused", 0))
+
+    def _state(self) -> Iterator[Metric]:
+        counts, now = self._counts, self._clock.monotonic()
+        model, newest = counts.model, counts.newest
+        if model is not None:
+            name, _, version = model.label.rpartition("/")
+            info: Values = {(name, version, model.sha256): 1.0}
+            yield _gauge("model_info", "The model that runs.", info, "name", "version", "sha256")
+        if newest is not None:
+            words = "What was said last: 1 obstacle, 0 clear, -1 unknown."
+            yield _gauge("status", words, newest.verdict.status)
+        words = "Since something was last said, or since the start."
+        yield _gauge("last_verdict_age_seconds", words, now - counts.said_s)
+        yield _gauge("up_seconds", "Since the start.", now - counts.started_s)
+        words = "The start, in seconds since 1970."
+        yield _gauge("start_time_seconds", words, counts.started_t)
+
+    def _senders(self) -> Iterator[Metric]:
+        senders = self._watched.senders.items()
+        sent = _by_name({name: sender.sent for name, sender in senders})
+        failed = _by_name({name: sender.failed for name, sender in senders})
+        yield _counter("datagrams_sent", "Datagrams the system took.", sent, "receiver")
+        yield _counter("datagrams_failed", "Datagrams it refused.", failed, "receiver")
+
+    def _log(self) -> Iterator[Metric]:
+        log = self._watched.log
+        if log is not None:
+            yield _counter("log_lines_failed", "Lines that could not be logged.", log.failed)
+
+    def _recorder(self) -> Iterator[Metric]:
+        recorder = self._watched.recorder
+        if recorder is None:
+            return
+        yield _counter("recorder_moments", "Moments opened.", recorder.moments)
+        yield _counter("recorder_frames", "Frames recorded.", recorder.frames)
+        yield _counter("recorder_frames_dropped", "Frames that could not be.", recorder.dropped)
+        yield _counter("recorder_bytes", "Bytes recorded.", recorder.written_bytes)
+        words = "Bytes removed to make room."
+        yield _counter("recorder_bytes_removed", words, recorder.removed_bytes)
+        yield _gauge("recorder_failing", "Frames are being left out.", bool(recorder.fault))
+
+    def _cameras(self) -> Iterator[Metric]:
+        if self._watched.cameras is None:
+            return
+        sides = list(zip(("left", "right"), self._watched.cameras.counts, strict=False))
+        for name, words in _CAMERA_COUNTS.items():
+            values = _by_name({side: getattr(counts, name) for side, counts in sides})
+            yield _counter(f"camera_{name}", words, values, "camera")
+        back = self._counts.events.get("camera_back", 0)
+        yield _counter("camera_reconnects", "Lost cameras that came back.", back)
+
+    def _drift(self) -> Iterator[Metric]:
+        drift = self._watched.drift
+        if drift is None:
+            return
+        state, distances = drift.state, _by_name(drift.distances)
+        yield _gauge("drift_known", "The model tells what it learnt from.", state.known)
+        yield _gauge("drift_out", "Drift was told and is not over.", state.out)
+        if state.distance is not None and state.limit is not None:
+            words = "Of the feature that is furthest out, from training."
+            yield _gauge("drift_distance", words, state.distance)
+            yield _gauge("drift_limit", "Distance at which it is out of range.", state.limit)
+        yield _gauge("drift_feature_distance", "By feature.", distances, "feature")
+
+
+def _by_name(values: Mapping[str, float]) -> dict[tuple[str, ...], float]:
+    return {(name,): value for name, value in dict(values).items()}
+
+
+def _items(values: Values) -> Iterable[tuple[tuple[str, ...], float]]:
+    return values.items() if isinstance(values, Mapping) else [((), float(values))]
+
+
+def _counter(name: str, words: str, values: Values, *labels: str) -> Metric:
+    from prometheus_client.core import CounterMetricFamily
+
+    metric = CounterMetricFamily(_PREFIX + name, words, labels=labels)
+    for key, value in _items(values):
+        metric.add_metric(key, value)
+    return metric
+
+
+def _gauge(name: str, words: str, values: Values, *labels: str) -> Metric:
+    from prometheus_client.core import GaugeMetricFamily
+
+    metric = GaugeMetricFamily(_PREFIX + name, words, labels=labels)
+    for key, value in _items(values):
+        metric.add_metric(key, value)
+    return metric
+
+
+def _histogram(name: str, words: str, histogram: Histogram) -> Metric:
+    from prometheus_client.core import HistogramMetricFamily
+
+    bounds = [*map(str, BOUNDS_S), "+Inf"]
+    counts = accumulate(list(histogram.counts))
+    buckets = [(bound, float(n)) for bound, n in zip(bounds, counts, strict=True)]
+    return HistogramMetricFamily(_PREFIX + name, words, buckets=buckets, sum_value=histogram.sum_s)

@@ -1,0 +1,258 @@
+"""A recording on disk: a mission folder that ``tokt label`` opens, and what was judged of it.
+
+::
+
+    DIR/<run>/Left/<run>_L_17.png      the picture that was judged, to the last bit
+              Right/<run>_R_17.png     where there was a right one
+              recording.jsonl          {"recording": 1, "run": ...}, then a line a frame, and events
+
+A frame's line is that of the log (`frame_line`), and ``judged``: how many frames the run had judged
+with it, so that consecutive numbers tell that none is left out between; ``moment``: which frames
+were kept together; ``files``: its pictures' names by side.
+
+Whatever happens to the process, each line's pictures are there and whole: pictures are written
+before their line, and removed after it. Pictures without a line are those of a frame that was cut
+off in between.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.atomic import write_bytes
+from ..features.errors import ToktError
+from .disk_budget import whole_blocks
+from .log import LogGap, read_log
+
+RECORDING_FORMAT = 1
+"""To change the format: raise this, keep reading the older ones, and prove it with a test."""
+
+FILE_NAME = "recording.jsonl"
+SIDES = {"left": ("Left", "L"), "right": ("Right", "R")}
+
+
+@dataclass(frozen=True)
+class RecordedFrame:
+    """One frame to be written.
+
+    Parameters
+    ----------
+    number : int
+        Each frame of a recording has its own.
+    moment : int
+        Rising; frames of one moment are removed together.
+    pictures : mapping of str to array of uint8
+        By side, ``"left"`` and ``"right"``, those that are there.
+    line : mapping
+        JSON.
+    """
+
+    number: int
+    moment: int
+    pictures: Mapping[str, NDArray[np.uint8]]
+    line: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """A frame as files.
+
+    Parameters
+    ----------
+    moment : int
+    files : mapping of str to bytes
+        PNGs by their names within the folder.
+    lines : bytes
+        The events before it and its own line.
+    told : int
+        How many events were told before these.
+    """
+
+    moment: int
+    files: Mapping[str, bytes]
+    lines: bytes
+    told: int
+
+    @property
+    def disk_bytes(self) -> int:
+        """What it takes of the disk at most: lines count twice, as they are written anew beside
+        the old ones when a moment is removed.
+        """
+        return sum(whole_blocks(len(data)) for data in self.files.values()) + 2 * len(self.lines)
+
+
+@dataclass(frozen=True)
+class _Kept:
+    moment: int
+    files: tuple[str, ...]
+    lines_bytes: int
+    told: int
+    disk_bytes: int
+
+
+class RecordingFolder:
+    """One run's recording, as it grows and as its oldest moments make room.
+
+    The folder appears with the first frame.
+
+    Parameters
+    ----------
+    folder : Path
+        ``DIR/<run>``.
+    run : str
+    """
+
+    def __init__(self, folder: Path, run: str) -> None:
+        self.folder = folder
+        self._file = folder / FILE_NAME
+        self._run = run
+        self._head = _json_line({"recording": RECORDING_FORMAT, "run": run})
+        self._events: list[bytes] = []
+        self._written_events = 0
+        self._kept: list[_Kept] = []
+        self._size = 0
+
+    @property
+    def lines_bytes(self) -> int:
+        """Size of the file of lines."""
+        return self._size
+
+    def tell(self, line: Mapping[str, Any]) -> None:
+        """Write an event's line before the next frame's."""
+        self._events.append(_json_line(line))
+
+    def encode(self, frame: RecordedFrame) -> Encoded:
+        """A frame as files, in memory.
+
+        Raises
+        ------
+        ValueError
+            If a picture cannot be a PNG.
+        """
+        self._look()
+        files = {}
+        for side, picture in frame.pictures.items():
+            folder, letter = SIDES[side]
+            files[f"{folder}/{self._run}_{letter}_{frame.number}.png"] = _png(picture)
+        names = {Path(name).parent.name.lower(): name for name in files}
+        line = _json_line({**frame.line, "moment": frame.moment, "files": names})
+        told = self._written_events
+        return Encoded(frame.moment, files, b"".join([*self._events[told:], line]), told)
+
+    def write(self, encoded: Encoded) -> None:
+        """Put a frame on disk, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            If the disk does not take it.
+        """
+        try:
+            for name, data in encoded.files.items():
+                write_bytes(self.folder / name, data)
+            self._append(encoded.lines)
+        except OSError:
+            self._unlink(encoded.files)
+            raise
+        self._written_events = len(self._events)
+        kept = (tuple(encoded.files), len(encoded.lines), encoded.told, encoded.disk_bytes)
+        self._kept.append(_Kept(encoded.moment, *kept))
+
+    def remove_oldest(self, wanted_bytes: float, moment: int) -> int:
+        """Remove the oldest moments before `moment` until so much is free; what became free.
+
+        Raises
+        ------
+        OSError
+            If the lines cannot be written anew. Then nothing is removed.
+        """
+        count = freed = 0
+        for index, kept in enumerate(self._kept):
+            begins = index == 0 or kept.moment != self._kept[index - 1].moment
+            if begins and (freed >= wanted_bytes or kept.moment >= moment):
+                break
+            count, freed = index + 1, freed + kept.disk_bytes
+        if count == 0:
+            return 0
+        gone, left = self._kept[:count], self._kept[count:]
+        tail = self._file.read_bytes()[self._size - sum(kept.lines_bytes for kept in left) :]
+        told = left[0].told if left else self._written_events
+        lines = b"".join([self._head, *self._events[:told], tail])
+        write_bytes(self._file, lines)
+        self._kept, self._size = left, len(lines)
+        for kept in gone:
+            self._unlink(kept.files)
+        return freed
+
+    def _look(self) -> None:
+        """Begin anew where somebody has taken the recording away: what is left is theirs."""
+        size = self._file.stat().st_size if self._file.exists() else 0
+        if size != self._size or size == 0:
+            self._kept, self._size, self._written_events = [], size, 0
+
+    def _append(self, lines: bytes) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        data = lines if self._size else self._head + lines
+        with self._file.open("ab", buffering=0) as file:
+            if file.write(data) != len(data):
+                # A full disk takes a part only, and lets go of it.
+                os.truncate(self._file, self._size)
+                raise OSError(f"{self._file}: no space left")
+        self._size += len(data)
+
+    def _unlink(self, names: Iterable[str]) -> None:
+        for name in names:
+            (self.folder / name).unlink(missing_ok=True)
+
+
+def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[dict[str, Any]]:
+    """The lines of a recording, frames' and events', in their order.
+
+    Parameters
+    ----------
+    folder : Path
+        ``DIR/<run>``.
+    gaps : list of LogGap, optional
+        Gets the damaged lines, as they are met.
+
+    Raises
+    ------
+    ToktError
+        If it holds no recording, or one of a newer format.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file():
+        raise ToktError(f"{folder} holds no recording (there is no {FILE_NAME} in it)")
+    lines = read_log(path, gaps)
+    version = next(lines, {}).get("recording")
+    if type(version) is not int or version < 1:
+        raise ToktError(f"{path} does not begin as a recording does")
+    if version > RECORDING_FORMAT:
+        raise ToktError(
+            f"{path} has format {version}, newer than this tokt reads ({RECORDING_FORMAT}); "
+            "update tokt"
+        )
+    yield from lines
+
+
+def _json_line(value: Mapping[str, Any]) -> bytes:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
+    try:
+        done, data = cv2.imencode(".png", picture)
+    except cv2.error as error:
+        raise ValueError(f"a picture of shape {picture.shape}: {error.err}") from None
+    if not done:
+        raise ValueError(f"a picture of shape {picture.shape} has no PNG")
+    return data.tobytes()

@@ -1,0 +1,133 @@
+"""What a run has come to so far: kept by the loop, looked at from other threads.
+
+No lock: one thread writes, and whoever reads takes whole values (a number, a copy of a list). Two
+values read one after the other may be one frame apart.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+
+from .clock import Clock
+from .observer import Event, Observer
+from .policy import Judgement
+from .report import Report
+from .run_start import MODEL, START, ModelName
+from .sources import MANY_MISSED, Frame
+from .verdict import CLEAR, OBSTACLE, UNKNOWN
+
+STATUS_WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
+
+BOUNDS_S = (
+    *(0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.075),
+    *(0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0),
+)
+"""Upper bounds of a histogram's buckets in seconds; a frame is stale at 0.5."""
+
+
+class Histogram:
+    """How often a duration was how long.
+
+    Attributes
+    ----------
+    counts : list of int
+        One for each of `BOUNDS_S`, and one for what is beyond.
+    sum_s : float
+    """
+
+    def __init__(self) -> None:
+        self.counts = [0] * (len(BOUNDS_S) + 1)
+        self.sum_s = 0.0
+
+    def add(self, seconds: float) -> None:
+        """Count one."""
+        self.counts[bisect_left(BOUNDS_S, seconds)] += 1
+        self.sum_s += seconds
+
+
+class RunCounts(Observer):
+    """Count frames, heartbeats and events.
+
+    Parameters
+    ----------
+    clock : Clock
+
+    Attributes
+    ----------
+    frames, heartbeats : int
+    verdicts : dict
+        Frames by (status, reason), in words.
+    silences : dict
+        Heartbeats by reason.
+    events : dict
+        Events by name.
+    missed : int
+        Frames that were not delivered, where it is known how many: overload's and the cameras'.
+    left_out : int
+        Those of them that the loop had no time for.
+    latency, age : Histogram
+        From when a frame was taken up to its verdict; from its arrival to its datagram.
+    newest : Report or None
+        The last thing said.
+    said_s, started_s : float
+        The clock's `monotonic` when that was, and at the start.
+    started_t : float
+        Seconds since 1970 (UTC) at the start.
+    model : ModelName or None
+    warnings : dict
+        What is wrong at present, in words, by its kind: a lost camera, drift.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.frames = self.heartbeats = self.missed = self.left_out = 0
+        self.verdicts: dict[tuple[str, ...], int] = {}
+        self.silences: dict[str, int] = {}
+        self.events: dict[str, int] = {}
+        self.latency, self.age = Histogram(), Histogram()
+        self.newest: Report | None = None
+        self.started_t = clock.time()
+        self.said_s = self.started_s = clock.monotonic()
+        self.model: ModelName | None = None
+        self.warnings: dict[str, str] = {}
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """Count a frame."""
+        self.frames += 1
+        verdict = report.verdict
+        key = (STATUS_WORDS[verdict.status], verdict.reason.value)
+        self.verdicts[key] = self.verdicts.get(key, 0) + 1
+        if frame.missed < MANY_MISSED:
+            self.missed += frame.missed
+        self.left_out += report.left_out
+        if report.latency_ms is not None:
+            self.latency.add(report.latency_ms / 1000)
+        if report.age_ms is not None:
+            self.age.add(report.age_ms / 1000)
+        self._said(report)
+
+    def heartbeat(self, report: Report) -> None:
+        """Count a heartbeat."""
+        self.heartbeats += 1
+        reason = report.verdict.reason.value
+        self.silences[reason] = self.silences.get(reason, 0) + 1
+        self._said(report)
+
+    def event(self, event: Event) -> None:
+        """Count an event, and note what it changes."""
+        self.events[event.name] = self.events.get(event.name, 0) + 1
+        if event.name in (START, MODEL):
+            model = event.fields.get("model") if event.name == START else event.fields
+            self.model = ModelName(model["label"], model["sha256"]) if model else None
+        side = f"camera {event.fields.get('camera', '')}"
+        if event.name == "camera_lost":
+            self.warnings[side] = event.words
+        elif event.name == "camera_back":
+            self.warnings.pop(side, None)
+        elif event.name == "drift":
+            self.warnings["drift"] = event.words
+        elif event.name == "drift_over":
+            self.warnings.pop("drift", None)
+
+    def _said(self, report: Report) -> None:
+        self.newest, self.said_s = report, self._clock.monotonic()

@@ -1,0 +1,92 @@
+"""The log of a run: a line for every frame and heartbeat, and the events in a file beside it."""
+
+from __future__ import annotations
+
+import uuid
+from datetime import UTC, datetime
+from pathlib import Path
+
+from .clock import Clock
+from .frame_line import event_line, frame_line, heartbeat_line, json_values
+from .log import JsonLines, Rotation
+from .observer import Event, Observer
+from .policy import Judgement
+from .report import Report
+from .sources import Frame
+
+
+def new_run_id(clock: Clock) -> str:
+    """A name for a run, such as ``run-20160420-101112-3fa2c1``: fit for a folder, and its own even
+    where the clock was set back.
+    """
+    moment = datetime.fromtimestamp(clock.time(), UTC)
+    return f"run-{moment:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:6]}"
+
+
+def events_path(log: Path) -> Path:
+    """The events' file of a log: ``run.jsonl`` has ``run.events.jsonl``."""
+    return log.with_name(f"{log.stem}.events{log.suffix}")
+
+
+class RunLog(Observer):
+    """Write down everything that is said.
+
+    Parameters
+    ----------
+    path : Path
+        Added to; its events go to `events_path`.
+    run : str
+        The run's id, in every line.
+    rotation : Rotation
+        Of either file.
+    values : bool
+        Whether frames' lines carry each patch's decision values, exact to the last bit: what
+        training and serving can be compared by.
+
+    Raises
+    ------
+    ToktError
+        If a file cannot be opened.
+    """
+
+    def __init__(
+        self, path: Path, run: str, rotation: Rotation | None = None, values: bool = False
+    ) -> None:
+        rotation = Rotation() if rotation is None else rotation
+        self._run = run
+        self._values = values
+        self._seq = 0
+        self._frames = JsonLines(path, rotation)
+        self._events = JsonLines(events_path(path), rotation)
+
+    @property
+    def failed(self) -> int:
+        """Lines that could not be written."""
+        return self._frames.failed + self._events.failed
+
+    @property
+    def last_error(self) -> str:
+        """What went wrong last."""
+        return self._frames.last_error or self._events.last_error
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """A frame's line."""
+        self._seq = report.seq
+        line = frame_line(self._run, frame, judgement, report)
+        if self._values:
+            line["decision_values"] = json_values(judgement.decision_values)
+        self._frames.write(line)
+
+    def heartbeat(self, report: Report) -> None:
+        """A heartbeat's line."""
+        self._seq = report.seq
+        self._frames.write(heartbeat_line(self._run, report))
+
+    def event(self, event: Event) -> None:
+        """An event's line."""
+        self._events.write(event_line(self._run, self._seq, event))
+
+    def close(self) -> None:
+        """Close both files."""
+        self._frames.close()
+        self._events.close()

@@ -1,0 +1,204 @@
+"""What people see of a run: one line on a terminal that tells how it goes, and events as lines.
+
+A thread of its own writes, straight to the file descriptor: a terminal that is held (Ctrl-S) or a
+pipe that nobody reads keeps this thread waiting, and neither the loop nor Python's own standard
+error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import threading
+from collections import deque
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, TextIO
+
+from .clock import Clock
+from .observer import Event, Observer
+from .reason import Reason
+from .run_counts import STATUS_WORDS, RunCounts
+from .verdict import CLEAR, OBSTACLE, UNKNOWN
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
+
+    from .recorder import Recorder
+
+PERIOD_S = 0.2
+"""Between two updates."""
+
+_RATE_OVER_S = 2.0
+_MOST_WAITING = 200
+_JOIN_S = 1.0
+_COLUMNS = 80
+_STYLES = {OBSTACLE: "bold red", CLEAR: "bold green", UNKNOWN: "bold yellow"}
+_ERASE = "\r\x1b[2K"
+
+
+class StatusLine(Observer):
+    """Show a run while it goes on.
+
+    Parameters
+    ----------
+    counts : RunCounts
+        An observer of the run, told before this one.
+    clock : Clock
+    stream : text file
+        Where a terminal may be; elsewhere only events are written.
+    recorder : Recorder, optional
+    """
+
+    def __init__(
+        self,
+        counts: RunCounts,
+        clock: Clock,
+        stream: TextIO | None = None,
+        recorder: Recorder | None = None,
+    ) -> None:
+        stream = sys.stderr if stream is None else stream
+        self._counts = counts
+        self._clock = clock
+        self._recorder = recorder
+        self._out = _Out(stream)
+        self._console = _console() if _has_cursor(stream) else None
+        self._lines: deque[str] = deque(maxlen=_MOST_WAITING)
+        self._seen: deque[tuple[float, int]] = deque()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._show, name="tokt status", daemon=True)
+        self._thread.start()
+
+    def event(self, event: Event) -> None:
+        """A line of its own."""
+        time = datetime.fromtimestamp(event.t, UTC).strftime("%H:%M:%S")
+        self._lines.append(_printable(f"{time}Z {event.words}"))
+
+    def close(self) -> None:
+        """Write what waits, take the line away, and write no more."""
+        self._closing.set()
+        self._thread.join(_JOIN_S)
+
+    def _show(self) -> None:
+        try:
+            while not self._closing.wait(PERIOD_S):
+                self._update()
+            self._update(last=True)
+        except OSError:
+            return  # the terminal is gone
+        finally:
+            self._out.close()
+
+    def _update(self, last: bool = False) -> None:
+        text = _ERASE if self._console is not None else ""
+        while self._lines:
+            text += self._lines.popleft() + "\n"
+        if self._console is not None and not last:
+            text += self.rendered(self._console, self._out.columns())
+        if text:
+            self._out.write(text)
+
+    def rendered(self, console: Console, columns: int) -> str:
+        """The line as a terminal takes it, cut to its width."""
+        console.width = max(1, columns - 1)
+        with console.capture() as captured:
+            console.print(self._text(), end="", no_wrap=True, overflow="crop", highlight=False)
+        return captured.get()
+
+    def _text(self) -> Text:
+        """What matters most first: a narrow terminal cuts the rest."""
+        from rich.text import Text
+
+        counts, now = self._counts, self._clock.monotonic()
+        newest = counts.newest
+        if newest is None:
+            return Text("waiting for the first frame")
+        verdict = newest.verdict
+        line = Text(STATUS_WORDS[verdict.status], _STYLES[verdict.status])
+        if verdict.distance_m is not None:
+            line.append(f" {verdict.distance_m:.1f} m")
+        if verdict.reason is not Reason.OK:
+            line.append(f" ({verdict.reason.value})")
+        for words in list(counts.warnings.values()):
+            line.append(f"  {words}", "yellow")
+        if newest.age_ms is not None:
+            line.append(f"  age {newest.age_ms + 1000 * (now - counts.said_s):.0f} ms")
+        if newest.latency_ms is not None:
+            line.append(f"  latency {newest.latency_ms:.0f} ms")
+        line.append(f"  {self._rate(now):.1f} fps  {self._tally()}")
+        line.append(f"  {'no model' if counts.model is None else counts.model.label}")
+        if self._recorder is not None:
+            fault = self._recorder.fault
+            words = f"NOT recording: {fault}" if fault else f"{self._recorder.frames} recorded"
+            line.append(f"  {words}", "yellow" if fault else "")
+        if verdict.reason is not Reason.OK:
+            line.append(f"  {verdict.health}")
+        line.plain = _printable(line.plain)
+        return line
+
+    def _tally(self) -> str:
+        counts = self._counts
+        by_status = dict.fromkeys(STATUS_WORDS.values(), 0)
+        for (status, _), n in dict(counts.verdicts).items():
+            by_status[status] += n
+        words = [f"{counts.frames} frames", f"{by_status['obstacle']} obstacle"]
+        words += [f"{by_status['unknown']} unknown"]
+        words += [f"{counts.missed} missed"] if counts.missed else []
+        words += [f"{counts.heartbeats} heartbeats"] if counts.heartbeats else []
+        return ", ".join(words)
+
+    def _rate(self, now: float) -> float:
+        """Frames a second over the last seconds."""
+        self._seen.append((now, self._counts.frames))
+        while len(self._seen) > 2 and now - self._seen[0][0] > _RATE_OVER_S:
+            self._seen.popleft()
+        (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
+        return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
+
+
+def _has_cursor(stream: TextIO) -> bool:
+    return stream.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(stderr=True, force_terminal=True)
+
+
+class _Out:
+    """A stream's file descriptor, its own so that nobody closes it under the thread; the stream
+    itself where it has none.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._descriptor: int | None = None
+        with contextlib.suppress(OSError):  # such as of a StringIO
+            self._descriptor = os.dup(stream.fileno())
+
+    def write(self, text: str) -> None:
+        if self._descriptor is None:
+            self._stream.write(text)
+            return
+        data = text.encode("utf-8")
+        while data:
+            data = data[os.write(self._descriptor, data) :]
+
+    def columns(self) -> int:
+        if self._descriptor is None:
+            return _COLUMNS
+        try:
+            return os.get_terminal_size(self._descriptor).columns or _COLUMNS
+        except OSError:
+            return _COLUMNS
+
+    def close(self) -> None:
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+
+
+def _printable(text: str) -> str:
+    """The same on one line; what came from elsewhere cannot move the cursor."""
+    return "".join(char if char.isprintable() else "?" for char in text)

@@ -1,0 +1,277 @@
+"""Logs of JSON lines: rotation, crashes, full disks, and reading them back."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.inference.log import JsonLines, LogGap, Rotation, read_log
+from tokt.inference.log_rotation import older_file
+
+SMALL = Rotation(max_mb=0.0001, keep=3)  # 100 bytes: some seven short lines
+
+
+def numbers(path: Path, gaps: list[LogGap] | None = None) -> list[int]:
+    return [line["n"] for line in read_log(path, gaps)]
+
+
+def write(path: Path, first: int, last: int, rotation: Rotation | None = SMALL) -> JsonLines:
+    log = JsonLines(path, rotation)
+    for n in range(first, last + 1):
+        log.write({"n": n})
+    log.close()
+    return log
+
+
+def test_files_step_on_and_the_oldest_goes(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    log = write(path, 100, 199)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        *("run.1.jsonl", "run.2.jsonl", "run.3.jsonl", "run.jsonl")
+    ]
+    assert all(p.stat().st_size <= 100 for p in tmp_path.iterdir())
+    found = numbers(path)
+    assert found == list(range(found[0], 200)) and len(found) > 30
+    assert log.failed == 0
+
+
+def test_a_line_longer_than_a_file_is_kept_whole(tmp_path: Path) -> None:
+    log = JsonLines(tmp_path / "run.jsonl", SMALL)
+    for n in range(3):
+        log.write({"n": n, "long": "x" * 300})
+    log.close()
+    assert numbers(tmp_path / "run.jsonl") == [0, 1, 2]
+
+
+def test_without_rotation_there_is_one_file(tmp_path: Path) -> None:
+    write(tmp_path / "run.jsonl", 0, 500, rotation=None)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.jsonl"]
+    assert numbers(tmp_path / "run.jsonl") == list(range(501))
+
+
+def test_files_of_others_with_similar_names_are_left_alone(tmp_path: Path) -> None:
+    for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl"):
+        (tmp_path / name).write_text('{"n": -1}\n')
+    write(tmp_path / "run.jsonl", 0, 100)
+    for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl"):
+        assert (tmp_path / name).read_text() == '{"n": -1}\n'
+    assert numbers(tmp_path / "run.jsonl")[0] == -1  # run.4.jsonl was kept by a larger --log-keep
+
+
+@pytest.mark.parametrize("renames", range(5))
+def test_a_step_that_dies_after_any_rename_loses_no_line(
+    renames: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, roomy = tmp_path / "run.jsonl", Rotation(SMALL.max_mb, keep=20)
+    write(path, 100, 130, roomy)  # 4 files
+    whole, done = Path.replace, 0
+
+    def replace(self: Path, target: Path) -> Path:
+        nonlocal done
+        if done == renames:
+            raise KeyboardInterrupt
+        done += 1
+        return whole(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    log, n = JsonLines(path, roomy), 131
+    try:
+        while n < 150:
+            log.write({"n": n})
+            n += 1
+    except KeyboardInterrupt:
+        pass
+    monkeypatch.undo()
+    assert done == renames and numbers(path) == list(range(100, n))
+    write(path, n, 180, roomy)
+    assert numbers(path) == list(range(100, 181))
+
+
+def test_a_step_that_cannot_be_goes_on_in_the_same_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.jsonl"
+
+    def refused(self: Path, target: Path) -> Path:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "replace", refused)
+    log = write(path, 100, 150)
+    monkeypatch.undo()
+    assert log.failed == 0 and "cannot be begun: Permission denied" in log.last_error
+    assert [p.name for p in tmp_path.iterdir()] == ["run.jsonl"]
+    assert numbers(path) == list(range(100, 151))
+
+
+_WRITER = """
+import sys
+from tokt.inference.log import JsonLines, Rotation
+log = JsonLines(sys.argv[1], Rotation(0.0002, 50))
+for n in range(int(sys.argv[2]), 10**9):
+    log.write({"n": n})
+"""
+
+
+def test_a_killed_process_loses_nothing_but_what_it_had_not_said(tmp_path: Path) -> None:
+    path, after = tmp_path / "run.jsonl", 100_000
+    rng = random.Random(5)
+    for _ in range(3):
+        process = subprocess.Popen([sys.executable, "-c", _WRITER, str(path), str(after)])
+        while not older_file(path, 50).exists():
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0, 0.05))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        gaps: list[LogGap] = []
+        found = numbers(path, gaps)
+        assert found == list(range(found[0], found[-1] + 1)) and gaps == []
+        after = found[-1] + 1
+        for n in range(51):
+            (path if n == 0 else older_file(path, n)).unlink(missing_ok=True)
+
+
+def test_a_log_that_is_written_meanwhile_is_read_without_a_gap(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    log = JsonLines(path, Rotation(0.01, 8))
+    log.write({"n": 0})
+    stop = threading.Event()
+
+    def go_on() -> None:
+        n = 0
+        while not stop.is_set():
+            n += 1
+            log.write({"n": n})
+
+    thread = threading.Thread(target=go_on)
+    thread.start()
+    try:
+        for _ in range(10):
+            found = numbers(path)
+            assert found == list(range(found[0], found[0] + len(found)))
+    finally:
+        stop.set()
+        thread.join()
+        log.close()
+
+
+def test_damaged_lines_are_told_and_a_torn_end_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    older_file(path, 1).write_bytes(b'{"n":1}\n{"n":\n[]\n{"n":2}')
+    path.write_bytes(b'{"n":3}\n\xff\xfe\n{"n":4}\n{"n":')
+    gaps: list[LogGap] = []
+    assert numbers(path, gaps) == [1, 2, 3, 4]
+    assert [(gap.file.name, gap.line, gap.words) for gap in gaps] == [
+        ("run.1.jsonl", 2, "damaged"),
+        ("run.1.jsonl", 3, "not a JSON object"),
+        ("run.jsonl", 2, "damaged"),
+    ]
+    assert str(gaps[2]) == f"{path} line 2: damaged"
+
+
+def test_a_log_is_added_to_after_a_torn_line(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    path.write_bytes(b'{"n":1}\n{"n')
+    write(path, 2, 3, None)
+    assert path.read_bytes() == b'{"n":1}\n{"n\n{"n":2}\n{"n":3}\n'
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.binary(max_size=12), max_size=6), st.integers(0, 40))
+def test_whatever_is_in_the_file_reading_goes_on(parts: list[bytes], cut: int) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "run.jsonl"
+        path.write_bytes(b"\n".join([*parts, b""])[:cut] + b'\n{"n":1}\n')
+        assert list(read_log(path))[-1:] == [{"n": 1}]
+
+
+_FULL = """
+import json, resource, sys
+from tokt.inference.log import JsonLines
+log = JsonLines(sys.argv[1])
+unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+resource.setrlimit(resource.RLIMIT_FSIZE, (105, unlimited[1]))  # the disk is full at 105 bytes
+for n in range(10, 30):
+    log.write({"n": n})
+failed = log.failed
+resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+for n in range(30, 35):
+    log.write({"n": n})
+print(json.dumps([failed, log.failed, log.last_error]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
+def test_a_disk_that_was_full_is_written_again_and_says_what_is_missing(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    done = subprocess.run(
+        [sys.executable, "-c", _FULL, str(path)], capture_output=True, text=True, check=True
+    )
+    failed, failed_later, _ = json.loads(done.stdout)
+    gaps: list[LogGap] = []
+    found = numbers(path, gaps)
+    kept = 105 // len(b'{"n":10}\n')
+    assert found == [*range(10, 10 + kept), *range(30, 35)]
+    assert failed == failed_later == 20 - kept
+    torn, lost = gaps
+    assert torn.words == "damaged"
+    assert lost.words.startswith(f"lines that could not be written here: {failed} (")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
+def test_a_full_disk_is_counted() -> None:
+    log = JsonLines("/dev/full")
+    for n in range(3):
+        log.write({"n": n})
+    assert (log.failed, log.last_error) == (3, "No space left on device")
+
+
+@pytest.mark.parametrize("value", [{"n": float("nan")}, {"n": {1, 2}}])
+def test_what_is_no_json_is_counted_and_no_error(value: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    log = JsonLines(path)
+    log.write(value)
+    log.write({"n": 1})
+    log.close()
+    gaps: list[LogGap] = []
+    assert numbers(path, gaps) == [1] and log.failed == 1
+    assert gaps[0].words.startswith("lines that could not be written here: 1 (not JSON")
+
+
+def test_a_folder_that_went_and_came_back_is_written_again(tmp_path: Path) -> None:
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    log = JsonLines(folder / "run.jsonl", SMALL)
+    for n in range(100, 110):
+        log.write({"n": n})
+    folder.rename(tmp_path / "away")
+    for n in range(110, 130):
+        log.write({"n": n})
+    (tmp_path / "away").rename(folder)
+    for n in range(130, 135):
+        log.write({"n": n})
+    log.close()
+    found = numbers(folder / "run.jsonl")
+    assert found[-5:] == list(range(130, 135)) and log.failed > 0
+    assert len(found) + log.failed == 35
+
+
+def test_what_a_user_can_get_wrong(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match=r"log .* cannot be written"):
+        JsonLines(tmp_path / "none" / "log.jsonl")
+    with pytest.raises(ToktError, match="does not exist"):
+        list(read_log(tmp_path / "none.jsonl"))
+    for rotation in ({"max_mb": 0}, {"max_mb": float("nan")}, {"keep": 0}, {"keep": 100}):
+        with pytest.raises(ToktError):
+            Rotation(**rotation)

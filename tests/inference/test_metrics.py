@@ -1,0 +1,222 @@
+"""Metrics over real HTTP, read by Prometheus's own parser."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.detector import GridDetector
+from tokt.inference.metrics import Metrics, Watched, parse_metrics
+from tokt.inference.observer import Event
+from tokt.inference.policy import Judgement, SinglePolicy
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import Report
+from tokt.inference.run_counts import RunCounts
+from tokt.inference.run_log import RunLog
+from tokt.inference.runtime import Runtime
+from tokt.inference.sources import MANY_MISSED, Frame, open_source
+from tokt.inference.udp import UdpSender
+from tokt.inference.verdict import Verdict, unknown_verdict
+
+pytest.importorskip("prometheus_client")
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., Metrics]]:
+    """Metrics on a free port."""
+    opened: list[Metrics] = []
+
+    def start(counts: RunCounts, clock: Any, **watched: Any) -> Metrics:
+        opened.append(Metrics("127.0.0.1", 0, counts, Watched(**watched), clock))
+        return opened[-1]
+
+    yield start
+    for metrics in opened:
+        metrics.close()
+
+
+def scrape(metrics: Metrics) -> dict[tuple[str, ...], float]:
+    """Every sample: (name, values of labels in the order of their names) -> value."""
+    from prometheus_client.parser import text_string_to_metric_families
+
+    with urllib.request.urlopen(f"http://127.0.0.1:{metrics.port}/metrics", timeout=5) as answer:
+        text = answer.read().decode()
+    return {
+        (sample.name, *(value for _, value in sorted(sample.labels.items()))): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+def report(seq: int, verdict: Verdict, latency_ms: float | None = 12.0, **more: Any) -> Report:
+    number = None if latency_ms is None else seq
+    return Report(seq, number, 1.0, latency_ms, verdict, **more)
+
+
+OBSTACLE = Verdict(1, 3, 4, None, 9.0, None, "texture", "reef/7")
+DARK = unknown_verdict(Fault(Reason.DARK, "too dark"))
+SILENT = unknown_verdict(Fault(Reason.STALE, "no frame"))
+
+
+def test_a_run_s_numbers_are_all_there(
+    make_mission: Callable[..., Path],
+    noise_scorer: Any,
+    receiver: Any,
+    closed_port: int,
+    serve: Callable[..., Metrics],
+    tmp_path: Path,
+) -> None:
+    senders = {
+        "here": UdpSender(*receiver.getsockname(), 2),
+        "refused": UdpSender("255.255.255.255", closed_port, 2),  # without leave to broadcast
+    }
+    log = RunLog(tmp_path / "log.jsonl", "run-x")
+    counts = RunCounts(SYSTEM_CLOCK)
+    metrics = serve(counts, SYSTEM_CLOCK, senders=senders, log=log)
+    before = scrape(metrics)
+    assert ("tokt_status",) not in before and before["tokt_verdict_latency_seconds_count",] == 0
+    folder = make_mission([[], [(4, 4)], [(1, 1)], []])
+    (folder / "Left" / "t_L_4.jpg").write_bytes(b"no picture")
+    source = open_source(str(folder), SYSTEM_CLOCK)
+    policy = SinglePolicy(GridDetector(noise_scorer))
+    Runtime(source, policy, list(senders.values()), SYSTEM_CLOCK, [log, counts]).run()
+    found = scrape(metrics)
+    assert found["tokt_verdicts_total", "ok", "obstacle"] == 2
+    assert found["tokt_verdicts_total", "ok", "clear"] == 1
+    assert found["tokt_verdicts_total", "unreadable", "unknown"] == 1
+    assert found["tokt_status",] == -1
+    assert found["tokt_datagrams_sent_total", "here"] == 4
+    assert found["tokt_datagrams_failed_total", "refused"] == 4
+    assert found["tokt_datagrams_sent_total", "refused"] == 0
+    assert found["tokt_log_lines_failed_total",] == 0
+    for name in ("verdict_latency", "datagram_age"):
+        assert found[f"tokt_{name}_seconds_count",] == 4
+        assert found[f"tokt_{name}_seconds_bucket", "+Inf"] == 4
+        assert 0 < found[f"tokt_{name}_seconds_sum",] < 5
+    assert 0 <= found["tokt_last_verdict_age_seconds",] <= found["tokt_up_seconds",]
+    assert abs(found["tokt_start_time_seconds",] - time.time()) < 60
+    if sys.platform == "linux":
+        assert found["process_resident_memory_bytes",] > 1e6
+    log.close()
+    for sender in senders.values():
+        sender.close()
+
+
+def test_counters_by_reason_and_histograms_are_exact(
+    hand_clock: Any, serve: Callable[..., Metrics]
+) -> None:
+    counts = RunCounts(hand_clock)
+    metrics = serve(counts, hand_clock)
+    frame = Frame(1, 1.0, None, None, missed=3)
+    for latency_ms, verdict in ((1.0, OBSTACLE), (40.0, OBSTACLE), (9000.0, DARK)):
+        said = report(1, verdict, latency_ms, age_ms=latency_ms + 10, left_out=2)
+        counts.judged(frame, Judgement(verdict), said)
+    gap = Frame(2, 1.0, None, None, missed=MANY_MISSED)
+    counts.judged(gap, Judgement(DARK), report(4, DARK, 60.0))
+    counts.heartbeat(report(5, SILENT, None))
+    hand_clock.now += 2.5
+    found = scrape(metrics)
+    buckets = {
+        key[1]: n for key, n in found.items() if key[0] == "tokt_verdict_latency_seconds_bucket"
+    }
+    assert [buckets[le] for le in ("0.001", "0.03", "0.05", "0.075", "5.0", "+Inf")] == [
+        *(1, 1, 2, 3, 3, 4)
+    ]
+    assert found["tokt_verdict_latency_seconds_sum",] == pytest.approx(9.101)
+    assert found["tokt_datagram_age_seconds_count",] == 3
+    assert found["tokt_verdicts_total", "dark", "unknown"] == 2
+    assert found["tokt_heartbeats_total", "stale"] == 1
+    # A gap that nobody can count is not made up.
+    assert (found["tokt_frames_missed_total",], found["tokt_frames_left_out_total",]) == (9, 6)
+    assert found["tokt_last_verdict_age_seconds",] == found["tokt_up_seconds",] == 2.5
+
+
+def test_the_model_and_what_becomes_of_it(hand_clock: Any, serve: Callable[..., Metrics]) -> None:
+    counts = RunCounts(hand_clock)
+    metrics = serve(counts, hand_clock)
+    model = {"label": "reef/7", "sha256": "ab" * 32}
+    counts.event(Event(0.0, "start", "", {"model": model}))
+    assert scrape(metrics)["tokt_model_info", "reef", "ab" * 32, "7"] == 1
+    counts.event(Event(0.0, "model", "", {"label": "a/b/8", "sha256": "cd" * 32}))
+    counts.event(Event(0.0, "model_refused", "damaged"))
+    found = scrape(metrics)
+    assert found["tokt_model_info", "a/b", "cd" * 32, "8"] == 1
+    assert ("tokt_model_info", "reef", "ab" * 32, "7") not in found
+    assert (found["tokt_model_switches_total",], found["tokt_model_refusals_total",]) == (1, 1)
+    assert found["tokt_events_total", "model_refused"] == 1
+    counts.event(Event(0.0, "start", "", {"model": None}))
+    assert not [key for key in scrape(metrics) if key[0] == "tokt_model_info"]
+
+
+def test_what_other_parts_count_is_asked_of_them(
+    hand_clock: Any, serve: Callable[..., Metrics]
+) -> None:
+    from tokt.inference.cameras.live_source import CameraCounts
+    from tokt.inference.drift import DriftState
+
+    left, right = CameraCounts(incomplete=2), CameraCounts(captured=5, unpaired=4, lost=1)
+    state = DriftState(True, 60, 50, True, "lbp_3", 0.5, 0.25)
+    recorder = SimpleNamespace(
+        **{"moments": 2, "frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400},
+        fault="the disk is full",
+    )
+    metrics = serve(
+        RunCounts(hand_clock),
+        hand_clock,
+        cameras=SimpleNamespace(counts=[left, right]),
+        drift=SimpleNamespace(state=state, distances={"lbp_3": 0.5, "lbp_4": 0.1}),
+        recorder=recorder,
+    )
+    found = scrape(metrics)
+    assert found["tokt_camera_incomplete_total", "left"] == 2
+    assert found["tokt_camera_unpaired_total", "right"] == 4
+    assert found["tokt_camera_lost_total", "right"] == 1
+    assert found["tokt_camera_reconnects_total",] == 0
+    assert (found["tokt_drift_distance",], found["tokt_drift_limit",]) == (0.5, 0.25)
+    assert found["tokt_drift_feature_distance", "lbp_4"] == 0.1
+    assert (found["tokt_drift_known",], found["tokt_drift_out",]) == (1, 1)
+    assert (found["tokt_recorder_frames_total",], found["tokt_recorder_failing",]) == (30, 1)
+    assert found["tokt_recorder_bytes_removed_total",] == 400
+
+
+def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end(
+    hand_clock: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    metrics = Metrics("127.0.0.1", 0, RunCounts(hand_clock), Watched(), hand_clock)
+    with socket.create_connection(("127.0.0.1", metrics.port)) as rude:
+        rude.sendall(b"\x00\xff not HTTP\r\n\r\n")
+    assert scrape(metrics)["tokt_up_seconds",] == 0
+    with socket.create_connection(("127.0.0.1", metrics.port)):
+        began = time.monotonic()
+        metrics.close()
+        assert time.monotonic() - began < 5
+    with pytest.raises(OSError):
+        socket.create_connection(("127.0.0.1", metrics.port), timeout=1)
+    assert capfd.readouterr().err == ""
+
+
+def test_what_a_user_can_get_wrong(hand_clock: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert parse_metrics("9108") == ("127.0.0.1", 9108)
+    assert parse_metrics("0.0.0.0:9108") == ("0.0.0.0", 9108)
+    for text in ("", "0", "70000", "here", "::"):
+        with pytest.raises(ToktError, match="not an address"):
+            parse_metrics(text)
+    counts = RunCounts(hand_clock)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ToktError, match=rf"metrics cannot be served on 127.0.0.1:{port}"):
+            Metrics("127.0.0.1", port, counts, Watched(), hand_clock)
+    monkeypatch.setitem(sys.modules, "prometheus_client", None)
+    with pytest.raises(ToktError, match=r"pip install 'tokt\[metrics\]'"):
+        Metrics("127.0.0.1", 0, counts, Watched(), hand_clock)

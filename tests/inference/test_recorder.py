@@ -1,0 +1,436 @@
+"""Recording frames around detections: what is kept, where, and what can go wrong."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.features.mission import RIGHT, open_mission
+from tokt.inference.disk_budget import DiskLimits, whole_blocks
+from tokt.inference.moments import REST_S, Around
+from tokt.inference.observer import Event
+from tokt.inference.pixel_mark import pixel_mark
+from tokt.inference.policy import Judgement
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.recorder import Recorder
+from tokt.inference.recording import RECORDING_FORMAT, RecordingFolder, read_recording
+from tokt.inference.recording_writer import BEHIND, NO_ROOM, REPEATED, RESERVE
+from tokt.inference.report import Report
+from tokt.inference.sources import Frame
+from tokt.inference.verdict import Verdict
+
+OBSTACLE = Verdict(1, 3, 4, None, 9.0, 2.5, "texture", "reef/7")
+CLEAR = Verdict(0, 0, 0, None, 0.0, None, "texture", "reef/7")
+UNPAIRED = Fault(Reason.UNPAIRED, "no right frame of this moment")
+ROOMY = DiskLimits(100, 0)
+
+
+def noise(seed: int, colour: bool = False) -> NDArray[np.uint8]:
+    """A picture that does not compress: 10 kB, or 30 kB in colour."""
+    shape = (100, 100, 3) if colour else (100, 100)
+    return np.random.default_rng(seed).integers(0, 256, shape, np.uint8)
+
+
+class Sea:
+    """Frames one after the other, 8 a second, as a recorder is told of them."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.recorder = recorder
+        self.number = 0
+
+    def see(self, verdict: Verdict, times: int = 1, **more: Any) -> None:
+        for _ in range(times):
+            self.number += 1
+            now = self.number / 8
+            left = more.get("left", noise(self.number))
+            given: dict[str, Any] = {"right": None, "timed": True, "arrived": now, **more}
+            frame = Frame(number=self.number, t=1000 + now, **{**given, "left": left})
+            report = Report(self.number, frame.number, frame.t, 5.0, verdict, 6.0)
+            self.recorder.judged(frame, Judgement(verdict, texture_s=0.25), report)
+
+
+@pytest.fixture
+def sea(tmp_path: Path, hand_clock: Any) -> Callable[..., Sea]:
+    """A recorder into ``tmp_path / "rec"`` with frames to see."""
+
+    def start(
+        around: tuple[float, float] = (0.375, 0.25),
+        disk: DiskLimits = ROOMY,
+        run: str = "run-1",
+        **more: Any,
+    ) -> Sea:
+        folder = tmp_path / "rec"
+        return Sea(Recorder(folder, run, hand_clock, Around(*around), disk, **more))
+
+    return start
+
+
+def eventually(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def written(recorder: Recorder, frames: int) -> None:
+    """Wait until so many frames are on disk, or left out."""
+    eventually(lambda: recorder.frames + recorder.dropped >= frames)
+
+
+def frame_lines(folder: Path) -> list[dict[str, Any]]:
+    return [line for line in read_recording(folder) if "event" not in line]
+
+
+def size_of(folder: Path) -> int:
+    sizes = []
+    for path in folder.rglob("*"):
+        try:
+            sizes.append(whole_blocks(path.stat().st_size) if path.is_file() else 0)
+        except FileNotFoundError:  # renamed meanwhile
+            continue
+    return sum(sizes)
+
+
+def check_whole(folder: Path, bound_mb: float | None = None) -> list[int]:
+    """Each line's pictures are there, whole and those that were judged; the numbers."""
+    mission = open_mission(folder)
+    lines = frame_lines(folder)
+    for line in lines:
+        for side in ("left", "right"):
+            name = line["files"].get(side)
+            assert (name is None) == isinstance(line[side], dict)
+            if name is not None:
+                assert (folder / name).is_file()
+                assert pixel_mark(mission.read(line["frame"], side)) == line[side]
+    numbers = [line["frame"] for line in lines]
+    assert numbers == sorted(set(numbers))
+    if bound_mb is not None:
+        assert size_of(folder.parent) <= 1e6 * bound_mb
+    return numbers
+
+
+def test_frames_around_a_detection_are_a_mission(sea: Callable[..., Sea], tmp_path: Path) -> None:
+    told: list[Event] = []
+    at_sea = sea(tell=told.append)
+    at_sea.recorder.event(Event(1.0, "start", "it begins", {"policy": "texture"}))
+    at_sea.see(CLEAR, 8, right=noise(99))
+    at_sea.see(OBSTACLE, 2, right=noise(99, colour=True), left=noise(98, colour=True))
+    at_sea.see(CLEAR, 10, right=noise(99))
+    at_sea.recorder.close()
+    folder = tmp_path / "rec" / "run-1"
+    assert check_whole(folder) == [6, 7, 8, 9, 10, 11, 12]
+    mission = open_mission(folder)
+    assert mission.cameras == ("left", "right") and mission.name == "run-1"
+    assert mission.frames() == mission.frames(RIGHT) == [6, 7, 8, 9, 10, 11, 12]
+    assert np.array_equal(mission.read(7), noise(7))
+    assert np.array_equal(mission.read(9), noise(98, colour=True))
+    assert np.array_equal(mission.read(9, RIGHT), noise(99, colour=True))
+    head, *lines = (folder / "recording.jsonl").read_text().splitlines()
+    assert json.loads(head) == {"recording": RECORDING_FORMAT, "run": "run-1"}
+    event, *frames = read_recording(folder)
+    assert (event["event"], event["policy"], event["seq"]) == ("start", "texture", 0)
+    assert len(frames) + 1 == len(lines)
+    ninth = frames[3]
+    assert ninth["files"] == {"left": "Left/run-1_L_9.png", "right": "Right/run-1_R_9.png"}
+    assert (ninth["status"], ninth["t"], ninth["texture_s"]) == (1, 1001.125, 0.25)
+    assert (ninth["seq"], ninth["judged"], ninth["moment"]) == (9, 9, 1)
+    assert [event.words for event in told] == ["recording frames around frame 9: obstacle"]
+    assert (at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.moments) == (7, 0, 1)
+
+
+def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(
+    sea: Callable[..., Sea], tmp_path: Path
+) -> None:
+    at_sea = sea()
+    at_sea.see(OBSTACLE, 2, right_fault=UNPAIRED)
+    torn = Fault(Reason.INCOMPLETE, "the left frame is torn")
+    at_sea.see(CLEAR, left=None, left_fault=torn, right_fault=UNPAIRED, missed=4)
+    at_sea.recorder.close()
+    folder = tmp_path / "rec" / "run-1"
+    assert check_whole(folder) == [1, 2, 3]
+    assert open_mission(folder).cameras == ("left",)
+    last = frame_lines(folder)[-1]
+    assert last["files"] == {} and last["missed"] == 4
+    assert last["left"] == {"reason": "incomplete", "words": str(torn)}
+
+
+def test_without_a_detection_there_is_no_folder(sea: Callable[..., Sea], tmp_path: Path) -> None:
+    at_sea = sea()
+    at_sea.recorder.event(Event(1.0, "start", "it begins"))
+    at_sea.see(CLEAR, 50)
+    at_sea.recorder.close()
+    assert [path.name for path in (tmp_path / "rec").iterdir()] == [".recording.lock"]
+
+
+def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(
+    sea: Callable[..., Sea], tmp_path: Path
+) -> None:
+    at_sea = sea(around=(0.5, 0))
+    at_sea.see(CLEAR, 2)
+    at_sea.recorder.event(Event(1.0, "model", "another", {"label": "reef/8"}))
+    at_sea.recorder.event(Event(1.0, "camera_lost", "not written here"))
+    at_sea.see(CLEAR, 2)
+    at_sea.see(OBSTACLE)
+    at_sea.recorder.close()
+    found = [line.get("event", line["seq"]) for line in read_recording(tmp_path / "rec" / "run-1")]
+    assert found == [1, 2, "model", 3, 4, 5]
+
+
+def test_drift_and_a_challenger_that_differs_open_moments(
+    sea: Callable[..., Sea], tmp_path: Path
+) -> None:
+    at_sea = sea(around=(0.125, 0.125))
+    at_sea.see(CLEAR, 5)
+    at_sea.recorder.event(Event(1.0, "drift", "out of range"))
+    at_sea.see(CLEAR, 5)
+    at_sea.recorder.event(Event(1.0, "shadow_differs", "it sees something"))
+    at_sea.see(CLEAR, 5)
+    at_sea.recorder.close()
+    assert check_whole(tmp_path / "rec" / "run-1") == [5, 6, 7, 10, 11, 12]
+
+
+def test_the_oldest_moments_of_the_run_make_room(sea: Callable[..., Sea], tmp_path: Path) -> None:
+    at_sea = sea(around=(0.125, 0.125), disk=DiskLimits(0.5, 0))
+    at_sea.recorder.event(Event(1.0, "start", "it begins"))
+    folder = tmp_path / "rec" / "run-1"
+    for moment in range(1, 26):
+        at_sea.see(CLEAR, 5)
+        at_sea.see(OBSTACLE, 2)
+        written(at_sea.recorder, 4 * moment - 1)
+        assert size_of(folder.parent) <= 5e5
+    at_sea.recorder.close()
+    numbers = check_whole(folder, bound_mb=0.5)
+    assert open_mission(folder).frames() == numbers
+    lines = frame_lines(folder)
+    moments = sorted({line["moment"] for line in lines})
+    # Whole moments have gone, and the newest are there.
+    assert moments == list(range(moments[0], 26)) and 1 < moments[0] < 22
+    assert len(numbers) == 4 * len(moments) - 1
+    assert next(iter(read_recording(folder)))["event"] == "start"
+    recorder = at_sea.recorder
+    assert recorder.dropped == 0 and recorder.fault == "" and recorder.removed_bytes > 0
+
+
+def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(
+    sea: Callable[..., Sea], tmp_path: Path
+) -> None:
+    at_sea = sea(disk=DiskLimits(0.2, 0))
+    at_sea.see(OBSTACLE, 40)
+    at_sea.recorder.close()
+    numbers = check_whole(tmp_path / "rec" / "run-1", bound_mb=0.2)
+    assert numbers == list(range(1, len(numbers) + 1)) and 5 < len(numbers) < 20
+    assert at_sea.recorder.dropped == 40 - len(numbers) and at_sea.recorder.fault == NO_ROOM
+
+
+def test_earlier_recordings_are_never_touched(
+    sea: Callable[..., Sea], tmp_path: Path, hand_clock: Any
+) -> None:
+    before = tmp_path / "rec" / "run-0" / "Left" / "run-0_L_1.png"
+    before.parent.mkdir(parents=True)
+    before.write_bytes(bytes(900_000))
+    told: list[Event] = []
+    at_sea = sea(disk=DiskLimits(0.9, 0), tell=told.append)
+    at_sea.see(OBSTACLE, 3)
+    written(at_sea.recorder, 3)
+    at_sea.see(CLEAR)
+    assert (at_sea.recorder.frames, at_sea.recorder.dropped) == (0, 3)
+    assert at_sea.recorder.fault == NO_ROOM and before.stat().st_size == 900_000
+    assert told[-1].fields == {"fault": NO_ROOM, "dropped": 3}
+    written(at_sea.recorder, 4)
+    before.unlink()  # somebody has copied it ashore
+    hand_clock.now += 2 * REST_S
+    at_sea.number += 100
+    at_sea.see(OBSTACLE, 3)
+    written(at_sea.recorder, 7)
+    at_sea.see(CLEAR)
+    at_sea.recorder.close()
+    assert at_sea.recorder.frames == 3 + 1 and at_sea.recorder.fault == ""
+    assert told[-1].words == "frames are recorded again"
+
+
+def test_the_disk_keeps_its_reserve(sea: Callable[..., Sea], tmp_path: Path) -> None:
+    at_sea = sea(disk=DiskLimits(100, reserve_mb=1e12))
+    at_sea.see(OBSTACLE, 3)
+    at_sea.recorder.close()
+    assert at_sea.recorder.dropped == 3 and at_sea.recorder.fault == RESERVE
+    assert not (tmp_path / "rec" / "run-1").exists()
+
+
+def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(
+    sea: Callable[..., Sea], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on, write = threading.Event(), RecordingFolder.write
+
+    def slow(self: RecordingFolder, encoded: Any) -> None:
+        go_on.wait()
+        write(self, encoded)
+
+    monkeypatch.setattr(RecordingFolder, "write", slow)
+    at_sea = sea(memory_mb=0.3)
+    recorder = at_sea.recorder
+    at_sea.see(CLEAR, 10)
+    for _ in range(100):
+        at_sea.see(OBSTACLE)
+        assert recorder._writer.held_bytes <= 3e5
+    assert recorder.frames == 0 and recorder.dropped > 50 and recorder.fault == BEHIND
+    go_on.set()
+    recorder.close()
+    numbers = check_whole(tmp_path / "rec" / "run-1")
+    assert len(numbers) == recorder.frames == 103 - recorder.dropped
+    # What came first is there, and the gap shows.
+    judged = [line["judged"] for line in frame_lines(tmp_path / "rec" / "run-1")]
+    assert judged == numbers == list(range(8, 8 + len(numbers)))
+
+
+def test_frames_before_a_detection_are_bounded_in_memory(
+    sea: Callable[..., Sea], tmp_path: Path
+) -> None:
+    at_sea = sea(around=(30, 0), memory_mb=0.1)
+    at_sea.see(CLEAR, 200)
+    assert at_sea.recorder._before_bytes <= 1e5
+    at_sea.see(OBSTACLE)
+    at_sea.recorder.close()
+    assert check_whole(tmp_path / "rec" / "run-1")[0] > 190
+
+
+def test_numbers_that_come_again_are_left_out(sea: Callable[..., Sea], tmp_path: Path) -> None:
+    at_sea = sea()
+    at_sea.see(OBSTACLE, 3)
+    written(at_sea.recorder, 3)
+    at_sea.number = 1
+    at_sea.see(OBSTACLE, 1)
+    written(at_sea.recorder, 4)
+    assert (at_sea.recorder.dropped, at_sea.recorder.fault) == (1, REPEATED)
+    at_sea.see(OBSTACLE, 2)
+    at_sea.recorder.close()
+    assert check_whole(tmp_path / "rec" / "run-1") == [1, 2, 3, 4]
+    assert at_sea.recorder.dropped == 2
+
+
+def test_a_recording_that_is_taken_away_begins_anew(
+    sea: Callable[..., Sea], tmp_path: Path
+) -> None:
+    at_sea = sea(around=(0, 0))
+    at_sea.recorder.event(Event(1.0, "start", "it begins"))
+    at_sea.see(OBSTACLE, 3)
+    written(at_sea.recorder, 3)
+    (tmp_path / "rec" / "run-1").rename(tmp_path / "ashore")
+    at_sea.see(OBSTACLE, 3)
+    at_sea.recorder.close()
+    assert check_whole(tmp_path / "rec" / "run-1") == [4, 5, 6]
+    (tmp_path / "ashore").rename(tmp_path / "rec" / "run-0")
+    assert check_whole(tmp_path / "rec" / "run-0") == [1, 2, 3]
+    for run in ("run-0", "run-1"):
+        assert next(iter(read_recording(tmp_path / "rec" / run)))["event"] == "start"
+
+
+def test_one_process_records_into_a_folder(
+    sea: Callable[..., Sea], tmp_path: Path, hand_clock: Any
+) -> None:
+    first = sea()
+    with pytest.raises(ToktError, match="another tokt"):
+        sea(run="run-2")
+    first.recorder.close()
+    sea(run="run-2").recorder.close()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ToktError, match="cannot record into"):
+        Recorder(tmp_path / "file", "run-1", hand_clock)
+    for limits in ((0, 0), (1, -1), (float("nan"), 0)):
+        with pytest.raises(ToktError):
+            DiskLimits(*limits)
+
+
+def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match="holds no recording"):
+        list(read_recording(tmp_path))
+    for text, words in (
+        ("", "does not begin"),
+        ('{"recording": true}\n', "does not begin"),
+        ('{"recording": 2, "run": "x"}\n', "newer than this tokt reads"),
+    ):
+        (tmp_path / "recording.jsonl").write_text(text)
+        with pytest.raises(ToktError, match=words):
+            list(read_recording(tmp_path))
+
+
+def test_a_recording_of_format_1_is_read(tmp_path: Path) -> None:
+    line = {"seq": 3, "status": 1, "frame": 9, "judged": 3, "moment": 1, "files": {}}
+    text = json.dumps({"recording": 1, "run": "run-1"}) + "\n" + json.dumps(line) + "\n"
+    (tmp_path / "recording.jsonl").write_text(text + '{"seq": 4, "fra')
+    assert list(read_recording(tmp_path)) == [line]
+
+
+_AT_SEA = """
+import resource, sys, time
+from pathlib import Path
+from tests.inference.test_recorder import CLEAR, OBSTACLE, Sea, noise, written
+from tokt.inference.disk_budget import DiskLimits
+from tokt.inference.moments import Around
+from tokt.inference.recorder import Recorder
+from tokt.inference.clock import SYSTEM_CLOCK
+folder, run, most_mb, frames = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4])
+at_sea = Sea(Recorder(folder, run, SYSTEM_CLOCK, Around(0.2, 0.2), DiskLimits(most_mb, 0)))
+"""
+_FOR_EVER = """
+for moment in range(frames):
+    at_sea.see(CLEAR, 6)
+    at_sea.see(OBSTACLE, 3, right=noise(1))
+    written(at_sea.recorder, 6 * moment)
+"""
+_FULL = """
+unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+at_sea.see(OBSTACLE, 5)
+written(at_sea.recorder, 5)
+resource.setrlimit(resource.RLIMIT_FSIZE, (6000, unlimited[1]))  # no picture fits the disk
+at_sea.see(OBSTACLE, 5)
+written(at_sea.recorder, 10)
+print(at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.fault, flush=True)
+resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+at_sea.see(OBSTACLE, 5)
+at_sea.recorder.close()
+print(at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.fault)
+"""
+
+
+def at_sea_process(program: str, *arguments: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", _AT_SEA + program, *map(str, arguments)]
+    root = Path(__file__).parents[2]
+    return subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
+def test_a_kill_at_any_moment_leaves_a_recording(tmp_path: Path) -> None:
+    rng = random.Random(3)
+    for run in ("run-1", "run-2"):
+        bound_mb = 0.35 * int(run[-1])
+        process = at_sea_process(_FOR_EVER, tmp_path, run, bound_mb, 10**6)
+        lines = tmp_path / run / "recording.jsonl"
+        eventually(lines.exists)
+        began = lines.stat().st_ino
+        eventually(lambda lines=lines, began=began: lines.stat().st_ino != began)  # made room once
+        time.sleep(rng.uniform(0, 0.2))
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        assert len(check_whole(tmp_path / run, bound_mb)) > 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
+def test_a_full_disk_is_counted_and_recording_goes_on_when_it_is_not(tmp_path: Path) -> None:
+    process = at_sea_process(_FULL, tmp_path, "run-1", 100, 0)
+    out, _ = process.communicate(timeout=60)
+    full, after = out.splitlines()
+    assert full == "5 5 File too large" and after == "10 5 "
+    assert check_whole(tmp_path / "run-1") == [*range(1, 6), *range(11, 16)]
+    assert not list((tmp_path / "run-1").rglob(".partial*"))

@@ -1,0 +1,231 @@
+"""The status line on a real terminal, and events where there is none."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rich.console import Console
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.observer import Event
+from tokt.inference.policy import Judgement
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import Report
+from tokt.inference.run_counts import RunCounts
+from tokt.inference.sources import Frame
+from tokt.inference.status_line import PERIOD_S, StatusLine
+from tokt.inference.verdict import Verdict, unknown_verdict
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pty")
+
+OBSTACLE = Verdict(1, 3, 4, None, 9.0, 2.34, "texture", "reef/7")
+CLEAR = Verdict(0, 0, 0, None, 0.0, None, "texture", "reef/7")
+DARK = unknown_verdict(Fault(Reason.DARK, "too dark: \x1b[2J\nmean 3"))
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], tuple[int, Any]]]:
+    """Open a terminal of so many columns: the end that shows, and the stream that is written to."""
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    opened: list[Any] = []
+
+    def start(columns: int) -> tuple[int, Any]:
+        import fcntl
+        import struct
+        import termios
+
+        shown, written = os.openpty()
+        fcntl.ioctl(written, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+        stream = os.fdopen(written, "w")
+        opened.extend((stream, os.fdopen(shown, "rb", buffering=0)))
+        os.set_blocking(shown, False)
+        return shown, stream
+
+    yield start
+    for file in opened:
+        file.close()
+
+
+def shown_text(shown: int) -> str:
+    data = b""
+    while True:
+        try:
+            data += os.read(shown, 65536)
+        except BlockingIOError:
+            return data.decode()
+
+
+def screen(text: str) -> list[str]:
+    """What stands on the terminal: lines, the last one that of the cursor."""
+    lines = [""]
+    for char in text.replace("\r\n", "\n").replace("\r\x1b[2K", "\f"):
+        if char == "\f":
+            lines[-1] = ""
+        elif char == "\n":
+            lines.append("")
+        else:
+            lines[-1] += char
+    return [without_colours(line) for line in lines]
+
+
+def without_colours(text: str) -> str:
+    parts = text.split("\x1b[")
+    return parts[0] + "".join(part.partition("m")[2] for part in parts[1:])
+
+
+def tell(counts: RunCounts, verdict: Verdict, seq: int = 1, **more: Any) -> None:
+    report = Report(seq, seq, 1.0, 8.4, verdict, **more)
+    counts.judged(Frame(seq, 1.0, None, None), Judgement(verdict), report)
+
+
+def text_of(counts: RunCounts, clock: Any, columns: int = 500, **more: Any) -> str:
+    """The line as it would be shown."""
+    read, write = os.pipe()
+    with os.fdopen(write, "w") as stream, os.fdopen(read):
+        line = StatusLine(counts, clock, stream, **more)
+        line.close()
+        console = Console(force_terminal=True, color_system=None)
+        return line.rendered(console, columns)
+
+
+def test_the_line_tells_what_matters(hand_clock: Any) -> None:
+    counts = RunCounts(hand_clock)
+    assert text_of(counts, hand_clock) == "waiting for the first frame"
+    counts.event(Event(0.0, "start", "", {"model": {"label": "reef/7", "sha256": "ab"}}))
+    tell(counts, CLEAR, age_ms=10.2)
+    tell(counts, OBSTACLE, age_ms=10.2)
+    hand_clock.now += 0.05
+    text = text_of(counts, hand_clock)
+    assert text == (
+        "obstacle 2.3 m  age 60 ms  latency 8 ms  0.0 fps  2 frames, 1 obstacle, 0 unknown  reef/7"
+    )
+    counts.heartbeat(Report(3, None, None, None, unknown_verdict(Fault(Reason.STALE, "no frame"))))
+    text = text_of(counts, hand_clock)
+    assert text.startswith("unknown (stale)  0.0 fps") and "1 heartbeats" in text
+    assert text.endswith("no frame")
+
+
+def test_warnings_stand_until_they_are_over(hand_clock: Any) -> None:
+    counts = RunCounts(hand_clock)
+    tell(counts, OBSTACLE)
+    recorder = SimpleNamespace(frames=12, fault="")
+    for name in ("left", "right"):
+        counts.event(Event(0.0, "camera_lost", f"the {name} camera is lost", {"camera": name}))
+    counts.event(Event(0.0, "drift", "drift: lbp_3"))
+    text = text_of(counts, hand_clock, recorder=recorder)
+    assert "left camera is lost" in text and "right camera is lost" in text
+    assert "drift: lbp_3" in text and "12 recorded" in text
+    counts.event(Event(0.0, "camera_back", "", {"camera": "left"}))
+    counts.event(Event(0.0, "drift_over", ""))
+    recorder.fault = "no space"
+    text = text_of(counts, hand_clock, recorder=recorder)
+    assert "left" not in text and "right camera is lost" in text and "drift" not in text
+    assert "NOT recording: no space" in text
+
+
+def test_it_fits_the_terminal_and_nothing_moves_the_cursor(hand_clock: Any) -> None:
+    counts = RunCounts(hand_clock)
+    tell(counts, DARK, age_ms=5.0)
+    whole = text_of(counts, hand_clock)
+    assert whole.isprintable() and "?[2J?mean 3" in whole
+    for columns in (1, 2, 20, 80):
+        cut = text_of(counts, hand_clock, columns)
+        assert whole.startswith(cut.rstrip()) and len(cut) <= max(1, columns - 1)
+
+
+def test_one_line_is_rewritten_and_events_stand_above_it(
+    terminal: Callable[[int], tuple[int, Any]],
+) -> None:
+    shown, stream = terminal(60)
+    counts = RunCounts(SYSTEM_CLOCK)
+    line = StatusLine(counts, SYSTEM_CLOCK, stream)
+    began = time.monotonic()
+    for seq in range(1, 400):
+        tell(counts, CLEAR if seq < 399 else OBSTACLE, seq, age_ms=1.0)
+        if seq == 200:
+            line.event(Event(3661.0, "model", "model reef/8 runs\x07"))
+        time.sleep(0.002)
+    time.sleep(2 * PERIOD_S)
+    text = shown_text(shown)
+    took = time.monotonic() - began
+    first, second = screen(text)
+    assert first == "01:01:01Z model reef/8 runs?"
+    assert second.startswith("obstacle 2.3 m  age ") and len(second) <= 59
+    assert 2 <= text.count("\x1b[2K") <= took / PERIOD_S + 1
+    assert "\x1b[1;31mobstacle" in text
+    line.close()
+    assert screen(text + shown_text(shown))[1:] == [""]
+
+
+def test_a_terminal_that_is_held_keeps_nobody_waiting(
+    terminal: Callable[[int], tuple[int, Any]],
+) -> None:
+    shown, stream = terminal(60)  # nobody reads its other end
+    counts = RunCounts(SYSTEM_CLOCK)
+    line = StatusLine(counts, SYSTEM_CLOCK, stream)
+    began = time.monotonic()
+    for _ in range(3000):
+        line.event(Event(0.0, "odd", "x" * 200))
+    time.sleep(PERIOD_S * 1.5)
+    line.event(Event(0.0, "odd", "one more"))
+    line.close()
+    assert time.monotonic() - began < 5
+    while True:  # let the thread go
+        with contextlib.suppress(BlockingIOError):
+            os.read(shown, 65536)
+        if not line._thread.is_alive():
+            return
+
+
+def test_elsewhere_only_events_are_lines() -> None:
+    read, write = os.pipe()
+    counts = RunCounts(SYSTEM_CLOCK)
+    with os.fdopen(write, "w") as stream:
+        line = StatusLine(counts, SYSTEM_CLOCK, stream)
+        tell(counts, OBSTACLE)
+        line.event(Event(0.0, "drift", "drift: lbp_3"))
+        time.sleep(PERIOD_S * 1.5)
+        line.event(Event(86399.0, "drift_over", "drift is over"))
+        line.close()
+    with os.fdopen(read) as lines:
+        assert lines.read() == "00:00:00Z drift: lbp_3\n23:59:59Z drift is over\n"
+
+
+def test_a_stream_that_is_no_file_gets_lines() -> None:
+    stream = io.StringIO()
+    line = StatusLine(RunCounts(SYSTEM_CLOCK), SYSTEM_CLOCK, stream)
+    line.event(Event(0.0, "start", "it begins"))
+    line.close()
+    assert stream.getvalue() == "00:00:00Z it begins\n"
+
+
+def test_a_dumb_terminal_gets_lines_too(
+    terminal: Callable[[int], tuple[int, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, stream = terminal(60)
+    monkeypatch.setenv("TERM", "dumb")
+    counts = RunCounts(SYSTEM_CLOCK)
+    tell(counts, replace(CLEAR, method="disparity"))
+    line = StatusLine(counts, SYSTEM_CLOCK, stream)
+    line.event(Event(0.0, "start", "it begins"))
+    line.close()
+    assert shown_text(shown) == "00:00:00Z it begins\r\n"
+
+
+def test_a_reader_that_has_gone_is_no_error(capfd: pytest.CaptureFixture[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as stream:
+        line = StatusLine(RunCounts(SYSTEM_CLOCK), SYSTEM_CLOCK, stream)
+        line.event(Event(0.0, "start", "it begins"))
+        line.close()
+    assert capfd.readouterr().err == ""

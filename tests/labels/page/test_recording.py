@@ -1,0 +1,107 @@
+"""From sea back to training: what the runtime recorded is labelled and becomes a dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from tokt.features.mission import RIGHT, open_mission
+from tokt.inference.assemble import build_policy
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.disk_budget import DiskLimits
+from tokt.inference.recorder import Recorder
+from tokt.inference.recording import read_recording
+from tokt.inference.runtime import Runtime
+from tokt.inference.sources import open_source
+from tokt.models.bundle import read_bundle
+
+OCEAN = [0, 1, 2, 90, 91, 92]  # patches
+
+
+def stereo_copy(mission: Path, to: Path) -> Path:
+    """The mission with a right camera, whose frames are those of the left one, brighter."""
+    (to / "Left").mkdir(parents=True)
+    (to / "Right").mkdir()
+    for path in (mission / "Left").iterdir():
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        (to / "Left" / path.name).write_bytes(path.read_bytes())
+        cv2.imwrite(str(to / "Right" / path.name.replace("_L_", "_R_")), cv2.add(picture, 5.0))
+    return to
+
+
+def record(mission: Path, bundle_file: Path, folder: Path) -> Path:
+    """Run a model over a mission as at sea, recording what it warns of."""
+    bundle = read_bundle(bundle_file)
+    recorder = Recorder(folder, "run-1", SYSTEM_CLOCK, disk=DiskLimits(100, 0))
+    source = open_source(str(mission), SYSTEM_CLOCK)
+    policy = build_policy("texture", lambda: bundle, None)
+    summary = Runtime(source, policy, [], SYSTEM_CLOCK, [recorder]).run()
+    recorder.close()
+    assert summary.obstacle > 5 and recorder.frames > 10 and recorder.dropped == 0
+    return folder / "run-1"
+
+
+def test_the_loop_from_sea_to_training_closes(
+    tiny: Any,
+    tiny_bundle: Path,
+    page_server: Callable[..., Any],
+    run_tokt: Callable[..., Any],
+    tmp_path: Path,
+) -> None:
+    sea = stereo_copy(tiny.path, tmp_path / "sea")
+    recording = record(sea, tiny_bundle, tmp_path / "rec")
+    lines = [line for line in read_recording(recording) if "event" not in line]
+    recorded, mission = open_mission(recording), open_mission(sea)
+    numbers = recorded.frames()
+    assert numbers == recorded.frames(RIGHT) == [line["frame"] for line in lines]
+    for number in numbers:  # to the last bit, so that what is labelled is what was judged
+        for camera in mission.cameras:
+            assert np.array_equal(recorded.read(number, camera), mission.read(number, camera))
+
+    workspace = tmp_path / ".tokt"
+    server = page_server(
+        *("--annotator", "anna", "--model", tiny_bundle), mission=recording, workspace=workspace
+    )
+    shown = server.get("/api/mission")
+    assert shown["mission"] == "run-1" and shown["cameras"]["left"]["count"] == len(numbers)
+    alarms = [line["frame"] for line in lines if line["status"] == 1][:4]
+    found = server.get(
+        *("/api/labels",), camera="left", frames=",".join(map(str, alarms)), who="anna", suggest=1
+    )
+    assert len(found["frames"]) == len(alarms)
+    painted = 0
+    for key, frame in enumerate(found["frames"]):
+        number, classes = frame["frame"], frame["suggestions"]["classes"]
+        warned = [cell for cell, name in enumerate(classes) if name == 1]
+        assert warned  # the model suggests where it warned at sea
+        server.paint(f"o-{key}", number, warned, "subsea_installation")
+        ocean = [cell for cell in OCEAN if cell not in warned]
+        server.paint(f"w-{key}", number, ocean, "ocean")
+        painted += len(warned) + len(ocean)
+    server.interrupt()
+
+    ran = run_tokt(
+        *("dataset", "build", "from-sea", "--mission", recording, "--block", 1, "--json"),
+        *("--workspace", workspace),
+    )
+    assert ran.code == 0, ran.err
+    dataset = json.loads(ran.out)
+    assert dataset["frames"] == len(alarms)
+    assert dataset["labels"].keys() == {"ocean", "subsea_installation"}
+    assert dataset["patches"] == painted
+
+
+def test_other_files_beside_the_frames_do_not_matter(
+    tiny: Any, tiny_bundle: Path, tmp_path: Path
+) -> None:
+    recording = record(tiny.path, tiny_bundle, tmp_path / "rec")
+    before = open_mission(recording).frames()
+    (recording / "recording.jsonl.copy").write_text("x")
+    (recording / "Left" / ".partial-0123-run-1_L_3.png").write_bytes(b"half")
+    (recording / "notes.png").write_bytes(b"")
+    assert open_mission(recording).frames() == before
+    assert open_mission(recording).cameras == ("left",)
