@@ -5,108 +5,63 @@
     store/
       versions/SHA256/bundle.tokt   every bundle ever deployed, never changed
       active                        JSON, replaced atomically: the newest history entry
+      active.copy                   the same entry, written just before it
       history.jsonl                 one line an activation, oldest first
+      keys.json                     whose signatures are asked for (`tokt.models.trusted_keys`)
+      last_good.tokt                what the runtime ran last (`tokt.models.last_good`)
       lock                          empty; the system locks it for the process that writes
 
 ``active`` is the truth. A line is added to the history after ``active`` has been replaced; if
 the process dies in between, the next reader finds the entry in ``active`` and the next writer
-adds the line. So whatever instant a command is interrupted at, the store loads.
+adds the line. So whatever instant a command is interrupted at, the store loads. ``active.copy``
+is looked at only by a runtime that finds ``active`` damaged: it is never older than ``active``.
 
 A file that is damaged (by a disk, by an editor) is never taken at its word: what it said is
-not guessed, and rolling back is refused. A deployment names a model itself, so it keeps the
+not guessed, and rolling back is refused. A command that names a model itself keeps the
 damaged file beside the new one, as ``active.damaged-TIME`` or ``history.damaged-TIME.jsonl``,
 and goes on with the lines that can be read.
+
+Reading writes nothing: the runtime needs no more than to read the folder.
 """
 
 from __future__ import annotations
 
-import getpass
 import hashlib
 import json
 import os
-import re
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
-from datetime import UTC, datetime
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ..features import atomic
 from ..features.errors import ToktError
-from ..features.file_lock import locked
-from .bundle import Bundle, bundle_from_bytes
+from .bundle import Bundle, bundle_file_bytes, bundle_from_bytes
+from .public_key import PublicKey
+from .store_history import (
+    Activation,
+    DamagedError,
+    Undo,
+    activation_from_bytes,
+    named_entry,
+    undo,
+)
+from .store_writing import account, alone, now, one_line, time_in_name
+from .trusted_keys import (
+    ACCEPT_UNSIGNED,
+    DISTRUST,
+    TRUST,
+    DamagedKeysError,
+    KeyEvent,
+    TrustedKeys,
+    trusted_keys_from_bytes,
+)
 
-FORMAT_VERSION = 1
-LOCK_WAIT_S = 10.0
-"""How long a command waits for another one that is writing; that one takes about a second."""
-
-_SHA256 = re.compile(r"[0-9a-f]{64}")
-
-
-@dataclass(frozen=True)
-class Activation:
-    """One entry of the history.
-
-    Parameters
-    ----------
-    number : int
-        1 for the first activation of this store, and so on.
-    action : {"deploy", "rollback"}
-    sha256 : str
-        Of the bundle file.
-    name, version : str
-        Of the model.
-    time : str
-        UTC, ISO 8601.
-    who : str
-        The account that ran the command.
-    reason : str
-        What the person gave as the reason; may be empty.
-    format_version : int
-    """
-
-    number: int
-    action: str
-    sha256: str
-    name: str
-    version: str
-    time: str
-    who: str
-    reason: str
-    format_version: int = FORMAT_VERSION
-
-    @property
-    def label(self) -> str:
-        """``name/version``."""
-        return f"{self.name}/{self.version}"
-
-
-class _DamagedError(ToktError):
-    """An entry that no tokt has written like this; half of one, perhaps."""
-
-
-def _activation(text: bytes, where: str) -> Activation:
-    damaged = f"{where} is damaged (the next deployment sets it aside)"
-    try:
-        value = json.loads(text)
-        version = value["format_version"]
-        if type(version) is int and version > FORMAT_VERSION:
-            raise ToktError(f"{where} was written by a newer tokt (format {version})")
-        entry = Activation(**value)
-    except (ValueError, TypeError, KeyError, RecursionError):
-        raise _DamagedError(damaged) from None
-    wrong = [
-        field for field in fields(Activation) if type(value[field.name]).__name__ != field.type
-    ]
-    if wrong or version < 1 or entry.number < 1 or not _SHA256.fullmatch(entry.sha256):
-        raise _DamagedError(damaged)
-    return entry
+Notice = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class _Reading:
+class Reading:
     """What the pointer and the history say, and what is wrong with them.
 
     `last_number` is the highest one that may have been given, by a damaged line as well.
@@ -124,35 +79,13 @@ class _Reading:
         return [*filter(None, [self.pointer_damage]), *self.history_damage]
 
 
-def _earlier(entries: list[Activation]) -> Activation | None:
-    """What was active before the newest deployment not yet undone, as far as that is known."""
-    undo: list[Activation] = []
-    number = 0
-    for entry in entries:
-        if entry.number != number + 1:
-            undo = []  # what was active in between is not known
-        number = entry.number
-        if entry.action == "rollback":
-            undo = undo[:-1] or [entry]
-        elif not undo or undo[-1].sha256 != entry.sha256:
-            undo.append(entry)
-    return undo[-2] if len(undo) > 1 else None
-
-
-def _account() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError, ImportError):
-        return "unknown"
-
-
 class Store:
     """A deploy store.
 
     Parameters
     ----------
     path : Path
-        Its folder; made by the first deployment.
+        Its folder; made by the first command that writes.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -163,10 +96,24 @@ class Store:
         return self.path / "active"
 
     @property
+    def _copy_file(self) -> Path:
+        return self.path / "active.copy"
+
+    @property
     def _history_file(self) -> Path:
         return self.path / "history.jsonl"
 
-    def _bundle_file(self, sha256: str) -> Path:
+    @property
+    def _keys_file(self) -> Path:
+        return self.path / "keys.json"
+
+    @property
+    def last_good_file(self) -> Path:
+        """The bundle the runtime ran last; see `tokt.models.last_good`."""
+        return self.path / "last_good.tokt"
+
+    def bundle_file(self, sha256: str) -> Path:
+        """Where a bundle is kept."""
         return self.path / "versions" / sha256 / "bundle.tokt"
 
     def active_entry(self) -> Activation | None:
@@ -177,13 +124,16 @@ class Store:
         ToktError
             If the pointer is damaged.
         """
+        return self._entry_in(self._active_file, "the active pointer")
+
+    def _entry_in(self, file: Path, what: str) -> Activation | None:
         try:
-            text = self._active_file.read_bytes()
+            text = file.read_bytes()
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise ToktError(f"store {self.path}: the active pointer: {error}") from None
-        return _activation(text, f"store {self.path}: the active pointer")
+            raise DamagedError(f"store {self.path}: {what}: {error}") from None
+        return activation_from_bytes(text, f"store {self.path}: {what}")
 
     def active(self) -> Bundle:
         """The active bundle, checked whole.
@@ -191,38 +141,83 @@ class Store:
         Raises
         ------
         ToktError
-            If the store is not there, holds no active model, or its bundle fails a check or
-            cannot judge frames.
+            If the store is not there, holds no active model, or its bundle fails a check, lacks
+            a signature that the store asks for, or cannot judge frames.
         """
-        self._check_folder()
+        self.check_folder()
         entry = self.active_entry()
         if entry is None:
             raise ToktError(f"store {self.path} has no active model; deploy one first")
-        bundle = self._load(entry.sha256)
-        self._check_fit(bundle)
+        return self.runnable(entry.sha256)
+
+    def runnable(self, sha256: str, *, golden: bool = True) -> Bundle:
+        """A `bundle` that can judge frames.
+
+        Raises
+        ------
+        ToktError
+            As `bundle`, or if it cannot judge frames.
+        """
+        bundle = self.bundle(sha256, golden=golden)
+        self.check_fit(bundle)
         return bundle
 
-    def _check_folder(self) -> None:
+    def bundle(self, sha256: str, *, golden: bool = True) -> Bundle:
+        """Any bundle that was ever deployed, its signature checked as well.
+
+        Parameters
+        ----------
+        sha256 : str
+            Of its file.
+        golden : bool
+            False leaves out recomputing the golden values; see `bundle_from_bytes` for when.
+
+        Raises
+        ------
+        ToktError
+            If it is not there, is another file, or fails a check.
+        """
+        path = self.bundle_file(sha256)
+        data = bundle_file_bytes(path)
+        if hashlib.sha256(data).hexdigest() != sha256:
+            raise ToktError(f"bundle {path}: the file is not the one that was deployed")
+        self.trusted_keys().check(data, f"bundle {path}")
+        return bundle_from_bytes(data, str(path), golden=golden)
+
+    def check_folder(self) -> None:
+        """Raise ToktError if the store is not there."""
         if not self.path.is_dir():
             what = "is not a folder" if self.path.exists() else "does not exist"
             raise ToktError(f"store {self.path} {what}")
 
-    def _check_fit(self, bundle: Bundle) -> None:
+    def check_fit(self, bundle: Bundle) -> None:
+        """Raise ToktError if the bundle's model cannot judge frames."""
         if bundle.deployment_fault:
             raise ToktError(
                 f"store {self.path}: model {bundle.label} cannot guard a vehicle: "
                 f"{bundle.deployment_fault}"
             )
 
-    def _load(self, sha256: str) -> Bundle:
-        path = self._bundle_file(sha256)
+    def trusted_keys(self) -> TrustedKeys:
+        """The keys whose signatures this store asks for.
+
+        Raises
+        ------
+        ToktError
+            If they cannot be known: the file is damaged, cannot be read or was written by a
+            newer tokt, or is gone although the active model was activated by its signature.
+        """
+        where = f"store {self.path}: its keys file {self._keys_file.name}"
         try:
-            data = path.read_bytes()
+            data = self._keys_file.read_bytes()
+        except FileNotFoundError:
+            entries = self.read().entries
+            if entries and entries[-1].signed_by:
+                raise DamagedKeysError(f"{where} is gone: the store takes no bundle") from None
+            return TrustedKeys()
         except OSError as error:
-            raise ToktError(f"bundle {path}: {error.strerror or error}") from None
-        if hashlib.sha256(data).hexdigest() != sha256:
-            raise ToktError(f"bundle {path}: the file is not the one that was deployed")
-        return bundle_from_bytes(data, str(path))
+            raise ToktError(f"{where}: {error.strerror or error}") from None
+        return trusted_keys_from_bytes(data, where)
 
     def history(self) -> list[Activation]:
         """Every activation, oldest first.
@@ -230,25 +225,26 @@ class Store:
         A line that a killed process left half-written at the end is passed over; a damaged line
         elsewhere, a damaged pointer, or anything of a newer tokt, raises ToktError.
         """
-        reading = self._read()
+        reading = self.read()
         if reading.damage:
             raise ToktError(reading.damage[0])
         return reading.entries
 
-    def _read(self) -> _Reading:
+    def read(self) -> Reading:
         """Both files, with whatever is damaged in them; ToktError if a newer tokt wrote them."""
         lines = self._history_bytes().splitlines()
         entries: list[Activation] = []
         damage: dict[int, str] = {}
         for number, line in enumerate(lines, 1):
+            where = f"store {self.path}: history line {number}"
             try:
-                entries.append(_activation(line, f"store {self.path}: history line {number}"))
-            except _DamagedError as error:
+                entries.append(activation_from_bytes(line, where))
+            except DamagedError as error:
                 damage[number] = str(error)
         active, pointer_damage = None, ""
         try:
             active = self.active_entry()
-        except _DamagedError as error:
+        except DamagedError as error:
             pointer_damage = str(error)
         if active is not None:
             # Half a line of a killed process: the pointer, written before it, has its entry.
@@ -256,7 +252,27 @@ class Store:
             if not entries or entries[-1].number < active.number:
                 entries.append(active)
         last_number = max([entry.number for entry in entries] + list(damage), default=0)
-        return _Reading(active, pointer_damage, entries, list(damage.values()), last_number)
+        return Reading(active, pointer_damage, entries, list(damage.values()), last_number)
+
+    def undo(self) -> Undo:
+        """What may be gone back to, for a runtime; a lost pointer is read from its copy.
+
+        Raises
+        ------
+        ToktError
+            If a newer tokt wrote to the store.
+        """
+        reading = self.read()
+        entries = list(reading.entries)
+        # Without a pointer and a history, the copy is of a first deployment that was killed.
+        if reading.pointer_damage or (reading.active is None and entries):
+            try:
+                copy = self._entry_in(self._copy_file, "the copy of the active pointer")
+            except DamagedError:
+                copy = None
+            if copy is not None and copy.number > reading.last_number:
+                entries.append(copy)
+        return undo(entries)
 
     def _history_bytes(self) -> bytes:
         try:
@@ -266,18 +282,8 @@ class Store:
         except OSError as error:
             raise ToktError(f"store {self.path}: the history: {error.strerror or error}") from None
 
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Be the one process that writes; what the system refuses becomes a ToktError."""
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            with locked(self.path / "lock", LOCK_WAIT_S):
-                yield
-        except OSError as error:
-            raise ToktError(f"store {self.path}: {error.strerror or error}") from None
-
     def deploy(
-        self, bundle: Bundle, reason: str = "", notice: Callable[[str], None] = warnings.warn
+        self, bundle: Bundle, reason: str = "", notice: Notice = warnings.warn
     ) -> Activation:
         """Keep a bundle and make it the active one.
 
@@ -292,104 +298,229 @@ class Store:
         Raises
         ------
         ToktError
-            If the bundle cannot judge frames, the store's folder cannot be written, a newer tokt
-            has written to it, or another process keeps writing to it.
+            If the bundle cannot judge frames or lacks a signature that the store asks for, the
+            store's folder cannot be written, a newer tokt has written to it, or another process
+            keeps writing to it.
         """
-        self._check_fit(bundle)
-        with self._alone():
-            reading = self._read()
-            target = self._bundle_file(bundle.sha256)
+        self.check_fit(bundle)
+        with alone(self.path):
+            reading = self.read()
+            signed_by = self.trusted_keys().check(bundle.data, f"model {bundle.label}")
+            target = self.bundle_file(bundle.sha256)
             # A file that was damaged since it was first deployed is made good.
             if not target.is_file() or target.read_bytes() != bundle.data:
                 atomic.write_bytes(target, bundle.data)
                 atomic.fsync_folder(target.parent.parent)
+                if target.read_bytes() != bundle.data:
+                    raise ToktError(f"bundle {target}: what was written there cannot be read back")
             self._set_aside(reading, notice)
-            return self._activate(bundle, "deploy", reason, reading)
+            return self._activate(bundle, "deploy", reason, reading, signed_by, notice)
 
-    def _set_aside(self, reading: _Reading, notice: Callable[[str], None]) -> None:
-        now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        names = {
-            self._active_file: f"active.damaged-{now}" if reading.pointer_damage else "",
-            self._history_file: f"history.damaged-{now}.jsonl" if reading.history_damage else "",
-        }
-        for file, name in names.items():
-            if name:
-                # A copy: until its successor is there, the damaged file goes on being refused.
-                atomic.write_bytes(self.path / name, file.read_bytes())
-                notice(f"store {self.path}: {file.name} was damaged; it is kept as {name}")
-
-    def rollback(self, reason: str = "") -> Activation:
-        """Go back to the model that was active before the newest deployment not yet undone.
+    def check_file(self, path: Path) -> None:
+        """Refuse a bundle file that lacks a signature the store asks for, and look no further.
 
         Raises
         ------
         ToktError
-            If the store is not there or damaged, there is no earlier model, or it no longer
-            passes its checks.
+            If it lacks one, or is not there.
         """
-        self._check_folder()
-        self._earlier_entry(self._read())  # refused without a trace, not even a lock file
-        with self._alone():
-            reading = self._read()
-            bundle = self._load(self._earlier_entry(reading).sha256)
-            self._check_fit(bundle)
-            return self._activate(bundle, "rollback", reason, reading)
+        if self.path.is_dir():
+            self.trusted_keys().check(bundle_file_bytes(path), f"bundle {path}")
 
-    def _earlier_entry(self, reading: _Reading) -> Activation:
+    def _set_aside(self, reading: Reading, notice: Notice) -> None:
+        if reading.pointer_damage:
+            self._keep(self._active_file, notice)
+        if reading.history_damage:
+            self._keep(self._history_file, notice)
+
+    def _keep(self, file: Path, notice: Notice) -> None:
+        """Keep a damaged file under another name.
+
+        A copy: until its successor is there, the damaged file goes on being refused.
+        """
+        name = f"{file.stem}.damaged-{time_in_name()}{file.suffix}"
+        atomic.write_bytes(self.path / name, file.read_bytes())
+        notice(f"store {self.path}: {file.name} was damaged; it is kept as {name}")
+
+    def rollback(
+        self, reason: str = "", to: str = "", notice: Notice = warnings.warn
+    ) -> Activation:
+        """Go back to an earlier model.
+
+        Parameters
+        ----------
+        reason : str
+            Kept in the history.
+        to : str
+            An entry's number, the first digits of a bundle's SHA-256, or ``name/version``. By
+            default what was active before the newest deployment not yet undone.
+        notice : callable
+            As for `deploy`.
+
+        Raises
+        ------
+        ToktError
+            If the store is not there, there is no such model, it is active already or no longer
+            passes its checks; and without `to`, if the store is damaged.
+        """
+        self.check_folder()
+        self._goal(self.read(), to)  # refused without a trace, not even a lock file
+        with alone(self.path):
+            reading = self.read()
+            goal = self._goal(reading, to)
+            bundle = self.runnable(goal.sha256)
+            signed_by = self.trusted_keys().check(bundle.data, f"model {bundle.label}")
+            self._set_aside(reading, notice)
+            return self._activate(bundle, "rollback", reason, reading, signed_by, notice)
+
+    def _goal(self, reading: Reading, to: str) -> Activation:
+        """The entry whose model is to be active again."""
+        if to:
+            try:
+                goal = named_entry(reading.entries, to)
+            except ToktError as error:
+                raise ToktError(f"store {self.path}: {error}") from None
+            if reading.active is not None and goal.sha256 == reading.active.sha256:
+                raise ToktError(f"store {self.path}: {goal.label} is the active model already")
+            return goal
         if reading.damage:
             raise ToktError(reading.damage[0])
-        earlier = _earlier(reading.entries)
-        if earlier is None:
+        stack = undo(reading.entries).stack
+        if len(stack) < 2:
             raise ToktError(f"store {self.path} has no earlier model to go back to")
-        return earlier
+        return stack[-2]
 
-    def _activate(self, bundle: Bundle, action: str, reason: str, reading: _Reading) -> Activation:
+    def _activate(
+        self,
+        bundle: Bundle,
+        action: str,
+        reason: str,
+        reading: Reading,
+        signed_by: str,
+        notice: Notice,
+    ) -> Activation:
         entry = Activation(
             number=reading.last_number + 1,
             action=action,
             sha256=bundle.sha256,
             name=bundle.name,
             version=bundle.version,
-            time=datetime.now(UTC).isoformat(timespec="seconds"),
-            who=_account(),
-            reason=" ".join(reason.split()),
+            time=now(),
+            who=account(),
+            reason=one_line(reason),
+            signed_by=signed_by,
         )
         for folder in (self.path, *self.path.glob("versions/*")):
             atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
-        lines = "".join(json.dumps(asdict(past)) + "\n" for past in reading.entries)
+        lines = "".join(json.dumps(past.to_json()) + "\n" for past in reading.entries)
         if self._history_bytes() != lines.encode():
             atomic.write_text(self._history_file, lines)
-        atomic.write_text(self._active_file, json.dumps(asdict(entry), indent=2) + "\n")
-        with self._history_file.open("ab") as handle:
-            handle.write(json.dumps(asdict(entry)).encode() + b"\n")
-            handle.flush()
-            os.fsync(handle.fileno())
+        text = json.dumps(entry.to_json(), indent=2) + "\n"
+        atomic.write_text(self._copy_file, text)
+        atomic.write_text(self._active_file, text)
+        try:
+            self._add_to_history(entry)
+        except OSError as error:
+            # It is active by now, whatever becomes of the line, which the next command adds.
+            notice(f"store {self.path}: the history: {error.strerror or error}")
         return entry
 
-    def to_json(self) -> dict[str, Any]:
-        """What is active, where it comes from and all that has been, for ``tokt store --json``.
+    def _add_to_history(self, entry: Activation) -> None:
+        with self._history_file.open("ab") as handle:
+            handle.write(json.dumps(entry.to_json()).encode() + b"\n")
+            handle.flush()
+            os.fsync(handle.fileno())
 
-        What cannot be read is left out, with a line in ``warnings``.
+    def trust(
+        self, key: PublicKey, name: str, reason: str = "", notice: Notice = warnings.warn
+    ) -> KeyEvent:
+        """From now on take no bundle but what this key, or another trusted one, has signed.
+
+        Parameters
+        ----------
+        key : PublicKey
+        name : str
+            What people call it.
+        reason : str
+            Kept with it.
+        notice : callable
+            Given a line if a damaged keys file was set aside; the keys in it are trusted no more.
 
         Raises
         ------
         ToktError
-            If the store is not there or a newer tokt has written to it.
+            If it is trusted already, the store cannot be written, or a newer tokt wrote its keys.
         """
-        self._check_folder()
-        reading = self._read()
-        found = reading.damage
-        provenance: dict[str, Any] | None = None
-        if reading.active is not None:
-            try:
-                bundle = self._load(reading.active.sha256)
-                provenance = dict(bundle.content.provenance)
-                self._check_fit(bundle)
-            except ToktError as error:
-                found.append(f"the active model cannot be used: {error}")
-        return {
-            "active": None if reading.active is None else asdict(reading.active),
-            "provenance": provenance,
-            "history": [asdict(entry) for entry in reading.entries],
-            "warnings": found,
-        }
+        with alone(self.path):
+            keys = self._keys_or_none(notice)
+            if key.id in keys.trusted:
+                raise ToktError(f"store {self.path} trusts key {key.id} already")
+            return self._decide(keys, TRUST, reason, key.id, name, key.raw.hex())
+
+    def distrust(self, key_id: str, reason: str = "") -> KeyEvent:
+        """Take no bundle any more that this key has signed, the active one included.
+
+        Parameters
+        ----------
+        key_id : str
+            At least its first 8 digits.
+        reason : str
+            Kept with it.
+
+        Raises
+        ------
+        ToktError
+            If the store is not there, does not trust it, or cannot be written.
+        """
+        self.check_folder()
+        with alone(self.path):
+            keys = self.trusted_keys()
+            key = keys.named(key_id)
+            return self._decide(keys, DISTRUST, reason, key.key_id, key.name)
+
+    def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
+        """Trust no key and ask for no signature any more.
+
+        Raises
+        ------
+        ToktError
+            If the store is not there, asks for none, or cannot be written.
+        """
+        self.check_folder()
+        with alone(self.path):
+            keys = self._keys_or_none(notice)
+            if keys.events and not keys.required:
+                raise ToktError(f"store {self.path} takes unsigned bundles already")
+            return self._decide(keys, ACCEPT_UNSIGNED, reason)
+
+    def _keys_or_none(self, notice: Notice) -> TrustedKeys:
+        """The keys, or none with a notice if their file is damaged or gone."""
+        try:
+            return self.trusted_keys()
+        except DamagedKeysError as error:
+            if self._keys_file.is_file():
+                self._keep(self._keys_file, notice)
+            else:
+                notice(str(error))
+            return TrustedKeys()
+
+    def _decide(
+        self,
+        keys: TrustedKeys,
+        action: str,
+        reason: str,
+        key_id: str = "",
+        name: str = "",
+        public_key: str = "",
+    ) -> KeyEvent:
+        event = KeyEvent(
+            action=action,
+            key_id=key_id,
+            public_key=public_key,
+            name=name,
+            time=now(),
+            who=account(),
+            reason=one_line(reason),
+        )
+        atomic.write_text(self._keys_file, TrustedKeys((*keys.events, event)).to_text())
+        return event

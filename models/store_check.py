@@ -1,4 +1,4 @@
-"""Whether a deploy store is sound: its history, its active model, and every version it keeps."""
+"""Whether a deploy store is sound: history, active model, keys, last good copy, every version."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 
 from ..features.errors import ToktError
 from ..features.finding import FAULT, NOTE, OK, Finding
-from .bundle import read_bundle
+from .bundle import Bundle, read_bundle
+from .last_good import load_running
 from .store import Store
 
 
@@ -21,7 +22,9 @@ def store_findings(path: Path) -> Iterator[Finding]:
     store = Store(path)
     yield _history(store)
     yield _active(store)
-    yield _versions(path)
+    yield _keys(store)
+    yield _last_good(store)
+    yield _versions(store)
     leftovers = [file for where in ("", "versions/*/") for file in path.glob(f"{where}.partial-*")]
     if leftovers:
         text = f"{len(leftovers)} half-written by a command that was killed, or is running now"
@@ -41,12 +44,14 @@ def _active(store: Store) -> Finding:
     try:
         entry = store.active_entry()
         if entry is None:
+            if store.read().entries:
+                raise ToktError(f"store {store.path}: the active pointer is gone")
             return Finding(name, NOTE, "none; deploy a model first")
         start = time.perf_counter()
         bundle = store.active()
         seconds = time.perf_counter() - start
     except ToktError as error:
-        return Finding(name, FAULT, str(error))
+        return Finding(name, FAULT, f"{error}; {_next_start(store)}")
     text = (
         f"{bundle.label} since {entry.time}, loaded and golden values recomputed "
         f"in {seconds * 1000:.0f} ms"
@@ -55,28 +60,87 @@ def _active(store: Store) -> Finding:
     return Finding(name, OK, text, figures)
 
 
-def _versions(path: Path) -> Finding:
+def _keys(store: Store) -> Finding:
+    name = "store keys"
+    try:
+        keys = store.trusted_keys()
+    except ToktError as error:
+        return Finding(name, FAULT, str(error))
+    trusted = keys.trusted
+    figures = {"required": keys.required, "trusted": list(trusted)}
+    if not keys.required:
+        text = "none; it takes any sound bundle, from whomever (docs/deploy.md)"
+        return Finding(name, NOTE if keys.events else OK, text, figures)
+    if not trusted:
+        return Finding(name, FAULT, "it trusts no key any more, and so takes no bundle", figures)
+    named = ", ".join(f"{event.name} {key}" for key, event in trusted.items())
+    return Finding(name, OK, f"it takes only what these signed: {named}", figures)
+
+
+def _next_start(store: Store) -> str:
+    """What a runtime that starts now would do without the active model."""
+    try:
+        _, notes = load_running(store)
+    except ToktError:
+        return "a runtime that starts now has no model to run"
+    return f"a runtime that starts now: {'; '.join(notes[-1:])}"
+
+
+def _last_good(store: Store) -> Finding:
+    """The copy that a runtime kept; without one the earlier versions are what is left."""
+    name = "store last good copy"
+    file = store.last_good_file
+    if not file.exists():
+        return Finding(name, OK, "none; a runtime that may write here keeps one")
+    try:
+        bundle = read_bundle(file)
+        store.trusted_keys().check(bundle.data, f"bundle {file}")
+        known = bundle.sha256 in {entry.sha256 for entry in store.undo().stack}
+    except ToktError as error:
+        return Finding(name, NOTE, f"cannot be used: {error}")
+    figures = {"model": bundle.label, "sha256": bundle.sha256, "usable": known}
+    if not known:
+        text = f"{bundle.label} was rolled back from, or never active here: it will not be used"
+        return Finding(name, NOTE, text, figures)
+    return Finding(name, OK, f"{bundle.label}, verified", figures)
+
+
+def _versions(store: Store) -> Finding:
     name = "store versions"
-    folders = sorted(folder for folder in path.glob("versions/*") if folder.is_dir())
-    faults = [fault for folder in folders if (fault := _version_fault(folder))]
-    figures = {"versions": len(folders), "faults": faults}
+    folders = sorted(folder for folder in store.path.glob("versions/*") if folder.is_dir())
+    faults: list[str] = []
+    unsigned: list[str] = []
+    for folder in folders:
+        try:
+            bundle = _version(folder)
+        except ToktError as error:
+            faults.append(str(error))
+            continue
+        try:
+            store.trusted_keys().check(bundle.data, bundle.label)
+        except ToktError:
+            unsigned.append(bundle.label)
+    figures = {"versions": len(folders), "faults": faults, "unsigned": unsigned}
     if faults:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         text = f"{len(faults)} of {len(folders)} cannot be used: {faults[0]}{more}"
         return Finding(name, FAULT, text, figures)
     verified = ", every one verified" if folders else ""
-    return Finding(name, OK, f"{_count(len(folders), 'bundle')}{verified}", figures)
+    text = f"{_count(len(folders), 'bundle')}{verified}"
+    if unsigned:
+        text += f"; without a signature asked for, and refused: {', '.join(unsigned)}"
+        return Finding(name, NOTE, text, figures)
+    return Finding(name, OK, text, figures)
 
 
-def _version_fault(folder: Path) -> str:
-    """What is wrong with one kept bundle; a version is a folder named by its bundle's hash."""
-    try:
-        bundle = read_bundle(folder / "bundle.tokt")
-    except ToktError as error:
-        return str(error)
+def _version(folder: Path) -> Bundle:
+    """One kept bundle; a version is a folder named by its bundle's hash."""
+    bundle = read_bundle(folder / "bundle.tokt")
     if bundle.sha256 != folder.name:
-        return f"bundle {folder / 'bundle.tokt'}: the file is not the one that was deployed"
-    return ""
+        raise ToktError(
+            f"bundle {folder / 'bundle.tokt'}: the file is not the one that was deployed"
+        )
+    return bundle
 
 
 def _count(number: int, what: str) -> str:

@@ -1,15 +1,16 @@
-"""``tokt models``, ``export``, ``deploy``, ``rollback`` and ``store``."""
+"""``tokt models`` and ``export``."""
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..features.errors import ToktError
+from .keygen import SignOption, signing_key
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
 from .output import print_json, say
 
@@ -21,7 +22,6 @@ models_app = typer.Typer(help="Registered model versions.", no_args_is_help=Fals
 ModelArgument = Annotated[
     str, typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
 ]
-StoreArgument = Annotated[Path, typer.Argument(help="The store's folder.")]
 FlagsOption = Annotated[
     Path | None,
     typer.Option(
@@ -30,7 +30,6 @@ FlagsOption = Annotated[
         help="Taxonomy file that says which classes are obstacles. Default: as trained.",
     ),
 ]
-ReasonOption = Annotated[str, typer.Option(help="Why; kept in the store's history.")]
 
 
 @models_app.command("list")
@@ -100,13 +99,18 @@ def alias(
     print(f"{version.label} is now {version.name}@{alias}")
 
 
-def _shipped(model: str, workspace: Path, taxonomy: Path | None) -> Bundle:
-    """The bundle to ship, with the obstacle flags of a taxonomy file if one is given."""
+def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | None) -> Bundle:
+    """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
     from ..models.load import load_model
 
+    key = None if sign is None else signing_key(sign)
     bundle = load_model(model, workspace)
-    if taxonomy is None:
-        return bundle
+    if taxonomy is not None:
+        bundle = _flagged(bundle, taxonomy)
+    return bundle if key is None else key.sign(bundle, f"model {bundle.label}")
+
+
+def _flagged(bundle: Bundle, taxonomy: Path) -> Bundle:
     from ..labels.taxonomy import Taxonomy
     from ..models.reflag import PROVENANCE_KEY, reflagged
 
@@ -129,6 +133,7 @@ def export(
     model: ModelArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="The file, ending in .tokt.")],
     taxonomy: FlagsOption = None,
+    sign: SignOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -138,84 +143,16 @@ def export(
 
     if output.suffix != SUFFIX:
         raise ToktError(f"a bundle's name ends in {SUFFIX}, unlike {output}")
-    bundle = _shipped(model, workspace, taxonomy)
+    bundle = shipped(model, workspace, taxonomy, sign)
     try:
         write_bytes(output, bundle.data)
     except OSError as error:
         raise ToktError(f"{output}: {error.strerror or error}") from None
+    key_id = None if bundle.signature is None else bundle.signature.key_id
     if json:
-        print_json({"file": str(output), "model": bundle.label, "sha256": bundle.sha256})
+        found = {"file": str(output), "model": bundle.label, "sha256": bundle.sha256}
+        print_json({**found, "signed_by": key_id})
         return
     print(f"{output}: {bundle.label}, {len(bundle.data) / 1e6:.1f} MB, sha256 {bundle.sha256}")
-
-
-def deploy(
-    model: ModelArgument,
-    store: StoreArgument,
-    reason: ReasonOption = "",
-    taxonomy: FlagsOption = None,
-    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
-    json: JsonOption = False,
-) -> None:
-    """Check a model and make it the active one of a store."""
-    from ..models.store import Store
-
-    entry = Store(store).deploy(_shipped(model, workspace, taxonomy), reason, notice=say)
-    _print_activation(store, asdict(entry), json)
-
-
-def rollback(store: StoreArgument, reason: ReasonOption = "", json: JsonOption = False) -> None:
-    """Go back to the model that was active before."""
-    from ..models.store import Store
-
-    entry = Store(store).rollback(reason)
-    _print_activation(store, asdict(entry), json)
-
-
-def store(store: StoreArgument, json: JsonOption = False) -> None:
-    """Show what is active in a store, where it comes from, and what has been active."""
-    from ..models.store import Store
-
-    value = Store(store).to_json()
-    if json:
-        print_json(value)
-        return
-    for warning in value["warnings"]:
-        say(f"WARNING: {warning}")
-    if value["active"] is None:
-        print("active: not known" if value["warnings"] else "active: none")
-    else:
-        _print_active(value["active"], value["provenance"])
-    for entry in value["history"]:
-        print(
-            f"  {entry['number']}  {entry['time']}  {entry['action']:8}  "
-            f"{entry['name']}/{entry['version']}  {entry['sha256'][:12]}  by {entry['who']}"
-            f"{'  ' + entry['reason'] if entry['reason'] else ''}"
-        )
-
-
-_ORIGIN = {
-    "dataset": "dataset",
-    "dataset_hash": "dataset hash",
-    "dataset_sources": "missions and labels",
-    "mlflow_run_id": "MLflow run",
-    "code_version": "code version",
-}
-
-
-def _print_active(active: dict[str, Any], provenance: dict[str, Any] | None) -> None:
-    print(f"active: {active['name']}/{active['version']}")
-    if provenance is None:
-        return
-    for key, what in _ORIGIN.items():
-        text = str(provenance.get(key, "not recorded in the bundle"))
-        print(f"  {what}: {' '.join(text.split())}")
-    if "obstacle_flags" in provenance:
-        print(f"  obstacles set when it was shipped: {provenance['obstacle_flags']}")
-
-
-def _print_activation(store: Path, entry: dict[str, object], json: bool) -> None:
-    if json:
-        print_json(entry)
-        return
-    print(f"{store}: {entry['name']}/{entry['version']} is active ({entry['action']})")
+    if key_id is not None:
+        print(f"signed by key {key_id}")

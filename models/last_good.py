@@ -1,0 +1,133 @@
+"""What a runtime starts with: the active model, or if that cannot be used, the last good one.
+
+While the runtime works it keeps a copy of the bundle it uses in the store, apart from the kept
+versions. When the active bundle no longer passes its checks after a crash or a power cut, or the
+pointer to it cannot be read, the next start goes on with what is left, in this order:
+
+1. the active model, as the pointer or, if that is damaged, its copy names it;
+2. the copy of the bundle that the runtime used last;
+3. the models that rolling back would go to, newest first.
+
+Each passes all checks again: hashes, the signatures that the store asks for now, golden values. A
+model that a person rolled back from is never taken, not even from the copy; nor is one of which
+the history, where it is damaged, does not say that nobody did.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+
+from ..features import atomic
+from ..features.errors import ToktError
+from .bundle import Bundle, bundle_file_bytes, bundle_from_bytes
+from .store import Store
+from .store_history import Activation, DamagedError, Undo
+
+Candidate = tuple[str, Callable[[], Bundle]]
+"""What it is, in words, and how to load it."""
+
+
+def remember_good(store: Store, bundle: Bundle) -> str:
+    """Keep a copy of the bundle in use, for the next start.
+
+    It waits for the disk: not to be called between two frames.
+
+    Parameters
+    ----------
+    store : Store
+    bundle : Bundle
+        One from this store that has passed every check.
+
+    Returns
+    -------
+    str
+        Why it could not be kept, such as a store that this account may only read; or empty.
+    """
+    file = store.last_good_file
+    try:
+        if not file.is_file() or file.read_bytes() != bundle.data:
+            atomic.write_bytes(file, bundle.data)
+    except OSError as error:
+        return (
+            f"store {store.path}: no copy of {bundle.label} is kept for the next start: "
+            f"{error.strerror or error}"
+        )
+    return ""
+
+
+def load_running(store: Store) -> tuple[Bundle, list[str]]:
+    """The bundle to start with.
+
+    Returns
+    -------
+    bundle : Bundle
+        Checked whole.
+    notes : list of str
+        Why it is not the active one, a line for each that was refused and one for what runs
+        instead; empty if it is.
+
+    Raises
+    ------
+    ToktError
+        If the store is not there, no model was ever activated, or none can be used: then with all
+        that was refused.
+    """
+    store.check_folder()
+    notes: list[str] = []
+    for what, load in _candidates(store, notes):
+        try:
+            bundle = load()
+        except ToktError as error:
+            notes.append(f"{what} is refused: {error}")
+            continue
+        if notes:
+            notes.append(f"{what} runs instead: {bundle.label}, sha256 {bundle.sha256[:12]}")
+        return bundle, notes
+    raise ToktError("; ".join(notes) or f"store {store.path} has no active model; deploy one first")
+
+
+def _candidates(store: Store, notes: list[str]) -> Iterator[Candidate]:
+    """What may run, best first; a later one is only looked for when those before it failed."""
+    try:
+        active = store.active_entry()
+    except DamagedError as error:
+        notes.append(str(error))
+        active = None
+    if active is not None:
+        yield _kept(store, active, "the active model")
+    try:
+        undo = store.undo()
+    except ToktError as error:  # what people rolled back from cannot be known
+        notes.append(str(error))
+        return
+    if not undo.stack:
+        return
+    if active is None:
+        if not notes:
+            notes.append(f"store {store.path}: the active pointer is gone")
+        yield _kept(store, undo.stack[-1], "the model that was active by the history")
+    if store.last_good_file.exists():
+        yield "the last good copy", lambda: _last_good(store, undo)
+    for entry in reversed(undo.stack[:-1]):
+        if entry.sha256 not in undo.left:
+            yield _kept(store, entry, "the earlier model")
+
+
+def _kept(store: Store, entry: Activation, what: str) -> Candidate:
+    return f"{what} ({entry.label})", lambda: store.runnable(entry.sha256)
+
+
+def _last_good(store: Store, undo: Undo) -> Bundle:
+    """The copy, if the history says that it was active and that nobody rolled back from it."""
+    where = f"bundle {store.last_good_file}"
+    data = bundle_file_bytes(store.last_good_file)
+    sha256 = hashlib.sha256(data).hexdigest()
+    if sha256 in undo.left:
+        raise ToktError(f"{where}: it was rolled back from")
+    if sha256 not in {entry.sha256 for entry in undo.stack}:
+        raise ToktError(f"{where}: damaged, or not one of the models to go back to")
+    store.trusted_keys().check(data, where)
+    bundle = bundle_from_bytes(data, where)
+    store.check_fit(bundle)
+    return bundle

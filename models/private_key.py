@@ -1,0 +1,158 @@
+"""Private Ed25519 keys: making a pair, reading one, and signing a bundle with it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..features.errors import ToktError
+from .bundle import Bundle, bundle_from_bytes, signed_parts, with_signature
+from .public_key import NEEDS_CRYPTOGRAPHY, PUBLIC_SUFFIX, PublicKey, key_file_bytes
+from .signature import Signature, signed_message
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+PRIVATE_SUFFIX = ".key"
+_FOR_OWNER = 0o600
+_FOR_ALL = 0o644
+_OTHERS = 0o077
+
+
+@dataclass(frozen=True)
+class KeyPair:
+    """Where a new pair of keys is.
+
+    Parameters
+    ----------
+    private_file, public_file : Path
+    public : PublicKey
+    exposed : bool
+        Whether others on this machine can read the private file, as on a USB stick, whose file
+        system knows no owners.
+    """
+
+    private_file: Path
+    public_file: Path
+    public: PublicKey
+    exposed: bool
+
+
+def write_key_pair(name: Path, passphrase: str = "") -> KeyPair:
+    """Make a pair of keys, ``NAME.key`` and ``NAME.pub``; a file that is there is never replaced.
+
+    Parameters
+    ----------
+    name : Path
+        With or without the ending ``.key``.
+    passphrase : str
+        Encrypts the private key; empty for none.
+
+    Raises
+    ------
+    ToktError
+        If one of the files is there already or cannot be written, or the package cryptography is
+        missing.
+    """
+    try:
+        from cryptography.hazmat.primitives import serialization as form
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    except ImportError:
+        raise ToktError(NEEDS_CRYPTOGRAPHY) from None
+    base = name.with_suffix("") if name.suffix == PRIVATE_SUFFIX else name
+    private_file, public_file = (
+        base.with_name(base.name + suffix) for suffix in (PRIVATE_SUFFIX, PUBLIC_SUFFIX)
+    )
+    key = Ed25519PrivateKey.generate()
+    sealed = (
+        form.BestAvailableEncryption(passphrase.encode()) if passphrase else form.NoEncryption()
+    )
+    private = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, sealed)
+    public = key.public_key().public_bytes(
+        form.Encoding.PEM, form.PublicFormat.SubjectPublicKeyInfo
+    )
+    _write_new(public_file, public, _FOR_ALL)
+    try:
+        _write_new(private_file, private, _FOR_OWNER)
+    except ToktError:
+        public_file.unlink()
+        raise
+    exposed = os.name == "posix" and bool(private_file.stat().st_mode & _OTHERS)
+    return KeyPair(
+        private_file, public_file, PublicKey(key.public_key().public_bytes_raw()), exposed
+    )
+
+
+def _write_new(path: Path, data: bytes, mode: int) -> None:
+    """Write a file that must not be there yet; not by renaming, which would replace one.
+
+    A killed process can leave it empty, which is refused as a key and replaced by nobody.
+    """
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    except FileExistsError:
+        raise ToktError(f"key {path}: is there already, and is never replaced") from None
+    except OSError as error:
+        raise ToktError(f"key {path}: {error.strerror or error}") from None
+    try:
+        with os.fdopen(handle, "wb") as opened:
+            opened.write(data)
+            opened.flush()
+            os.fsync(handle)
+    except OSError as error:
+        with suppress(OSError):
+            path.unlink()
+        raise ToktError(f"key {path}: {error.strerror or error}") from None
+
+
+class SigningKey:
+    """A private key, ready to sign."""
+
+    def __init__(self, key: Ed25519PrivateKey) -> None:
+        self._key = key
+        self.public = PublicKey(key.public_key().public_bytes_raw())
+
+    def sign(self, bundle: Bundle, where: str) -> Bundle:
+        """The same model, signed, in place of any signature it had; checked whole again."""
+        manifest, _ = signed_parts(bundle.data, where)
+        signature = Signature(self.public.id, self._key.sign(signed_message(manifest)))
+        if not self.public.signed(manifest, signature):
+            raise ToktError(f"{where}: signing it failed on this machine")
+        return bundle_from_bytes(with_signature(bundle.data, signature, where), where)
+
+
+def read_signing_key(path: Path, passphrase: Callable[[], str]) -> SigningKey:
+    """Read the private key that ``tokt keygen`` wrote (PEM, PKCS 8).
+
+    Parameters
+    ----------
+    path : Path
+    passphrase : callable
+        Asked for the passphrase if the key has one.
+
+    Raises
+    ------
+    ToktError
+        If it is not there or is something else, the passphrase is wrong, or the package
+        cryptography is missing.
+    """
+    try:
+        from cryptography.exceptions import UnsupportedAlgorithm
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+        from cryptography.hazmat.primitives.serialization import load_pem_private_key
+    except ImportError:
+        raise ToktError(NEEDS_CRYPTOGRAPHY) from None
+    data = key_file_bytes(path)
+    sealed = b"ENCRYPTED PRIVATE KEY" in data
+    try:
+        key = load_pem_private_key(data, passphrase().encode() if sealed else None)
+    except (ValueError, TypeError, UnsupportedAlgorithm):
+        what = "wrong passphrase, or damaged" if sealed else "not a private key of tokt keygen"
+        raise ToktError(f"key {path}: {what}") from None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise ToktError(f"key {path}: not an Ed25519 key")
+    return SigningKey(key)

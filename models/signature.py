@@ -1,0 +1,98 @@
+"""A bundle's signature: who vouches for its manifest, as the bundle's member ``signature.json``.
+
+The manifest names the SHA-256 of every other member, so that a signature of the manifest's bytes
+covers the whole bundle. It is made with Ed25519 (RFC 8032) over a prefix and those bytes: no
+signature that the same key gave to anything else can be taken for one of a bundle.
+
+This file only reads and writes the member. Whether a signature is right, and whether its key is
+to be trusted, is decided by `tokt.models.trusted_keys`: nothing inside a bundle is trusted. In
+particular the member names its key but does not bring it.
+
+To change the format: raise FORMAT_VERSION and SIGNED_PREFIX together, keep the reader of the old
+one, and prove with a file of the old one in a test that it is still accepted.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+
+from ..features.errors import ToktError
+
+FORMAT_VERSION = 1
+ALGORITHM = "ed25519"
+MEMBER = "signature.json"
+SIGNED_PREFIX = b"tokt bundle manifest, signature format 1\n"
+KEY_ID_DIGITS = 32
+"""Of a key's fingerprint: 128 bits, which nobody can find a second key for."""
+
+_LARGEST_BYTES = 4096
+_KEYS = {"format_version", "algorithm", "key_id", "signature"}
+_KEY_ID = re.compile(rf"[0-9a-f]{{{KEY_ID_DIGITS}}}")
+_VALUE = re.compile(r"[0-9a-f]{128}")
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What ``signature.json`` says; not checked, and not to be believed before it is.
+
+    Parameters
+    ----------
+    key_id : str
+        Fingerprint of the public key that is said to have made it, 32 hexadecimal digits.
+    value : bytes
+        The Ed25519 signature, 64 bytes.
+    """
+
+    key_id: str
+    value: bytes
+
+    def to_bytes(self) -> bytes:
+        """The member ``signature.json``."""
+        value = {
+            "format_version": FORMAT_VERSION,
+            "algorithm": ALGORITHM,
+            "key_id": self.key_id,
+            "signature": self.value.hex(),
+        }
+        return (json.dumps(value, indent=2) + "\n").encode()
+
+
+def signature_from_bytes(data: bytes, where: str) -> Signature:
+    """Read a ``signature.json``.
+
+    Raises
+    ------
+    ToktError
+        If it is none, is of a newer format, or was made with another algorithm.
+    """
+    damaged = ToktError(f"{where}: the bundle's signature is damaged")
+    if len(data) > _LARGEST_BYTES:
+        raise damaged
+    try:
+        value = json.loads(data)
+    except (ValueError, RecursionError):
+        raise damaged from None
+    if not isinstance(value, dict) or type(value.get("format_version")) is not int:
+        raise damaged
+    if value["format_version"] > FORMAT_VERSION:
+        raise ToktError(
+            f"{where}: the bundle's signature is of format {value['format_version']}, newer than "
+            f"this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
+        )
+    if value["format_version"] < 1 or set(value) != _KEYS:
+        raise damaged
+    if value["algorithm"] != ALGORITHM:
+        raise ToktError(f"{where}: the bundle's signature is not of the algorithm {ALGORITHM}")
+    key_id, text = value["key_id"], value["signature"]
+    if not (isinstance(key_id, str) and _KEY_ID.fullmatch(key_id)):
+        raise damaged
+    if not (isinstance(text, str) and _VALUE.fullmatch(text)):
+        raise damaged
+    return Signature(key_id, bytes.fromhex(text))
+
+
+def signed_message(manifest: bytes) -> bytes:
+    """What is signed, for a manifest's raw bytes."""
+    return SIGNED_PREFIX + manifest

@@ -1,0 +1,186 @@
+"""The history of a deploy store: its entries, and what they say one may go back to.
+
+Format 2 has ``signed_by``, the trusted key that vouched for the bundle. An entry without one is
+written in format 1, so that a store without keys is read by yesterday's tokt as well, while one
+that relies on signatures is refused by it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from ..features.errors import ToktError
+from .signature import KEY_ID_DIGITS
+
+FORMAT_VERSION = 2
+FEWEST_SHA256_DIGITS = 8
+"""By which a person may name a bundle."""
+
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+_KEY_ID = re.compile(rf"[0-9a-f]{{{KEY_ID_DIGITS}}}")
+_SINCE_2 = "signed_by"
+
+
+@dataclass(frozen=True)
+class Activation:
+    """One entry of the history.
+
+    Parameters
+    ----------
+    number : int
+        1 for the first activation of this store, and so on.
+    action : {"deploy", "rollback"}
+    sha256 : str
+        Of the bundle file.
+    name, version : str
+        Of the model.
+    time : str
+        UTC, ISO 8601.
+    who : str
+        The account that ran the command.
+    reason : str
+        What the person gave as the reason; may be empty.
+    signed_by : str
+        Id of the trusted key whose signature was found right then; empty in a store that asks
+        for no signature.
+    """
+
+    number: int
+    action: str
+    sha256: str
+    name: str
+    version: str
+    time: str
+    who: str
+    reason: str
+    signed_by: str = ""
+
+    @property
+    def label(self) -> str:
+        """``name/version``."""
+        return f"{self.name}/{self.version}"
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in the history."""
+        value = asdict(self)
+        if not self.signed_by:
+            del value[_SINCE_2]
+        return {**value, "format_version": FORMAT_VERSION if self.signed_by else 1}
+
+
+class DamagedError(ToktError):
+    """An entry that no tokt has written like this; half of one, perhaps."""
+
+
+def activation_from_bytes(text: bytes, where: str) -> Activation:
+    """Read an entry.
+
+    Raises
+    ------
+    DamagedError
+        If it is none.
+    ToktError
+        If a newer tokt wrote it.
+    """
+    damaged = DamagedError(f"{where} is damaged (the next deployment sets it aside)")
+    try:
+        value = json.loads(text)
+        # A half of a surrogate pair is JSON, yet no text that `tokt store` could print.
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        version = value.pop("format_version")
+        if type(version) is int and version > FORMAT_VERSION:
+            raise ToktError(f"{where} was written by a newer tokt (format {version})")
+        entry = Activation(**value)
+    except (AttributeError, ValueError, TypeError, KeyError, RecursionError):
+        raise damaged from None
+    if type(version) is not int or version < 1 or (_SINCE_2 in value) != (version == 2):
+        raise damaged
+    if any(type(getattr(entry, item.name)).__name__ != item.type for item in fields(Activation)):
+        raise damaged
+    if entry.number < 1 or not _SHA256.fullmatch(entry.sha256):
+        raise damaged
+    if version == 2 and not _KEY_ID.fullmatch(entry.signed_by):
+        raise damaged
+    return entry
+
+
+@dataclass
+class Undo:
+    """What the entries say one may go back to.
+
+    Parameters
+    ----------
+    stack : list of Activation
+        What is active, last, and before it what each undo would make active again, as far as
+        that is known.
+    left : set of str
+        SHA-256 of the bundles that a person rolled back from and nobody activated again. A person
+        may go back to one; nothing else may.
+    """
+
+    stack: list[Activation] = field(default_factory=list)
+    left: set[str] = field(default_factory=set)
+
+
+def undo(entries: Sequence[Activation]) -> Undo:
+    """Follow the entries, oldest first; what a missing one might have said is not guessed."""
+    found = Undo()
+    known: set[str] = set()
+    number = 0
+    for entry in entries:
+        if entry.number != number + 1:
+            found.stack, known = [], set()
+        number = entry.number
+        if entry.action == "rollback":
+            _go_back(found, entry, entry.sha256 in known)
+        elif not found.stack or found.stack[-1].sha256 != entry.sha256:
+            found.stack.append(entry)
+        known.add(entry.sha256)
+        found.left.discard(entry.sha256)
+    return found
+
+
+def _go_back(found: Undo, entry: Activation, known: bool) -> None:
+    """Undo down to the entry's bundle; to one that is not below, it is a step of its own."""
+    stack = found.stack
+    below = [at for at, past in enumerate(stack[:-1]) if past.sha256 == entry.sha256]
+    gone = stack[below[-1] + 1 :] if below else stack[-1:]
+    found.left.update(past.sha256 for past in gone)
+    if below:
+        found.stack = stack[: below[-1] + 1]
+    else:
+        found.stack = [*stack, entry] if known else [entry]
+
+
+def named_entry(entries: Sequence[Activation], to: str) -> Activation:
+    """The newest entry of the model that a person named.
+
+    Parameters
+    ----------
+    entries : sequence of Activation
+    to : str
+        An entry's number, the first digits of a bundle's SHA-256, or ``name/version``.
+
+    Raises
+    ------
+    ToktError
+        If it names no entry, or different bundles.
+    """
+    if "/" in to:
+        found = [entry for entry in entries if entry.label == to]
+    else:
+        found = [entry for entry in entries if to == str(entry.number)]
+        if not found and len(to) >= FEWEST_SHA256_DIGITS:
+            found = [entry for entry in entries if entry.sha256.startswith(to.lower())]
+    if not found:
+        raise ToktError(
+            f"no entry {to!r} in the history (give its number, at least {FEWEST_SHA256_DIGITS} "
+            "digits of its SHA-256, or NAME/VERSION)"
+        )
+    if len({entry.sha256 for entry in found}) > 1:
+        raise ToktError(f"{to!r} names different bundles in the history; give the entry's number")
+    return found[-1]

@@ -1,0 +1,212 @@
+"""The keys a deploy store trusts, in its file ``keys.json``: who said so, when and why.
+
+The file is the list of what people did, oldest first; what holds now follows from it. A store in
+which nobody ever trusted a key has no such file and takes any sound bundle. From the first trusted
+key on it takes none without the signature of a key it trusts, and that stays so when the last key
+is distrusted: then it takes nothing, until a person says that unsigned bundles are welcome again.
+
+The file is never taken at its word in part: while it is damaged the store takes no bundle at all.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from ..features.errors import ToktError
+from .bundle import signed_parts
+from .public_key import PUBLIC_KEY_BYTES, PublicKey
+
+FORMAT_VERSION = 1
+TRUST, DISTRUST, ACCEPT_UNSIGNED = "trust", "distrust", "accept unsigned"
+FEWEST_ID_DIGITS = 8
+"""By which a person may name a key."""
+
+
+@dataclass(frozen=True)
+class KeyEvent:
+    """Something a person decided about a store's keys.
+
+    Parameters
+    ----------
+    action : {"trust", "distrust", "accept unsigned"}
+    key_id : str
+        Empty for "accept unsigned".
+    public_key : str
+        The key itself, 64 hexadecimal digits; for "trust" only.
+    name : str
+        Of the key's file, for people; for "trust" and "distrust".
+    time : str
+        UTC, ISO 8601.
+    who : str
+        The account that ran the command.
+    reason : str
+        May be empty.
+    """
+
+    action: str
+    key_id: str
+    public_key: str
+    name: str
+    time: str
+    who: str
+    reason: str
+
+
+class DamagedKeysError(ToktError):
+    """A keys file that no tokt has written like this."""
+
+
+@dataclass(frozen=True)
+class TrustedKeys:
+    """What a store's keys file says.
+
+    Parameters
+    ----------
+    events : tuple of KeyEvent
+        Oldest first.
+    """
+
+    events: tuple[KeyEvent, ...] = ()
+
+    @property
+    def trusted(self) -> dict[str, KeyEvent]:
+        """The keys trusted now, by id, each with the event that made it so."""
+        found: dict[str, KeyEvent] = {}
+        for event in self.events:
+            if event.action == TRUST:
+                found[event.key_id] = event
+            elif event.action == DISTRUST:
+                found.pop(event.key_id, None)
+            else:
+                found = {}
+        return found
+
+    @property
+    def required(self) -> bool:
+        """Whether a bundle has to be signed."""
+        return bool(self.events) and self.events[-1].action != ACCEPT_UNSIGNED
+
+    def named(self, key_id: str) -> KeyEvent:
+        """The trusted key whose id starts like that. Raises ToktError if not exactly one does."""
+        found = [event for key, event in self.trusted.items() if key.startswith(key_id.lower())]
+        if len(key_id) < FEWEST_ID_DIGITS or len(found) != 1:
+            known = ", ".join(self.trusted) or "none"
+            raise ToktError(
+                f"{key_id!r} is not the id of one key this store trusts (at least "
+                f"{FEWEST_ID_DIGITS} digits; trusted: {known})"
+            )
+        return found[0]
+
+    def check(self, data: bytes, where: str) -> str:
+        """Look for the signature of a trusted key on a bundle file, before anything else of it.
+
+        Parameters
+        ----------
+        data : bytes
+            The bundle file.
+        where : str
+            What to call it in an error.
+
+        Returns
+        -------
+        str
+            The id of the key, or an empty string where no signature is asked for.
+
+        Raises
+        ------
+        ToktError
+            If one is asked for and there is none that is right, or the package cryptography is
+            missing.
+        """
+        if not self.required:
+            return ""
+        trusted = self.trusted
+        if not trusted:
+            raise ToktError(f"{where}: this store trusts no key any more, and so takes no bundle")
+        manifest, signature = signed_parts(data, where)
+        if signature is None:
+            raise ToktError(
+                f"{where}: not signed; this store takes only what a key it trusts signed"
+            )
+        key = trusted.get(signature.key_id)
+        if key is None:
+            raise ToktError(
+                f"{where}: said to be signed by key {signature.key_id}, which this store does not "
+                "trust"
+            )
+        if not PublicKey(bytes.fromhex(key.public_key)).signed(manifest, signature):
+            raise ToktError(
+                f"{where}: the signature is not that of key {key.name} ({key.key_id}) for this "
+                "bundle; one of them was changed or exchanged"
+            )
+        return key.key_id
+
+    def to_text(self) -> str:
+        """The keys file."""
+        events = [asdict(event) for event in self.events]
+        return json.dumps({"format_version": FORMAT_VERSION, "events": events}, indent=2) + "\n"
+
+
+def trusted_keys_from_bytes(data: bytes, where: str) -> TrustedKeys:
+    """Read a keys file.
+
+    Raises
+    ------
+    DamagedKeysError
+        If anything in it is not as tokt writes it.
+    ToktError
+        If a newer tokt wrote it.
+    """
+    damaged = DamagedKeysError(f"{where} is damaged: the store takes no bundle")
+    try:
+        value = json.loads(data)
+        # A half of a surrogate pair is JSON, yet no text that `tokt store` could print.
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        version = value["format_version"]
+        if type(version) is int and version > FORMAT_VERSION:
+            raise ToktError(f"{where} was written by a newer tokt (format {version})")
+        events = tuple(KeyEvent(**item) for item in value["events"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise damaged from None
+    if type(version) is not int or version < 1 or set(value) != {"format_version", "events"}:
+        raise damaged
+    if not events or not _sound(events):
+        raise damaged
+    return TrustedKeys(events)
+
+
+def _sound(events: Sequence[KeyEvent]) -> bool:
+    """Whether people can have done this in this order, with the keys that it names."""
+    known: set[str] = set()
+    for event in events:
+        if any(type(getattr(event, item.name)) is not str for item in fields(KeyEvent)):
+            return False
+        if event.action == TRUST and _is_key(event):
+            known.add(event.key_id)
+        elif event.action == DISTRUST and event.key_id in known and not event.public_key:
+            known.remove(event.key_id)
+        elif event.action == ACCEPT_UNSIGNED and not (event.key_id or event.public_key):
+            known.clear()
+        else:
+            return False
+    return True
+
+
+def _is_key(event: KeyEvent) -> bool:
+    try:
+        raw = bytes.fromhex(event.public_key)
+    except ValueError:
+        return False
+    return len(raw) == PUBLIC_KEY_BYTES and PublicKey(raw).id == event.key_id
+
+
+def keys_json(keys: TrustedKeys) -> dict[str, Any]:
+    """What ``tokt store --json`` says of them."""
+    return {
+        "required": keys.required,
+        "trusted": [asdict(event) for event in keys.trusted.values()],
+        "events": [asdict(event) for event in keys.events],
+    }

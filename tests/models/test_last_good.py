@@ -1,0 +1,320 @@
+"""What a runtime starts with when the active model cannot be used, and what it never takes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.models.bundle import Bundle, bundle_from_bytes
+from tokt.models.last_good import load_running, remember_good
+from tokt.models.private_key import SigningKey
+from tokt.models.store import Store
+from tokt.models.store_view import store_json
+
+
+@pytest.fixture
+def store(store: Store, bundles: dict[str, Bundle]) -> Store:
+    """One that went from ``a/1`` over ``b/2`` to ``c/3``, each of which a runtime has used."""
+    for name in "abc":
+        store.deploy(bundles[name])
+        assert remember_good(store, store.active()) == ""
+    return store
+
+
+def damage(store: Store, *bundles: Bundle) -> None:
+    for bundle in bundles:
+        file = store.bundle_file(bundle.sha256)
+        file.write_bytes(file.read_bytes()[:-1])
+
+
+def runs(store: Store) -> tuple[str, str]:
+    """What runs, and all notes."""
+    bundle, notes = load_running(store)
+    return bundle.label, "\n".join(notes)
+
+
+def test_a_sound_store_runs_its_active_model_without_a_note(store: Store) -> None:
+    assert load_running(store)[1] == []
+    assert runs(store) == ("c/3", "")
+    store.last_good_file.write_bytes(b"damaged")
+    assert runs(store) == ("c/3", ""), "the copy is not asked for"
+
+
+def test_a_damaged_active_bundle_runs_from_the_copy(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    damage(store, bundles["c"])
+    label, notes = runs(store)
+    assert label == "c/3"
+    assert "the active model (c/3) is refused: bundle" in notes
+    assert "not the one that was deployed" in notes
+    assert f"the last good copy runs instead: c/3, sha256 {bundles['c'].sha256[:12]}" in notes
+    with pytest.raises(ToktError, match="not the one that was deployed"):
+        store.active()
+    assert store_json(store)["starts_with"]["label"] == "c/3"
+
+
+def test_then_the_earlier_ones_newest_first(store: Store, bundles: dict[str, Bundle]) -> None:
+    store.last_good_file.unlink()
+    damage(store, bundles["c"])
+    assert runs(store)[0] == "b/2"
+    damage(store, bundles["b"])
+    label, notes = runs(store)
+    assert label == "a/1" and notes.count("is refused") == 2
+    assert "the earlier model (a/1) runs instead" in notes
+    damage(store, bundles["a"])
+    with pytest.raises(ToktError) as caught:
+        load_running(store)
+    assert str(caught.value).count("is refused") == 3 and "\n" not in str(caught.value)
+
+
+def test_the_copy_of_what_ran_last_comes_before_what_never_ran(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    remember_good(store, bundles["a"])
+    damage(store, bundles["c"])
+    assert runs(store)[0] == "a/1"
+
+
+def test_a_damaged_copy_is_passed_over(store: Store, bundles: dict[str, Bundle]) -> None:
+    damage(store, bundles["c"])
+    whole = bundles["c"].data
+    for data in (b"", whole[:-1], whole[:500] + b"\x00" + whole[501:], whole + b"x"):
+        store.last_good_file.write_bytes(data)
+        label, notes = runs(store)
+        assert label == "b/2" and "the last good copy is refused" in notes
+    store.last_good_file.unlink()
+    store.last_good_file.mkdir()
+    assert runs(store)[0] == "b/2"
+
+
+@pytest.mark.parametrize("to", ["", "1"])
+def test_never_a_model_that_was_rolled_back_from(
+    store: Store, bundles: dict[str, Bundle], to: str
+) -> None:
+    """The runtime was off, so that its copy is still of the model rolled back from."""
+    store.rollback("it steered into the tower", to)
+    damage(store, bundles["b"])
+    label, notes = runs(store)
+    assert label == "a/1"
+    if not to:
+        assert "it was rolled back from" in notes
+    damage(store, bundles["a"])
+    with pytest.raises(ToktError, match="it was rolled back from"):
+        load_running(store)
+    store.deploy(bundles["c"], "it was the lamp")
+    damage(store, bundles["c"])
+    assert runs(store)[0] == "c/3", "a person took it again"
+
+
+def test_nor_one_that_an_undo_would_reach_again(store: Store, bundles: dict[str, Bundle]) -> None:
+    """a b c a, and back from a: a stands further down the stack as well."""
+    store.deploy(bundles["a"])
+    remember_good(store, bundles["a"])
+    store.rollback("a is bad")
+    damage(store, bundles["c"])
+    assert runs(store)[0] == "b/2"
+    damage(store, bundles["b"])
+    with pytest.raises(ToktError, match="it was rolled back from"):
+        load_running(store)
+    damage(store)
+    store.last_good_file.unlink()
+    with pytest.raises(ToktError) as caught:
+        load_running(store)
+    assert "a/1" not in str(caught.value), "not even tried"
+
+
+def test_nor_one_left_by_a_jump(store: Store, bundles: dict[str, Bundle]) -> None:
+    store.rollback(to="a/1")
+    for name in "bc":
+        remember_good(store, bundles[name])
+        damage(store, bundles["a"])
+        with pytest.raises(ToktError, match="it was rolled back from"):
+            load_running(store)
+        store.bundle_file(bundles["a"].sha256).write_bytes(bundles["a"].data)
+    store.rollback(to="2")
+    remember_good(store, bundles["a"])
+    damage(store, bundles["b"])
+    with pytest.raises(ToktError, match="it was rolled back from"):
+        load_running(store)
+
+
+@pytest.mark.parametrize("text", [b"", b"\x00" * 300, b"{"])
+def test_a_damaged_pointer_is_read_from_its_copy(
+    store: Store, bundles: dict[str, Bundle], text: bytes
+) -> None:
+    store.rollback()
+    (store.path / "active").write_bytes(text)
+    label, notes = runs(store)
+    assert label == "b/2"
+    assert "the active pointer is damaged" in notes
+    assert "the model that was active by the history (b/2) runs instead" in notes
+
+
+def test_a_damaged_pointer_and_a_history_without_the_rollback(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    """Killed before the line was added, then the pointer damaged: the copy knows of it."""
+    history = (store.path / "history.jsonl").read_bytes()
+    store.rollback("c is bad")
+    (store.path / "history.jsonl").write_bytes(history)
+    (store.path / "active").write_bytes(b"?")
+    assert runs(store)[0] == "b/2"
+    damage(store, bundles["b"])
+    assert runs(store)[0] == "a/1"
+    (store.path / "active.copy").write_bytes(b"?")
+    assert runs(store)[0] == "c/3", "three faults at once: the history alone says so"
+
+
+def test_a_lost_pointer(store: Store) -> None:
+    (store.path / "active").unlink()
+    label, notes = runs(store)
+    assert label == "c/3" and "the active pointer is gone" in notes
+    (store.path / "active.copy").unlink()
+    assert runs(store)[0] == "c/3"
+    (store.path / "history.jsonl").unlink()
+    with pytest.raises(ToktError, match="no active model"):
+        load_running(store)
+
+
+def test_a_first_deployment_that_was_killed_has_activated_nothing(
+    store: Store, tmp_path: Path
+) -> None:
+    new = Store(tmp_path / "new")
+    new.path.mkdir()
+    (new.path / "active.copy").write_text(json.dumps({**store.history()[0].to_json(), "number": 1}))
+    with pytest.raises(ToktError, match="no active model"):
+        load_running(new)
+
+
+def test_what_a_damaged_history_does_not_say_is_not_taken(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    """Line 2 might have said anything, so that a is not known to be one to go back to."""
+    file = store.path / "history.jsonl"
+    lines = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(lines[0] + b"?\n" + lines[2])
+    remember_good(store, bundles["a"])
+    damage(store, bundles["c"])
+    with pytest.raises(ToktError, match="not one of the models to go back to"):
+        load_running(store)
+
+
+def test_a_history_of_a_newer_tokt(store: Store, bundles: dict[str, Bundle]) -> None:
+    with (store.path / "history.jsonl").open("a") as handle:
+        handle.write('{"format_version": 9}\n')
+    damage(store, bundles["c"])
+    with pytest.raises(ToktError, match=r"not the one that was deployed.*newer tokt"):
+        load_running(store)
+
+
+def test_a_bundle_that_is_sound_but_was_never_deployed_here(
+    store: Store, bundles: dict[str, Bundle], make_content: Callable[..., object]
+) -> None:
+    from tokt.models.bundle import bundle_bytes
+
+    stranger = bundle_from_bytes(bundle_bytes(make_content(9)), "stranger")  # type: ignore[arg-type]
+    store.last_good_file.write_bytes(stranger.data)
+    damage(store, bundles["c"])
+    label, notes = runs(store)
+    assert label == "b/2" and "not one of the models to go back to" in notes
+
+
+def test_every_one_needs_the_signature_asked_for_now(
+    store: Store, signed: dict[str, Bundle], keys: dict[str, SigningKey]
+) -> None:
+    store.trust(keys["boat"].public, "boat")
+    with pytest.raises(ToktError) as caught:
+        load_running(store)
+    assert str(caught.value).count("not signed") >= 3  # the middle of a long message is cut
+    for name in "bc":
+        store.deploy(signed[name])
+        remember_good(store, signed[name])
+    damage(store, signed["c"])
+    assert runs(store)[0] == "c/3"
+    store.trust(keys["other"].public, "other")
+    store.distrust(keys["boat"].public.id)
+    with pytest.raises(ToktError, match=r"last_good\.tokt.* does not trust"):
+        load_running(store)
+
+
+def test_a_store_that_cannot_be_written_is_told_not_raised(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    store.last_good_file.unlink()
+    store.last_good_file.mkdir()
+    words = remember_good(store, bundles["c"])
+    assert "no copy of c/3 is kept for the next start" in words and "\n" not in words
+    assert not list(store.path.glob(".partial-*"))
+
+
+def test_what_is_there_already_is_not_written_again(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    before = store.last_good_file.stat()
+    assert remember_good(store, bundles["c"]) == ""
+    assert store.last_good_file.stat().st_ino == before.st_ino
+
+
+# --- the check beside a running runtime
+
+
+def check(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tokt.models.check_bundle", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_process_checks_the_active_bundle(store: Store, bundles: dict[str, Bundle]) -> None:
+    done = check(store.path)
+    c = bundles["c"]
+    assert (done.returncode, done.stderr, done.stdout.count("\n")) == (0, "", 1)
+    assert json.loads(done.stdout) == {"sha256": c.sha256, "label": "c/3", "fault": ""}
+    loaded = store.runnable(c.sha256, golden=False)
+    assert loaded.data == c.data and loaded.label == "c/3"
+    damage(store, c)
+    done = check(store.path)
+    assert (done.returncode, done.stderr) == (2, "")
+    found = json.loads(done.stdout)
+    assert (found["sha256"], found["label"]) == (c.sha256, "c/3")
+    assert "not the one that was deployed" in found["fault"]
+    with pytest.raises(ToktError, match="not the one that was deployed"):
+        store.runnable(c.sha256, golden=False)
+
+
+@pytest.mark.parametrize("arguments", [(), ("none",), ("none", "more")])
+def test_nothing_to_check(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    from tokt.models.check_bundle import main
+
+    assert main([str(tmp_path / name) for name in arguments]) == 2
+
+
+def test_golden_false_leaves_out_nothing_else(bundles: dict[str, Bundle]) -> None:
+    """Another model's golden values pass without their step; an edited byte does not."""
+    import hashlib
+
+    from tokt.features.canonical import json_sha256
+
+    from .test_signature import members_of, zipped
+
+    members = members_of(bundles["a"].data)
+    members["golden.npz"] = members_of(bundles["b"].data)["golden.npz"]
+    with pytest.raises(ToktError, match=r"golden\.npz in the bundle has been edited"):
+        bundle_from_bytes(zipped(list(members.items())), "a", golden=False)
+    manifest = json.loads(members["manifest.json"])
+    manifest["members"]["golden.npz"] = hashlib.sha256(members["golden.npz"]).hexdigest()
+    del manifest["manifest_sha256"]
+    manifest["manifest_sha256"] = json_sha256(manifest)
+    members["manifest.json"] = json.dumps(manifest).encode()
+    data = zipped(list(members.items()))
+    with pytest.raises(ToktError, match="golden frame 0 gives decision values that differ"):
+        bundle_from_bytes(data, "a")
+    assert bundle_from_bytes(data, "a", golden=False).label == "a/1"

@@ -1,0 +1,674 @@
+"""Keys, signatures, and every way to get an unsigned model past a store that asks for one."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import stat
+import subprocess
+import sys
+import warnings
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tokt.features.canonical import json_sha256
+from tokt.features.errors import ToktError
+from tokt.models.bundle import Bundle, bundle_bytes, bundle_from_bytes, signed_parts, with_signature
+from tokt.models.last_good import load_running
+from tokt.models.private_key import SigningKey, read_signing_key, write_key_pair
+from tokt.models.public_key import PublicKey, read_public_key
+from tokt.models.signature import Signature, signature_from_bytes, signed_message
+from tokt.models.store import Store
+from tokt.models.store_view import store_json
+
+# Made once, by the key whose seed is the bytes 0 to 31; they stand for files on ships.
+PUBLIC_KEY = bytes.fromhex("03a107bff3ce10be1d70dd18e74bc09967e4d6309ba50d5f1ddc8664125531b8")
+MANIFEST = b'{"name": "old"}\n'
+SIGNATURE_OF_FORMAT_1 = """{
+  "format_version": 1,
+  "algorithm": "ed25519",
+  "key_id": "56475aa75463474c0285df5dbf2bcab7",
+  "signature": "75d135471b9bfccac504d96f6a0993337d0dd03e90bd224dd66176b1f86de68a\
+5cfcda2663be2fd412cd984820ce4479a0d80defe5dd5b04cd0ef69eafe6e00d"
+}
+"""
+
+
+def members_of(data: bytes) -> dict[str, bytes]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def zipped(members: list[tuple[str, bytes]]) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that a name is there twice
+        for name, data in members:
+            archive.writestr(name, data)
+    return buffer.getvalue()
+
+
+def rehashed(data: bytes, **edit: Any) -> bytes:
+    """The bundle with entries of its manifest replaced and every hash made to fit again."""
+    members = members_of(data)
+    manifest = {**json.loads(members["manifest.json"]), **edit}
+    del manifest["manifest_sha256"]
+    manifest["manifest_sha256"] = json_sha256(manifest)
+    return zipped(list({**members, "manifest.json": json.dumps(manifest).encode()}.items()))
+
+
+def signature_of(bundle: Bundle) -> Signature:
+    assert bundle.signature is not None
+    return bundle.signature
+
+
+@pytest.fixture
+def guarded(store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle]) -> Store:
+    """A store that trusts ``boat`` and runs ``a/1``."""
+    store.trust(keys["boat"].public, "boat", "sea trial")
+    store.deploy(signed["a"])
+    return store
+
+
+def refused(store: Store, data: bytes, words: str) -> None:
+    """Nothing takes these bytes: not deploying, not loading what somebody put into the store."""
+    before = store.active().sha256
+    with pytest.raises(ToktError, match=words):
+        store.deploy(bundle_from_bytes(data, "file"))
+    path = store.path.parent / "file.tokt"
+    path.write_bytes(data)
+    with pytest.raises(ToktError, match=words):
+        store.check_file(path)
+    assert store.active().sha256 == before
+
+    sha256 = hashlib.sha256(data).hexdigest()
+    file = store.bundle_file(sha256)
+    file.parent.mkdir()
+    file.write_bytes(data)
+    pointer = store.path / "active"
+    sound = pointer.read_text()
+    pointer.write_text(sound.replace(before, sha256))
+    for load in (store.active, lambda: store.bundle(sha256, golden=False)):
+        with pytest.raises(ToktError, match=words):
+            load()
+    pointer.write_text(sound)
+
+
+def test_a_signed_bundle_is_the_same_model(
+    bundles: dict[str, Bundle], keys: dict[str, SigningKey], signed: dict[str, Bundle]
+) -> None:
+    plain, same = bundles["a"], signed["a"]
+    assert plain.signature is None
+    assert signature_of(same).key_id == keys["boat"].public.id
+    assert members_of(same.data)["manifest.json"] == members_of(plain.data)["manifest.json"]
+    assert same.sha256 != plain.sha256 and same.label == plain.label
+    assert keys["boat"].sign(plain, "a").data == same.data, "the same bytes each time"
+    again = keys["other"].sign(same, "a")
+    assert signature_of(again).key_id == keys["other"].public.id
+    assert members_of(again.data).keys() == members_of(same.data).keys()
+
+
+def test_the_signature_is_of_the_manifest_and_of_nothing_else(
+    keys: dict[str, SigningKey], signed: dict[str, Bundle]
+) -> None:
+    key = keys["boat"].public
+    manifest, signature = signed_parts(signed["a"].data, "a")
+    assert signature is not None and key.signed(manifest, signature)
+    assert signed_message(manifest) == b"tokt bundle manifest, signature format 1\n" + manifest
+    for other in (b"", manifest + b" ", manifest[:-1], signed_message(manifest)):
+        assert not key.signed(other, signature)
+    for at in range(0, 64, 7):
+        value = bytearray(signature.value)
+        value[at] ^= 1
+        assert not key.signed(manifest, dataclasses.replace(signature, value=bytes(value)))
+
+
+def test_a_signature_of_format_1_is_accepted() -> None:
+    found = signature_from_bytes(SIGNATURE_OF_FORMAT_1.encode(), "old")
+    assert found.key_id == PublicKey(PUBLIC_KEY).id
+    assert PublicKey(PUBLIC_KEY).signed(MANIFEST, found)
+    assert signature_from_bytes(found.to_bytes(), "again") == found
+
+
+VALUE = json.loads(SIGNATURE_OF_FORMAT_1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "null", "[]", "3", "[" * 3000, " " * 5000, "\xff\xfe"]
+    + [json.dumps({key: value for key, value in VALUE.items() if key != less}) for less in VALUE]
+    + [json.dumps({**VALUE, key: wrong}) for key in VALUE for wrong in (None, ["x"], True, "", {})]
+    + [json.dumps({**VALUE, "format_version": 0}), json.dumps({**VALUE, "public_key": "00" * 32})]
+    + [json.dumps({**VALUE, "signature": VALUE["signature"][:-1]})]
+    + [json.dumps({**VALUE, "signature": VALUE["signature"].upper()})],
+    ids=str.__len__,
+)
+def test_a_damaged_signature_is_refused(text: str, bundles: dict[str, Bundle]) -> None:
+    data = zipped(
+        [*members_of(bundles["a"].data).items(), ("signature.json", text.encode("latin-1"))]
+    )
+    with pytest.raises(ToktError, match=r"signature is (damaged|not of the algorithm)"):
+        bundle_from_bytes(data, "file")
+
+
+PLAIN = st.none() | st.integers() | st.text(max_size=20)
+NESTED = st.recursive(
+    PLAIN,
+    lambda item: st.lists(item, max_size=3) | st.dictionaries(st.sampled_from([*VALUE]), item),
+)
+
+
+@given(st.binary(max_size=300) | NESTED.map(lambda value: json.dumps(value).encode()))
+def test_no_signature_member_makes_another_error(data: bytes) -> None:
+    with pytest.raises(ToktError):
+        signature_from_bytes(data, "file")
+
+
+# --- attacks
+
+
+def test_unsigned_or_signed_by_somebody_else(
+    guarded: Store,
+    bundles: dict[str, Bundle],
+    keys: dict[str, SigningKey],
+) -> None:
+    refused(guarded, bundles["b"].data, "not signed")
+    other = keys["other"].sign(bundles["b"], "b").data
+    refused(guarded, other, f"key {keys['other'].public.id}, which this store does not trust")
+
+
+def test_a_signature_that_claims_another_key(
+    guarded: Store, bundles: dict[str, Bundle], keys: dict[str, SigningKey]
+) -> None:
+    theirs = signature_of(keys["other"].sign(bundles["b"], "b"))
+    claim = dataclasses.replace(theirs, key_id=keys["boat"].public.id)
+    refused(guarded, with_signature(bundles["b"].data, claim, "b"), "signature is not that of key")
+
+
+def test_the_signature_of_another_bundle(
+    guarded: Store, bundles: dict[str, Bundle], signed: dict[str, Bundle]
+) -> None:
+    data = with_signature(bundles["b"].data, signature_of(signed["a"]), "b")
+    refused(guarded, data, "signature is not that of key boat")
+
+
+def test_an_edited_manifest_with_every_hash_made_to_fit(
+    guarded: Store, signed: dict[str, Bundle]
+) -> None:
+    refused(guarded, rehashed(signed["b"].data, version="9"), "signature is not that of key")
+
+
+def test_weights_exchanged_under_a_signed_manifest(
+    guarded: Store, signed: dict[str, Bundle], bundles: dict[str, Bundle]
+) -> None:
+    members = members_of(signed["b"].data)
+    members["weights.npz"] = members_of(bundles["c"].data)["weights.npz"]
+    data = zipped(list(members.items()))
+    with pytest.raises(ToktError, match=r"weights\.npz in the bundle has been edited"):
+        bundle_from_bytes(data, "file")
+    guarded.bundle_file(hashlib.sha256(data).hexdigest()).parent.mkdir()
+    guarded.bundle_file(hashlib.sha256(data).hexdigest()).write_bytes(data)
+    with pytest.raises(ToktError, match="has been edited"):
+        guarded.bundle(hashlib.sha256(data).hexdigest(), golden=False)
+
+
+def test_a_bundle_that_brings_its_own_key(
+    guarded: Store, bundles: dict[str, Bundle], keys: dict[str, SigningKey]
+) -> None:
+    theirs = keys["other"].sign(bundles["b"], "b").data
+    for name in ("keys.json", "signature.pub", "other.pub"):
+        data = zipped([*members_of(theirs).items(), (name, keys["other"].public.raw)])
+        with pytest.raises(ToktError, match="unknown or missing members"):
+            bundle_from_bytes(data, "file")
+    value = {**json.loads(members_of(theirs)["signature.json"]), "public_key": "00" * 32}
+    with pytest.raises(ToktError, match="signature is damaged"):
+        bundle_from_bytes(
+            zipped(
+                [
+                    *members_of(bundles["b"].data).items(),
+                    ("signature.json", json.dumps(value).encode()),
+                ]
+            ),
+            "file",
+        )
+    refused(guarded, theirs, "does not trust")
+
+
+def test_a_downgrade_to_an_older_format(guarded: Store, signed: dict[str, Bundle]) -> None:
+    """Format 1 knows no operating point: the same weights would judge otherwise."""
+    members = members_of(signed["b"].data)
+    manifest = json.loads(members["manifest.json"])
+    for key in ("operating_point", "manifest_sha256"):
+        del manifest[key]
+    manifest["format_version"] = 1
+    for name in set(manifest["members"]) - {"weights.npz", "golden.npz", "lineage.npz", "card.md"}:
+        del manifest["members"][name], members[name]
+    manifest["manifest_sha256"] = json_sha256(manifest)
+    members["manifest.json"] = json.dumps(manifest).encode()
+    refused(guarded, zipped(list(members.items())), "signature is not that of key")
+
+
+@pytest.mark.parametrize("digits", [0, 2, 64, 126, 130])
+def test_a_truncated_signature(guarded: Store, signed: dict[str, Bundle], digits: int) -> None:
+    members = members_of(signed["b"].data)
+    value = json.loads(members["signature.json"])
+    value["signature"] = (value["signature"] * 2)[:digits]
+    data = zipped(list({**members, "signature.json": json.dumps(value).encode()}.items()))
+    with pytest.raises(ToktError, match="signature is damaged"):
+        bundle_from_bytes(data, "file")
+    (guarded.path / "x.tokt").write_bytes(data)
+    with pytest.raises(ToktError, match="signature is damaged"):
+        guarded.check_file(guarded.path / "x.tokt")
+
+
+@pytest.mark.parametrize("name", ["none", "", "ED25519", "ed25519ph", "hmac", None, 0])
+def test_another_algorithm(guarded: Store, signed: dict[str, Bundle], name: Any) -> None:
+    members = members_of(signed["b"].data)
+    value = {**json.loads(members["signature.json"]), "algorithm": name}
+    data = zipped(list({**members, "signature.json": json.dumps(value).encode()}.items()))
+    with pytest.raises(ToktError, match="not of the algorithm ed25519"):
+        bundle_from_bytes(data, "file")
+
+
+def test_a_newer_signature_format(signed: dict[str, Bundle]) -> None:
+    members = members_of(signed["b"].data)
+    value = {"format_version": 2, "of": "tomorrow"}
+    data = zipped(list({**members, "signature.json": json.dumps(value).encode()}.items()))
+    with pytest.raises(ToktError, match="update tokt on this machine"):
+        bundle_from_bytes(data, "file")
+
+
+def test_the_signature_stripped(guarded: Store, signed: dict[str, Bundle]) -> None:
+    members = members_of(signed["b"].data)
+    del members["signature.json"]
+    refused(guarded, zipped(list(members.items())), "not signed")
+
+
+def test_two_signatures(
+    guarded: Store, bundles: dict[str, Bundle], keys: dict[str, SigningKey]
+) -> None:
+    """A right one beside another; whichever a reader took, another could take the other."""
+    right = signature_of(keys["boat"].sign(bundles["b"], "b")).to_bytes()
+    wrong = signature_of(keys["other"].sign(bundles["b"], "b")).to_bytes()
+    plain = list(members_of(bundles["b"].data).items())
+    for pair in ((right, wrong), (wrong, right), (right, right)):
+        data = zipped([*plain, *(("signature.json", one) for one in pair)])
+        with pytest.raises(ToktError, match="a member is in it twice"):
+            bundle_from_bytes(data, "file")
+        (guarded.path / "x.tokt").write_bytes(data)
+        with pytest.raises(ToktError, match="a member is in it twice"):
+            guarded.check_file(guarded.path / "x.tokt")
+
+
+# --- the keys a store trusts
+
+
+def test_who_signed_stands_in_the_history(
+    guarded: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle]
+) -> None:
+    guarded.deploy(signed["b"])
+    guarded.rollback()
+    boat = keys["boat"].public.id
+    assert [entry.signed_by for entry in guarded.history()] == [boat] * 3
+    lines = [json.loads(line) for line in (guarded.path / "history.jsonl").open()]
+    assert [line["format_version"] for line in lines] == [2, 2, 2]
+    found = store_json(guarded)
+    assert found["signature"] == {"key_id": boat, "checked": True}
+    (key,) = found["keys"]["trusted"]
+    assert (key["key_id"], key["name"], key["reason"]) == (boat, "boat", "sea trial")
+    assert key["who"] and key["time"] and found["keys"]["required"] is True
+
+
+def test_a_store_without_keys_takes_both_and_believes_neither(
+    store: Store, bundles: dict[str, Bundle], signed: dict[str, Bundle]
+) -> None:
+    store.deploy(bundles["a"])
+    store.deploy(signed["b"])
+    assert store_json(store)["signature"]["checked"] is False
+    lines = [json.loads(line) for line in (store.path / "history.jsonl").open()]
+    assert [line["format_version"] for line in lines] == [1, 1]
+    assert not any("signed_by" in line for line in lines), "yesterday's tokt reads this store"
+    assert not (store.path / "keys.json").exists()
+
+
+def test_trusting_a_key_refuses_the_unsigned_model_that_is_active(
+    store: Store, bundles: dict[str, Bundle], keys: dict[str, SigningKey], signed: dict[str, Bundle]
+) -> None:
+    for name in "ab":
+        store.deploy(bundles[name])
+    store.trust(keys["boat"].public, "boat")
+    for action in (store.active, store.rollback, lambda: load_running(store)):
+        with pytest.raises(ToktError, match="not signed"):
+            action()
+    assert "not signed" in store_json(store)["warnings"][0]
+    store.deploy(signed["a"])
+    assert store.active().sha256 == signed["a"].sha256
+
+
+def test_a_key_that_is_trusted_no_more(
+    guarded: Store,
+    keys: dict[str, SigningKey],
+    signed: dict[str, Bundle],
+    bundles: dict[str, Bundle],
+) -> None:
+    guarded.deploy(signed["b"])
+    guarded.trust(keys["other"].public, "other")
+    with pytest.raises(ToktError, match="not the id of one key"):
+        guarded.distrust(keys["boat"].public.id[:7])
+    guarded.distrust(keys["boat"].public.id[:8], "laptop lost")
+    for action in (guarded.active, guarded.rollback):
+        with pytest.raises(ToktError, match="does not trust"):
+            action()
+    guarded.deploy(keys["other"].sign(bundles["c"], "c"))
+    with pytest.raises(ToktError, match="does not trust"):
+        guarded.rollback()
+    assert guarded.active().label == "c/3"
+    event = guarded.trusted_keys().events[-1]
+    assert (event.action, event.name, event.reason) == ("distrust", "boat", "laptop lost")
+
+
+def test_the_last_key_distrusted_opens_nothing(
+    guarded: Store,
+    keys: dict[str, SigningKey],
+    signed: dict[str, Bundle],
+    bundles: dict[str, Bundle],
+) -> None:
+    guarded.distrust(keys["boat"].public.id)
+    for bundle in (bundles["b"], signed["b"]):
+        with pytest.raises(ToktError, match="trusts no key any more"):
+            guarded.deploy(bundle)
+    with pytest.raises(ToktError, match="trusts no key any more"):
+        guarded.active()
+    guarded.accept_unsigned("the laboratory")
+    assert guarded.active().label == "a/1"
+    guarded.deploy(bundles["b"])
+    with pytest.raises(ToktError, match="takes unsigned bundles already"):
+        guarded.accept_unsigned()
+    guarded.trust(keys["boat"].public, "boat")
+    with pytest.raises(ToktError, match="not signed"):
+        guarded.active()
+    actions = [event.action for event in guarded.trusted_keys().events]
+    assert actions == ["trust", "distrust", "accept unsigned", "trust"]
+
+
+def spoil(change: Callable[[Any], Any]) -> Callable[[bytes], bytes]:
+    return lambda data: json.dumps(change(json.loads(data))).encode()
+
+
+def first(**edit: Any) -> Callable[[bytes], bytes]:
+    return spoil(lambda value: {**value, "events": [{**value["events"][0], **edit}]})
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"",
+        lambda data: b"\x00" * len(data),
+        lambda data: data[:-20],
+        lambda data: b"[" * 100_000,
+        lambda data: b"null",
+        spoil(lambda value: []),
+        spoil(lambda value: {"format_version": 1}),
+        spoil(lambda value: {**value, "events": []}),
+        spoil(lambda value: {**value, "events": None}),
+        spoil(lambda value: {**value, "events": [None]}),
+        spoil(lambda value: {**value, "more": 1}),
+        spoil(lambda value: {**value, "format_version": True}),
+        spoil(lambda value: {**value, "format_version": 0}),
+        first(action="accept unsigned"),
+        first(action="distrust"),
+        first(action="allow"),
+        first(action=None),
+        first(key_id="00" * 16),
+        first(key_id=""),
+        first(public_key="00" * 32),
+        first(public_key="zz"),
+        first(public_key=["x"]),
+        first(more="x"),
+    ],
+)  # fmt: skip
+def test_a_damaged_keys_file_refuses_everything(
+    guarded: Store,
+    keys: dict[str, SigningKey],
+    bundles: dict[str, Bundle],
+    signed: dict[str, Bundle],
+    damage: Callable[[bytes], bytes],
+) -> None:
+    guarded.deploy(signed["b"])
+    file = guarded.path / "keys.json"
+    file.write_bytes(damage(file.read_bytes()))
+    spoiled = file.read_bytes()
+    actions: list[Callable[[], Any]] = [
+        guarded.active,
+        guarded.rollback,
+        lambda: guarded.rollback(to="1"),
+        lambda: guarded.deploy(signed["c"]),
+        lambda: guarded.deploy(bundles["c"]),
+        lambda: load_running(guarded),
+        lambda: guarded.distrust(keys["boat"].public.id),
+    ]
+    for action in actions:
+        with pytest.raises(ToktError, match=r"keys\.json is damaged"):
+            action()
+    assert file.read_bytes() == spoiled and guarded.history()[-1].name == "b"
+    assert "damaged" in store_json(guarded)["warnings"][0]
+
+    notices: list[str] = []
+    guarded.trust(keys["boat"].public, "boat", notice=notices.append)
+    (kept,) = guarded.path.glob("keys.damaged-*.json")
+    assert kept.read_bytes() == spoiled and kept.name in notices[0]
+    assert guarded.active().name == "b"
+
+
+def test_a_keys_file_that_cannot_be_read_or_is_of_a_newer_tokt(
+    guarded: Store, keys: dict[str, SigningKey]
+) -> None:
+    file = guarded.path / "keys.json"
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(ToktError, match="keys file"):
+        guarded.active()
+    file.rmdir()
+    file.write_text('{"format_version": 2, "anything": 1}')
+    for action in (guarded.active, lambda: guarded.trust(keys["other"].public, "other")):
+        with pytest.raises(ToktError, match="newer tokt"):
+            action()
+
+
+def test_a_lost_keys_file_does_not_open_the_store(
+    guarded: Store, keys: dict[str, SigningKey], bundles: dict[str, Bundle]
+) -> None:
+    (guarded.path / "keys.json").unlink()
+    for action in (guarded.active, lambda: guarded.deploy(bundles["b"])):
+        with pytest.raises(ToktError, match=r"keys\.json is gone"):
+            action()
+    with pytest.warns(UserWarning, match="is gone"):
+        guarded.trust(keys["boat"].public, "boat")
+    assert guarded.active().name == "a"
+
+
+KEYS_OF_FORMAT_1 = """{
+  "format_version": 1,
+  "events": [
+    {
+      "action": "trust",
+      "key_id": "KEY_ID",
+      "public_key": "PUBLIC_KEY",
+      "name": "boat",
+      "time": "2026-02-01T08:00:00+00:00",
+      "who": "chief",
+      "reason": "b\\u00f8lge"
+    },
+    {
+      "action": "accept unsigned",
+      "key_id": "",
+      "public_key": "",
+      "name": "",
+      "time": "2026-02-01T09:00:00+00:00",
+      "who": "chief",
+      "reason": ""
+    },
+    {
+      "action": "trust",
+      "key_id": "KEY_ID",
+      "public_key": "PUBLIC_KEY",
+      "name": "boat",
+      "time": "2026-02-01T10:00:00+00:00",
+      "who": "chief",
+      "reason": ""
+    }
+  ]
+}
+"""
+HISTORY_OF_FORMAT_2 = """\
+{"number": 1, "action": "deploy", "sha256": "SHA256", "name": "a", "version": "1", \
+"time": "2026-02-01T11:00:00+00:00", "who": "pilot", "reason": "", "signed_by": "KEY_ID", \
+"format_version": 2}
+"""
+
+
+def test_a_store_with_keys_of_format_1_and_a_history_of_format_2(
+    store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle], bundles: dict[str, Bundle]
+) -> None:
+    def filled(text: str) -> str:
+        public = keys["boat"].public
+        text = text.replace("KEY_ID", public.id).replace("PUBLIC_KEY", public.raw.hex())
+        return text.replace("SHA256", signed["a"].sha256)
+
+    file = store.bundle_file(signed["a"].sha256)
+    file.parent.mkdir(parents=True)
+    file.write_bytes(signed["a"].data)
+    for name, text in (
+        ("keys.json", KEYS_OF_FORMAT_1),
+        ("active", HISTORY_OF_FORMAT_2),
+        ("history.jsonl", HISTORY_OF_FORMAT_2),
+    ):
+        (store.path / name).write_text(filled(text))
+    assert store.active().label == "a/1"
+    assert store.history()[0].signed_by == keys["boat"].public.id
+    assert store.trusted_keys().events[0].reason == "bølge"
+    with pytest.raises(ToktError, match="not signed"):
+        store.deploy(bundles["b"])
+    store.deploy(signed["b"])
+    assert [entry.number for entry in store.history()] == [1, 2]
+
+
+WITHOUT = """
+import sys
+sys.modules["cryptography"] = None
+from pathlib import Path
+from tokt.features.errors import ToktError
+from tokt.models.bundle import read_bundle
+from tokt.models.private_key import write_key_pair
+from tokt.models.store import Store
+store, bundle, new = Store(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3])
+assert read_bundle(bundle).signature is not None
+for action in (
+    store.active, store.rollback, lambda: store.check_file(bundle), lambda: write_key_pair(new),
+    lambda: store.deploy(read_bundle(bundle)),
+):
+    try:
+        action()
+    except ToktError as error:
+        print(error)
+Store(new).deploy(read_bundle(bundle))
+print(Store(new).active().label)
+"""
+
+
+def test_without_cryptography_a_store_with_keys_refuses(
+    guarded: Store, signed: dict[str, Bundle], tmp_path: Path
+) -> None:
+    guarded.deploy(signed["b"])
+    (tmp_path / "b.tokt").write_bytes(signed["b"].data)
+    command = [sys.executable, "-c", WITHOUT, str(guarded.path), str(tmp_path / "b.tokt")]
+    done = subprocess.run(
+        [*command, str(tmp_path / "new")], capture_output=True, text=True, check=True
+    )
+    lines = done.stdout.splitlines()
+    assert lines == ["signatures need the package cryptography: install tokt[sign]"] * 5 + ["b/2"]
+
+
+# --- key files
+
+
+def test_keygen_never_replaces_a_file(tmp_path: Path) -> None:
+    pair = write_key_pair(tmp_path / "k.key")
+    assert [pair.private_file.name, pair.public_file.name] == ["k.key", "k.pub"]
+    assert stat.S_IMODE(pair.private_file.stat().st_mode) == 0o600 and not pair.exposed
+    assert read_public_key(pair.public_file) == pair.public
+    assert read_signing_key(pair.private_file, lambda: "").public == pair.public
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for missing in (None, pair.public_file, pair.private_file):
+        if missing is not None:
+            missing.unlink()
+        with pytest.raises(ToktError, match="is there already"):
+            write_key_pair(tmp_path / "k")
+        now = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        assert now == {path: data for path, data in before.items() if path != missing}
+        if missing is not None:
+            missing.write_bytes(before[missing])
+    with pytest.raises(ToktError, match="No such file"):
+        write_key_pair(tmp_path / "none" / "k")
+
+
+def test_a_key_with_a_passphrase(tmp_path: Path) -> None:
+    pair = write_key_pair(tmp_path / "k", "bølge 7")
+    assert b"ENCRYPTED" in pair.private_file.read_bytes()
+    assert read_signing_key(pair.private_file, lambda: "bølge 7").public == pair.public
+    for wrong in ("", "bølge 8"):
+        with pytest.raises(ToktError, match="wrong passphrase"):
+            read_signing_key(pair.private_file, lambda wrong=wrong: wrong)  # type: ignore[misc]
+
+
+def test_files_that_are_no_keys(key_files: dict[str, Path], tmp_path: Path) -> None:
+    from cryptography.hazmat.primitives import serialization as form
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    private = key_files["boat"]
+    with pytest.raises(ToktError, match="this is a private key"):
+        read_public_key(private)
+    with pytest.raises(ToktError, match="not a private key"):
+        read_signing_key(private.with_suffix(".pub"), lambda: "")
+    with pytest.raises(ToktError, match="No such file"):
+        read_public_key(tmp_path / "none.pub")
+    curve = ec.generate_private_key(ec.SECP256R1())
+    pem = form.Encoding.PEM
+    files = {
+        "pub": curve.public_key().public_bytes(pem, form.PublicFormat.SubjectPublicKeyInfo),
+        "key": curve.private_bytes(pem, form.PrivateFormat.PKCS8, form.NoEncryption()),
+    }
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+    with pytest.raises(ToktError, match="not an Ed25519 key"):
+        read_public_key(tmp_path / "pub")
+    with pytest.raises(ToktError, match="not an Ed25519 key"):
+        read_signing_key(tmp_path / "key", lambda: "")
+    for junk in (
+        b"",
+        b"\xff" * 100,
+        b"x" * 100_000,
+        private.with_suffix(".pub").read_bytes()[:-40],
+    ):
+        (tmp_path / "junk").write_bytes(junk)
+        with pytest.raises(ToktError, match=r"not a public key|far too large"):
+            read_public_key(tmp_path / "junk")
+
+
+def test_the_format_1_bundle_can_be_signed(keys: dict[str, SigningKey], store: Store) -> None:
+    """A format older than the signature, with bytes that another tokt wrote."""
+    data = (Path(__file__).parent / "bundle_of_format_1.zip").read_bytes()
+    bundle = keys["boat"].sign(bundle_from_bytes(data, "old"), "old")
+    assert bundle.label == "yesterday/3"
+    assert members_of(bundle.data)["manifest.json"] == members_of(data)["manifest.json"]
+    store.trust(keys["boat"].public, "boat")
+    assert store.deploy(bundle).signed_by == keys["boat"].public.id
+    fresh = bundle_from_bytes(bundle_bytes(bundle.content), "new")
+    assert fresh.signature is None, "a bundle made anew has nobody's signature"

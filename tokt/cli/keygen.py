@@ -1,0 +1,67 @@
+"""`tokt keygen`, and the key that `--sign` names."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..features.errors import ToktError
+from .options import JsonOption
+from .output import print_json, say
+
+if TYPE_CHECKING:
+    from ..models.private_key import SigningKey
+
+PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
+
+SignOption = Annotated[
+    Path | None,
+    typer.Option("--sign", metavar="KEY", help="Sign it with this private key (tokt keygen)."),
+]
+
+
+def keygen(
+    name: Annotated[Path, typer.Argument(help="NAME or PATH; makes NAME.key and NAME.pub.")],
+    passphrase: Annotated[
+        bool,
+        typer.Option(
+            "--passphrase",
+            help=f"Encrypt the private key; asked for, or taken from {PASSPHRASE_VARIABLE}.",
+        ),
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Make a pair of keys: a private one to sign bundles, a public one for stores to trust."""
+    from ..models.private_key import write_key_pair
+
+    pair = write_key_pair(name, _passphrase("for the new key", new=True) if passphrase else "")
+    if pair.exposed:
+        say(f"WARNING: others on this machine can read {pair.private_file}")
+    if json:
+        files = {"private": str(pair.private_file), "public": str(pair.public_file)}
+        print_json({"key_id": pair.public.id, **files, "encrypted": passphrase})
+        return
+    print(f"{pair.private_file}: signs bundles; keep it, show it to nobody")
+    print(f"{pair.public_file}: for stores: tokt store STORE --trust {pair.public_file}")
+    print(f"key id {pair.public.id}")
+
+
+def signing_key(path: Path) -> SigningKey:
+    """The private key in a file; its passphrase is asked for if it has one."""
+    from ..models.private_key import read_signing_key
+
+    return read_signing_key(path, lambda: _passphrase(f"of {path}", new=False))
+
+
+def _passphrase(whose: str, *, new: bool) -> str:
+    found = os.environ.get(PASSPHRASE_VARIABLE, "")
+    if not found and sys.stdin.isatty():
+        prompt = f"Passphrase {whose}"
+        found = typer.prompt(prompt, hide_input=True, confirmation_prompt=new, err=True)
+    if not found:
+        raise ToktError(f"a passphrase is needed: set {PASSPHRASE_VARIABLE}, or run at a terminal")
+    return found
