@@ -14,14 +14,19 @@ from . import (
     compare,
     dataset,
     demo,
+    deploy,
     depth,
     doctor,
     evaluate,
+    keygen,
     label,
     labels,
+    listen,
     models,
+    replay,
     run,
     search,
+    shadow,
     simulate,
     train,
 )
@@ -32,6 +37,7 @@ _EXTRAS = {
     **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
     **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
     "pymba": "camera",
+    "cryptography": "sign",
     **dict.fromkeys(("dask", "distributed", "psutil"), "cluster"),
     "threadpoolctl": "train",
 }
@@ -77,13 +83,16 @@ app.command("compare")(compare.compare)
 app.command("evaluate")(evaluate.evaluate)
 app.add_typer(models.models_app, name="models")
 app.command("export")(models.export)
-app.command("deploy")(models.deploy)
-app.command("rollback")(models.rollback)
-app.command("store")(models.store)
+app.command("keygen")(keygen.keygen)
+app.command("deploy")(deploy.deploy)
+app.command("rollback")(deploy.rollback)
+app.command("store")(deploy.store)
 app.command("run")(run.run)
+app.command("replay")(replay.replay)
+app.command("shadow")(shadow.shadow)
 app.command("calibrate")(calibrate.calibrate)
 app.command("depth")(depth.depth)
-app.command("listen")(run.listen)
+app.command("listen")(listen.listen)
 app.command("simulate")(simulate.simulate)
 app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)

@@ -1,0 +1,335 @@
+"""A run as its log, or its recording, tells it: how it began, and its frames one by one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..features.errors import ToktError
+from .log import LogGap, read_log
+from .reason import Fault, Reason
+from .recording import FILE_NAME, read_recording
+from .run_log import events_path
+from .run_start import MODEL, START, ModelName, RunStart
+from .verdict import CLEAR, OBSTACLE, UNKNOWN
+
+VERDICT = (
+    "status",
+    "reason",
+    "x",
+    "y",
+    "box",
+    "mean",
+    "distance_m",
+    "closing_m_s",
+    "contact_s",
+    "method",
+    "model",
+    "health",
+)
+"""The fields of v2 that say what was judged, and not when."""
+
+
+@dataclass(frozen=True)
+class LoggedFrame:
+    """A frame's line.
+
+    Parameters
+    ----------
+    seq : int
+    number : int
+        The frame's number in its source.
+    t : float
+        Seconds since 1970; nan where it was no number.
+    timed : bool
+    missed : int
+        As in `tokt.inference.sources.Frame`.
+    left, right : str or Fault
+        A picture's mark, or why there was none.
+    texture_s, age_s, judging_s : float or None
+        Seconds that the texture detector took, from the frame's arrival to the datagram, and that
+        it was being judged.
+    left_out : int
+        Frames before it that there was no time for.
+    verdict : mapping
+        `VERDICT`, as JSON.
+    has_values : bool
+    values : list or None
+        Whether decision values were logged, and these; None where the frame has none.
+    model : ModelName or None
+        What judged it, where there was a model.
+    exchanged : int
+        How often the model had been exchanged, even for the same one.
+    follows : bool
+        Whether the line before, if there is one, is that of the frame judged before; for the
+        first line, whether it is the run's first frame.
+    """
+
+    seq: int
+    number: int
+    t: float
+    timed: bool
+    missed: int
+    left: str | Fault
+    right: str | Fault
+    texture_s: float | None
+    age_s: float | None
+    judging_s: float | None
+    left_out: int
+    verdict: Mapping[str, Any]
+    has_values: bool
+    values: list[Any] | None
+    model: ModelName | None
+    exchanged: int
+    follows: bool
+
+
+@dataclass(frozen=True)
+class LoggedRun:
+    """One run of a log.
+
+    Parameters
+    ----------
+    path : Path
+        The log file, or the recording's folder.
+    run : str
+        Its id.
+    start : RunStart
+    models : tuple of ModelName
+        All that judged in it, in their order.
+    n_frames : int
+        Lines of frames.
+    """
+
+    path: Path
+    run: str
+    start: RunStart
+    models: tuple[ModelName, ...]
+    n_frames: int
+
+    @property
+    def recorded(self) -> bool:
+        """Whether it is a recording, whose pictures lie beside it."""
+        return self.path.is_dir()
+
+    def frames(self) -> Iterator[LoggedFrame]:
+        """Its frames in the order in which they were judged.
+
+        Raises
+        ------
+        ToktError
+            If a line is not that of a frame, or the files have gone.
+        """
+        model, exchanged = self.start.model, 0
+        continuity = _Recorded() if self.recorded else _Logged()
+        gaps: list[LogGap] = []
+        for line in _lines(self.path, self.run, gaps):
+            if "event" in line:
+                if line["event"] == MODEL:
+                    model, exchanged = _model(line, str(self.path)), exchanged + 1
+                continue
+            follows = continuity.follows(line, len(gaps))
+            if _is_frame(line):
+                known = _frame(line, str(self.path))
+                yield replace(known, model=model, exchanged=exchanged, follows=follows)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a folder is that of a run's recording."""
+    return (path / FILE_NAME).is_file()
+
+
+def open_run(path: Path, run: str | None = None) -> LoggedRun:
+    """Find a run in a log.
+
+    Parameters
+    ----------
+    path : Path
+        A log file, whose events lie beside it, or the folder of a recording.
+    run : str, optional
+        Its id; by default the last one of the log.
+
+    Raises
+    ------
+    ToktError
+        If there is no such log or run, or it does not say how the run began.
+    """
+    starts, models = _beginnings(path)
+    if not starts:
+        raise ToktError(f"{path} does not say how a run began (no start event)")
+    if run is None:
+        run = next(reversed(starts))
+    if run not in starts:
+        raise ToktError(f"{path} has no run {run} (it has {', '.join(starts)})")
+    first = starts[run].model
+    named = ([] if first is None else [first]) + models.get(run, [])
+    frames = sum(_is_frame(line) for line in _lines(path, run, []))
+    return LoggedRun(path, run, starts[run], tuple(dict.fromkeys(named)), frames)
+
+
+def _beginnings(path: Path) -> tuple[dict[str, RunStart], dict[str, list[ModelName]]]:
+    """Each run's start, in their order, and the models that it went on with."""
+    starts: dict[str, RunStart] = {}
+    models: dict[str, list[ModelName]] = {}
+    for line in _events(path):
+        run, where = _run_of(line), str(path)
+        if line.get("event") == START:
+            starts[run] = RunStart.from_fields(line, where)
+        elif line.get("event") == MODEL:
+            models.setdefault(run, []).append(_model(line, where))
+    return starts, models
+
+
+def _run_of(line: Mapping[str, Any]) -> str:
+    """The id of a line's run; that of none where a damaged line has no text there."""
+    run = line.get("run")
+    return run if isinstance(run, str) else ""
+
+
+def _events(path: Path) -> Iterator[dict[str, Any]]:
+    if is_recording(path):
+        yield from (line for line in read_recording(path) if "event" in line)
+        return
+    if path.is_dir():
+        raise ToktError(f"{path} is no recording: there is no recording.jsonl in it")
+    if not path.exists():
+        raise ToktError(f"log {path} does not exist")
+    events = events_path(path)
+    if not events.exists():
+        raise ToktError(f"{path}: how its runs began stands in {events.name}, which is not there")
+    yield from read_log(events)
+
+
+def _lines(path: Path, run: str, gaps: list[LogGap]) -> Iterator[dict[str, Any]]:
+    """A run's lines: events that come before a frame's line happened before it."""
+    if is_recording(path):
+        lines = read_recording(path, gaps)
+    else:
+        lines = _merged(list(_events(path)), read_log(path, gaps))
+    return (line for line in lines if line.get("run") == run)
+
+
+def _merged(
+    events: list[dict[str, Any]], lines: Iterator[dict[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """A log's lines, and each event before the first line of its run with a higher `seq`."""
+    waiting: dict[str, list[dict[str, Any]]] = {}
+    for event in events:
+        waiting.setdefault(_run_of(event), []).append(event)
+    for line in lines:
+        due = waiting.get(_run_of(line), [])
+        # Only a frame's: a heartbeat of the other thread may be ahead of a frame's line.
+        while due and _is_frame(line) and _whole(due[0], "seq") < _whole(line, "seq"):
+            yield due.pop(0)
+        yield line
+
+
+def _is_frame(line: Mapping[str, Any]) -> bool:
+    """Whether a line is a frame's, and no heartbeat's or event's."""
+    return "event" not in line and line.get("frame") is not None
+
+
+class _Logged:
+    """Whether lines are missing in a log: every report of a run has a number, and a line."""
+
+    def __init__(self) -> None:
+        self._lines = 0
+        self._missing = 0
+        self._gaps = 0
+
+    def follows(self, line: Mapping[str, Any], gaps: int) -> bool:
+        """Whether the frame of this line follows the one before it."""
+        self._lines += 1
+        missing = _whole(line, "seq") - self._lines
+        # A heartbeat's line may come before that of a frame with a lower number.
+        if not _is_frame(line):
+            return True
+        broken = missing > self._missing or gaps > self._gaps
+        self._missing, self._gaps = max(missing, self._missing), gaps
+        return not broken
+
+
+class _Recorded:
+    """Whether frames are missing in a recording, which counts those that were judged."""
+
+    def __init__(self) -> None:
+        self._judged = 0
+
+    def follows(self, line: Mapping[str, Any], gaps: int) -> bool:
+        """Whether the frame of this line follows the one before it."""
+        before, self._judged = self._judged, _whole(line, "judged")
+        return self._judged == before + 1
+
+
+def _model(line: Mapping[str, Any], where: str) -> ModelName:
+    label, sha256 = line.get("label"), line.get("sha256")
+    if not isinstance(label, str) or not isinstance(sha256, str):
+        raise ToktError(f"{where}: an event says that the model was exchanged, but not for which")
+    return ModelName(label, sha256)
+
+
+def _frame(line: Mapping[str, Any], where: str) -> LoggedFrame:
+    try:
+        t = _seconds(line, "t", 1.0)
+        return LoggedFrame(
+            seq=_whole(line, "seq"),
+            number=_whole(line, "frame"),
+            t=math.nan if t is None else t,
+            timed=bool(line["timed"]),
+            missed=_whole(line, "missed"),
+            left=_side(line["left"]),
+            right=_side(line["right"]),
+            texture_s=_seconds(line, "texture_s", 1.0),
+            age_s=_seconds(line, "age_ms", 1000.0),
+            judging_s=_seconds(line, "latency_ms", 1000.0),
+            left_out=_whole(line, "left_out"),
+            verdict=_verdict(line),
+            has_values="decision_values" in line,
+            values=line.get("decision_values"),
+            model=None,
+            exchanged=0,
+            follows=True,
+        )
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        detail = f"{type(error).__name__}: {error}"
+        raise ToktError(f"{where}: a frame's line lacks what a replay needs ({detail})") from None
+
+
+def _verdict(line: Mapping[str, Any]) -> dict[str, Any]:
+    verdict = {name: line[name] for name in VERDICT}
+    if verdict["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
+        raise ValueError(f"there is no status {verdict['status']!r}")
+    if not isinstance(verdict["reason"], str):
+        raise TypeError(f"{verdict['reason']!r} is no reason")
+    return verdict
+
+
+def _whole(line: Mapping[str, Any], name: str) -> int:
+    value = line.get(name)
+    if type(value) is not int or value < 0:
+        raise ToktError(f"a line of the log has no {name!r}: it is not of this tokt's run")
+    return value
+
+
+def _side(value: Any) -> str | Fault:
+    if isinstance(value, str):
+        return value
+    return Fault(Reason(value["reason"]), str(value["words"]))
+
+
+def _seconds(line: Mapping[str, Any], name: str, per_s: float) -> float | None:
+    """A duration, such that `per_s` times it is the logged number to the last bit.
+
+    Words of a verdict, and whether it came in time, hang on that product.
+    """
+    value = line[name]
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"{name} is {value!r}, no number")
+    seconds = value / per_s
+    nearby = (seconds, math.nextafter(seconds, math.inf), math.nextafter(seconds, -math.inf))
+    return next((near for near in nearby if per_s * near == value), seconds)

@@ -1,0 +1,263 @@
+"""Judge a run's frames again, from its log and its pictures, and hold the verdicts against it.
+
+A verdict depends on the pictures, on the model, on the frames before, and on a few durations; the
+log has the durations and everything else that was not in a picture. So the same model gives the
+same verdicts, to the last bit. Where frames before are not known, as in a recording, which holds
+moments only, a verdict may come out otherwise without any fault: such frames are judged and
+shown, and not counted.
+
+::
+
+    log line ──> Frame as the policy saw it ──> policy ──> late, stale, overload ──> fields
+       │            ▲                            ▲                ▲                     │
+       │         pictures                  logged seconds    logged age                 ▼
+       └──────────────────────────── logged fields ────────────────────────────── compared
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import ToktError
+from ..features.mission import LEFT, RIGHT, Mission
+from .aged import aged, overloaded
+from .assemble import Assembly, Stereo, assemble
+from .detector import TEXTURE, GridDetector, PatchScorer
+from .frame_line import json_values
+from .logged_run import VERDICT, LoggedFrame, LoggedRun
+from .pixel_mark import pixel_mark
+from .policy import Judgement
+from .reason import Fault
+from .report import Report
+from .sources import MANY_MISSED, Frame, read_picture
+
+Result = TypeVar("Result")
+
+VALUES = "decision_values"
+NOT_SHOWN = "its pictures are not there"
+CHANGED = "its pictures are not those that were judged"
+BEFORE = "what came before it is not known"
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a run is judged again with.
+
+    Parameters
+    ----------
+    run : LoggedRun
+    mission : Mission
+        Where its pictures are.
+    pixel_format : str or None
+        How they hold them, as in `tokt.inference.sources.MissionSource`.
+    stereo : Stereo or None
+        How pairs are looked at.
+    models : mapping of str to PatchScorer
+        The run's own, by their bundles' SHA-256.
+    other : PatchScorer or None
+        What judges every frame instead of them.
+    """
+
+    run: LoggedRun
+    mission: Mission
+    pixel_format: str | None
+    stereo: Stereo | None
+    models: Mapping[str, PatchScorer]
+    other: PatchScorer | None = None
+
+    def frames(self) -> Iterator[Compared]:
+        """Judge each frame and compare.
+
+        Raises
+        ------
+        ToktError
+            If the run's policy cannot be put together, or its log cannot be read.
+        """
+        stopwatch = _LoggedStopwatch()
+        assembly = self._assembly(stopwatch)
+        history = _History(window=_window(assembly))
+        exchanged = 0
+        for logged in self.run.frames():
+            if self.other is None and logged.model is not None and logged.exchanged != exchanged:
+                self._exchange(assembly, self.models[logged.model.sha256])
+                history.begin_model(_window(assembly))
+            exchanged = logged.exchanged
+            frame, why_not = self._shown(logged)
+            known = history.take_in(logged, shown=frame is not None)
+            if frame is None:
+                yield Compared(logged, None, None, why_not)
+                continue
+            stopwatch.seconds = logged.texture_s or 0.0
+            judgement = assembly.policy.judge(known.frame(frame))
+            yield self._compared(logged, judgement, known, assembly)
+
+    def _assembly(self, stopwatch: _LoggedStopwatch) -> Assembly:
+        start = self.run.start
+        load: Callable[[], PatchScorer] | None = self._first_model
+        if self.other is None and start.model is None and not start.model_fault:
+            load = None
+        assembly = assemble(start.policy, load, self.stereo, stopwatch=stopwatch)
+        if assembly.texture is not None:
+            assembly.texture.note = start.model_note
+        return assembly
+
+    def _first_model(self) -> PatchScorer:
+        if self.other is not None:
+            return self.other
+        start = self.run.start
+        if start.model is None:
+            raise ToktError(start.model_fault)
+        return self.models[start.model.sha256]
+
+    def _exchange(self, assembly: Assembly, model: PatchScorer) -> None:
+        if assembly.texture is None:
+            raise ToktError(f"{self.run.path}: a model was exchanged where the policy has none")
+        assembly.texture.put(GridDetector(model))
+
+    def _shown(self, logged: LoggedFrame) -> tuple[Frame | None, str]:
+        """The frame as the policy saw it, or why it cannot be shown again."""
+        pictures: list[tuple[NDArray[np.uint8] | None, Fault]] = []
+        for camera, then in ((LEFT, logged.left), (RIGHT, logged.right)):
+            if isinstance(then, Fault):
+                pictures.append((None, then))
+                continue
+            picture, fault = read_picture(self.mission, logged.number, camera, self.pixel_format)
+            if picture is None:
+                return None, NOT_SHOWN
+            if pixel_mark(picture) != then:
+                return None, CHANGED
+            pictures.append((picture, fault))
+        (left, left_fault), (right, right_fault) = pictures
+        return Frame(
+            logged.number,
+            logged.t,
+            left,
+            right,
+            left_fault,
+            right_fault,
+            logged.missed,
+            timed=logged.timed,
+        ), ""
+
+    def _compared(
+        self, logged: LoggedFrame, judgement: Judgement, known: _Known, assembly: Assembly
+    ) -> Compared:
+        fields = self._fields(logged, judgement)
+        compared = list(VERDICT)
+        if self.other is not None:
+            # Whoever judges has another name and other words for it; that is no other verdict.
+            compared = [name for name in VERDICT if name not in ("model", "health")]
+        differs = [name for name in compared if repr(fields[name]) != repr(logged.verdict[name])]
+        if logged.has_values and self.other is None:
+            values = json_values(judgement.decision_values)
+            differs += [VALUES] * (repr(values) != repr(logged.values))
+        by_texture = fields["method"] == logged.verdict["method"] == TEXTURE
+        enough = known.since_start or (
+            known.for_texture
+            and (assembly.stereo is None or (by_texture and self.run.start.policy == "fallback"))
+        )
+        return Compared(logged, fields, tuple(differs), "" if enough else BEFORE)
+
+    def _fields(self, logged: LoggedFrame, judgement: Judgement) -> dict[str, Any]:
+        """The verdict's fields as they would have been logged."""
+        start = self.run.start
+        verdict = overloaded(judgement.verdict, logged.left_out)
+        if start.live and logged.age_s is not None:
+            judging_s = logged.judging_s or 0.0
+            verdict = aged(verdict, logged.age_s, judging_s, start.limits.stale_s)
+        report = Report(logged.seq, logged.number, logged.t, None, verdict)
+        return {name: value for name, value in report.fields().items() if name in VERDICT}
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One frame, then and now.
+
+    Parameters
+    ----------
+    logged : LoggedFrame
+    replayed : mapping or None
+        `VERDICT`'s fields; None where the frame could not be shown again.
+    differs : tuple of str or None
+        Names of the fields that are not the same to the last bit; `VALUES` among them.
+    why_not : str
+        Why the frame is not counted; empty where it is.
+    """
+
+    logged: LoggedFrame
+    replayed: Mapping[str, Any] | None
+    differs: tuple[str, ...] | None
+    why_not: str = ""
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What is known of what came before a frame.
+
+    Parameters
+    ----------
+    since_start : bool
+        Every frame of the run.
+    for_texture : bool
+        As many as the model's frame rule looks at.
+    broken : bool
+        Whether it is the first one after frames that are not known.
+    """
+
+    since_start: bool
+    for_texture: bool
+    broken: bool
+
+    def frame(self, frame: Frame) -> Frame:
+        """The frame, which tells the detectors of a gap before it."""
+        return replace(frame, missed=MANY_MISSED) if self.broken else frame
+
+
+class _History:
+    """Counts the places before a frame of which it is known what was there, or that nothing was."""
+
+    def __init__(self, window: int) -> None:
+        self._window = window
+        self._places = math.inf
+        self._since_start = True
+        self._broken = False
+
+    def begin_model(self, window: int) -> None:
+        """Another model, which knows of no frame before."""
+        self._window = window
+        self._places = math.inf
+
+    def take_in(self, logged: LoggedFrame, shown: bool) -> _Known:
+        """What is known before this frame; whether it is shown is for those after it."""
+        broken = self._broken or not logged.follows
+        if broken:
+            self._since_start = False
+            self._places = 0
+        places = self._places + logged.missed
+        self._places = places + 1
+        self._broken = not shown
+        return _Known(self._since_start, places >= self._window - 1, broken)
+
+
+class _LoggedStopwatch:
+    """Says how long a call took in the run."""
+
+    seconds = 0.0
+
+    def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
+        """Call it; what it gave, and the run's seconds."""
+        return call(), self.seconds
+
+
+def _window(assembly: Assembly) -> int:
+    """Frames that the model's rule looks at."""
+    detector = None if assembly.texture is None else assembly.texture.detector
+    if not isinstance(detector, GridDetector):
+        return 1
+    return detector.scorer.operating_point.rule.window

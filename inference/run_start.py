@@ -1,0 +1,194 @@
+"""How a run began: what a log's ``start`` event says, and what a replay needs to begin alike."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..features.errors import ToktError
+from ..features.kernels import KERNELS
+from .limits import Limits
+
+FORMAT_VERSION = 1
+"""Of the event's fields. To change them: raise this, keep reading the older ones, and prove it with
+a test that reads one."""
+
+START, MODEL = "start", "model"
+"""Names of the events that tell which model judges the frames after them."""
+
+
+@dataclass(frozen=True)
+class ModelName:
+    """A model and its bundle file.
+
+    Parameters
+    ----------
+    label : str
+        ``name/version``.
+    sha256 : str
+        Of the bundle file.
+    """
+
+    label: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class UsedFile:
+    """A file that a run read when it began.
+
+    Parameters
+    ----------
+    path : str
+    sha256 : str
+    """
+
+    path: str
+    sha256: str
+
+
+def used_file(path: Path) -> UsedFile:
+    """A file as it is now.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be read.
+    """
+    try:
+        return UsedFile(str(path.absolute()), hashlib.sha256(path.read_bytes()).hexdigest())
+    except OSError as error:
+        raise ToktError(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def software() -> dict[str, str]:
+    """What computes a verdict on this machine, besides model and calibration."""
+    try:
+        tokt = version("tokt")
+    except PackageNotFoundError:
+        tokt = "not installed"
+    return {
+        "tokt": tokt,
+        "kernels": KERNELS.name,
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+    }
+
+
+@dataclass(frozen=True)
+class RunStart:
+    """What a run began with.
+
+    Parameters
+    ----------
+    source : str
+        As it was given to ``--source``.
+    policy : str
+    live : bool
+        Whether its frames came in real time.
+    limits : Limits
+    model : ModelName or None
+        What judged the first frame; None for policy ``disparity``, and where it could not be
+        loaded.
+    model_fault : str
+        Why it could not be loaded.
+    model_note : str
+        Why it is not the store's active one, where it is not.
+    models_from : str
+        The bundle file or the store that models come from; empty without.
+    stereo_way : str or None
+    stereo_scale : float or None
+        As in `tokt.inference.assemble.Stereo`; None without a calibration.
+    calibration, odometry : UsedFile or None
+    pixel_format : str or None
+    threads : int
+    frame_rule : mapping or None
+        The model's, as JSON.
+    record : str or None
+        Where frames are recorded.
+    software : mapping
+        As `software` gives it.
+    """
+
+    source: str
+    policy: str
+    live: bool = False
+    limits: Limits = field(default_factory=Limits)
+    model: ModelName | None = None
+    model_fault: str = ""
+    model_note: str = ""
+    models_from: str = ""
+    stereo_way: str | None = None
+    stereo_scale: float | None = None
+    calibration: UsedFile | None = None
+    odometry: UsedFile | None = None
+    pixel_format: str | None = None
+    threads: int = 1
+    frame_rule: Mapping[str, Any] | None = None
+    record: str | None = None
+    software: Mapping[str, str] = field(default_factory=software)
+
+    def fields(self) -> dict[str, Any]:
+        """The event's fields, JSON."""
+        return {"format_version": FORMAT_VERSION, **asdict(self)}
+
+    @classmethod
+    def from_fields(cls, value: Mapping[str, Any], where: str) -> RunStart:
+        """Read back what `fields` gave, among other entries.
+
+        Raises
+        ------
+        ToktError
+            If it is not that, or of a newer tokt.
+        """
+        found = value.get("format_version")
+        if type(found) is int and found > FORMAT_VERSION:
+            raise ToktError(f"{where}: the log is of a newer tokt (format {found})")
+        try:
+            return _read(value)
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
+            detail = f"{type(error).__name__}: {error}"
+            raise ToktError(f"{where}: its start event cannot be read ({detail})") from None
+
+
+def _read(value: Mapping[str, Any]) -> RunStart:
+    texts = {
+        name: _text(value[name]) for name in ("source", "policy", "model_fault", "models_from")
+    }
+    texts["model_note"] = _text(value.get("model_note", ""))  # not in the first logs
+    optional = {name: value[name] for name in ("stereo_way", "pixel_format", "record")}
+    for text in optional.values():
+        if text is not None:
+            _text(text)
+    scale = value["stereo_scale"]
+    model, calibration, odometry = (value[name] for name in ("model", "calibration", "odometry"))
+    return RunStart(
+        **texts,
+        **optional,
+        live=bool(value["live"]),
+        limits=Limits(**value["limits"]),
+        model=None if model is None else ModelName(_text(model["label"]), _text(model["sha256"])),
+        stereo_scale=None if scale is None else float(scale),
+        calibration=_file(calibration),
+        odometry=_file(odometry),
+        threads=int(value["threads"]),
+        frame_rule=value["frame_rule"],
+        software={_text(name): _text(text) for name, text in value["software"].items()},
+    )
+
+
+def _file(value: Mapping[str, Any] | None) -> UsedFile | None:
+    return None if value is None else UsedFile(_text(value["path"]), _text(value["sha256"]))
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r} is no text")
+    return value

@@ -1,0 +1,222 @@
+"""A challenger on the same frames as the running model: logged and compared, never sent.
+
+::
+
+    loop ──> newest frame ──> thread ──pipe──> process: the same policy, another model
+             (never a queue)    │ <──verdict──────┘
+                                └──> a line with both verdicts
+
+In real time a frame that comes while the challenger is busy waits, and one that is overtaken by
+the next is left out and counted; otherwise the loop waits for the challenger, and it judges every
+frame. The running model's verdict is out before the challenger hears of the frame.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from .clock import Clock
+from .log import JsonLines
+from .observer import Event, Observer
+from .policy import Judgement
+from .report import Report
+from .shadow_process import READY, Challenger, send_frame, serve
+from .sources import Frame
+from .verdict import UNKNOWN
+
+SHADOW_FORMAT = 1
+"""Of a shadow log's lines; its start line carries it. To change it: raise this, keep reading the
+older ones, and prove it with a test."""
+START, FAILED, END = "start", "failed", "end"
+COMPARED = ("status", "reason", "mean", "x", "y", "distance_m", "method", "model", "latency_ms")
+"""What a line has of either verdict."""
+
+ANSWER_S = 30.0
+"""Seconds that the loop waits for a challenger that is to judge every frame, its start included."""
+_CLOSE_S = 2.0
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    """A frame that the challenger has not heard of."""
+
+    frame: Frame
+    said: dict[str, Any]
+    dropped: int
+
+
+class Shadow(Observer):
+    """Let a challenger judge what the running model judges.
+
+    Parameters
+    ----------
+    challenger : Challenger
+    log : JsonLines
+        For this run's lines only; closed by `close`.
+    run : str
+        The run's id.
+    live : bool
+        Whether frames come in real time.
+    clock : Clock
+    tell : callable
+        Takes events, from another thread: ``shadow_failed``, and ``shadow_differs`` where the
+        two begin to differ, unknowns left aside.
+
+    Attributes
+    ----------
+    judged_frames, dropped : int
+        Frames that the challenger judged, and those that it was too slow for.
+    fault : str
+        Why it judges no more, or an empty string.
+    """
+
+    def __init__(
+        self,
+        challenger: Challenger,
+        log: JsonLines,
+        run: str,
+        live: bool,
+        clock: Clock,
+        tell: Callable[[Event], None],
+    ) -> None:
+        self.judged_frames = self.dropped = 0
+        self.fault = ""
+        self._challenger = challenger
+        self._log = log
+        self._run = run
+        self._live = live
+        self._clock = clock
+        self._tell = tell
+        self._differs = False
+        self._changed = threading.Condition()
+        self._waiting: _Waiting | None = None
+        self._ended = False
+        log.write(
+            {
+                "event": START,
+                "format_version": SHADOW_FORMAT,
+                "t": clock.time(),
+                "run": run,
+                "policy": challenger.policy,
+                "challenger": {"label": challenger.label, "sha256": challenger.sha256},
+                "live": live,
+            }
+        )
+        spawning = multiprocessing.get_context("spawn")
+        self._connection, theirs = spawning.Pipe()
+        self._process = spawning.Process(
+            target=serve, args=(challenger, theirs), name="tokt shadow", daemon=True
+        )
+        self._thread = threading.Thread(
+            target=self._run_challenger, args=(theirs,), name="tokt shadow", daemon=True
+        )
+        self._thread.start()
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """Pass the frame on, if the challenger is to hear of it."""
+        said = report.fields()
+        with self._changed:
+            if not self._live:
+                self._wait_for_turn()
+            if self.fault:
+                return
+            overtaken, dropped = self._waiting, 0
+            if overtaken is not None:
+                self.dropped += 1
+                dropped = overtaken.dropped + 1
+                frame = replace(frame, missed=frame.missed + overtaken.frame.missed + 1)
+            self._waiting = _Waiting(frame, said, dropped)
+            self._changed.notify_all()
+
+    def _wait_for_turn(self) -> None:
+        """Wait until no frame waits, or the challenger has failed."""
+        taken = self._changed.wait_for(lambda: self._waiting is None or bool(self.fault), ANSWER_S)
+        if not taken:
+            self._fail_locked(f"it does not answer for {ANSWER_S:g} s")
+            self._kill()
+
+    def close(self) -> None:
+        """End the challenger: after its last frame where it judges every one, else at once."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+        self._thread.join(_CLOSE_S if self._live else ANSWER_S)
+        if self._thread.is_alive():
+            with self._changed:
+                self._fail_locked("it did not answer when the run ended")
+            self._kill()
+            self._thread.join(_CLOSE_S)
+        self._log.write({"event": END, "run": self._run, "dropped": self.dropped})
+        self._log.close()
+
+    def _run_challenger(self, theirs: Connection) -> None:
+        """What the thread does: ask for each frame's verdict, until the run or the process ends."""
+        try:
+            self._process.start()
+            theirs.close()
+            answer = self._connection.recv()
+            if answer != READY:
+                self._fail(str(answer))
+            while not self.fault and (waiting := self._next()) is not None:
+                send_frame(self._connection, waiting.frame)
+                self._compare(waiting, self._connection.recv())
+        except (EOFError, OSError):
+            self._process.join(_CLOSE_S)
+            self._fail(f"its process ended with exit code {self._process.exitcode}")
+        finally:
+            self._connection.close()
+            if self._process.pid is not None:
+                self._process.join(_CLOSE_S)
+
+    def _next(self) -> _Waiting | None:
+        """The frame that waits, waiting for one; None when there will be no more."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is not None or self._ended)
+            waiting, self._waiting = self._waiting, None
+            self._changed.notify_all()
+            return waiting
+
+    def _compare(self, waiting: _Waiting, answer: dict[str, Any]) -> None:
+        """Write both verdicts down."""
+        self.judged_frames += 1
+        said, number = waiting.said, waiting.frame.number
+        self._log.write(
+            {
+                "run": self._run,
+                "seq": said["seq"],
+                "frame": number,
+                "t": said["t"],
+                "dropped": waiting.dropped,
+                "champion": {name: said[name] for name in COMPARED},
+                "challenger": {name: answer[name] for name in COMPARED},
+            }
+        )
+        statuses = said["status"], answer["status"]
+        differs = statuses[0] != statuses[1] and UNKNOWN not in statuses
+        if differs and not self._differs:
+            words = f"challenger {self._challenger.label} says otherwise at frame {number}"
+            fields = {"frame": number, "champion": statuses[0], "challenger": statuses[1]}
+            self._tell(Event(self._clock.time(), "shadow_differs", words, fields))
+        self._differs = differs
+
+    def _kill(self) -> None:
+        if self._process.pid is not None:
+            self._process.kill()
+
+    def _fail(self, why: str) -> None:
+        with self._changed:
+            self._fail_locked(why)
+
+    def _fail_locked(self, why: str) -> None:
+        if self.fault:
+            return
+        self.fault, self._waiting = why, None
+        self._changed.notify_all()
+        words = f"challenger {self._challenger.label} judges no more: {why}"
+        self._log.write({"event": FAILED, "run": self._run, "t": self._clock.time(), "words": why})
+        self._tell(Event(self._clock.time(), "shadow_failed", words))

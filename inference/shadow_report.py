@@ -1,0 +1,308 @@
+"""What a shadow log comes to: where a challenger and the running model say otherwise.
+
+Neither is known to be right here: this tells where they differ, and where to look. Frames that
+follow each other show almost the same, so that a hundred frames of one thing are hardly more than
+one piece of evidence: stretches and episodes are counted beside frames.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..features.errors import ToktError
+from .log import LogGap, read_log
+from .replay_tally import STATUS_WORDS
+from .shadow import END, FAILED, SHADOW_FORMAT, START
+from .verdict import OBSTACLE, UNKNOWN
+
+EPISODE_GAP = 10
+"""Compared frames without an obstacle that end an episode of it; fewer are gaps in it."""
+SIDES = ("champion", "challenger")
+
+
+@dataclass
+class Stretch:
+    """Compared frames in a row on which the two differ alike.
+
+    Parameters
+    ----------
+    first, last : int
+        Frame numbers.
+    frames : int
+    champion, challenger : int
+        Statuses.
+    """
+
+    first: int
+    last: int
+    frames: int
+    champion: int
+    challenger: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form, statuses in words."""
+        return {
+            "first": self.first,
+            "last": self.last,
+            "frames": self.frames,
+            **{side: STATUS_WORDS[getattr(self, side)] for side in SIDES},
+        }
+
+
+@dataclass
+class Episode:
+    """A time in which one of the two says obstacle, with short gaps.
+
+    Parameters
+    ----------
+    first, last : int
+        Frame numbers.
+    begins, ends : int
+        Which compared frames these are.
+    """
+
+    first: int
+    last: int
+    begins: int
+    ends: int
+
+
+@dataclass
+class ShadowReport:
+    """A run's comparison.
+
+    Parameters
+    ----------
+    run : str
+    policy : str
+    challenger : mapping
+        ``label`` and ``sha256``.
+    champions : list of str
+        Models whose verdicts were sent.
+    live : bool
+    frames, dropped : int
+        Compared, and those that the challenger was too slow for.
+    fault : str
+        Why the challenger judged no more; empty where it did to the end.
+    lost_lines : int
+        Places of the log that cannot be read.
+    statuses : Counter of (int, int)
+        The champion's and the challenger's status.
+    stretches : list of Stretch
+    episodes : mapping of str to list of Episode
+        By side.
+    latency_ms : mapping of str to list of float
+        By side.
+    """
+
+    run: str
+    policy: str
+    challenger: Mapping[str, str]
+    live: bool
+    champions: list[str] = field(default_factory=list)
+    frames: int = 0
+    dropped: int = 0
+    fault: str = ""
+    lost_lines: int = 0
+    statuses: Counter[tuple[int, int]] = field(default_factory=Counter)
+    stretches: list[Stretch] = field(default_factory=list)
+    episodes: dict[str, list[Episode]] = field(default_factory=lambda: {side: [] for side in SIDES})
+    latency_ms: dict[str, list[float]] = field(default_factory=lambda: {side: [] for side in SIDES})
+    _open: bool = False
+
+    def add(self, line: Mapping[str, Any]) -> None:
+        """Take in one compared frame."""
+        champion, challenger = line["champion"], line["challenger"]
+        then, now, number = champion["status"], challenger["status"], line["frame"]
+        self.statuses[then, now] += 1
+        self.dropped += line["dropped"]
+        model = champion["model"]
+        if model is not None and model not in self.champions:
+            self.champions.append(model)
+        for side in SIDES:
+            if line[side]["latency_ms"] is not None:
+                self.latency_ms[side].append(line[side]["latency_ms"])
+            if line[side]["status"] == OBSTACLE:
+                self._obstacle(side, number)
+        self._stretch(then, now, number)
+        self.frames += 1
+
+    def _obstacle(self, side: str, number: int) -> None:
+        episodes = self.episodes[side]
+        if episodes and self.frames - episodes[-1].ends <= EPISODE_GAP:
+            episodes[-1].last, episodes[-1].ends = number, self.frames
+        else:
+            episodes.append(Episode(number, number, self.frames, self.frames))
+
+    def _stretch(self, champion: int, challenger: int, number: int) -> None:
+        if champion == challenger:
+            self._open = False
+            return
+        newest = self.stretches[-1] if self._open else None
+        if newest is not None and (newest.champion, newest.challenger) == (champion, challenger):
+            newest.last, newest.frames = number, newest.frames + 1
+        else:
+            self.stretches.append(Stretch(number, number, 1, champion, challenger))
+            self._open = True
+
+    @property
+    def agree(self) -> int:
+        """Frames with one status."""
+        return sum(count for (one, other), count in self.statuses.items() if one == other)
+
+    def table(self) -> dict[str, dict[str, int]]:
+        """Frames by the champion's status, then by the challenger's, in words."""
+        return {
+            word: {other: self.statuses[status, now] for now, other in STATUS_WORDS.items()}
+            for status, word in STATUS_WORDS.items()
+        }
+
+    def alone(self, side: str) -> tuple[int, int]:
+        """Frames and stretches in which only that one says obstacle."""
+        mine = [stretch for stretch in self.stretches if getattr(stretch, side) == OBSTACLE]
+        return sum(stretch.frames for stretch in mine), len(mine)
+
+    def unknown(self, side: str) -> int:
+        """Frames on which that one says unknown."""
+        place = SIDES.index(side)
+        return sum(count for pair, count in self.statuses.items() if pair[place] == UNKNOWN)
+
+    def shared_episodes(self, side: str) -> list[tuple[Episode, Episode]]:
+        """Episodes of one with the first of the other's that begins or goes on in it."""
+        other = next(each for each in SIDES if each != side)
+        pairs = []
+        for episode in self.episodes[side]:
+            overlapping = (
+                each
+                for each in self.episodes[other]
+                if each.begins <= episode.ends and each.ends >= episode.begins
+            )
+            found = next(overlapping, None)
+            if found is not None:
+                pairs.append((episode, found))
+        return pairs
+
+    def lead_frames(self) -> list[int]:
+        """By how many compared frames the challenger begins earlier, in each shared episode."""
+        return [mine.begins - theirs.begins for mine, theirs in self.shared_episodes("champion")]
+
+    def latency(self, side: str) -> dict[str, float] | None:
+        """Median, 99th percentile and maximum in milliseconds, or None without frames."""
+        values = self.latency_ms[side]
+        if not values:
+            return None
+        median, p99, most = np.percentile(values, [50, 99, 100])
+        return {"median": float(median), "p99": float(p99), "max": float(most)}
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        sides = {}
+        for side in SIDES:
+            frames, stretches = self.alone(side)
+            sides[side] = {
+                "obstacle_alone_frames": frames,
+                "obstacle_alone_stretches": stretches,
+                "unknown_frames": self.unknown(side),
+                "episodes": len(self.episodes[side]),
+                "episodes_shared": len(self.shared_episodes(side)),
+                "latency_ms": self.latency(side),
+            }
+        return {
+            "run": self.run,
+            "policy": self.policy,
+            "live": self.live,
+            "champions": self.champions,
+            "challenger_model": dict(self.challenger),
+            "frames": self.frames,
+            "dropped": self.dropped,
+            "agree": self.agree,
+            "statuses": self.table(),
+            **sides,
+            "challenger_leads_frames": self.lead_frames(),
+            "differences": [stretch.to_json() for stretch in self.stretches],
+            "fault": self.fault,
+            "lost_lines": self.lost_lines,
+        }
+
+
+def read_shadow(path: Path, run: str | None = None) -> ShadowReport:
+    """Read a shadow log.
+
+    Parameters
+    ----------
+    path : Path
+    run : str, optional
+        Which run of it; by default the last.
+
+    Raises
+    ------
+    ToktError
+        If there is no such log or run, or a line is not one of a shadow log.
+    """
+    gaps: list[LogGap] = []
+    reports: dict[str, ShadowReport] = {}
+    for line in _lines(path, gaps):
+        try:
+            _take(line, reports)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            detail = f"{type(error).__name__}: {error}"
+            raise ToktError(f"{path} is no shadow log ({detail})") from None
+    if not reports:
+        raise ToktError(f"{path} has no run with a challenger")
+    wanted = next(reversed(reports)) if run is None else run
+    if wanted not in reports:
+        raise ToktError(f"{path} has no run {wanted} (it has {', '.join(reports)})")
+    reports[wanted].lost_lines = len(gaps)
+    return reports[wanted]
+
+
+def _lines(path: Path, gaps: list[LogGap]) -> Iterator[dict[str, Any]]:
+    for line in read_log(path, gaps):
+        version = line.get("format_version", SHADOW_FORMAT)
+        if type(version) is not int or version > SHADOW_FORMAT:
+            raise ToktError(f"{path} is of a newer tokt (format {version})")
+        yield line
+
+
+def _take(line: Mapping[str, Any], reports: dict[str, ShadowReport]) -> None:
+    """Add a line to its run's report."""
+    event, run = line.get("event"), line["run"]
+    if event == START:
+        challenger = {name: str(line["challenger"][name]) for name in ("label", "sha256")}
+        reports[run] = ShadowReport(run, str(line["policy"]), challenger, bool(line["live"]))
+    elif event == FAILED:
+        reports[run].fault = str(line["words"])
+    elif event == END:
+        # Frames that were overtaken after the last one that was judged are in no line.
+        reports[run].dropped = max(reports[run].dropped, int(line["dropped"]))
+    elif event is None:
+        _check(line)
+        reports[run].add(line)
+
+
+def _check(line: Mapping[str, Any]) -> None:
+    """Raise TypeError or ValueError where a frame's line is not what `ShadowReport.add` counts."""
+    if type(line["frame"]) is not int or type(line["dropped"]) is not int:
+        raise TypeError("a frame's number and how many were dropped are whole numbers")
+    for side in SIDES:
+        said = line[side]
+        if said["status"] not in STATUS_WORDS:
+            raise ValueError(f"there is no status {said['status']!r}")
+        if said["model"] is not None and not isinstance(said["model"], str):
+            raise TypeError(f"{said['model']!r} is no model's name")
+        _check_number(said["latency_ms"])
+
+
+def _check_number(value: Any) -> None:
+    """Raise TypeError unless it is None or a number that is finite."""
+    if value is None:
+        return
+    if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
+        raise TypeError(f"{value!r} is no duration")

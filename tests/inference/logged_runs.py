@@ -1,0 +1,135 @@
+"""Bundles that differ in a known way, and runs of them that are logged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from tokt.features.mission import open_mission
+from tokt.inference.assemble import Assembly, Stereo, assemble
+from tokt.inference.clock import Clock
+from tokt.inference.detector import GridDetector
+from tokt.inference.event_queue import EventQueue
+from tokt.inference.observer import Event, Observer
+from tokt.inference.run_log import RunLog, new_run_id
+from tokt.inference.run_start import START, ModelName, RunStart, UsedFile
+from tokt.inference.runtime import Runtime
+from tokt.inference.sources import MissionSource, Source
+from tokt.inference.stopwatch import SYSTEM_STOPWATCH, Stopwatch
+from tokt.models.bundle import Bundle, Golden, bundle_bytes, read_bundle
+from tokt.models.operating_point import FrameRule, OperatingPoint
+
+
+def variant(
+    like: Path,
+    path: Path,
+    threshold: float = 0.0,
+    rule: FrameRule | None = None,
+    golden: np.ndarray | None = None,
+) -> Path:
+    """A bundle with another threshold or frame rule, or for frames of another size."""
+    bundle = read_bundle(like)
+    content = bundle.content
+    model = replace(content.model, thresholds=np.array([threshold]))
+    values, frames = content.golden.decision_values, content.golden.frames
+    if golden is not None:
+        values = bundle.decision_values(golden)[None]
+        frames = (cv2.imencode(".png", golden)[1].tobytes(),)
+    obstacle = np.array([model.obstacle_patches(each) for each in values])
+    content = replace(
+        content,
+        name=path.stem,
+        model=model,
+        golden=Golden(frames, values, obstacle),
+        operating_point=OperatingPoint(rule or FrameRule()),
+    )
+    path.write_bytes(bundle_bytes(content))
+    return path
+
+
+class Seconds:
+    """A stopwatch that says what a test wants, call by call, and then 0."""
+
+    def __init__(self, *seconds: float) -> None:
+        self._seconds = list(seconds)
+
+    def took(self, call: Callable[[], Any]) -> tuple[Any, float]:
+        return call(), self._seconds.pop(0) if self._seconds else 0.0
+
+
+class Switch:
+    """Another model, or the same anew, before given rounds of the loop."""
+
+    def __init__(self, clock: Clock, at: dict[int, Bundle]) -> None:
+        self._clock = clock
+        self._at = at
+        self._round = 0
+        self.assembly: Assembly | None = None
+
+    def between(self) -> Sequence[Event]:
+        self._round += 1
+        bundle = self._at.get(self._round)
+        if bundle is None:
+            return ()
+        assert self.assembly is not None and self.assembly.texture is not None
+        self.assembly.texture.put(GridDetector(bundle))
+        fields = {"label": bundle.label, "sha256": bundle.sha256}
+        return [Event(self._clock.time(), "model", "another model", fields)]
+
+
+def log_run(
+    source: Source,
+    start: RunStart,
+    log: Path,
+    clock: Clock,
+    model: Bundle | Callable[[], Bundle],
+    stereo: Stereo | None = None,
+    stopwatch: Stopwatch = SYSTEM_STOPWATCH,
+    switch: Switch | None = None,
+    observers: Callable[[str], Sequence[Observer]] = lambda run: (),
+    values: bool = True,
+) -> str:
+    """Run a source to its end, with a log; its run's id."""
+    run = new_run_id(clock)
+    load = model if callable(model) else lambda: model
+    assembly = assemble(start.policy, load, stereo, stopwatch=stopwatch)
+    watching = [RunLog(log, run, values=values), *observers(run)]
+    if assembly.texture is not None:
+        assembly.texture.note = start.model_note
+    switch = switch or Switch(clock, {})
+    switch.assembly = assembly
+    events = EventQueue()
+    events.put(Event(clock.time(), START, "a run", start.fields()))
+    policy, limits = assembly.policy, start.limits
+    Runtime(source, policy, [], clock, watching, limits, events, switch.between).run()
+    for observer in watching:
+        observer.close()
+    return run
+
+
+def texture_start(folder: Path, bundle: Path, **more: Any) -> RunStart:
+    """How a run of policy texture begins."""
+    model = read_bundle(bundle)
+    name = ModelName(model.label, model.sha256)
+    start = RunStart(str(folder), "texture", model=name, models_from=str(bundle))
+    return replace(start, **more)
+
+
+def stereo_start(start: RunStart, policy: str, calibration: UsedFile) -> RunStart:
+    """The same with a pair of cameras."""
+    return replace(start, policy=policy, stereo_way="bm", stereo_scale=0.5, calibration=calibration)
+
+
+class Unhurried(MissionSource):
+    """At a rate by a clock that a test moves, and yet every frame is waited for."""
+
+    live = False
+
+
+def mission_source(folder: Path, clock: Clock, rate: float | None = None) -> MissionSource:
+    """Each frame of a folder."""
+    return Unhurried(open_mission(folder), clock, rate=rate)

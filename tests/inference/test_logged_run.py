@@ -1,0 +1,156 @@
+"""Logs as anybody may have changed them: read, or refused with one line; and yesterday's start."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.inference.limits import Limits
+from tokt.inference.logged_run import LoggedFrame, open_run
+from tokt.inference.run_start import ModelName, RunStart, UsedFile
+from tokt.inference.shadow_report import read_shadow
+
+from tokt.cli.shadow import _show as show
+
+MODEL = ModelName("noise/7", "ab" * 32)
+START = {"event": "start", "t": 1.5, "words": "a run", "run": "r", "seq": 0}
+FRAME = {
+    "v": 2, "seq": 1, "t": 1461146472.123456, "status": 0, "x": 0, "y": 0, "box": None, "mean": 0.0,
+    "distance_m": None, "method": "texture", "model": "noise/7", "latency_ms": 4.1, "health": "ok",
+    "closing_m_s": None, "contact_s": None, "reason": "ok", "age_ms": 5.7, "run": "r", "frame": 17,
+    "missed": 0, "left_out": 0, "timed": True, "texture_s": 0.0031, "left": "0123abcd",
+    "right": {"reason": "missing", "words": "not read"},
+}  # fmt: skip
+SHADOW = [
+    {
+        "event": "start", "format_version": 1, "t": 1.5, "run": "r", "policy": "texture",
+        "challenger": {"label": "b/2", "sha256": "0" * 64}, "live": True,
+    },
+    {
+        "run": "r", "seq": 1, "frame": 17, "t": 1.5, "dropped": 0,
+        "champion": {"status": 0, "latency_ms": 4.0, "model": "a/1"},
+        "challenger": {"status": 1, "latency_ms": None, "model": "b/2"},
+    },
+    {"event": "failed", "run": "r", "t": 1.6, "words": "its process ended"},
+    {"event": "end", "run": "r", "dropped": 0},
+]  # fmt: skip
+
+
+def started() -> RunStart:
+    return RunStart("dive", "fallback", model=MODEL, stereo_way="bm", stereo_scale=0.5)
+
+
+def write(path: Path, *values: object) -> Path:
+    path.write_text("".join(json.dumps(value) + "\n" for value in values))
+    return path
+
+
+def log_of(folder: Path, frames: list[Any], events: list[Any]) -> Path:
+    write(folder / "run.events.jsonl", *events)
+    return write(folder / "run.jsonl", *frames)
+
+
+def read(log: Path) -> list[LoggedFrame]:
+    return list(open_run(log).frames())
+
+
+def test_a_start_reads_back_as_it_was() -> None:
+    start = replace(
+        started(),
+        live=True,
+        limits=Limits(0.3, 0.7, 9),
+        calibration=UsedFile("/rig.yml", "0" * 64),
+        odometry=UsedFile("/poses.csv", "1" * 64),
+        pixel_format="BayerRG8",
+        frame_rule={"hits": 1},
+        record="/rec",
+        model_fault="none",
+    )
+    fields = json.loads(json.dumps({**START, **start.fields()}))
+    assert RunStart.from_fields(fields, "a log") == start
+
+
+def test_the_first_format_of_a_start_is_still_read() -> None:
+    first = {
+        "event": "start", "format_version": 1, "source": "/dive", "policy": "texture",
+        "live": False, "limits": {"stale_s": 0.5, "heartbeat_s": 0.5, "frozen_repeats": 5},
+        "model": {"label": "noise/7", "sha256": "ab" * 32}, "model_fault": "",
+        "models_from": "/noise-7.tokt", "stereo_way": None, "stereo_scale": None,
+        "calibration": None, "odometry": None, "pixel_format": None, "threads": 1,
+        "frame_rule": None, "record": None, "software": {"tokt": "0.1.0"},
+    }  # fmt: skip
+    start = RunStart.from_fields(first, "a log")
+    assert (start.model, start.models_from, start.model_note) == (MODEL, "/noise-7.tokt", "")
+
+
+def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path: Path) -> None:
+    event = {"event": "model", "label": "new/1", "sha256": "cd" * 32, "run": "r", "seq": 2}
+    told = {"event": "recording", "frame": 17, "run": "r", "seq": 1}
+    # The heartbeat of the other thread was said after frame 4, and its line is before it.
+    beats = [{**FRAME, "seq": seq, "frame": None} for seq in (3, 5)]
+    lines = [FRAME, {**FRAME, "seq": 2}, *beats, {**FRAME, "seq": 4}]
+    log = log_of(
+        tmp_path, [*lines, {**FRAME, "seq": 7}], [{**START, **started().fields()}, told, event]
+    )
+    run = open_run(log)
+    frames = list(run.frames())
+    assert run.n_frames == len(frames) == 4
+    assert [(each.seq, each.exchanged) for each in frames] == [(1, 0), (2, 0), (4, 1), (7, 1)]
+    assert frames[-1].model == ModelName("new/1", "cd" * 32)
+    assert run.models == (MODEL, frames[-1].model)
+    assert [each.follows for each in frames] == [True, True, True, False]  # 6 is nowhere
+
+
+@settings(max_examples=60, deadline=None)
+@given(ms=st.floats(0, 1e7, allow_nan=False))
+def test_milliseconds_become_the_seconds_they_were_made_of(ms: float) -> None:
+    from tokt.inference.logged_run import _seconds
+
+    seconds = _seconds({"age_ms": 1000 * ms}, "age_ms", 1000.0)
+    assert seconds is not None and 1000 * seconds == 1000 * ms
+
+
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
+JSON = st.recursive(
+    SCALARS | st.just(10**400),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("log")
+
+
+def shadow_shown(log: Path) -> None:
+    """Read it and show it, as JSON and in words."""
+    report = read_shadow(log)
+    json.dumps(report.to_json(), allow_nan=False)
+    show(report)
+
+
+@settings(max_examples=30, deadline=None)
+@given(data=st.data())
+def test_any_value_anywhere_is_read_or_refused(folder: Path, data: st.DataObject) -> None:
+    lines = [{**START, **started().fields()}, FRAME, *SHADOW]
+    place = data.draw(st.integers(0, len(lines) - 1))
+    changed = dict(lines[place])
+    key = data.draw(st.sampled_from([*changed, "format_version"]))
+    changed[key] = data.draw(JSON)
+    if data.draw(st.booleans()):
+        del changed[key]
+    lines[place] = changed
+    log = log_of(folder, lines[1:2], lines[:1])
+    shadow = write(folder / "shadow.jsonl", *lines[2:])
+    for look in (lambda: read(log), lambda: shadow_shown(shadow)):
+        try:
+            look()
+        except ToktError as error:
+            assert "\n" not in str(error)

@@ -1,0 +1,413 @@
+"""`tokt replay`: the same bundle gives the same verdicts, and what is not the same is told."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from tokt.features.errors import ToktError
+from tokt.features.mission import open_mission
+from tokt.inference.assemble import Stereo
+from tokt.inference.calibration import load_calibration
+from tokt.inference.calibration_writer import write_calibration
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.disk_budget import DiskLimits
+from tokt.inference.limits import Limits
+from tokt.inference.moments import Around
+from tokt.inference.observer import Observer
+from tokt.inference.recorder import Recorder
+from tokt.inference.run_log import events_path
+from tokt.inference.run_start import used_file
+from tokt.inference.sources import MissionSource
+from tokt.models.bundle import read_bundle
+from tokt.models.operating_point import FrameRule
+from tokt.models.store import Store
+
+from .live import HandSource
+from .logged_runs import (
+    Seconds,
+    Switch,
+    log_run,
+    mission_source,
+    stereo_start,
+    texture_start,
+    variant,
+)
+from .plain_rig import HEIGHT, PLAIN, WIDTH
+
+Mission = Callable[..., Path]
+TWO_OF_THREE = FrameRule(hits=2, window=3)
+SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5)], []]
+
+
+@pytest.fixture
+def ruled(bundle_file: Path, tmp_path: Path) -> Path:
+    """A model whose rule looks at three frames."""
+    return variant(bundle_file, tmp_path / "ruled.tokt", rule=TWO_OF_THREE)
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def write_lines(path: Path, values: list[dict[str, Any]]) -> None:
+    path.write_text("".join(json.dumps(value) + "\n" for value in values))
+
+
+def replayed(run_tokt: Callable[..., Any], *arguments: object, code: int = 0) -> dict[str, Any]:
+    """What `tokt replay --json` says."""
+    ran = run_tokt("replay", *arguments, "--json")
+    assert ran.code == code, ran.err + ran.out
+    return dict(json.loads(ran.out))
+
+
+def test_the_same_bundle_gives_the_same_verdicts(
+    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
+    (folder / "Left" / "t_L_6.jpg").unlink()
+    (folder / "Left" / "t_L_9.jpg").write_bytes(b"no picture")
+    source = MissionSource(open_mission(folder), SYSTEM_CLOCK, frames=[1, 2, 3, 5, 6, 7, 8, 9, 10])
+    log_run(source, texture_start(folder, ruled), log, SYSTEM_CLOCK, read_bundle(ruled))
+    said = [(line["status"], line["reason"]) for line in lines(log)]
+    assert said[2] == (1, "ok") and (-1, "unreadable") in said and (-1, "missing") in said
+    assert (-1, "frame_rule") in said
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["compared"] == found["same_to_the_bit"] == 9
+    assert not found["not_compared"] and not found["differences"] and not found["notes"]
+    assert replayed(run_tokt, log, "--bundle", ruled)["model"] == "the run's own"
+
+
+def test_another_bundle_differs_where_it_sees_otherwise(
+    make_mission: Mission, bundle_file: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
+    model = read_bundle(bundle_file)
+    log_run(
+        mission_source(folder, SYSTEM_CLOCK), texture_start(folder, bundle_file), log,
+        SYSTEM_CLOCK, model,
+    )  # fmt: skip
+    blind = variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0)
+    found = replayed(run_tokt, log, "--bundle", blind, code=1)
+    assert found["model"] == "blind/7" and found["compared"] == 10
+    assert found["statuses"]["obstacle"] == {"obstacle": 0, "clear": 5, "unknown": 0}
+    assert (found["status_differs"], found["figures_differ"]) == (5, 0)
+    stretches = [(each["first"], each["last"], each["frames"]) for each in found["differences"]]
+    assert stretches == [(2, 3, 2), (5, 5, 1), (8, 9, 2)]
+    assert found["differences"][0]["example"]["status"] == [1, 0]
+    Store(tmp_path / "store").deploy(read_bundle(blind))
+    assert replayed(run_tokt, log, "--bundle", tmp_path / "store", code=1)["model"] == "blind/7"
+    shown = run_tokt("replay", log, "--bundle", blind)
+    assert shown.code == 1
+    assert "frame 2-3 (2 frames): obstacle (ok) -> clear (ok); " in shown.out
+    assert "5 with another status" in shown.out
+
+
+def test_changed_and_missing_pictures_are_told_and_not_counted(
+    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
+    log_run(
+        mission_source(folder, SYSTEM_CLOCK), texture_start(folder, ruled), log, SYSTEM_CLOCK,
+        read_bundle(ruled),
+    )  # fmt: skip
+    moved = tmp_path / "elsewhere"
+    shutil.move(folder, moved)
+    gone = run_tokt("replay", log)
+    assert gone.code == 2 and "--source" in gone.err
+    assert replayed(run_tokt, log, "--source", moved)["compared"] == 10
+    changed = moved / "Left" / "t_L_3.jpg"
+    cv2.imwrite(str(changed), cv2.imread(str(changed)), [cv2.IMWRITE_JPEG_QUALITY, 60])
+    (moved / "Right" / "t_R_8.jpg").unlink()
+    found = replayed(run_tokt, log, "--source", moved, code=1)
+    assert found["not_compared"] == {
+        "its pictures are not those that were judged": 1,
+        "its pictures are not there": 1,
+        "what came before it is not known": 4,
+    }
+    assert found["compared"] == found["same_to_the_bit"] == 4
+    assert found["differences"] == [] and not found["same"]
+
+
+def test_a_model_that_was_exchanged_is_exchanged_at_the_same_frame(
+    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, log = make_mission([[(4, 4)]] * 9), tmp_path / "run.jsonl"
+    blind = variant(ruled, tmp_path / "blind.tokt", threshold=10.0)
+    store = Store(tmp_path / "store")
+    bundles = [read_bundle(path) for path in (ruled, blind)]
+    for bundle in reversed(bundles):
+        store.deploy(bundle)
+    first, second = bundles
+    # At the seventh frame back and forth: the rule knows of no frame before.
+    switch = Switch(SYSTEM_CLOCK, {4: second, 6: first, 8: first})
+    start = texture_start(folder, ruled, models_from=str(store.path))
+    source = mission_source(folder, SYSTEM_CLOCK)
+    log_run(source, start, log, SYSTEM_CLOCK, first, switch=switch)
+    said = [line["status"] for line in lines(log)]
+    assert said == [-1, 1, 1, 0, 0, -1, 1, -1, 1]
+    assert [line["seq"] for line in lines(events_path(log))] == [0, 3, 5, 7]
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["compared"] == 9
+    found = replayed(run_tokt, log, "--bundle", ruled, code=1)
+    assert [(each["first"], each["last"]) for each in found["differences"]] == [
+        (4, 5),
+        (6, 6),
+        (8, 8),
+    ]
+
+
+def test_lines_that_are_lost_leave_what_comes_after_unknown(
+    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
+    model, start = read_bundle(ruled), texture_start(folder, ruled)
+    log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, model)
+    first = lines(log)[0]["run"]
+    log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, model)
+    both = log.read_text().splitlines(keepends=True)
+    # Of the first run the lines 1 to 3 are gone with an older file, of the second 5 is damaged.
+    log.write_text("".join(both[3:14]) + '{"half of a\n' + "".join(both[15:]))
+    before = "what came before it is not known"
+    found = replayed(run_tokt, log)
+    assert found["compared"] == found["same_to_the_bit"] == 7
+    assert found["not_compared"] == {before: 2} and found["same"]
+    found = replayed(run_tokt, log, "--run", first)
+    assert found["run"] == first and found["frames"] == 7
+    assert found["compared"] == 5 and found["not_compared"] == {before: 2}
+    other = run_tokt("replay", log, "--run", "run-x")
+    assert other.code == 2 and first in other.err
+
+
+def scene(x: int | None, depth_px: int = 200) -> tuple[np.ndarray, np.ndarray]:
+    """An even sea, with a textured square at x in the left view where there is one."""
+    left = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
+    left = left.round() + np.random.default_rng(1).integers(0, 2, left.shape)
+    right = left.copy()
+    if x is not None:
+        texture = cv2.resize(np.random.default_rng(3).uniform(20, 120, (80, 80)), (320, 320))
+        left[350:670, x : x + 320] = texture
+        right[350:670, x - depth_px : x - depth_px + 320] = texture
+    return left.astype(np.uint8), right.astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory, bundle_file: Path) -> Any:
+    """Seven pairs of an approach, a model that can judge them, and the calibration."""
+    folder = tmp_path_factory.mktemp("rig")
+    for number, x in enumerate([None, *range(700, 646, -9)], 1):
+        views = scene(x, 150 if x is None else 150 + (700 - x) // 2)
+        for side, view in zip(("Left", "Right"), views, strict=True):
+            (folder / "dive" / side).mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(folder / "dive" / side / f"t_{side[0]}_{number}.png"), view)
+    write_calibration(folder / "rig.yml", PLAIN, {})
+    fitting = variant(bundle_file, folder / "fitting.tokt", golden=scene(None)[0])
+    return folder / "dive", fitting, folder / "rig.yml"
+
+
+@pytest.mark.parametrize("policy", ["either", "fallback"])
+def test_pairs_late_durations_and_speeds_come_out_the_same(
+    policy: str, rig: Any, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
+) -> None:
+    folder, bundle, calibration = rig
+    stereo = Stereo(load_calibration(calibration))
+    start = stereo_start(texture_start(folder, bundle), policy, used_file(calibration))
+    log = tmp_path / "run.jsonl"
+    source = mission_source(folder, hand_clock, rate=5.0)
+    late = Seconds(0.7003, *[0.2] * 3, *[0.51234567] * 3)
+    log_run(source, start, log, hand_clock, read_bundle(bundle), stereo, stopwatch=late)
+    said = lines(log)
+    if policy == "either":
+        assert any(line["closing_m_s"] is not None for line in said)
+        assert {line["method"] for line in said[1:]} <= {"texture+disparity", "texture"}
+    else:
+        assert "late: 700 ms" in said[0]["health"] and said[0]["texture_s"] == 0.7003
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["compared"] == 7, found
+
+
+def test_a_run_that_began_without_a_model_comes_out_the_same(
+    rig: Any, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, bundle, calibration = rig
+    model, stereo = read_bundle(bundle), Stereo(load_calibration(calibration))
+    fault = "bundle x.tokt: truncated"
+    start = stereo_start(texture_start(folder, bundle), "fallback", used_file(calibration))
+    start = replace(start, model=None, model_fault=fault)
+
+    def load() -> Any:
+        raise ToktError(fault)
+
+    log, switch = tmp_path / "run.jsonl", Switch(SYSTEM_CLOCK, {3: model})
+    source = MissionSource(open_mission(folder), SYSTEM_CLOCK, frames=[1, 2, 3, 4])
+    log_run(source, start, log, SYSTEM_CLOCK, load, stereo, switch=switch)
+    said = lines(log)
+    assert [line["method"] for line in said] == ["disparity", "disparity", "texture", "texture"]
+    assert fault in said[0]["health"] and fault not in said[2]["health"]
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["compared"] == 4, found
+
+
+def test_a_recording_is_compared_where_enough_of_it_is_known(
+    draw_frame: Any, ruled: Path, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
+) -> None:
+    folder, log = tmp_path / "dive", tmp_path / "run.jsonl"
+    folder.mkdir()
+    for number in range(1, 17):
+        picture = draw_frame([(4, 4)] if number in (1, 2, 11, 12, 13) else [], number)
+        picture[0, number] += 1  # else the camera would seem to be frozen
+        cv2.imwrite(str(folder / f"t_{number}.png"), picture)
+    start = texture_start(folder, ruled, model_note="the last good model")
+
+    def recorder(run: str) -> list[Observer]:
+        disk = DiskLimits(most_mb=100.0, reserve_mb=0.0)
+        return [Recorder(tmp_path / "kept", run, hand_clock, Around(0.5, 0.5), disk)]
+
+    source = mission_source(folder, hand_clock, rate=5.0)
+    run = log_run(source, start, log, hand_clock, read_bundle(ruled), observers=recorder)
+    kept = tmp_path / "kept" / run
+    numbers = open_mission(kept).frames()
+    assert numbers == [1, 2, 3, 4, 5, *range(10, 17)]
+    shutil.rmtree(folder)
+    assert "the last good model" in lines(log)[0]["health"]
+    found = replayed(run_tokt, kept)
+    before = {"what came before it is not known": 2}
+    assert (found["frames"], found["compared"], found["same_to_the_bit"]) == (12, 10, 10)
+    assert found["not_compared"] == before and found["same"]
+    # The log with the recording's pictures: what was not recorded is not there.
+    found = replayed(run_tokt, log, "--source", kept, code=1)
+    assert found["compared"] == found["same_to_the_bit"] == 10
+    assert found["not_compared"] == {"its pictures are not there": 4, **before}
+    blind = variant(ruled, tmp_path / "blind.tokt", 10.0, TWO_OF_THREE)
+    found = replayed(run_tokt, kept, "--bundle", blind, code=1)
+    assert found["status_differs"] > 0 and found["not_compared"] == before
+
+
+def test_a_calibration_that_is_another_one_is_refused(
+    rig: Any, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, bundle, calibration = rig
+    own = tmp_path / "rig.yml"
+    shutil.copy(calibration, own)
+    start = stereo_start(texture_start(folder, bundle), "fallback", used_file(own))
+    log = tmp_path / "run.jsonl"
+    source = MissionSource(open_mission(folder), SYSTEM_CLOCK, frames=[1, 2])
+    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle), Stereo(PLAIN))
+    write_calibration(own, replace(PLAIN, T_mm=PLAIN.T_mm * 1.1), {})
+    refused = run_tokt("replay", log)
+    assert refused.code == 2 and "is not the one that the run had" in refused.err
+    taken = run_tokt("replay", log, "--calibration", own)
+    assert taken.code == 0 and "is not the one that the run had" in taken.err
+
+
+def test_old_frames_overload_and_a_frozen_camera_in_real_time(
+    draw_frame: Any, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder = tmp_path / "dive" / "Left"
+    folder.mkdir(parents=True)
+    source, log = HandSource(), tmp_path / "run.jsonl"
+    judged = threading.Semaphore(0)
+
+    class Counted(Observer):
+        def judged(self, *_: Any) -> None:
+            judged.release()
+
+    pictures = [draw_frame(patches, seed) for seed, patches in enumerate(SCENES, 1)]
+    shown = [*pictures[:8], *[pictures[8]] * 5]
+    for number, picture in enumerate(shown, 1):
+        cv2.imwrite(str(folder / f"t_{number}.png"), picture)
+    start = texture_start(
+        tmp_path / "dive", ruled, live=True, limits=Limits(stale_s=0.4, frozen_repeats=2)
+    )
+
+    def give() -> None:
+        for number, picture in enumerate(shown, 1):
+            source.give(picture, age_s=0.7 if number in (3, 4) else 0.0, missed=int(number == 7))
+            if number != 5:  # overtaken, perhaps
+                judged.acquire()
+        source.stop()
+
+    giving = threading.Thread(target=give)
+    giving.start()
+    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(ruled), observers=lambda run: [Counted()])
+    giving.join()
+    reasons = [line["reason"] for line in lines(log) if line["frame"] is not None]
+    assert reasons.count("stale") == 2 and "frozen" in reasons
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["compared"] == len(reasons), found
+
+
+def test_other_software_is_told(
+    make_mission: Mission, bundle_file: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    folder, log = make_mission([[]]), tmp_path / "run.jsonl"
+    start = texture_start(folder, bundle_file)
+    older = replace(start, software={**start.software, "tokt": "0.0.9", "kernels": "numpy"})
+    log_run(
+        mission_source(folder, SYSTEM_CLOCK), older, log, SYSTEM_CLOCK, read_bundle(bundle_file)
+    )
+    ran = run_tokt("replay", log)
+    assert ran.code == 0 and "tokt 0.0.9" in ran.err and "kernels numpy" in ran.err
+
+
+def begin_with(log: Path, **fields: object) -> None:
+    """Let the log say otherwise how its run began."""
+    write_lines(events_path(log), [{**lines(events_path(log))[0], **fields}])
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda log: log.unlink(), "does not exist"),
+        (lambda log: events_path(log).unlink(), "run.events.jsonl"),
+        (lambda log: events_path(log).write_text(""), "no start event"),
+        (lambda log: write_lines(log, [{**lines(log)[0], "status": 7}]), "no status 7"),
+        (lambda log: write_lines(log, [{**lines(log)[0], "left": 3}]), "lacks what a replay needs"),
+        (lambda log: write_lines(log, [{**lines(log)[0], "seq": "1"}]), "no 'seq'"),
+        (lambda log: write_lines(log, []), "no frames"),
+        (
+            lambda log: write_lines(
+                events_path(log), [{**lines(events_path(log))[0], "format_version": 99}]
+            ),
+            "newer tokt",
+        ),
+        (
+            lambda log: write_lines(
+                events_path(log), [{**lines(events_path(log))[0], "limits": 1}]
+            ),
+            "start event cannot be read",
+        ),
+    ],
+)
+def test_a_log_that_cannot_be_replayed_is_one_clear_line(
+    damage: Callable[[Path], object], words: str, make_mission: Mission, bundle_file: Path,
+    tmp_path: Path, run_tokt: Callable[..., Any],
+) -> None:  # fmt: skip
+    folder, log = make_mission([[]]), tmp_path / "run.jsonl"
+    start = texture_start(folder, bundle_file)
+    log_run(
+        mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(bundle_file)
+    )
+    damage(log)
+    ran = run_tokt("replay", log)
+    assert ran.code == 2 and words in ran.err and ran.err.count("\n") == 1, ran.err
+
+
+def test_a_bundle_that_is_another_one_is_not_taken_for_the_run_s(
+    make_mission: Mission, ruled: Path, bundle_file: Path, tmp_path: Path,
+    run_tokt: Callable[..., Any],
+) -> None:  # fmt: skip
+    folder, log = make_mission([[]]), tmp_path / "run.jsonl"
+    start = texture_start(folder, ruled)
+    log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(ruled))
+    shutil.copy(bundle_file, ruled)
+    ran = run_tokt("replay", log)
+    assert ran.code == 2 and "is not the bundle that ran" in ran.err

@@ -1,0 +1,240 @@
+"""A challenger in a process of its own: what it says is compared, what it does harms nobody."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tokt.features.errors import ToktError
+from tokt.inference import shadow as shadow_module
+from tokt.inference.assemble import assemble
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.event_queue import EventQueue
+from tokt.inference.log import JsonLines
+from tokt.inference.runtime import Runtime
+from tokt.inference.shadow import Shadow
+from tokt.inference.shadow_process import Challenger
+from tokt.inference.shadow_report import read_shadow
+from tokt.models.bundle import Bundle, read_bundle
+from tokt.models.operating_point import FrameRule
+
+from .live import HandSource, Listener
+from .logged_runs import mission_source, variant
+
+SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5)], []]
+
+
+class Shadowed:
+    """A run of policy texture with a challenger."""
+
+    def __init__(self, model: Bundle, challenger: Challenger, source: Any, log: Path) -> None:
+        self.events = EventQueue()
+        self.listener = Listener()
+        self.shadow = Shadow(
+            challenger, JsonLines(log), "run-1", source.live, SYSTEM_CLOCK, self.events.put
+        )
+        policy = assemble("texture", lambda: model, None).policy
+        watching = [self.listener, self.shadow]
+        self.runtime = Runtime(source, policy, [], SYSTEM_CLOCK, watching, events=self.events)
+
+    def run(self) -> None:
+        self.runtime.run()
+        self.shadow.close()
+
+    def told(self) -> list[str]:
+        return [event.name for event in [*self.listener.events, *self.events.take()]]
+
+
+def lines(log: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in log.read_text().splitlines()]
+
+
+def until(true: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 20
+    while not true():
+        assert time.monotonic() < deadline, "it never came true"
+        time.sleep(0.002)
+
+
+def test_the_same_model_agrees_on_every_frame(
+    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path
+) -> None:
+    folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
+    (folder / "Left" / "t_L_6.jpg").write_bytes(b"no picture")
+    model = read_bundle(bundle_file)
+    challenger = Challenger.of(model, "texture")
+    run = Shadowed(model, challenger, mission_source(folder, SYSTEM_CLOCK), log)
+    run.run()
+    compared = [line for line in lines(log) if "event" not in line]
+    assert [line["frame"] for line in compared] == list(range(1, 11))
+    for line in compared:
+        champion, theirs = line["champion"], line["challenger"]
+        assert champion.pop("latency_ms") > 0 and theirs.pop("latency_ms") > 0
+        assert champion == theirs
+    assert [line["champion"]["status"] for line in compared[4:6]] == [1, -1]
+    report = read_shadow(log)
+    assert (report.frames, report.agree, report.dropped, report.fault) == (10, 10, 0, "")
+    assert run.told() == []
+
+
+def test_where_another_model_says_otherwise_is_found(
+    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path,
+    run_tokt: Callable[..., Any],
+) -> None:  # fmt: skip
+    folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
+    blind = read_bundle(variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0))
+    challenger = Challenger.of(blind, "texture")
+    run = Shadowed(read_bundle(bundle_file), challenger, mission_source(folder, SYSTEM_CLOCK), log)
+    run.run()
+    assert run.told() == ["shadow_differs"] * 3
+    ran = run_tokt("shadow", log, "--json")
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.out)
+    assert found["champions"] == ["noise/7"] and found["challenger_model"]["label"] == "blind/7"
+    assert (found["frames"], found["agree"]) == (10, 5)
+    assert found["statuses"]["obstacle"] == {"obstacle": 0, "clear": 5, "unknown": 0}
+    stretches = [(each["first"], each["last"], each["frames"]) for each in found["differences"]]
+    assert stretches == [(2, 3, 2), (5, 5, 1), (8, 9, 2)]
+    champion, theirs = found["champion"], found["challenger"]
+    assert (champion["obstacle_alone_frames"], champion["obstacle_alone_stretches"]) == (5, 3)
+    assert (champion["episodes"], champion["episodes_shared"], theirs["episodes"]) == (1, 0, 0)
+    shown = run_tokt("shadow", log)
+    assert (
+        shown.code == 0 and "frame 8-9 (2 frames): champion obstacle, challenger clear" in shown.out
+    )
+
+
+def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
+    draw_frame: Any, bundle_file: Path, tmp_path: Path
+) -> None:
+    log, source = tmp_path / "shadow.jsonl", HandSource()
+    rule = FrameRule(hits=2, window=3)
+    model = read_bundle(variant(bundle_file, tmp_path / "ruled.tokt", rule=rule))
+    run = Shadowed(model, Challenger.of(model, "texture"), source, log)
+    thread = threading.Thread(target=run.run, daemon=True)
+    thread.start()
+    reports, shadow = run.listener.reports, run.shadow
+
+    def give(patches: list[tuple[int, int]]) -> None:
+        source.give(draw_frame(patches, len(reports)))
+        expected = len(reports) + 1
+        until(lambda: len(reports) == expected)
+
+    for _ in range(3):
+        judged = shadow.judged_frames
+        give([(4, 4)])
+        until(lambda judged=judged: shadow.judged_frames > judged)
+    child = shadow._process.pid
+    assert child is not None and child != os.getpid()
+    os.kill(child, signal.SIGSTOP)
+    for _ in range(5):
+        give([(4, 4)])
+    # One is with the stopped process, one waits; those between are overtaken.
+    assert shadow.dropped >= 3
+    os.kill(child, signal.SIGCONT)
+    until(lambda: shadow.judged_frames == 5)
+    os.kill(child, signal.SIGKILL)
+    give([])
+    until(lambda: shadow.fault)
+    source.stop()
+    thread.join(10)
+    assert not thread.is_alive() and len(reports) == 9
+    assert [report.verdict.status for report in reports[1:8]] == [1] * 7
+    assert run.told() == ["shadow_failed"]
+    compared = [line for line in lines(log) if "event" not in line]
+    assert [line["dropped"] for line in compared] == [0, 0, 0, 0, 3]
+    # Three frames before are not known to it, so that two of three cannot be said.
+    assert [line["challenger"]["status"] for line in compared] == [-1, 1, 1, 1, -1]
+    report = read_shadow(log)
+    assert "exit code -9" in report.fault and report.dropped == 3
+
+
+def test_a_challenger_that_cannot_be_loaded_or_hangs_is_told_once(
+    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    folder, log = make_mission(SCENES[:4]), tmp_path / "shadow.jsonl"
+    model = read_bundle(bundle_file)
+    damaged = replace(Challenger.of(model, "texture"), data=model.data[:300])
+    run = Shadowed(model, damaged, mission_source(folder, SYSTEM_CLOCK), log)
+    run.run()
+    assert len(run.listener.reports) == 4 and run.told() == ["shadow_failed"]
+    assert "noise/7: " in read_shadow(log).fault
+    # Lockstep with a process that does not even start up in time.
+    monkeypatch.setattr(shadow_module, "ANSWER_S", 0.05)
+    log = tmp_path / "hangs.jsonl"
+    run = Shadowed(
+        model, Challenger.of(model, "texture"), mission_source(folder, SYSTEM_CLOCK), log
+    )
+    run.run()
+    assert len(run.listener.reports) == 4 and run.told() == ["shadow_failed"]
+    assert "does not answer" in read_shadow(log).fault
+    assert not run.shadow._thread.is_alive()
+
+
+def test_policy_disparity_has_no_challenger(bundle_file: Path) -> None:
+    with pytest.raises(ToktError, match="uses no model"):
+        Challenger.of(read_bundle(bundle_file), "disparity")
+
+
+def line(frame: int, champion: int, challenger: int, dropped: int = 0) -> dict[str, Any]:
+    def said(status: int) -> dict[str, Any]:
+        return {"status": status, "model": "a/1", "latency_ms": 10.0 + frame}
+
+    both = {"champion": said(champion), "challenger": said(challenger)}
+    return {"run": "r", "seq": frame, "frame": frame, "dropped": dropped, **both}
+
+
+START = {
+    "event": "start", "format_version": 1, "run": "r", "policy": "texture", "live": True,
+    "challenger": {"label": "b/2", "sha256": "0" * 64},
+}  # fmt: skip
+
+
+def written(path: Path, *values: dict[str, Any]) -> Path:
+    path.write_text("".join(json.dumps(value) + "\n" for value in values))
+    return path
+
+
+def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path: Path) -> None:
+    champion = [*range(5, 10), *range(15, 20), *range(40, 45)]
+    theirs = [*range(7, 21), *range(38, 41), *range(70, 72)]
+    frames = [line(n, int(n in champion), int(n in theirs)) for n in range(1, 81)]
+    report = read_shadow(written(tmp_path / "s.jsonl", START, *frames))
+    episodes = {side: [(e.first, e.last) for e in found] for side, found in report.episodes.items()}
+    assert episodes == {
+        "champion": [(5, 19), (40, 44)],
+        "challenger": [(7, 20), (38, 40), (70, 71)],
+    }
+    assert report.lead_frames() == [-2, 2]
+    assert report.alone("champion") == (6, 2) and report.alone("challenger") == (10, 4)
+    latency = report.latency("champion")
+    assert latency is not None and latency["median"] == 50.5 and latency["max"] == 90.0
+
+
+def test_what_is_no_shadow_log_is_one_clear_line(
+    tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    path = tmp_path / "s.jsonl"
+    cases = {
+        "does not exist": [],
+        "no run with a challenger": [{"run": "r", "event": "other"}],
+        "is no shadow log": [START, {**line(1, 0, 0), "champion": 3}],
+        "no status 9": [START, line(1, 0, 9)],
+        "newer tokt": [{**START, "format_version": 2}],
+    }
+    for words, values in cases.items():
+        if values:
+            written(path, *values)
+        ran = run_tokt("shadow", path)
+        assert ran.code == 2 and words in ran.err, (words, ran.err)
+    written(path, START, line(1, 0, 0))
+    assert "no run x" in run_tokt("shadow", path, "--run", "x").err

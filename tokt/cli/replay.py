@@ -1,0 +1,203 @@
+"""``tokt replay``: judge a run's frames again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..features.errors import ToktError
+from .options import JsonOption
+from .output import print_json, progress, say
+
+if TYPE_CHECKING:
+    from ..features.mission import Mission
+    from ..inference.assemble import Stereo
+    from ..inference.logged_run import LoggedRun
+    from ..inference.odometry import Odometry
+    from ..inference.replay import Replay
+    from ..inference.replay_tally import Stretch, Tally
+
+DIFFERENT = 1
+"""Exit code where a verdict or a picture is not what it was."""
+_MOST_SHOWN = 40
+
+
+def replay(
+    log: Annotated[
+        Path, typer.Argument(help="The log of `tokt run --log`, or one recording's folder.")
+    ],
+    bundle: Annotated[
+        Path | None,
+        typer.Option(
+            help="Judge with the model of this file, or with the active one of this store, "
+            "instead of the run's own."
+        ),
+    ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(help="Where the run's own models are. Default: where the run had them from."),
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where the pictures are: the mission, or a recording of the run. Default: the "
+            "recording itself, or the log's source."
+        ),
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Stereo calibration file. Default: the log's, unchanged.")
+    ] = None,
+    run: Annotated[
+        str | None, typer.Option("--run", help="Which run of the log. Default: its last.")
+    ] = None,
+    json: JsonOption = False,
+) -> int:
+    """Judge a logged run's frames again and show where verdicts differ.
+
+    Exit code 0: each verdict is the same to the last bit. 1: some are not, or pictures have
+    changed. 2: it cannot be judged again.
+    """
+    from ..inference.logged_run import open_run
+    from ..inference.replay import Replay
+    from ..inference.replay_tally import Tally
+    from ..inference.run_models import model_named, models_of_run
+
+    logged = open_run(log, run)
+    mission, pixel_format = _pictures(logged, source)
+    stereo = _stereo(logged, calibration)
+    other = None if bundle is None else model_named(bundle)
+    if other is not None and [name.sha256 for name in logged.models] == [other.sha256]:
+        other = None  # the run's own
+        models = {model.sha256: model for model in [model_named(bundle)]} if bundle else {}
+    else:
+        models = {} if other is not None else models_of_run(logged, store)
+    plan = Replay(logged, mission, pixel_format, stereo, models, other)
+    warnings = _software_warnings(logged)
+    for warning in warnings:
+        say(f"note: {warning}")
+    tally = Tally()
+    for frame in progress(plan.frames(), logged.n_frames, "judged again"):
+        tally.add(frame)
+    if not tally.compared:
+        reasons = ", ".join(f"{n} frames: {why}" for why, n in tally.not_compared.items())
+        raise ToktError(f"no frame of run {logged.run} can be compared ({reasons or 'no frames'})")
+    by = other.label if other is not None else "the run's own"
+    if json:
+        about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
+        print_json({**about, **tally.to_json()})
+    else:
+        _show(plan, tally, by)
+    return 0 if tally.agrees else DIFFERENT
+
+
+def _pictures(logged: LoggedRun, source: Path | None) -> tuple[Mission, str | None]:
+    """Where the pictures are, and how they are held."""
+    from ..features.mission import open_mission
+    from ..inference.logged_run import is_recording
+
+    place = source or (logged.path if logged.recorded else Path(logged.start.source))
+    if source is None and not place.exists():
+        raise ToktError(
+            f"the pictures of {logged.start.source} are not there: say where they are, or where "
+            "a recording of the run is (--source FOLDER)"
+        )
+    # A recording holds pictures as they were judged.
+    raw = None if is_recording(place) else logged.start.pixel_format
+    return open_mission(place), raw
+
+
+def _stereo(logged: LoggedRun, calibration: Path | None) -> Stereo | None:
+    """How the run looked at pairs; with another calibration only where one is named."""
+    from ..inference.assemble import Stereo
+    from ..inference.run_start import used_file
+    from .stereo_file import read_calibration_file
+
+    start = logged.start
+    if start.calibration is None or start.stereo_way is None or start.stereo_scale is None:
+        if calibration is not None:
+            raise ToktError("the run had no calibration: leave out --calibration")
+        return None
+    path = calibration or Path(start.calibration.path)
+    if not path.is_file():
+        raise ToktError(f"the run's calibration {path} is not there (--calibration FILE)")
+    if used_file(path).sha256 != start.calibration.sha256:
+        different = f"calibration {path} is not the one that the run had"
+        if calibration is None:
+            raise ToktError(f"{different} (--calibration {path} takes it all the same)")
+        say(f"note: {different}")
+    return Stereo(
+        read_calibration_file(path), start.stereo_way, start.stereo_scale, _odometry(logged)
+    )
+
+
+def _odometry(logged: LoggedRun) -> Odometry | None:
+    from ..inference.odometry import load_odometry
+    from ..inference.run_start import used_file
+
+    then = logged.start.odometry
+    if then is None:
+        return None
+    path = Path(then.path)
+    if used_file(path).sha256 != then.sha256:
+        raise ToktError(f"odometry {path} is not the one that the run had")
+    return load_odometry(path)
+
+
+def _software_warnings(logged: LoggedRun) -> list[str]:
+    """What computed the verdicts then and is another now."""
+    from ..inference.run_start import software
+
+    then = logged.start.software
+    return [
+        f"the run had {name} {then.get(name, '(not told)')}, here is {now}"
+        for name, now in software().items()
+        if then.get(name) != now
+    ]
+
+
+def _show(plan: Replay, tally: Tally, by: str) -> None:
+    logged = plan.run
+    names = ", ".join(name.label for name in logged.models) or "no model"
+    print(f"run {logged.run}: {logged.n_frames} frames, policy {logged.start.policy}, {names}")
+    print(f"judged again by: {by}")
+    words = list(tally.table())
+    print("\n" + f"{'logged':>10}   judged again: " + "".join(f"{word:>10}" for word in words))
+    for word, row in tally.table().items():
+        print(f"{word:>10}" + " " * 17 + "".join(f"{row[other]:>10}" for other in words))
+    print()
+    if tally.compared == tally.same:
+        print(f"all {tally.compared} frames compared are the same, to the last bit")
+    else:
+        print(
+            f"{tally.compared} frames compared: {tally.same} the same to the last bit, "
+            f"{tally.status_differs} with another status, {tally.figures_differ} with the same "
+            "status and another figure"
+        )
+    for why, count in tally.not_compared.items():
+        print(f"{count} frames not compared: {why}")
+    if tally.alike_all_the_same:
+        print(f"  ({tally.alike_all_the_same} of them came out the same)")
+    for stretch in tally.stretches[:_MOST_SHOWN]:
+        print(_stretch_line(stretch))
+    if len(tally.stretches) > _MOST_SHOWN:
+        print(f"... and {len(tally.stretches) - _MOST_SHOWN} more stretches (--json has all)")
+
+
+def _stretch_line(stretch: Stretch) -> str:
+    value: dict[str, Any] = stretch.to_json()
+    frames = f"{stretch.first}"
+    if stretch.frames > 1:
+        frames += f"-{stretch.last} ({stretch.frames} frames)"
+    then, now = (
+        f"{value[side]['status']} ({value[side]['reason']})" for side in ("logged", "replayed")
+    )
+    changes = "; ".join(
+        f"{name} {was!r} -> {became!r}"
+        for name, (was, became) in stretch.example.items()
+        if name not in ("status", "reason")
+    )
+    if not changes:
+        changes = ", ".join(stretch.fields)
+    return f"frame {frames}: {then} -> {now}; {changes}"
