@@ -1,6 +1,6 @@
 """The bundle: the one file that is shipped, and the checks that it must pass to be used.
 
-A bundle ``NAME-VERSION.tokt`` is a zip of five members, stored in this order with no time stamps,
+A bundle ``NAME-VERSION.tokt`` is a zip of these members, stored in this order with no time stamps,
 so that the same model gives the same bytes:
 
 - ``manifest.json``: who this model is, how it sees, when it warns (``operating_point``), where it
@@ -10,12 +10,19 @@ so that the same model gives the same bytes:
 - ``golden.npz``: frames, as PNG files, with the decision values the training machine computed.
 - ``lineage.npz``: the first 8 bytes of the pixel hash of every frame the model learnt from, so
   that nobody scores a model on what it was trained on without being told.
+- ``distribution.npz``: how the features of the training patches were distributed, and the limits
+  of drift that were measured on them (`tokt.models.distribution`). Not there where a model was
+  trained on too little to measure them: its drift is not known.
 - ``card.md``: the same for people.
+
+Any format may have one more member, ``signature.json`` (`tokt.models.signature`). It stands outside
+the manifest, whose bytes it signs, and is only carried here: who is trusted, the store knows.
 
 Reading has three acts that do not mix: *parse* the archive into plain values, *check* every hash,
 shape and bound, and only then *construct* and recompute the golden values. No pickle anywhere.
 
 Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
+Formats 1 and 2 have no ``distribution.npz``.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -28,6 +35,7 @@ import io
 import json
 import struct
 import tokenize
+import warnings
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -44,17 +52,27 @@ from ..features.frame_pictures import FramePictures
 from ..features.grid import Grid
 from ..features.image_file import decode_image
 from ..features.levels import Levels
+from .distribution import Distribution
 from .linear import LinearModel
 from .operating_point import OperatingPoint
+from .signature import MEMBER as SIGNATURE
+from .signature import Signature, signature_from_bytes
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 GOLDEN_TOLERANCE = 1e-9
 SUFFIX = ".tokt"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 
-_MEMBERS = ("manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md")
+_DISTRIBUTION = "distribution.npz"
+_MEMBERS = (
+    *("manifest.json", "weights.npz", "golden.npz", "lineage.npz"),
+    *(_DISTRIBUTION, "card.md"),
+)
 _LARGEST_MEMBER_BYTES = 64 * 1024 * 1024
 _LONGEST_FAULT = 200  # characters
+_LONGEST_NAME = 100  # characters
+_MOST_GOLDEN_FRAMES = 100  # training writes two
+_MOST_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
 _LARGEST_FILE_BYTES = len(_MEMBERS) * _LARGEST_MEMBER_BYTES
 # What numpy raises for an array whose header is not one, besides ValueError.
 _UNREADABLE_ARRAY = (
@@ -65,6 +83,7 @@ _UNREADABLE_ARRAY = (
     OverflowError,
     MemoryError,
     RecursionError,
+    UserWarning,
 )
 _MANIFEST_KEYS = {
     "format_version",
@@ -121,6 +140,8 @@ class BundleContent:
         The model card, Markdown.
     operating_point : OperatingPoint
         When its patches are an alarm, and its alarms a status.
+    distribution : Distribution or None
+        Of the training patches' features; None where there is none to compare with.
     """
 
     name: str
@@ -134,16 +155,21 @@ class BundleContent:
     trained_on: NDArray[np.uint64]
     card: str
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
+    distribution: Distribution | None = None
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """A bundle that has passed every check."""
+    """A bundle that has passed every check.
+
+    Its `signature` has not been checked: that takes a key, which comes from elsewhere.
+    """
 
     content: BundleContent
     extractor: Extractor
     sha256: str
     data: bytes
+    signature: Signature | None = None
 
     @property
     def name(self) -> str:
@@ -174,6 +200,11 @@ class Bundle:
     def operating_point(self) -> OperatingPoint:
         """The frame rule, and how it was chosen."""
         return self.content.operating_point
+
+    @property
+    def distribution(self) -> Distribution | None:
+        """How the training patches' features were distributed; None if drift is not known."""
+        return self.content.distribution
 
     @property
     def frame_sizes(self) -> tuple[tuple[int, int], ...]:
@@ -210,9 +241,19 @@ class Bundle:
         threads : int
             How many threads share the work; the values do not depend on it.
         """
+        return self.values_of(self.features(frame, pictures, threads))
+
+    def features(
+        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
+    ) -> NDArray[np.float64]:
+        """Features of a frame's patches, shape (n_patches, dim); takes what the values take."""
         if pictures is None:
             pictures = FramePictures(frame, self.grid, threads=threads)
-        return self.model.decision_values(self.extractor.describe_pictures(pictures))
+        return self.extractor.describe_pictures(pictures)
+
+    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
+        return self.model.decision_values(features)
 
 
 def _zip(members: Mapping[str, bytes]) -> bytes:
@@ -252,6 +293,19 @@ def lineage_bytes(trained_on: NDArray[np.uint64]) -> bytes:
     return _npz(trained_on=np.sort(trained_on))
 
 
+def distribution_bytes(distribution: Distribution) -> bytes:
+    """The ``distribution.npz`` member."""
+    return _npz(
+        edges=distribution.edges,
+        counts=distribution.counts,
+        typical=distribution.typical,
+        factor=np.array(distribution.factor, np.float64),
+        window_frames=np.array(distribution.window_frames, np.int64),
+        windows=np.array(distribution.windows, np.int64),
+        stretches=np.array(distribution.stretches, np.int64),
+    )
+
+
 def _classes_json(model: LinearModel) -> list[dict[str, Any]]:
     pairs = zip(model.classes, model.obstacle, strict=True)
     return [{"name": name, "obstacle": obstacle} for name, obstacle in pairs]
@@ -266,6 +320,8 @@ def bundle_bytes(content: BundleContent) -> bytes:
         "lineage.npz": lineage_bytes(content.trained_on),
         "card.md": content.card.encode("utf-8"),
     }
+    if content.distribution is not None:
+        members[_DISTRIBUTION] = distribution_bytes(content.distribution)
     manifest: dict[str, Any] = {
         "format_version": FORMAT_VERSION,
         "name": content.name,
@@ -280,7 +336,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
     }
     manifest["manifest_sha256"] = json_sha256(manifest)
     members["manifest.json"] = (json.dumps(manifest, indent=2, sort_keys=True) + "\n").encode()
-    return _zip({name: members[name] for name in _MEMBERS})
+    return _zip({name: members[name] for name in _MEMBERS if name in members})
 
 
 def _unzip(data: bytes, where: str) -> dict[str, bytes]:
@@ -294,26 +350,58 @@ def _unzip(data: bytes, where: str) -> dict[str, bytes]:
                 raise ToktError(f"{where}: damaged, or not written by tokt (it is compressed)")
             if any(info.file_size > _LARGEST_MEMBER_BYTES for info in infos):
                 raise ToktError(f"{where}: a member of the bundle is too large")
+            if len({info.filename for info in infos}) != len(infos):
+                raise ToktError(f"{where}: a member is in it twice")
             members = {info.filename: archive.read(info) for info in infos}
     except (zipfile.BadZipFile, EOFError, OSError, RuntimeError, ValueError, struct.error) as error:
         raise ToktError(f"{where}: truncated or damaged ({error})") from None
-    if len(members) != len(infos):
-        raise ToktError(f"{where}: a member is in it twice")
     return members
 
 
-def _parse(data: bytes, where: str) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Act one: the archive as a manifest and raw members; nothing is believed yet."""
+def signed_parts(data: bytes, where: str) -> tuple[bytes, Signature | None]:
+    """The raw manifest of a bundle file and its signature, if any; nothing else is looked at.
+
+    Raises
+    ------
+    ToktError
+        If the file is not a zip with a manifest, or the signature cannot be read.
+    """
     members = _unzip(data, where)
+    return _manifest_of(members, where), _signature_of(members, where)
+
+
+def with_signature(data: bytes, signature: Signature, where: str) -> bytes:
+    """The same bundle file with this signature in place of any it had."""
+    members = _unzip(data, where)
+    members[SIGNATURE] = signature.to_bytes()
+    return _zip(members)
+
+
+def _manifest_of(members: dict[str, bytes], where: str) -> bytes:
+    """Take the raw manifest out of the members."""
     if "manifest.json" not in members:
         raise ToktError(f"{where}: not a tokt bundle (no manifest.json in it)")
+    return members.pop("manifest.json")
+
+
+def _signature_of(members: dict[str, bytes], where: str) -> Signature | None:
+    """Take the signature, if there is one, out of the members."""
+    member = members.pop(SIGNATURE, None)
+    return None if member is None else signature_from_bytes(member, where)
+
+
+def _parse(data: bytes, where: str) -> tuple[dict[str, Any], Signature | None, dict[str, bytes]]:
+    """Act one: the archive as a manifest and raw members; nothing is believed yet."""
+    members = _unzip(data, where)
     try:
-        manifest = json.loads(members.pop("manifest.json"))
+        manifest = json.loads(_manifest_of(members, where))
+        # A half of a surrogate pair is JSON, yet no text that can be printed or written.
+        json.dumps(manifest, ensure_ascii=False).encode("utf-8")
     except (ValueError, RecursionError):
         raise ToktError(f"{where}: the bundle's manifest is not JSON") from None
     if not isinstance(manifest, dict):
         raise ToktError(f"{where}: not a tokt bundle (no manifest in it)")
-    return manifest, members
+    return manifest, _signature_of(members, where), members
 
 
 def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where: str) -> None:
@@ -335,8 +423,11 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
         sound = False
     if not sound:
         raise ToktError(f"{where}: the bundle's manifest has been edited (its hash does not match)")
+    wanted = set(_MEMBERS[1:])
+    if version < 3 or _DISTRIBUTION not in members:
+        wanted.remove(_DISTRIBUTION)
     if not isinstance(manifest["members"], dict) or not (
-        set(manifest["members"]) == set(members) == set(_MEMBERS[1:])
+        set(manifest["members"]) == set(members) == wanted
     ):
         raise ToktError(f"{where}: the bundle has unknown or missing members")
     for name, data in members.items():
@@ -348,10 +439,14 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
     """An npz member's arrays, of just the names and dtypes expected."""
     raw = _unzip(data, f"{where}: {member}")
     try:
-        arrays = {
-            name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(npy), allow_pickle=False)
-            for name, npy in raw.items()
-        }
+        # numpy warns of headers as Python 2 wrote them, which tokt never was.
+        with warnings.catch_warnings(action="error", category=UserWarning):
+            arrays = {
+                name.removesuffix(".npy"): np.lib.format.read_array(
+                    io.BytesIO(npy), allow_pickle=False
+                )
+                for name, npy in raw.items()
+            }
     except _UNREADABLE_ARRAY as error:
         raise ToktError(f"{where}: {member} cannot be read ({error})") from None
     if {name: array.dtype for name, array in arrays.items()} != {
@@ -367,6 +462,27 @@ def lineage_from_bytes(data: bytes, where: str) -> NDArray[np.uint64]:
     if trained_on.ndim != 1:
         raise ToktError(f"{where}: lineage.npz is not a list of frames")
     return np.asarray(trained_on)
+
+
+def distribution_from_bytes(data: bytes, where: str) -> Distribution:
+    """Read a ``distribution.npz`` member. Raises ToktError if it is none."""
+    whole = ("window_frames", "windows", "stretches")
+    floats = dict.fromkeys(("edges", "typical", "factor"), np.float64)
+    kinds = {**floats, **dict.fromkeys(("counts", *whole), np.int64)}
+    arrays = _arrays(data, kinds, where, _DISTRIBUTION)
+    try:
+        if any(arrays[name].ndim for name in ("factor", *whole)):
+            raise ValueError("a number is an array")
+        return Distribution(
+            arrays["edges"],
+            arrays["counts"],
+            arrays["typical"],
+            float(arrays["factor"]),
+            *(int(arrays[name]) for name in whole),
+        )
+    except (TypeError, ValueError) as error:
+        fault = _brief(error)
+        raise ToktError(f"{where}: {_DISTRIBUTION} does not fit together ({fault})") from None
 
 
 def golden_from_bytes(data: bytes, where: str) -> Golden:
@@ -390,6 +506,11 @@ def golden_from_bytes(data: bytes, where: str) -> Golden:
     frames = tuple(raw[end - size : end] for size, end in zip(sizes, ends, strict=True))
     if not all(frame.startswith(_PNG_START) for frame in frames):
         raise ToktError(f"{where}: the bundle's golden frames are not PNG files")
+    pixels = sum(height * width for height, width in map(_png_size, frames))
+    if len(frames) > _MOST_GOLDEN_FRAMES or pixels > _MOST_GOLDEN_PIXELS:
+        raise ToktError(
+            f"{where}: {len(frames)} golden frames of {pixels} pixels are more than a bundle needs"
+        )
     return Golden(frames, values, obstacle)
 
 
@@ -400,8 +521,11 @@ def _brief(error: Exception) -> str:
 
 
 def _text(value: Any) -> str:
-    if not isinstance(value, str) or not value:
-        raise TypeError(f"{value!r} is not a name")
+    """A name: it goes into every datagram, log line and history, so it is short and one line."""
+    if not isinstance(value, str) or not 0 < len(value) <= _LONGEST_NAME:
+        raise TypeError(f"{value!r} is not a name of 1 to {_LONGEST_NAME} characters")
+    if not value.isprintable():
+        raise TypeError(f"{value!r} is not a name: it has unprintable characters")
     return value
 
 
@@ -447,6 +571,9 @@ def _check_content(
     arrays = _arrays(members["weights.npz"], kinds, where, "weights.npz")
     trained_on = lineage_from_bytes(members["lineage.npz"], where)
     golden = golden_from_bytes(members["golden.npz"], where)
+    distribution = None
+    if _DISTRIBUTION in members:
+        distribution = distribution_from_bytes(members[_DISTRIBUTION], where)
     try:
         names, obstacle = _classes_from(manifest["classes"])
         grid = Grid.from_json(manifest["grid"])
@@ -462,6 +589,7 @@ def _check_content(
             trained_on=trained_on,
             card=members["card.md"].decode("utf-8"),
             operating_point=_operating_point(manifest, grid),
+            distribution=distribution,
         )
     except (ToktError, TypeError, ValueError) as error:
         fault = _brief(error)
@@ -494,7 +622,7 @@ def _check_golden(bundle: Bundle, where: str) -> None:
             raise ToktError(f"{where}: golden frame {index} gives other obstacle patches")
 
 
-def bundle_from_bytes(data: bytes, where: str) -> Bundle:
+def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle:
     """Parse, check and construct a bundle, then recompute its golden values.
 
     Parameters
@@ -503,13 +631,17 @@ def bundle_from_bytes(data: bytes, where: str) -> Bundle:
         The bundle file.
     where : str
         What to call it in an error, usually its path.
+    golden : bool
+        False leaves the last step out, and nothing else. Only for bytes whose SHA-256 another
+        process of this tokt on this machine has just checked whole: the runtime has a new model
+        checked beside itself (`tokt.models.check_bundle`), so that no frame waits for it.
 
     Raises
     ------
     ToktError
         If any step fails; nothing of a refused bundle is kept.
     """
-    manifest, members = _parse(data, where)
+    manifest, signature, members = _parse(data, where)
     _check_integrity(manifest, members, where)
     content = _check_content(manifest, members, where)
     try:
@@ -521,9 +653,25 @@ def bundle_from_bytes(data: bytes, where: str) -> Bundle:
             f"{where}: the model takes {content.model.dim} features, its extractor gives "
             f"{extractor.dim}"
         )
-    bundle = Bundle(content, extractor, hashlib.sha256(data).hexdigest(), data)
-    _check_golden(bundle, where)
+    if content.distribution is not None and content.distribution.dim != content.model.dim:
+        raise ToktError(
+            f"{where}: the model takes {content.model.dim} features, its distribution has "
+            f"{content.distribution.dim}"
+        )
+    bundle = Bundle(content, extractor, hashlib.sha256(data).hexdigest(), data, signature)
+    if golden:
+        _check_golden(bundle, where)
     return bundle
+
+
+def bundle_file_bytes(path: Path | str) -> bytes:
+    """The bytes of a bundle file. Raises ToktError if it is not there or far too large for one."""
+    try:
+        if Path(path).stat().st_size > _LARGEST_FILE_BYTES:
+            raise ToktError(f"bundle {path}: far too large for a bundle")
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise ToktError(f"bundle {path}: {error.strerror or error}") from None
 
 
 def read_bundle(path: Path | str) -> Bundle:
@@ -534,10 +682,4 @@ def read_bundle(path: Path | str) -> Bundle:
     ToktError
         If it is not there or fails any check.
     """
-    try:
-        if Path(path).stat().st_size > _LARGEST_FILE_BYTES:
-            raise ToktError(f"bundle {path}: far too large for a bundle")
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise ToktError(f"bundle {path}: {error.strerror or error}") from None
-    return bundle_from_bytes(data, str(path))
+    return bundle_from_bytes(bundle_file_bytes(path), str(path))

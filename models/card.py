@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from .distribution import drift_words
 from .extractor_words import extractor_words
 from .operating_point import OperatingPoint
 
@@ -165,8 +166,9 @@ def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, A
     label : str
         ``name/version``.
     recipe : mapping
-        extractor, extractor_name (may be missing), dim, grid, classes, thresholds, metrics and
-        operating_point (missing before recipe version 2), as `Registry.recipe` gives them.
+        extractor, extractor_name (may be missing), dim, grid, classes, thresholds, metrics,
+        operating_point (missing before recipe version 2) and distribution (missing before 3), as
+        `Registry.recipe` gives them.
     provenance : mapping
         With the MLflow run id.
     """
@@ -209,6 +211,10 @@ the missions named above: another dive, lamp, camera or water can differ much.
 ## Known failures, in that measurement
 
 {_failures(metrics)}{_stress(metrics.get("stress"))}
+
+## Input drift
+
+{drift_words(recipe.get("distribution"))}
 
 ## Lineage
 

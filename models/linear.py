@@ -89,7 +89,8 @@ class LinearModel:
         ValueError
             If a feature is not finite: such a patch cannot be judged, and must not be clear.
         """
-        values = np.asarray(features @ self.weights.T + self.bias, np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):  # refused below, and not warned of
+            values = np.asarray(features @ self.weights.T + self.bias, np.float64)
         if not np.isfinite(values).all():
             raise ValueError("a decision value is not finite")
         return values

@@ -97,6 +97,7 @@ def _with_card(content: BundleContent) -> BundleContent:
         "thresholds": content.model.thresholds.tolist(),
         "metrics": content.metrics,
         "operating_point": content.operating_point.to_json(),
+        "distribution": content.distribution.summary() if content.distribution else None,
     }
     label = f"{content.name}/{content.version}"
     return replace(content, card=model_card(label, recipe, content.provenance))

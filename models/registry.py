@@ -3,7 +3,8 @@
 What a registered version consists of, all logged by its run: the scikit-learn pipeline (the truth
 about the weights, stored by skops, no pickle), and the run artifacts below ``tokt/``:
 ``recipe.json`` (extractor spec, grid, classes, thresholds, operating point, provenance, metrics),
-``golden.npz``, ``lineage.npz`` and ``held_out.parquet``. A version is registered after everything
+``golden.npz``, ``lineage.npz``, ``distribution.npz`` (where the recipe's ``distribution`` is not
+null) and ``held_out.parquet``. A version is registered after everything
 else is there.
 """
 
@@ -32,6 +33,7 @@ from .bundle import (
     BundleContent,
     bundle_bytes,
     bundle_from_bytes,
+    distribution_from_bytes,
     golden_from_bytes,
     lineage_from_bytes,
 )
@@ -55,8 +57,9 @@ if TYPE_CHECKING:
     import pandas
 
 EXPERIMENT = "tokt"
-RECIPE_VERSION = 2
-"""Version 1 has no operating point, and no decision values in ``held_out.parquet``."""
+RECIPE_VERSION = 3
+"""Version 1 has no operating point, and no decision values in ``held_out.parquet``; 1 and 2 have no
+distribution of features."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -285,7 +288,7 @@ class Registry:
         written = recipe.get("recipe_version")
         if type(written) is not int or not 1 <= written <= RECIPE_VERSION:
             raise ToktError(f"model {version.label} was trained by another generation of tokt")
-        return {"operating_point": OperatingPoint().to_json(), **recipe}
+        return {"operating_point": OperatingPoint().to_json(), "distribution": None, **recipe}
 
     def held_out(self, reference: str) -> pandas.DataFrame:
         """What cross-validation said of every patch, by a model that did not learn from it.
@@ -337,6 +340,10 @@ class Registry:
         where = f"model {version.label}"
         with self.reported(), tempfile.TemporaryDirectory() as folder:
             pipeline = mlflow.sklearn.load_model(f"models:/{version.label}", dst_path=folder)
+        distribution = None
+        if recipe["distribution"] is not None:
+            data = self._artifact(version, "distribution.npz")
+            distribution = distribution_from_bytes(data, where)
         model = linear_model_from(
             pipeline,
             np.array(recipe["thresholds"], np.float64),
@@ -355,6 +362,7 @@ class Registry:
             trained_on=lineage_from_bytes(self._artifact(version, "lineage.npz"), where),
             card=self._card(version, recipe),
             operating_point=OperatingPoint.from_json(recipe["operating_point"]),
+            distribution=distribution,
         )
 
     def _artifact(self, version: RegisteredVersion, name: str) -> bytes:

@@ -25,7 +25,7 @@ from mlflow.models import infer_signature
 from .. import __version__
 from ..features.kernels import KERNELS
 from ..features.mission import format_frames
-from ..models.bundle import Golden, golden_bytes, lineage_bytes
+from ..models.bundle import Golden, distribution_bytes, golden_bytes, lineage_bytes
 from ..models.operating_point import OperatingPoint
 from ..models.registry import RECIPE_VERSION, RegisteredVersion, Registry
 from . import plots
@@ -108,6 +108,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
         "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
         "thresholds": model.thresholds.tolist(),
         "operating_point": OperatingPoint(trained.rule, trained.operating_point).to_json(),
+        "distribution": trained.distribution.summary() if trained.distribution else None,
         "fold_rules": [rule.to_json() for rule in trained.held_out.rules],
         "metrics": trained.metrics,
         "provenance": {
@@ -171,6 +172,9 @@ def _write_artifacts(folder: Path, trained: Trained, model_id: str) -> None:
     (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
     (folder / "golden.npz").write_bytes(golden_bytes(_golden(trained)))
     (folder / "lineage.npz").write_bytes(lineage_bytes(trained.trained_on))
+    if trained.distribution is not None:
+        data = distribution_bytes(trained.distribution)
+        (folder / "distribution.npz").write_bytes(data)
     _held_out_table(trained).to_parquet(folder / "held_out.parquet", index=False)
 
 

@@ -15,6 +15,7 @@ from threadpoolctl import ThreadpoolController
 from ..features.errors import ToktError
 from ..features.extractor import Extractor
 from ..features.image_file import pixel_sha256, read_image
+from ..models.distribution import Distribution
 from ..models.linear import LinearModel
 from ..models.operating_point import FrameRule
 from .classifier import converged, decision_values, fit_classifier, linear_model
@@ -27,6 +28,7 @@ from .cross_validation import (
     learn,
 )
 from .dataset import DatasetVersion
+from .drift_limits import training_distribution
 from .feature_table import feature_table
 from .operating_point import DEFAULT_TARGET, Target, check_target, choose_frame_rule
 from .presets import CHOSEN_ON, Choice, TrainingSettings
@@ -103,6 +105,8 @@ class Trained:
         folds' own rules.
     operating_point : dict
         How the rule was chosen, as `choose_frame_rule` tells it.
+    distribution : Distribution or None
+        Of the features as the frames are, unchanged; None where no limits can be measured.
     """
 
     request: TrainRequest
@@ -114,6 +118,7 @@ class Trained:
     trained_on: NDArray[np.uint64]
     rule: FrameRule
     operating_point: dict[str, Any]
+    distribution: Distribution | None
 
 
 def frame_id(digest: str) -> np.uint64:
@@ -210,6 +215,7 @@ def _train_on_dataset(
         np.unique(trained_on),
         rule,
         operating_point,
+        training_distribution(dataset, features, split.embargo_frames),
     )
 
 
@@ -328,6 +334,7 @@ def _train_on_two_images(
             "words": "As the thesis: any patch over its threshold, in any frame, is an alarm.",
             "reachable": False,
         },
+        None,
     )
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from tokt.features.extractor import extractor_named
 from tokt.features.grid import Grid
-from tokt.models.bundle import BundleContent, Golden
+from tokt.models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import FrameRule, OperatingPoint
+from tokt.models.private_key import SigningKey, read_signing_key, write_key_pair
+from tokt.models.store import Store
 
 TWO = (("ocean", False), ("other", True))
 
@@ -71,3 +74,37 @@ def small_content(
 def make_content() -> Callable[..., BundleContent]:
     """`small_content`."""
     return small_content
+
+
+@pytest.fixture(scope="session")
+def bundles() -> dict[str, Bundle]:
+    """Three models, ``a/1``, ``b/2`` and ``c/3``."""
+    return {
+        name: bundle_from_bytes(bundle_bytes(small_content(seed, name=name)), name)
+        for seed, name in enumerate("abc", 1)
+    }
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    """One that is not there yet."""
+    return Store(tmp_path / "ship" / "store")
+
+
+@pytest.fixture(scope="session")
+def key_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Private key files of ``boat`` and ``other``; the public ones are beside them."""
+    folder = tmp_path_factory.mktemp("keys")
+    return {name: write_key_pair(folder / name).private_file for name in ("boat", "other")}
+
+
+@pytest.fixture(scope="session")
+def keys(key_files: dict[str, Path]) -> dict[str, SigningKey]:
+    """The keys in them."""
+    return {name: read_signing_key(file, lambda: "") for name, file in key_files.items()}
+
+
+@pytest.fixture(scope="session")
+def signed(bundles: dict[str, Bundle], keys: dict[str, SigningKey]) -> dict[str, Bundle]:
+    """The three models, signed by ``boat``."""
+    return {name: keys["boat"].sign(bundle, name) for name, bundle in bundles.items()}

@@ -356,9 +356,9 @@ def test_manifest_entries_added_or_missing(members: Members) -> None:
 
 
 def test_format_versions(members: Members) -> None:
-    assert "newer than this tokt" in refuse(rehash(members, {"format_version": 3}))
+    assert "newer than this tokt" in refuse(rehash(members, {"format_version": 4}))
     # Whatever else a newer format changes, that is what is said.
-    assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 3}', "x": b""}))
+    assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 4}', "x": b""}))
     for wrong in (0, -1, None, "1", 1.0, True, [1]):
         refuse(rehash(members, {"format_version": wrong}), "no format version")
 
@@ -645,3 +645,60 @@ def test_large_decision_values_are_held_to_their_own_scale(make_content) -> None
         else:
             with pytest.raises(ToktError, match="training machine"):
                 bundle_from_bytes(data, "x")
+
+
+@pytest.mark.parametrize("key", ["name", "version"])
+@pytest.mark.parametrize("text", ["x" * 101, "a\nb", "\x1b[2J", "a\0", "\ud800"])
+def test_a_name_that_no_datagram_or_terminal_should_carry(
+    members: Members, key: str, text: str
+) -> None:
+    with pytest.raises(ToktError, match=r"is not a name|is not JSON") as refused:
+        bundle_from_bytes(rehash(members, {key: text}), "b.tokt")
+    assert str(refused.value).isprintable()
+
+
+def test_half_a_surrogate_pair_anywhere_is_refused(members: Members) -> None:
+    """It is JSON, yet `tokt store` could not print it."""
+    with pytest.raises(ToktError, match="is not JSON"):
+        bundle_from_bytes(rehash(members, {"provenance": {"dataset": "\udfff"}}), "b.tokt")
+
+
+def test_golden_frames_that_say_they_are_huge_or_are_many(make_content) -> None:
+    content = make_content()
+    golden = content.golden
+    png = bytearray(golden.frames[0])
+    png[16:24] = (20_000).to_bytes(4, "big") * 2
+    huge = dataclasses.replace(golden, frames=(bytes(png), golden.frames[1]))
+    many = dataclasses.replace(
+        golden,
+        frames=golden.frames * 51,
+        decision_values=np.concatenate([golden.decision_values] * 51),
+        obstacle=np.concatenate([golden.obstacle] * 51),
+    )
+    for wrong in (huge, many):
+        data = bundle_bytes(dataclasses.replace(content, golden=wrong))
+        with pytest.raises(ToktError, match="more than a bundle needs"):
+            bundle_from_bytes(data, "b.tokt")
+
+
+def test_an_array_header_of_python_2_is_refused_without_a_warning(
+    members: Members, recwarn: pytest.WarningsRecorder
+) -> None:
+    arrays = unpack(members["lineage.npz"])
+    arrays["trained_on.npy"] = arrays["trained_on.npy"].replace(b"(9,), }", b"(9L,),}")
+    assert b"9L" in arrays["trained_on.npy"]
+    with pytest.raises(ToktError, match="cannot be read"):
+        bundle_from_bytes(rehash({**members, "lineage.npz": pack(arrays)}), "b.tokt")
+    assert not recwarn.list
+
+
+def test_a_member_of_many_directory_entries_is_not_read_for_each(members: Members) -> None:
+    """Entries that point at the same bytes cost a file nothing; reading each would take days."""
+    data = bytearray(pack(members))
+    end = data.rindex(b"PK\x05\x06")
+    begin = int.from_bytes(data[end + 16 : end + 20], "little")
+    directory = bytes(data[begin:end]) * 12
+    data[end + 8 : end + 12] = (12 * len(members)).to_bytes(2, "little") * 2
+    data[end + 12 : end + 16] = len(directory).to_bytes(4, "little")
+    with pytest.raises(ToktError, match="a member is in it twice"):
+        bundle_from_bytes(bytes(data[:begin]) + directory + bytes(data[end:]), "b.tokt")

@@ -179,3 +179,11 @@ def test_a_scale_of_zero_is_refused(sigma: float) -> None:
             ("ocean", "other"),
             (False, True),
         )
+
+
+def test_an_overflow_is_an_error_and_no_warning_beside(recwarn: pytest.WarningsRecorder) -> None:
+    weights = np.full((1, 2), 1e308)
+    model = LinearModel(weights, np.zeros(1), np.zeros(1), ("ocean", "other"), (False, True))
+    with pytest.raises(ValueError, match="not finite"):
+        model.decision_values(np.full((3, 2), 1e9))
+    assert not recwarn.list

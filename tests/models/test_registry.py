@@ -131,12 +131,14 @@ def test_a_recipe_of_version_1_is_read_and_one_of_tomorrow_is_not(trained, tiny_
     now = file.read_text("utf-8")
     recipe = json.loads(now)
     try:
-        old = {key: value for key, value in recipe.items() if key != "operating_point"}
+        assert registry.bundle("tiny-lbp").distribution is not None
+        newer = {"operating_point", "distribution"}
+        old = {key: value for key, value in recipe.items() if key not in newer}
         file.write_text(json.dumps({**old, "recipe_version": 1}), "utf-8")
         bundle = registry.bundle("tiny-lbp")
-        assert bundle.operating_point == OperatingPoint()
+        assert bundle.operating_point == OperatingPoint() and bundle.distribution is None
         np.testing.assert_array_equal(bundle.model.weights, read_bundle(tiny_bundle).model.weights)
-        for version in (0, 3, "2", None):
+        for version in (0, 4, "2", None):
             file.write_text(json.dumps({**recipe, "recipe_version": version}), "utf-8")
             with pytest.raises(ToktError, match="another generation of tokt"):
                 registry.bundle("tiny-lbp")

@@ -1,0 +1,193 @@
+"""Input drift: whether the frames of a run still look like those that the model learnt from.
+
+A monitor counts the features of the last frames into the bins of the training distribution that
+the bundle holds, and tells when one is further from training than any stretch of training frames
+was from the others (`tokt.models.distribution`). It looks on: no verdict depends on it.
+
+What it cannot see: frames that could not be judged (they have a reason of their own), what the
+extractor does not look at (a model whose features keep their values in other light is right in not
+minding other light), and a change of few patches among the many of a window.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.distribution import BINS, Distribution
+from .observer import Event, Observer
+
+if TYPE_CHECKING:
+    from .policy import Judgement
+    from .report import Report
+    from .sources import Frame
+
+BACK_RATIO = 0.9
+"""Part of its limit that every distance must come back under before drift is over: what lies on
+the limit does not tell again and again."""
+LOOKS_A_WINDOW = 4
+"""How often distances are computed while a window's frames are exchanged."""
+LARGEST_WORST = 5
+"""Features that an event names."""
+
+
+class Described(Protocol):
+    """The part of an extractor that names its features."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One name a feature."""
+
+
+class Learnt(Protocol):
+    """What the monitor needs of a bundle (`tokt.models.bundle.Bundle` is one)."""
+
+    @property
+    def label(self) -> str:
+        """``name/version``."""
+
+    @property
+    def distribution(self) -> Distribution | None:
+        """How its training features were distributed, if that is known."""
+
+    @property
+    def extractor(self) -> Described:
+        """Names its features."""
+
+
+@dataclass(frozen=True)
+class DriftState:
+    """What is known at this moment.
+
+    Parameters
+    ----------
+    known : bool
+        Whether the model's bundle holds a training distribution; without one nothing is ever out.
+    frames, window_frames : int
+        Frames in the window, and how many it takes until anything can be said.
+    out : bool
+        Whether drift was told and is not over.
+    worst : str or None
+        The feature that is furthest out, against its limit; None until the window is full.
+    distance, limit : float or None
+        Its distance from training, 0 to 1, and where it is out of range.
+    """
+
+    known: bool = False
+    frames: int = 0
+    window_frames: int = 0
+    out: bool = False
+    worst: str | None = None
+    distance: float | None = None
+    limit: float | None = None
+
+
+class DriftMonitor(Observer):
+    """Watch the features of the last judged frames.
+
+    `state` and `distances` are exchanged whole, so that another thread may read them.
+
+    Parameters
+    ----------
+    tell : callable
+        Takes the events ``drift`` and ``drift_over``; called by the thread that calls `judged`.
+    """
+
+    def __init__(self, tell: Callable[[Event], None]) -> None:
+        self._tell = tell
+        self.state = DriftState()
+        self.set_model(None)
+
+    def set_model(self, model: Learnt | None) -> None:
+        """Begin anew with another model, or with none; what was told of the last one is over."""
+        if self.state.out:
+            words = "another model: whether frames are like its training is not known yet"
+            self._tell(Event(self._t, "drift_over", words, {"model": self._label}))
+        self._t = 0.0
+        self._label = "" if model is None else model.label
+        self._distribution = None if model is None else model.distribution
+        self._names = () if model is None else model.extractor.names
+        self._window: deque[NDArray[np.int64]] = deque()
+        self._since_look = 0
+        self.distances: Mapping[str, float] = {}
+        self.state = DriftState()
+        if self._distribution is not None:
+            dim, frames = self._distribution.dim, self._distribution.window_frames
+            self._sum = np.zeros((dim, BINS), np.int64)
+            self._limits = self._distribution.limits
+            self.state = DriftState(known=True, window_frames=frames)
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """Take a frame's features into the window; where it is time, compare."""
+        distribution, features = self._distribution, judgement.features
+        if distribution is None or features is None or features.shape[1:] != (distribution.dim,):
+            return
+        self._t = frame.t
+        counts = distribution.bin_counts(features)
+        self._window.append(counts)
+        self._sum += counts
+        if len(self._window) > distribution.window_frames:
+            self._sum -= self._window.popleft()
+        self._since_look += 1
+        full = len(self._window) == distribution.window_frames
+        if full and self._since_look * LOOKS_A_WINDOW >= distribution.window_frames:
+            self._since_look = 0
+            self._look(distribution)
+        elif not full:
+            self.state = DriftState(True, len(self._window), distribution.window_frames)
+
+    def _look(self, distribution: Distribution) -> None:
+        """Compare the window with training, and tell what has changed."""
+        distances = distribution.distances(self._sum)
+        ratios = distances / self._limits
+        worst = int(ratios.argmax())
+        was_out, ratio = self.state.out, float(ratios[worst])
+        out = ratio > (BACK_RATIO if was_out else 1.0)
+        self.distances = dict(zip(self._names, distances.tolist(), strict=True))
+        self.state = DriftState(
+            True,
+            len(self._window),
+            distribution.window_frames,
+            out,
+            self._names[worst],
+            float(distances[worst]),
+            float(self._limits[worst]),
+        )
+        if out != was_out:
+            self._tell(self._event(out, distances, ratios))
+
+    def _event(
+        self, out: bool, distances: NDArray[np.float64], ratios: NDArray[np.float64]
+    ) -> Event:
+        order = np.argsort(-ratios, kind="stable")[:LARGEST_WORST]
+        worst = [
+            {
+                "feature": self._names[index],
+                "distance": float(distances[index]),
+                "limit": float(self._limits[index]),
+            }
+            for index in order.tolist()
+        ]
+        over = int(np.count_nonzero(ratios > 1))
+        fields: dict[str, Any] = {
+            "model": self._label,
+            "frames": self.state.frames,
+            "features": len(ratios),
+            "features_out": over,
+            "worst": worst,
+        }
+        first = worst[0]
+        figures = f"{first['feature']} {first['distance']:.2f}, limit {first['limit']:.2f}"
+        if not out:
+            words = f"the last {self.state.frames} frames are like training again ({figures})"
+            return Event(self._t, "drift_over", words, fields)
+        words = (
+            f"the last {self.state.frames} frames are unlike what {self._label} learnt from: "
+            f"{over} of {len(ratios)} features out of range ({figures})"
+        )
+        return Event(self._t, "drift", words, fields)

@@ -1,0 +1,228 @@
+"""How a model's training features were distributed, and how far the frames of a run may be from it.
+
+The distance of a feature is Kolmogorov and Smirnov's: the largest difference between two
+cumulative distributions, here at `BINS` - 1 quantiles of the training patches, which is at most
+2 / `BINS` less than over all values. It is chosen as it has no unit, stays between 0 and 1,
+asks nothing of a feature's law, and is the same for any monotone rescaling of it. Measured on the
+sea trial of 20 April 2016 with three extractors, held-back parts against changed pictures of them:
+Wasserstein's distance over the interquartile range had the same false warnings and saw fewer of the
+changes (the longest tail sets its limits); the population stability index saw fewer too, had fewer
+false warnings with plain LBP, and needs a made-up count where a bin is empty.
+
+How far is too far is measured: windows of consecutive frames are held back from the training
+patches, with a gap, and their distances from all others are kept (`typical`, `factor`). A
+window's patches are near copies, so tables of the Kolmogorov-Smirnov test would be far too strict.
+
+Reference: A. Kolmogorov (1933), Sulla determinazione empirica di una legge di distribuzione,
+Giornale dell'Istituto Italiano degli Attuari 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+BINS = 32
+LEAST_TYPICAL = 1 / BINS
+"""A feature's typical distance counts as at least what `BINS` - 1 quantiles resolve."""
+LARGEST_WINDOW_FRAMES = 60
+LEAST_STRETCHES = 3
+"""With fewer stretches held back, the largest distance seen says next to nothing."""
+_MOST = 2**53  # counts that a float64 holds exactly
+_SAME = 1e-9
+"""Values this close are one value: other kernels may differ in the last digits."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """The training distribution of each feature, and the limits that were measured on it.
+
+    Parameters
+    ----------
+    edges : array of float64, shape (dim, BINS - 1)
+        Rising values of each feature: its quantiles, as `quantile_edges` gives them.
+    counts : array of int64, shape (dim, BINS)
+        Training patches in each bin; bin k ends with, and holds, edge k.
+    typical : array of float64, shape (dim,)
+        Mean distance of the held-back windows, at least `LEAST_TYPICAL`.
+    factor : float
+        The largest distance of any feature in any held-back window, as a multiple of that
+        feature's typical one.
+    window_frames : int
+        Frames a window spans.
+    windows, stretches : int
+        Windows held back, one from each frame on, and how many of them have no frame in common.
+
+    Raises
+    ------
+    ValueError
+        If shapes, types or bounds are not these.
+    """
+
+    edges: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    typical: NDArray[np.float64]
+    factor: float
+    window_frames: int
+    windows: int
+    stretches: int
+
+    def __post_init__(self) -> None:
+        dim = len(self.edges) if self.edges.ndim == 2 else 0
+        shapes = (self.edges.shape, self.counts.shape, self.typical.shape)
+        if dim < 1 or shapes != ((dim, BINS - 1), (dim, BINS), (dim,)):
+            raise ValueError(f"shapes {shapes} are no distribution of features")
+        if {self.edges.dtype, self.typical.dtype} != {np.dtype(np.float64)} or (
+            self.counts.dtype != np.int64
+        ):
+            raise ValueError("a distribution's values are float64, its counts int64")
+        if not np.isfinite(self.edges).all() or (self.edges[:, 1:] < self.edges[:, :-1]).any():
+            raise ValueError("a distribution's edges are finite and rise")
+        if (self.counts < 0).any() or (self.counts > _MOST // BINS).any():
+            raise ValueError("a distribution's counts are out of their bounds")
+        sums = self.counts.sum(axis=1)
+        if sums[0] < 1 or (sums != sums[0]).any():
+            raise ValueError("a distribution counts the same patches for each feature")
+        if not ((self.typical >= LEAST_TYPICAL) & (self.typical <= 1)).all():
+            raise ValueError(f"typical distances are {LEAST_TYPICAL} to 1")
+        if not 1 <= self.factor <= BINS:
+            raise ValueError(f"the factor of a distribution's limits is 1 to {BINS}")
+        if not 1 <= self.window_frames <= LARGEST_WINDOW_FRAMES:
+            raise ValueError(f"a window spans 1 to {LARGEST_WINDOW_FRAMES} frames")
+        if not LEAST_STRETCHES <= self.stretches <= self.windows <= _MOST:
+            raise ValueError("a distribution's windows and stretches are out of their bounds")
+
+    @property
+    def dim(self) -> int:
+        """Number of features."""
+        return len(self.edges)
+
+    @property
+    def limits(self) -> NDArray[np.float64]:
+        """The distance of each feature above which it is out of range, shape (dim,)."""
+        return self.typical * self.factor
+
+    def bin_counts(self, features: NDArray[np.float64]) -> NDArray[np.int64]:
+        """How many patches fall into each bin, shape (dim, BINS), of features (n_patches, dim)."""
+        return bin_counts(features, self.edges)
+
+    def distances(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Each feature's distance from training, shape (dim,), of a window's summed bin counts."""
+        return ks_distances(counts, self.counts)
+
+    def summary(self) -> dict[str, Any]:
+        """The figures behind the limits, as plain JSON; `drift_words` says them."""
+        return {
+            "features": self.dim,
+            "watched": int(np.count_nonzero(self.limits < 1)),
+            "patches": int(self.counts[0].sum()),
+            "window_frames": self.window_frames,
+            "windows": self.windows,
+            "stretches": self.stretches,
+            "factor": self.factor,
+            "median_limit": float(np.median(self.limits)),
+        }
+
+
+def quantile_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The bins' edges for one feature: its quantiles at 1 / BINS, 2 / BINS, ...
+
+    A value that fills a whole bin or more gets an edge just below and one just above it, so that
+    moving away from it shows to either side.
+
+    Parameters
+    ----------
+    values : array of float64, shape (n,)
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (BINS - 1,), rising.
+    """
+    levels = np.arange(1, BINS) / BINS
+    edges = np.quantile(values, levels, method="inverted_cdf")
+    slack = _SAME * np.maximum(1.0, np.abs(edges))
+    again = np.diff(edges) == 0
+    first = np.append(again, False) & ~np.append(False, again)
+    lower, upper = edges - slack, edges + slack
+    edges = np.where(first, lower, np.where(np.append(False, again), upper, edges))
+    return np.asarray(np.maximum.accumulate(edges), np.float64)
+
+
+def bin_counts(features: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.int64]:
+    """How many values of each feature fall into each bin.
+
+    A binary search over all features at once: `numpy.searchsorted` takes one list of edges only,
+    and a call a feature costs three times as much.
+
+    Parameters
+    ----------
+    features : array of float64, shape (n, dim)
+    edges : array of float64, shape (dim, BINS - 1)
+
+    Returns
+    -------
+    numpy.ndarray
+        int64, shape (dim, BINS).
+    """
+    dim = len(edges)
+    at = np.empty(features.shape, np.int64)
+    at[:] = np.arange(dim) * (BINS - 1)
+    edge, flat, step = np.empty(features.shape), edges.ravel(), BINS // 2
+    while step:
+        # Never out of bounds; "clip" only spares numpy a copy.
+        np.take(flat, at + (step - 1), out=edge, mode="clip")
+        at += step * (edge < features)
+        step //= 2
+    at += np.arange(dim)
+    return np.bincount(at.ravel(), minlength=dim * BINS).reshape(dim, BINS)
+
+
+def ks_distances(counts: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Largest difference of two cumulative distributions over the same bins.
+
+    Parameters
+    ----------
+    counts, others : array of int64, shape (..., BINS)
+        Each with something in it.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (...), 0 to 1.
+    """
+    one, other = np.cumsum(counts, axis=-1), np.cumsum(others, axis=-1)
+    difference = one / one[..., -1:] - other / other[..., -1:]
+    return np.asarray(np.abs(difference).max(axis=-1), np.float64)
+
+
+def drift_words(summary: Mapping[str, Any] | None) -> str:
+    """What is known of a model's training distribution, and how its limits were made, for people.
+
+    Parameters
+    ----------
+    summary : mapping or None
+        `Distribution.summary`; None where a model has none.
+    """
+    if summary is None:
+        return (
+            "Input drift is not known for this model: it holds no distribution of its training "
+            "features."
+        )
+    stretches = summary["stretches"]
+    return (
+        f"The runtime compares the last {summary['window_frames']} judged frames with "
+        f"{summary['patches']} training patches, feature by feature (Kolmogorov-Smirnov distance, "
+        f"0 to 1), and warns when one is out of range; verdicts do not depend on it. Limits are "
+        f"measured: {summary['factor']:.2f} times each feature's typical distance (median limit "
+        f"{summary['median_limit']:.2f}; {summary['watched']} of {summary['features']} are below "
+        f"1), the largest that any of {summary['windows']} windows of consecutive training frames "
+        f"had from all others while it was held back. {stretches} of these windows have no frame "
+        f"in common, so one stretch of such frames in {stretches + 1} is expected to be out of "
+        "range as well. Limits hold at the frame rate of the training missions. A stretch unlike "
+        "any of them, such as one that comes closer, is out of range and is meant to be."
+    )

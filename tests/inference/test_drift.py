@@ -1,0 +1,201 @@
+"""The drift monitor: it tells when features leave training, once, and when they are back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.mission import open_mission
+from tokt.inference.detector import GridDetector
+from tokt.inference.drift import LARGEST_WORST, LOOKS_A_WINDOW, DriftMonitor, DriftState
+from tokt.inference.observer import Event
+from tokt.inference.policy import Judgement, SinglePolicy
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import Report
+from tokt.inference.sources import Frame
+from tokt.inference.verdict import unknown_verdict
+from tokt.models.bundle import read_bundle
+from tokt.models.distribution import Distribution, bin_counts, ks_distances, quantile_edges
+
+WINDOW, DIM = 8, 7
+VERDICT = unknown_verdict(Fault(Reason.DARK, "dark"))
+
+
+def distribution(window: int = WINDOW) -> Distribution:
+    """Of standard normal features, with a limit of 0.3 each."""
+    features = np.random.default_rng(0).normal(size=(4000, DIM))
+    edges = np.array([quantile_edges(column) for column in features.T])
+    return Distribution(edges, bin_counts(features, edges), np.full(DIM, 0.1), 3.0, window, 200, 9)
+
+
+@dataclass
+class Model:
+    distribution: Distribution | None = field(default_factory=distribution)
+    label: str = "drawn/1"
+    names: tuple[str, ...] = tuple(f"f{n}" for n in range(DIM))
+
+    @property
+    def extractor(self) -> Any:
+        return SimpleNamespace(names=self.names)
+
+
+class Sea:
+    """Frames of 50 patches of normal features, into a monitor."""
+
+    def __init__(self, model: Any = None) -> None:
+        self.told: list[Event] = []
+        self.monitor = DriftMonitor(self.told.append)
+        self.monitor.set_model(Model() if model is None else model)
+        self.rng = np.random.default_rng(1)
+        self.number = 0
+        self.seen: list[NDArray[np.float64]] = []
+
+    def give(self, features: NDArray[np.float64] | None) -> None:
+        self.number += 1
+        frame = Frame(self.number, 100.0 + self.number, None, None)
+        judgement = Judgement(VERDICT, features=features)
+        self.monitor.judged(frame, judgement, Report(1, self.number, 0.0, 1.0, VERDICT))
+        if features is not None:
+            self.seen.append(features)
+
+    def frames(self, n: int, shift: float = 0.0, feature: int = 2) -> None:
+        for _ in range(n):
+            features = self.rng.normal(size=(50, DIM))
+            features[:, feature] += shift
+            self.give(features)
+
+
+def test_it_tells_once_and_once_more_when_it_is_over() -> None:
+    sea = Sea()
+    sea.frames(60)
+    assert sea.told == [] and not sea.monitor.state.out
+    sea.frames(60, shift=3)
+    (drift,) = sea.told
+    assert sea.monitor.state.out and sea.monitor.state.worst == "f2"
+    assert drift.name == "drift" and "drawn/1" in drift.words and "f2" in drift.words
+    # At most a window and the next look later.
+    assert 160 < drift.t <= 160 + WINDOW + WINDOW // LOOKS_A_WINDOW
+    worst = drift.fields["worst"]
+    assert len(worst) == LARGEST_WORST and worst[0]["feature"] == "f2"
+    assert worst[0]["distance"] > worst[0]["limit"] == pytest.approx(0.3)
+    assert drift.fields["features_out"] == 1 and drift.fields["features"] == DIM
+    assert drift.fields["frames"] == WINDOW and drift.fields["model"] == "drawn/1"
+    sea.frames(60)
+    assert [event.name for event in sea.told] == ["drift", "drift_over"]
+    assert not sea.monitor.state.out
+
+
+def test_the_distance_is_that_of_the_last_frames() -> None:
+    sea = Sea()
+    sea.frames(3 * WINDOW + 2, shift=0.4)
+    model = distribution()
+    counts = bin_counts(np.vstack(sea.seen[-WINDOW:]), model.edges)
+    expected = ks_distances(counts, model.counts)
+    found = sea.monitor.distances
+    assert list(found) == list(Model().names)
+    assert list(found.values()) == expected.tolist()
+    assert found["f2"] == sea.monitor.state.distance == max(expected)
+    assert sea.monitor.state.limit == pytest.approx(0.3)
+
+
+def test_the_order_of_a_window_s_frames_and_patches_does_not_matter() -> None:
+    one, other = Sea(), Sea()
+    one.frames(WINDOW, shift=0.4)
+    rng = np.random.default_rng(3)
+    for features in reversed(one.seen):
+        other.give(rng.permutation(features))
+    assert one.monitor.distances == other.monitor.distances != {}
+
+
+def test_on_the_limit_it_does_not_tell_again_and_again() -> None:
+    sea = Sea()
+    # So many of the patches are beyond all of training: that is the distance; the limit is 0.3.
+    for part in [0.28, *[0.32, 0.29] * 20]:
+        for _ in range(WINDOW):
+            features = sea.rng.normal(size=(4000, DIM))
+            features[: int(part * 4000), 2] = 99.0
+            sea.give(features)
+    assert [event.name for event in sea.told] == ["drift"]
+    sea.frames(2 * WINDOW)
+    assert [event.name for event in sea.told] == ["drift", "drift_over"]
+
+
+def test_nothing_is_said_before_the_window_is_full() -> None:
+    sea = Sea()
+    assert sea.monitor.state == DriftState(known=True, window_frames=WINDOW)
+    sea.frames(WINDOW - 1, shift=9)
+    assert sea.monitor.state == DriftState(known=True, frames=WINDOW - 1, window_frames=WINDOW)
+    assert sea.told == [] and sea.monitor.distances == {}
+    sea.frames(1, shift=9)
+    assert [event.name for event in sea.told] == ["drift"]
+
+
+def test_another_model_begins_anew() -> None:
+    sea = Sea()
+    sea.frames(WINDOW, shift=9)
+    assert sea.monitor.state.out
+    sea.monitor.set_model(Model(label="drawn/2"))
+    drift, over = sea.told
+    assert (drift.name, over.name, over.t) == ("drift", "drift_over", drift.t)
+    assert over.fields == {"model": "drawn/1"} and "not known" in over.words
+    assert sea.monitor.state == DriftState(known=True, window_frames=WINDOW)
+    assert sea.monitor.distances == {}
+    sea.frames(WINDOW)
+    assert len(sea.told) == 2 and not sea.monitor.state.out
+
+
+@pytest.mark.parametrize("model", [None, Model(distribution=None)])
+def test_without_a_distribution_drift_is_not_known(model: Any) -> None:
+    sea = Sea()
+    sea.monitor.set_model(model)
+    sea.frames(3 * WINDOW, shift=9)
+    assert sea.told == [] and sea.monitor.state == DriftState()
+    assert not sea.monitor.state.known
+
+
+def test_frames_without_features_are_passed_over() -> None:
+    sea = Sea()
+    for _ in range(WINDOW):
+        sea.give(None)
+        # Of the model before, judged just before the switch.
+        sea.give(np.zeros((50, DIM + 1)))
+    assert sea.monitor.state.frames == 0
+    sea.frames(WINDOW)
+    assert sea.monitor.state.frames == WINDOW
+
+
+def test_a_trained_model_knows_its_own_mission_and_not_a_blurred_one(
+    tiny: Any, tiny_bundle: Any
+) -> None:
+    """Through the real detector: no drift on the frames it learnt from."""
+    bundle = read_bundle(tiny_bundle)
+    assert bundle.distribution is not None
+    assert bundle.distribution.window_frames == 4 and bundle.distribution.stretches == 8
+    told: list[Event] = []
+    monitor = DriftMonitor(told.append)
+    monitor.set_model(bundle)
+    policy = SinglePolicy(GridDetector(bundle))
+    mission = open_mission(tiny.path)
+
+    def judge(number: int, blurred: bool) -> None:
+        picture = mission.read(number)
+        if blurred:
+            # With its contrast kept: a flat frame is not judged at all.
+            smooth = cv2.GaussianBlur(picture.astype(float), (0, 0), 1.5)
+            picture = np.clip(20 + 4 * (smooth - 20), 0, 255).astype(np.uint8)
+        frame = Frame(number, float(number), picture, None)
+        judgement = policy.judge(frame)
+        assert judgement.features is not None
+        monitor.judged(frame, judgement, Report(number, number, 0.0, 1.0, judgement.verdict))
+
+    for number in range(1, 41):
+        judge(number, False)
+    assert told == [] and monitor.state.distance is not None
+    for number in range(1, 9):
+        judge(number, True)
+    assert [event.name for event in told] == ["drift"]

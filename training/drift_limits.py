@@ -1,0 +1,171 @@
+"""The distribution of a dataset's features, with limits of drift measured on held-back windows.
+
+A window is some consecutive frames of one mission and camera, as long as the blocks of frames that
+cross-validation holds out: what the runtime looks at, too. It is compared with all training patches
+but its own and those near it (the gap that the split has; both cameras). Windows start at every
+frame, as the runtime's go along with the frames. Patches marked unsure are not in a dataset: the
+runtime sees them, the windows here do not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ..models.distribution import (
+    BINS,
+    LARGEST_WINDOW_FRAMES,
+    LEAST_STRETCHES,
+    LEAST_TYPICAL,
+    Distribution,
+    ks_distances,
+    quantile_edges,
+)
+from .dataset import DatasetVersion
+
+_KEYS = ["mission", "camera", "frame"]
+_LEAST_FILLED = 0.5
+"""Part of the frames of the fullest window: a window at a gap in the labels may have fewer."""
+
+
+def training_distribution(
+    dataset: DatasetVersion, features: NDArray[np.float64], embargo_frames: int
+) -> Distribution | None:
+    """How a dataset's features are distributed, and how far its own held-back windows are from it.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    features : array of float64, shape (n_patches, dim)
+        Finite, in the order of the dataset's patches.
+    embargo_frames : int
+        Frames on either side of a window that it is not compared with.
+
+    Returns
+    -------
+    Distribution or None
+        None where nothing says which patches belong together, or fewer than `LEAST_STRETCHES`
+        windows without a common frame can be held back.
+    """
+    if dataset.block_frames is None:
+        return None
+    length = min(dataset.block_frames, LARGEST_WINDOW_FRAMES)
+    grouped = dataset.patches.groupby(_KEYS)
+    of_patch = grouped.ngroup().to_numpy(np.int64)
+    sizes = grouped.size()
+    windows = _windows(sizes.index.to_frame(index=False), sizes.to_numpy(), length, embargo_frames)
+    stretches = _stretches(windows, length + embargo_frames)
+    if stretches < LEAST_STRETCHES:
+        return None
+    dim = features.shape[1]
+    edges, counts = np.empty((dim, BINS - 1)), np.empty((dim, BINS), np.int64)
+    typical, largest = np.empty(dim), np.empty(dim)
+    for feature in range(dim):
+        values = np.ascontiguousarray(features[:, feature])
+        edges[feature] = quantile_edges(values)
+        cells = of_patch * BINS + np.searchsorted(edges[feature], values)
+        by_frame = np.bincount(cells, minlength=len(sizes) * BINS).reshape(-1, BINS)
+        counts[feature] = by_frame.sum(axis=0)
+        distances = _held_back_distances(by_frame, windows)
+        typical[feature] = max(float(distances.mean()), LEAST_TYPICAL)
+        largest[feature] = distances.max()
+    factor = max(1.0, float((largest / typical).max()))
+    return Distribution(edges, counts, typical, factor, length, len(windows), stretches)
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """Windows of frames, which are rows of one table sorted by mission, camera and number.
+
+    Parameters
+    ----------
+    mission : array of int, shape (n_windows,)
+    number : array of int, shape (n_windows,)
+        The first frame's.
+    first, last : array of int, shape (n_windows,)
+        Rows of the window's frames: from `first` to before `last`.
+    near : array of int, shape (n_cameras, 2, n_windows)
+        Of each camera the rows, from and to before, that the window is not compared with; an
+        empty range for another mission's camera.
+    """
+
+    mission: NDArray[np.int64]
+    number: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    near: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def chosen(self, which: NDArray[np.bool_]) -> _Windows:
+        """Some of them."""
+        return _Windows(
+            self.mission[which],
+            self.number[which],
+            self.first[which],
+            self.last[which],
+            self.near[:, :, which],
+        )
+
+
+def _windows(
+    frames: pd.DataFrame, patches: NDArray[np.int64], length: int, embargo: int
+) -> _Windows:
+    """All windows that are full enough and leave enough to compare with.
+
+    Parameters
+    ----------
+    frames : DataFrame
+        Columns mission, camera, frame; sorted.
+    patches : array of int, shape (n_frames,)
+        How many each frame has.
+    """
+    numbers = frames.frame.to_numpy(np.int64)
+    mission = pd.factorize(frames.mission)[0]
+    camera = frames.groupby(["mission", "camera"]).ngroup().to_numpy()
+    ends = np.append(np.flatnonzero(np.diff(camera)) + 1, len(frames))
+    runs = list(zip(np.append(0, ends[:-1]).tolist(), ends.tolist(), strict=True))
+    last = np.empty(len(frames), np.int64)
+    near = np.zeros((len(runs), 2, len(frames)), np.int64)
+    filled = np.zeros(len(frames), bool)
+    for index, (start, end) in enumerate(runs):
+        own = numbers[start:end]
+        last[start:end] = start + np.searchsorted(own, own + length)
+        count = last[start:end] - np.arange(start, end)
+        filled[start:end] = count >= _LEAST_FILLED * count.max()
+        same = mission == mission[start]
+        near[index, 0, same] = start + np.searchsorted(own, numbers[same] - embargo)
+        near[index, 1, same] = start + np.searchsorted(own, numbers[same] + length + embargo)
+    windows = _Windows(mission, numbers, np.arange(len(frames)), last, near)
+    before = np.append(0, np.cumsum(patches))
+    inside = before[windows.last] - before[windows.first]
+    outside = before[-1] - (before[near[:, 1]] - before[near[:, 0]]).sum(axis=0)
+    return windows.chosen(filled & (outside >= inside))
+
+
+def _stretches(windows: _Windows, apart: int) -> int:
+    """How many windows can be chosen whose first frames are `apart` or more numbers apart."""
+    count = 0
+    for mission in np.unique(windows.mission):
+        free = -np.inf
+        for number in np.unique(windows.number[windows.mission == mission]).tolist():
+            if number >= free:
+                count, free = count + 1, number + apart
+    return count
+
+
+def _held_back_distances(by_frame: NDArray[np.int64], windows: _Windows) -> NDArray[np.float64]:
+    """Of one feature: each window's distance from all that it is to be compared with.
+
+    Parameters
+    ----------
+    by_frame : array of int64, shape (n_frames, BINS)
+    """
+    before = np.vstack([np.zeros(BINS, np.int64), np.cumsum(by_frame, axis=0)])
+    inside = before[windows.last] - before[windows.first]
+    near = (before[windows.near[:, 1]] - before[windows.near[:, 0]]).sum(axis=0)
+    return ks_distances(inside, before[-1] - near)
