@@ -44,7 +44,7 @@ class Announcer:
         self._seq = 0
         self._newest: Frame | None = None
         self._taken_up: float | None = None
-        self._said = clock.monotonic()
+        self._said = self._judged = clock.monotonic()
         self._unread: deque[Report] = deque(maxlen=_KEPT_HEARTBEATS)
 
     def take_up(self, frame: Frame) -> None:
@@ -75,6 +75,7 @@ class Announcer:
             t, latency_ms, age_ms = frame.t, _ms(judging_s), _ms(age_s)
             seq = self._seq + 1
             report = Report(seq, frame.number, t, latency_ms, verdict, age_ms, left_out)
+            self._judged = now
             return self._send(report, now)
 
     def heartbeat(self) -> None:
@@ -113,7 +114,7 @@ class Announcer:
             return Fault(Reason.STALLED, words)
         if self._newest is None:
             return Fault(Reason.NO_FRAME, "no frame has come yet")
-        return Fault(Reason.STALE, f"no frame for {now - self._said:.1f} s")
+        return Fault(Reason.STALE, f"no frame judged for {now - self._judged:.1f} s")
 
 
 def _ms(seconds: float | None) -> float | None:

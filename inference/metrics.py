@@ -6,6 +6,7 @@ each part for its own counters: nothing is counted twice.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
@@ -33,6 +34,10 @@ _CAMERA_COUNTS = {
     "unpaired": "Captures that the other camera has none to.",
     "lost": "Times that the camera was lost.",
 }
+
+_BREATH_S = 0.0005
+"""Between two metrics of a page, in real time: a frame that is judged meanwhile waits for the
+writing of one or two metrics at most, and not for the whole page (1 ms)."""
 
 Values = float | Mapping[tuple[str, ...], float]
 """One, or several by the values of the metric's labels."""
@@ -131,7 +136,12 @@ class RunCollector:
         self._clock = clock
 
     def collect(self) -> Iterator[Metric]:
-        """All metrics, as they are now."""
+        """All metrics, as they are now, one after the other."""
+        for metric in self._all():
+            yield metric
+            time.sleep(_BREATH_S)
+
+    def _all(self) -> Iterator[Metric]:
         yield from self._said()
         yield from self._state()
         yield from self._senders()

@@ -15,7 +15,7 @@ from .clock import Clock
 
 SYSTEMD_VARIABLE = "NOTIFY_SOCKET"
 WATCHDOG_VARIABLE = "TOKT_WATCHDOG"
-"""Port on loopback, and what each datagram to it begins with."""
+"""``PORT:TOKEN:PID``: a port on loopback, what each datagram to it begins with, and whose it is."""
 
 READY, ALIVE, STOPPING = b"READY=1", b"WATCHDOG=1", b"STOPPING=1"
 
@@ -37,12 +37,14 @@ class Notifier:
         self._clock = clock
         self._sockets: list[tuple[socket.socket, bytes]] = []
         self._alive_at: float | None = None
-        self._parent = os.getppid() if environ.get(WATCHDOG_VARIABLE) else None
         path = environ.get(SYSTEMD_VARIABLE, "")
         if path:
             # A leading @ is a name in Linux's abstract namespace: sd_notify(3).
             self._open(socket.AF_UNIX, "\0" + path[1:] if path.startswith("@") else path, b"")
-        port, _, token = environ.get(WATCHDOG_VARIABLE, "").partition(":")
+        port, _, rest = environ.get(WATCHDOG_VARIABLE, "").partition(":")
+        token, _, parent = rest.partition(":")
+        # On Windows a parent that has died goes on being named.
+        self._parent = int(parent) if parent.isdigit() and os.name == "posix" else None
         if port.isdigit():
             self._open(socket.AF_INET, ("127.0.0.1", int(port)), token.encode() + b" ")
 

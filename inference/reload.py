@@ -41,9 +41,9 @@ class Checked:
     Parameters
     ----------
     sha256 : str
-        Of the bundle that passed; empty where none did.
+        Of the bundle that was checked; empty where it is not known.
     fault : str
-        Why none did.
+        Why it did not pass; empty where it did.
     """
 
     sha256: str
@@ -82,6 +82,8 @@ class ModelWatch:
     clock : Clock
     check : callable
         `check_in_child`.
+    is_active : bool
+        Whether `running` was loaded as the store's active one, and not in its stead.
     """
 
     def __init__(
@@ -92,9 +94,11 @@ class ModelWatch:
         put: Callable[[Bundle], None],
         clock: Clock,
         check: Callable[[Store], Checked] = check_in_child,
+        is_active: bool = True,
     ) -> None:
         self._store = store
-        self._running = "" if running is None else running.sha256
+        # A copy of the active bundle has the same SHA-256; the active one may be made good.
+        self._running = running.sha256 if running is not None and is_active else ""
         self._to_remember = running
         self._misfit = misfit
         self._put = put
@@ -156,10 +160,10 @@ class ModelWatch:
     def _make_ready(self, sha256: str) -> str:
         """Check a bundle and build it; why it cannot be used, or an empty string."""
         checked = self._check(self._store)
+        if checked.sha256 not in ("", sha256):
+            return ""  # another one has become active meanwhile: the next look is at that one
         if checked.fault:
             return checked.fault
-        if checked.sha256 != sha256:
-            return ""  # another one has become active meanwhile: the next look is at that one
         try:
             bundle = self._store.runnable(sha256, golden=False)
         except ToktError as error:

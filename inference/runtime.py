@@ -28,7 +28,8 @@ from .verdict import CLEAR, OBSTACLE, UNKNOWN
 POLL_S = 0.1
 """Longest time in seconds that the loop waits for a frame before it looks for anything else."""
 
-_TICK_S = 0.05
+TICK_S = 0.05
+"""Seconds between two looks at whether something has to be said."""
 
 
 @dataclass
@@ -138,6 +139,7 @@ class Runtime:
         self._alive = alive
         self._frozen = FrozenWatch(self.limits)
         self._announcer = Announcer(senders, clock, self.limits, source.live)
+        self._heart_beats: Callable[[], bool] = lambda: True
 
     def run(self) -> Summary:
         """Go on until the source ends or is stopped.
@@ -171,6 +173,8 @@ class Runtime:
                 observer.event(event)
 
     def _round(self, intake: Intake, summary: Summary) -> None:
+        if not self._heart_beats():
+            raise RuntimeError("the heartbeat has failed: nobody would say that the loop hangs")
         self._alive()
         self._tell(self._events.take())
         self._tell(self._between())
@@ -204,11 +208,12 @@ class Runtime:
         stopped = threading.Event()
 
         def beat() -> None:
-            while not stopped.wait(_TICK_S):
+            while not stopped.wait(TICK_S):
                 self._announcer.heartbeat()
 
         thread = threading.Thread(target=beat, name="tokt heartbeat", daemon=True)
         thread.start()
+        self._heart_beats = thread.is_alive
         try:
             yield
         finally:

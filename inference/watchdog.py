@@ -18,10 +18,10 @@ from .notify import ALIVE, READY, STOPPING, SYSTEMD_VARIABLE, WATCHDOG_VARIABLE,
 RESTARTS_VARIABLE = "TOKT_RESTARTS"
 """How often the runtime has been started again."""
 
-_USER_ERROR = 2
+_FAILED, _USER_ERROR = 1, 2
 _POLL_S = 0.02
 _LONGEST_PAUSE_S = 2.0
-_LARGEST_DATAGRAM = 1024
+_LARGEST_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked for
 
 
 @dataclass(frozen=True)
@@ -74,38 +74,51 @@ class Watchdog:
         self._patience = Patience() if patience is None else patience
         self._asked_to_stop = False
         self._was_ready = False
+        self._finished = False
 
     def stop(self) -> None:
         """End the runtime and then this; may be called from a signal handler."""
         self._asked_to_stop = True
 
     def run(self) -> int:
-        """Go on until the runtime ends by itself, or `stop` was called.
+        """Go on until the runtime has done its work, or `stop` was called.
 
         Returns
         -------
         int
             The runtime's exit code: 0, or 2 where it never got ready because of what a user wrote.
         """
-        token = secrets.token_hex(8)
+        code = quick = 0
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as signs:
             signs.bind(("127.0.0.1", 0))
             signs.settimeout(_POLL_S)
-            where = f"{signs.getsockname()[1]}:{token}"
-            quick = 0
-            while True:
+            while not self._asked_to_stop:
                 started = time.monotonic()
-                child = self._start(where)
-                why = self._watch(child, signs, token.encode() + b" ")
-                code = child.returncode
+                code, why = self._one_life(signs)
                 never_ready = code == _USER_ERROR and not self._was_ready
-                if self._asked_to_stop or code == 0 or never_ready:
-                    return max(code, 0)
+                if self._asked_to_stop or self._finished or code == 0 or never_ready:
+                    break
                 lived_s = time.monotonic() - started
                 quick = 0 if lived_s > self._patience.steady_s else quick + 1
                 self.restarts += 1
                 self._say(f"{why}; started again ({self.restarts})")
                 self._pause(quick)
+        return max(code, 0)
+
+    def _one_life(self, signs: socket.socket) -> tuple[int, str]:
+        """Run the command once; its exit code, and why it ended."""
+        # A new token each time: what the one before said last may still wait to be read.
+        token = secrets.token_hex(8)
+        try:
+            child = self._start(f"{signs.getsockname()[1]}:{token}:{os.getpid()}")
+        except OSError as error:  # such as no memory, for which the last one may have died
+            return _FAILED, f"the runtime cannot be started: {error.strerror or error}"
+        try:
+            why = self._watch(child, signs, token.encode() + b" ")
+        finally:
+            child.kill()  # does nothing to one that has ended
+            child.wait()
+        return child.returncode, why
 
     def _start(self, where: str) -> subprocess.Popen[bytes]:
         environ = {**os.environ, WATCHDOG_VARIABLE: where, RESTARTS_VARIABLE: str(self.restarts)}
@@ -120,7 +133,7 @@ class Watchdog:
                 time.sleep(_POLL_S)
 
     def _watch(self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes) -> str:
-        """Wait until the runtime has ended; why it did."""
+        """Wait until the runtime has ended, or is to be killed; why."""
         patience = self._patience
         ready = False
         until = time.monotonic() + patience.start_s
@@ -135,10 +148,9 @@ class Watchdog:
                 self._pass_on(sign)
                 until = time.monotonic() + (patience.hang_s if ready else patience.start_s)
             elif sign == STOPPING and not asked:
-                asked, until = True, time.monotonic() + patience.stop_s
+                self._finished = asked = True
+                until = time.monotonic() + patience.stop_s
             elif time.monotonic() > until:
-                child.kill()
-                child.wait()
                 what = "does not answer" if ready else "did not get ready"
                 return f"the runtime {what} and was killed"
         code = child.returncode

@@ -12,11 +12,15 @@ would crash this one. After a code 0 the runtime loads the very same SHA-256 wit
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import sys
 
 from ..features.errors import ToktError
 from .store import Store
+
+LONGEST_S = 90.0
+"""Seconds after which a check ends itself: whoever waited for it may have been killed."""
 
 _FAULTY = 2
 
@@ -47,4 +51,5 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
+    faulthandler.dump_traceback_later(LONGEST_S, exit=True)
     sys.exit(main(sys.argv[1:]))

@@ -124,7 +124,11 @@ def test_silence_is_broken_by_unknown_with_the_reason(
     last = sent.reports[-1]
     assert (last.t, last.frame, last.verdict.status) == (frame.t, None, UNKNOWN)
     assert last.age_ms == pytest.approx(1200)
-    assert announcer.heartbeats() == [sent.reports[index] for index in (0, 1, 3)]
+    assert last.verdict.health == "no frame judged for 0.6 s"
+    hand_clock.now += 0.6
+    announcer.heartbeat()
+    assert sent.reports[-1].verdict.health == "no frame judged for 1.2 s"
+    assert announcer.heartbeats() == [sent.reports[index] for index in (0, 1, 3, 4)]
     assert announcer.heartbeats() == []
 
 

@@ -155,6 +155,20 @@ def test_a_source_that_dies_ends_the_loop_with_its_error(
     assert isinstance(ended[0], RuntimeError) and len(listener.reports) == 1
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_heartbeat_that_dies_ends_the_loop(noise_scorer: Any) -> None:
+    class Sender:
+        sent = failed = 0
+
+        def send(self, report: Report) -> None:
+            raise TypeError("a mistake in a sender")
+
+    policy = SinglePolicy(GridDetector(noise_scorer))
+    thread, ended = run(Runtime(HandSource(), policy, [Sender()], SYSTEM_CLOCK, limits=QUICK))
+    thread.join(5)
+    assert isinstance(ended[0], RuntimeError) and "heartbeat" in str(ended[0])
+
+
 def test_the_loop_shows_that_it_lives_and_does_what_is_to_be_done_between_frames(
     noise_scorer: Any, draw_frame: Draw
 ) -> None:

@@ -47,16 +47,19 @@ def store(tmp_path: Path, make_bundle: Callable[[str], Bundle]) -> Store:
 class Watched:
     """A watch over a store, looked at by hand; what it put and told."""
 
-    def __init__(self, store: Store, clock: Any, misfit: str = "") -> None:
+    def __init__(
+        self, store: Store, clock: Any, misfit: str = "", copy_of: Bundle | None = None
+    ) -> None:
         self.put: list[str] = []
         self.checks = 0
         self.watch = ModelWatch(
             store,
-            store.active(),
+            copy_of or store.active(),
             lambda bundle: misfit,
             lambda bundle: self.put.append(bundle.label),
             clock,
             self._check,
+            is_active=copy_of is None,
         )
 
     def _check(self, store: Store) -> Checked:
@@ -100,6 +103,27 @@ def test_a_damaged_one_is_refused_once_and_tried_again_later(
     file.write_bytes(whole)
     hand_clock.now += 31
     assert len(watched.look()) == 1 and watched.put == ["noise/2"]
+
+
+def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(
+    store: Store, hand_clock: Any
+) -> None:
+    active = store.active()
+    store.bundle_file(active.sha256).write_bytes(b"damaged")
+    watched = Watched(store, hand_clock, copy_of=active)
+    assert watched.look()[0].startswith("model_refused: model noise/1 is refused: ")
+    store.deploy(active)
+    assert watched.look() == ["model: model noise/1 runs from the next frame on"]
+    assert watched.look() == [] and watched.put == ["noise/1"]
+
+
+def test_the_fault_of_one_that_became_active_meanwhile_is_not_the_other_s(
+    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
+) -> None:
+    watched = Watched(store, hand_clock)
+    store.deploy(make_bundle("2"))
+    watched.watch._check = lambda _: Checked(make_bundle("3").sha256, "3 is damaged")
+    assert watched.look() == []
 
 
 def test_a_damaged_pointer_changes_nothing(store: Store, hand_clock: Any) -> None:

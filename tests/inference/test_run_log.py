@@ -23,7 +23,7 @@ from tokt.inference.runtime import Runtime
 from tokt.inference.sources import Frame, open_source
 from tokt.inference.verdict import unknown_verdict
 
-NOTHING = unknown_verdict(Fault(Reason.STALE, "no frame for 0.5 s"))
+NOTHING = unknown_verdict(Fault(Reason.STALE, "no frame judged for 0.5 s"))
 
 
 def test_a_frame_s_line_has_what_was_sent_and_what_was_seen(

@@ -21,7 +21,7 @@ from tokt.inference.watchdog import Patience, Watchdog
 # What a runtime tells, without what makes it slow to start.
 CHILD = """
 import os, signal, socket, sys, time
-port, _, token = os.environ["TOKT_WATCHDOG"].partition(":")
+port, token, _ = os.environ["TOKT_WATCHDOG"].split(":")
 signs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 tell = lambda words: signs.sendto(f"{token} {words}".encode(), ("127.0.0.1", int(port)))
 with open(sys.argv[1], "a") as lives:
@@ -100,7 +100,7 @@ def test_a_runtime_that_hangs_is_killed(keep: Callable[..., Kept]) -> None:
 
 
 def test_one_that_never_gets_ready_is_killed_too(keep: Callable[..., Kept]) -> None:
-    kept = keep("time.sleep(60)", Patience(start_s=0.2))
+    kept = keep("time.sleep(60)", Patience(start_s=0.7))
     kept.wait_for(2)
     assert "did not get ready" in kept.lines[0]
 
@@ -123,8 +123,42 @@ def test_one_that_has_done_its_work_ends_it(keep: Callable[..., Kept]) -> None:
     assert kept.codes == [0] and len(kept.lives()) == 1
 
 
+def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(
+    keep: Callable[..., Kept],
+) -> None:
+    kept = keep("tell('READY=1'); tell('STOPPING=1'); time.sleep(60)", Patience(stop_s=0.2))
+    kept.thread.join(10)
+    assert kept.codes == [0] and len(kept.lives()) == 1
+
+
+def test_what_the_one_before_said_is_no_sign_of_the_next(keep: Callable[..., Kept]) -> None:
+    late = "signs.sendto(f'{first} READY=1'.encode(), ('127.0.0.1', int(port)))"
+    token = "name = sys.argv[1] + '.token'\nif life == 0: open(name, 'w').write(token); sys.exit(1)"
+    program = f"{token}\nfirst = open(name).read()\n{late}\ntime.sleep(60)"
+    kept = keep(program, Patience(start_s=0.7, hang_s=0.1))
+    kept.wait_for(3)
+    assert "did not get ready" in kept.lines[1]
+
+
+def test_a_runtime_that_cannot_be_started_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    starts: list[str] = []
+
+    def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
+        starts.append(where)
+        if len(starts) == 1:
+            raise OSError(12, "Cannot allocate memory")
+        return subprocess.Popen([sys.executable, "-S", "-c", ""])
+
+    monkeypatch.setattr(Watchdog, "_start", start)
+    lines: list[str] = []
+    assert Watchdog([], lines.append, Notifier(SYSTEM_CLOCK, {})).run() == 0
+    assert lines == ["the runtime cannot be started: Cannot allocate memory; started again (1)"]
+
+
 def test_signs_of_others_are_none(keep: Callable[..., Kept]) -> None:
-    kept = keep("token = 'guessed'\ntell('READY=1')" + LOOP, Patience(start_s=0.3))
+    kept = keep("token = 'guessed'\ntell('READY=1')" + LOOP, Patience(start_s=0.7))
     kept.wait_for(2)
     assert "did not get ready" in kept.lines[0]
 
@@ -168,10 +202,18 @@ def test_without_anyone_to_tell_nothing_is_told(hand_clock: Any) -> None:
         notifier.close()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="who the parent is tells it on POSIX only")
+def test_a_runtime_whose_watchdog_died_while_it_started_knows_it(hand_clock: Any) -> None:
+    for pid, orphaned in ((os.getppid(), False), (os.getpid(), True)):
+        notifier = Notifier(hand_clock, {"TOKT_WATCHDOG": f"9:x:{pid}"})
+        assert notifier.orphaned is orphaned
+        notifier.close()
+
+
 def test_a_runtime_whose_watchdog_has_died_knows_it() -> None:
     program = """
 import os, subprocess, sys
-os.environ["TOKT_WATCHDOG"] = "9:x"
+os.environ["TOKT_WATCHDOG"] = f"9:x:{os.getpid()}"
 subprocess.Popen([sys.executable, "-c", '''
 import sys, time
 from tokt.inference.clock import SYSTEM_CLOCK

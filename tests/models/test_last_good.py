@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -288,6 +289,20 @@ def test_a_process_checks_the_active_bundle(store: Store, bundles: dict[str, Bun
     assert "not the one that was deployed" in found["fault"]
     with pytest.raises(ToktError, match="not the one that was deployed"):
         store.runnable(c.sha256, golden=False)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a named pipe to hang on")
+def test_a_check_that_hangs_ends_itself(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "active")
+    program = """
+import faulthandler, runpy
+later = faulthandler.dump_traceback_later
+faulthandler.dump_traceback_later = lambda seconds, exit: later(0.1, exit=exit)
+runpy.run_module("tokt.models.check_bundle", run_name="__main__")
+"""
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, timeout=30, check=False)
+    assert (done.returncode, done.stdout) == (1, b"")
 
 
 @pytest.mark.parametrize("arguments", [(), ("none",), ("none", "more")])

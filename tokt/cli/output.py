@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
@@ -19,8 +20,15 @@ def print_json(value: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Print a line for people on standard error, so that standard output stays for results."""
-    print(text, file=sys.stderr, flush=True)
+    """Print a line for people on standard error, so that standard output stays for results.
+
+    Work goes on where nobody reads it any more: a terminal that was closed ends no watchdog.
+    """
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        # What could not be written would be tried again at the end, and change the exit code.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:

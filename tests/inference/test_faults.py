@@ -1,0 +1,418 @@
+"""Faults of frames, detectors, networks, disks and clocks: what is said, and never a wrong clear.
+
+Every test puts one fault into a dive between a healthy stretch before it and one after it. What it
+came to is a row of docs/faults.md, and the test fails where the two differ.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.detector import Detection
+from tokt.inference.limits import Limits
+from tokt.inference.observer import Observer
+from tokt.inference.policy import EitherPolicy, FallbackPolicy
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.run_log import RunLog
+from tokt.inference.sources import MANY_MISSED, Frame
+from tokt.inference.udp import UdpSender
+from tokt.models.operating_point import FrameRule, OperatingPoint
+
+from .conftest import NoiseScorer
+from .dive import Dive, Outcome, healthy
+
+TABLE = Path(__file__).parents[2] / "docs" / "faults.md"
+RNG = np.random.default_rng(7)
+
+
+def row(fault: str, outcome: Outcome, counted: str) -> None:
+    """Hold what happened against the documented row."""
+    said = sorted(outcome.of("fault") | outcome.of("-"))
+    words = ", ".join(f"{status} `{reason}`" for status, reason in said) or "as without it"
+    line = f"| {fault} | {words} | {counted} |"
+    assert line in TABLE.read_text().splitlines(), f"docs/faults.md has no row\n{line}"
+
+
+def finish(dive: Dive) -> Outcome:
+    """The healthy stretches were seen as they are, whatever was between them."""
+    outcome = dive.outcome()
+    statuses = {(what, status) for what, status, _ in outcome.said if what in ("clear", "obstacle")}
+    assert statuses == {("clear", "clear"), ("obstacle", "obstacle")}
+    return outcome
+
+
+def noise(mean: float, sigma: float) -> np.ndarray:
+    return np.clip(RNG.normal(mean, sigma, (271, 360)), 0, 255).astype(np.uint8)
+
+
+def cut_off() -> np.ndarray:
+    picture = noise(60, 9)
+    picture[200:] = 128
+    return picture
+
+
+PICTURES: dict[str, tuple[Callable[[], np.ndarray], Reason]] = {
+    "lens covered, lamp out: a dark frame": (lambda: noise(2, 1), Reason.DARK),
+    "glare: a saturated frame": (lambda: noise(254, 3), Reason.SATURATED),
+    "a frame of one grey": (lambda: np.full((271, 360), 90, np.uint8), Reason.BLANK),
+    "the end of a frame zeroed or gray": (cut_off, Reason.DAMAGED),
+    "a frame of another size": (lambda: noise(60, 9)[:200, :200], Reason.WRONG_SIZE),
+    "an array that is no picture": (lambda: noise(60, 9)[:, :, None], Reason.WRONG_SIZE),
+}
+
+
+@pytest.mark.parametrize("fault", PICTURES)
+def test_a_picture_that_cannot_be_judged(fault: str) -> None:
+    make, reason = PICTURES[fault]
+    dive = Dive()
+    with dive.under_way():
+        healthy(dive)
+        dive.give("fault", make())
+        healthy(dive)
+    outcome = finish(dive)
+    row(fault, outcome, f"frames by reason: {reason.value} +{outcome.summary.reasons[reason]}")
+
+
+NO_PICTURE = {
+    "no such frame": Fault(Reason.MISSING, "mission dive has no left frame 3"),
+    "a file that cannot be decoded": Fault(Reason.UNREADABLE, "a.jpg is truncated"),
+    "a torn frame: the camera gave a part of it": Fault(Reason.INCOMPLETE, "part of a frame"),
+    "a camera unplugged": Fault(Reason.CAMERA_LOST, "the left camera does not answer"),
+    "no frame of the other camera's moment": Fault(Reason.UNPAIRED, "no left frame with it"),
+}
+
+
+@pytest.mark.parametrize("fault", NO_PICTURE)
+def test_a_frame_without_a_picture(fault: str) -> None:
+    why = NO_PICTURE[fault]
+    dive = Dive()
+    with dive.under_way():
+        healthy(dive)
+        dive.fault(why)
+        healthy(dive)
+    outcome = finish(dive)
+    count = outcome.summary.reasons[why.reason]
+    row(fault, outcome, f"frames by reason: {why.reason.value} +{count}")
+
+
+def test_a_frozen_camera() -> None:
+    dive = Dive()
+    with dive.under_way():
+        healthy(dive)
+        same = dive.picture("clear")
+        dive.give("clear", same)
+        time.sleep(dive.limits.stale_s + 0.05)
+        for _ in range(3):
+            dive.give("fault", same.copy())
+        healthy(dive)
+    outcome = finish(dive)
+    frozen = outcome.summary.reasons["frozen"]
+    assert frozen == 3
+    outcome.said = [one for one in outcome.said if one[0] != "-"]
+    row("a frozen camera: the same picture again", outcome, "frames by reason: frozen")
+
+
+def test_a_frame_that_comes_too_old() -> None:
+    dive = Dive()
+    with dive.under_way():
+        healthy(dive)
+        dive.give("fault", dive.picture("clear"), age_s=0.3)
+        healthy(dive)
+    row("a frame older than `--stale` when it comes", finish(dive), "frames by reason: stale +1")
+
+
+def test_no_frame_from_the_start() -> None:
+    dive = Dive()
+    with dive.under_way():
+        dive.until(lambda: len(dive.listener.heartbeats) >= 2)
+        healthy(dive)
+    row("no frame since the start", finish(dive), "heartbeats")
+
+
+def test_frames_stop_coming() -> None:
+    dive = Dive()
+    with dive.under_way():
+        healthy(dive)
+        dive.until(lambda: len(dive.listener.heartbeats) >= 2)
+        healthy(dive)
+    row("frames stop coming", finish(dive), "heartbeats")
+
+
+def test_a_detector_that_raises() -> None:
+    dive = Dive()
+
+    def fails(frame: Frame) -> None:
+        raise MemoryError("out of memory")
+
+    with dive.under_way():
+        healthy(dive)
+        dive.detector.before = fails
+        dive.give("fault", dive.picture("clear"))
+        dive.detector.before = lambda frame: None
+        healthy(dive)
+    row("a detector raises", finish(dive), "frames by reason: detector_failed +1")
+
+
+def test_a_decision_value_that_is_no_number() -> None:
+    class Broken(NoiseScorer):
+        broken = False
+
+        def values_of(self, features: Any) -> Any:
+            return super().values_of(features) * (np.nan if self.broken else 1)
+
+    scorer = Broken()
+    dive = Dive(scorer=scorer)
+    with dive.under_way():
+        healthy(dive)
+        scorer.broken = True
+        dive.give("fault", dive.picture("clear"))
+        scorer.broken = False
+        healthy(dive)
+    row("a decision value is NaN", finish(dive), "frames by reason: not_finite +1")
+
+
+@pytest.mark.parametrize(
+    ("what", "fault"),
+    [
+        ("clear", "a detector takes too long: what it then calls clear"),
+        ("obstacle", "a detector takes too long: what it then calls an obstacle"),
+    ],
+)
+def test_a_detector_that_hangs_for_a_while(what: str, fault: str) -> None:
+    dive = Dive()
+
+    def hangs(frame: Frame) -> None:
+        dive.until(lambda: dive.heard_stalled())
+
+    with dive.under_way():
+        healthy(dive)
+        dive.detector.before = hangs
+        dive.give("fault", dive.picture(what))
+        dive.detector.before = lambda frame: None
+        healthy(dive)
+    row(fault, finish(dive), "frames by reason: late +1; heartbeats")
+
+
+def test_frames_faster_than_they_are_judged() -> None:
+    dive = Dive(limits=Limits(5, 5))
+    go = threading.Event()
+    with dive.under_way():
+        healthy(dive)
+        dive.detector.before = lambda frame: go.wait(5) and None
+        judged = len(dive.listener.reports)
+        dive.give_at_once("clear")
+        dive.until(lambda: dive.source._frames.empty())
+        dive.until(lambda: dive.taken_up())
+        dive.give_at_once("obstacle", "clear", "clear", "obstacle")
+        dive.until(lambda: dive.source._frames.empty())
+        time.sleep(0.02)
+        go.set()
+        dive.until(lambda: len(dive.listener.reports) == judged + 2)
+        dive.detector.before = lambda frame: None
+        healthy(dive)
+    outcome = finish(dive)
+    assert outcome.summary.dropped == 3 and ("obstacle", "overload") in outcome.of("obstacle")
+    outcome.said = [
+        ("fault", status, reason) for _, status, reason in outcome.said if reason == "overload"
+    ]
+    row("more frames than there is time for", outcome, "dropped +3; frames by reason: overload +1")
+
+
+def test_frames_are_missing_that_the_frame_rule_needs() -> None:
+    scorer = NoiseScorer(operating_point=OperatingPoint(FrameRule(0, 1, 2, 3)))
+    dive = Dive(scorer=scorer)
+    with dive.under_way():
+        dive.give("clear")
+        dive.give("clear")
+        dive.give("fault", dive.picture("obstacle"), missed=MANY_MISSED)
+        dive.give("obstacle")
+        dive.give("fault", dive.picture("clear"))  # 2 of the last 3 frames showed it
+        dive.give("clear")
+    outcome = dive.outcome()
+    assert ("fault", "obstacle", "ok") in outcome.said
+    assert ("obstacle", "obstacle", "ok") in outcome.said
+    assert outcome.said[-1] == ("clear", "clear", "ok")
+    outcome.said = [one for one in outcome.said if one[2] == "frame_rule"]
+    row("frames missing that the frame rule needs", outcome, "frames by reason: frame_rule")
+
+
+def test_a_receiver_that_has_gone(closed_port: int) -> None:
+    gone = [UdpSender("127.0.0.1", closed_port, version) for version in (1, 2)]
+    dive = Dive(senders=list(gone))
+    with dive.under_way():
+        for _ in range(5):
+            healthy(dive)
+    outcome = finish(dive)
+    for sender in gone:
+        assert sender.sent + sender.failed >= 10
+        sender.close()
+    row("a receiver gone: the system answers that nobody listens", outcome, "sent or failed")
+
+
+def test_a_network_that_cannot_be_reached() -> None:
+    # Class E addresses are never routed (RFC 1112, section 4).
+    far = UdpSender("240.0.0.1", 1130, 2)
+    dive = Dive(senders=[far])
+    with dive.under_way():
+        for _ in range(3):
+            healthy(dive)
+    outcome = finish(dive)
+    assert far.sent + far.failed >= 6
+    far.close()
+    row("a receiver that no route leads to", outcome, "sent or failed")
+
+
+def test_a_receiver_that_does_not_read() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as full:
+        full.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        full.bind(("127.0.0.1", 0))
+        sender = UdpSender("127.0.0.1", full.getsockname()[1], 2)
+        dive = Dive(senders=[sender])
+        with dive.under_way():
+            for _ in range(20):
+                healthy(dive)
+        outcome = finish(dive)
+        sender.close()
+    row("a receiver that does not read", outcome, "sent")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
+def test_a_full_disk_under_the_log(tmp_path: Path) -> None:
+    (tmp_path / "log.jsonl").symlink_to("/dev/full")
+    log = RunLog(tmp_path / "log.jsonl", "a-run")
+    dive = Dive(observers=[log])
+    with dive.under_way():
+        healthy(dive)
+        healthy(dive)
+    log.close()
+    assert log.failed == 4
+    row("the log's disk is full", finish(dive), "log failures +1 a line")
+
+
+def test_a_disk_that_hangs_under_an_observer() -> None:
+    class Hangs(Observer):
+        hang = False
+
+        def judged(self, *_: Any) -> None:
+            if self.hang:
+                self.hang = False
+                time.sleep(0.5)
+
+    slow = Hangs()
+    dive = Dive(observers=[slow])
+    with dive.under_way():
+        healthy(dive)
+        slow.hang = True
+        dive.give("clear")
+        healthy(dive)
+    row("the log's disk hangs", finish(dive), "heartbeats")
+
+
+class Shifted:
+    """The system's clock, whose time of day somebody sets."""
+
+    monotonic = staticmethod(time.monotonic)
+    sleep = staticmethod(time.sleep)
+
+    def __init__(self) -> None:
+        self.by_s = 0.0
+
+    def time(self) -> float:
+        return SYSTEM_CLOCK.time() + self.by_s
+
+
+@pytest.mark.parametrize(
+    ("fault", "by_s"),
+    [
+        ("the time of day is set back by an hour", -3600.0),
+        ("the time of day is set forward by an hour", 3600.0),
+    ],
+)
+def test_a_clock_that_is_set(fault: str, by_s: float) -> None:
+    clock = Shifted()
+    dive = Dive(clock=clock)
+    with dive.under_way():
+        healthy(dive)
+        clock.by_s = by_s
+        healthy(dive)
+        ages = [report.age_ms for report in dive.listener.reports]
+    assert all(age is not None and 0 <= age < 1000 for age in ages)
+    row(fault, finish(dive), "nothing")
+
+
+def test_the_source_dies() -> None:
+    dive = Dive()
+    with pytest.raises(AssertionError, match="no summary"), dive.under_way():
+        healthy(dive)
+        dive.source.fail(OSError("the driver's library crashed"))
+        dive.until(lambda: dive.died)
+        raise AssertionError("no summary")
+    assert isinstance(dive.died, OSError)
+    fault = "the source fails for good"
+    said = "the loop ends with its error, and a watchdog starts it again"
+    line = f"| {fault} | {said} | restarts +1 |"
+    assert line in TABLE.read_text().splitlines(), line
+
+
+def texture_and(disparity: str, policy: type[Any], texture_fails: bool, warned: bool) -> Outcome:
+    """A dive of two detectors of which one cannot judge the fault's frames."""
+    dive = Dive()
+
+    class Second:
+        method = "disparity"
+
+        def detect(self, frame: Frame) -> Detection:
+            if what == "clear" or not faulty:
+                assert frame.left is not None
+                height, width = frame.left.shape
+                seen = frame.left.std() > 12 and not faulty
+                return Detection(np.full((height, width), 255 * seen, np.uint8), "disparity")
+            fault = Fault(Reason.STEREO, "the left and right frames do not match")
+            return Detection(None, "disparity", fault=fault, against_clear=warned)
+
+    what, faulty = disparity, False
+    dive.policy = policy(dive.detector, Second())
+
+    def fails(frame: Frame) -> None:
+        if texture_fails and faulty:
+            raise RuntimeError("a defect")
+
+    with dive.under_way():
+        healthy(dive)
+        dive.detector.before = fails
+        faulty = True
+        dive.give("clear" if disparity == "clear" else "fault", dive.picture("clear"))
+        faulty = False
+        healthy(dive)
+    return finish(dive)
+
+
+def test_policies_where_one_detector_cannot_judge() -> None:
+    alone = texture_and("fails", FallbackPolicy, texture_fails=True, warned=False)
+    row("texture fails, and the pair does not fit (`fallback`)", alone, "frames by reason")
+    warned = texture_and("fails", EitherPolicy, texture_fails=False, warned=True)
+    row(
+        "texture sees clear water, the pair does not match (`either`)",
+        warned,
+        "frames by reason",
+    )
+    fallen = texture_and("clear", FallbackPolicy, texture_fails=True, warned=False)
+    assert ("clear", "detector_failed") in fallen.of("clear")
+    row("texture fails, disparity judges (`fallback`)", fallen, "frames by reason: detector_failed")
+
+
+def test_every_row_comes_from_a_test() -> None:
+    found = re.findall(r"^\| (?!---|fault \|)(.*?) \|", TABLE.read_text(), re.MULTILINE)
+    tests = [Path(__file__), Path(__file__).with_name("test_process_faults.py")]
+    sources = "".join(path.read_text() for path in tests)
+    assert [fault for fault in found if f'"{fault}"' not in sources] == []
+    assert len(found) == len(set(found)) >= 25
