@@ -100,6 +100,7 @@ class DriftMonitor(Observer):
 
     def __init__(self, tell: Callable[[Event], None]) -> None:
         self._tell = tell
+        self._t, self._label = 0.0, ""
         self.state = DriftState()
         self.set_model(None)
 

@@ -74,6 +74,16 @@ _LONGEST_NAME = 100  # characters
 _MOST_GOLDEN_FRAMES = 100  # training writes two
 _MOST_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
 _LARGEST_FILE_BYTES = len(_MEMBERS) * _LARGEST_MEMBER_BYTES
+# What zipfile raises for bytes that are no zip; OverflowError for a member said to be at 2^63.
+_UNREADABLE_ZIP = (
+    zipfile.BadZipFile,
+    EOFError,
+    OSError,
+    RuntimeError,
+    ValueError,
+    OverflowError,
+    struct.error,
+)
 # What numpy raises for an array whose header is not one, besides ValueError.
 _UNREADABLE_ARRAY = (
     ValueError,
@@ -83,7 +93,7 @@ _UNREADABLE_ARRAY = (
     OverflowError,
     MemoryError,
     RecursionError,
-    UserWarning,
+    Warning,
 )
 _MANIFEST_KEYS = {
     "format_version",
@@ -352,8 +362,11 @@ def _unzip(data: bytes, where: str) -> dict[str, bytes]:
                 raise ToktError(f"{where}: a member of the bundle is too large")
             if len({info.filename for info in infos}) != len(infos):
                 raise ToktError(f"{where}: a member is in it twice")
+            # Members inside one another would be read into far more memory than the file takes.
+            if sum(info.file_size for info in infos) > len(data):
+                raise ToktError(f"{where}: the members are larger than the file")
             members = {info.filename: archive.read(info) for info in infos}
-    except (zipfile.BadZipFile, EOFError, OSError, RuntimeError, ValueError, struct.error) as error:
+    except _UNREADABLE_ZIP as error:
         raise ToktError(f"{where}: truncated or damaged ({error})") from None
     return members
 
@@ -439,8 +452,8 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
     """An npz member's arrays, of just the names and dtypes expected."""
     raw = _unzip(data, f"{where}: {member}")
     try:
-        # numpy warns of headers as Python 2 wrote them, which tokt never was.
-        with warnings.catch_warnings(action="error", category=UserWarning):
+        # numpy warns of headers as Python 2 wrote them, and of shapes beyond any number.
+        with warnings.catch_warnings(action="error", category=Warning):
             arrays = {
                 name.removesuffix(".npy"): np.lib.format.read_array(
                     io.BytesIO(npy), allow_pickle=False

@@ -12,6 +12,11 @@ false warnings with plain LBP, and needs a made-up count where a bin is empty.
 How far is too far is measured: windows of consecutive frames are held back from the training
 patches, with a gap, and their distances from all others are kept (`typical`, `factor`). A
 window's patches are near copies, so tables of the Kolmogorov-Smirnov test would be far too strict.
+As the largest of n stretches, a limit would be exceeded by one in n + 1 if stretches had nothing to
+do with each other. Neighbours have: simulated dives (8 features, autoregressive of order 1, windows
+of 10 frames, 6 or 20 stretches) exceeded it in 0.3 and 0.07 of all stretches of 15 frames where
+frames were independent, in 0.5 and 0.12 with a correlation of 0.8 between frames, in 0.8 and 0.23
+with one of 0.95.
 
 Reference: A. Kolmogorov (1933), Sulla determinazione empirica di una legge di distribuzione,
 Giornale dell'Istituto Italiano degli Attuari 4.
@@ -222,7 +227,8 @@ def drift_words(summary: Mapping[str, Any] | None) -> str:
         f"{summary['median_limit']:.2f}; {summary['watched']} of {summary['features']} are below "
         f"1), the largest that any of {summary['windows']} windows of consecutive training frames "
         f"had from all others while it was held back. {stretches} of these windows have no frame "
-        f"in common, so one stretch of such frames in {stretches + 1} is expected to be out of "
-        "range as well. Limits hold at the frame rate of the training missions. A stretch unlike "
+        f"in common, so that at least one stretch of such frames in {stretches + 1} is to be "
+        "expected out of range as well; in simulated dives that change slowly, two to six times as "
+        "many were. Limits hold at the frame rate of the training missions. A stretch unlike "
         "any of them, such as one that comes closer, is out of range and is meant to be."
     )

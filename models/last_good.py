@@ -110,7 +110,7 @@ def _candidates(store: Store, notes: list[str]) -> Iterator[Candidate]:
     if store.last_good_file.exists():
         yield "the last good copy", lambda: _last_good(store, undo)
     for entry in reversed(undo.stack[:-1]):
-        if entry.sha256 not in undo.left:
+        if not undo.refusal(entry.sha256):
             yield _kept(store, entry, "the earlier model")
 
 
@@ -122,11 +122,9 @@ def _last_good(store: Store, undo: Undo) -> Bundle:
     """The copy, if the history says that it was active and that nobody rolled back from it."""
     where = f"bundle {store.last_good_file}"
     data = bundle_file_bytes(store.last_good_file)
-    sha256 = hashlib.sha256(data).hexdigest()
-    if sha256 in undo.left:
-        raise ToktError(f"{where}: it was rolled back from")
-    if sha256 not in {entry.sha256 for entry in undo.stack}:
-        raise ToktError(f"{where}: damaged, or not one of the models to go back to")
+    refusal = undo.refusal(hashlib.sha256(data).hexdigest())
+    if refusal:
+        raise ToktError(f"{where}: {refusal}")
     store.trusted_keys().check(data, where)
     bundle = bundle_from_bytes(data, where)
     store.check_fit(bundle)

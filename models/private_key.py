@@ -55,8 +55,8 @@ def write_key_pair(name: Path, passphrase: str = "") -> KeyPair:
     Raises
     ------
     ToktError
-        If one of the files is there already or cannot be written, or the package cryptography is
-        missing.
+        If one of the files is there already or cannot be written, the passphrase cannot be used,
+        or the package cryptography is missing.
     """
     try:
         from cryptography.hazmat.primitives import serialization as form
@@ -68,10 +68,13 @@ def write_key_pair(name: Path, passphrase: str = "") -> KeyPair:
         base.with_name(base.name + suffix) for suffix in (PRIVATE_SUFFIX, PUBLIC_SUFFIX)
     )
     key = Ed25519PrivateKey.generate()
-    sealed = (
-        form.BestAvailableEncryption(passphrase.encode()) if passphrase else form.NoEncryption()
-    )
-    private = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, sealed)
+    try:
+        sealed = (
+            form.BestAvailableEncryption(passphrase.encode()) if passphrase else form.NoEncryption()
+        )
+        private = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, sealed)
+    except ValueError:  # too long for cryptography, or not text
+        raise ToktError(f"key {private_file}: this passphrase cannot be used") from None
     public = key.public_key().public_bytes(
         form.Encoding.PEM, form.PublicFormat.SubjectPublicKeyInfo
     )

@@ -85,6 +85,8 @@ def read_public_key(path: Path) -> PublicKey:
             f"key {path}: this is a private key, which stays with who signs; "
             f"give the public one ({PUBLIC_SUFFIX})"
         )
+    if data.count(b"-----BEGIN") > 1:
+        raise ToktError(f"key {path}: more than one key; give each in a file of its own")
     try:
         key = load_pem_public_key(data)
     except (ValueError, UnsupportedAlgorithm):

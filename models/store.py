@@ -235,12 +235,15 @@ class Store:
         lines = self._history_bytes().splitlines()
         entries: list[Activation] = []
         damage: dict[int, str] = {}
+        last_number = 0
         for number, line in enumerate(lines, 1):
             where = f"store {self.path}: history line {number}"
             try:
                 entries.append(activation_from_bytes(line, where))
+                last_number = max(last_number, entries[-1].number)
             except DamagedError as error:
                 damage[number] = str(error)
+                last_number += 1  # at least: lines before it may be gone
         active, pointer_damage = None, ""
         try:
             active = self.active_entry()
@@ -248,10 +251,11 @@ class Store:
             pointer_damage = str(error)
         if active is not None:
             # Half a line of a killed process: the pointer, written before it, has its entry.
-            damage.pop(len(lines), None)
+            if damage.pop(len(lines), None) is not None:
+                last_number -= 1
             if not entries or entries[-1].number < active.number:
                 entries.append(active)
-        last_number = max([entry.number for entry in entries] + list(damage), default=0)
+            last_number = max(last_number, active.number)
         return Reading(active, pointer_damage, entries, list(damage.values()), last_number)
 
     def undo(self) -> Undo:
@@ -260,7 +264,7 @@ class Store:
         Raises
         ------
         ToktError
-            If a newer tokt wrote to the store.
+            If a newer tokt wrote to the store, or its newest entry is damaged wherever it stands.
         """
         reading = self.read()
         entries = list(reading.entries)
@@ -270,8 +274,10 @@ class Store:
                 copy = self._entry_in(self._copy_file, "the copy of the active pointer")
             except DamagedError:
                 copy = None
-            if copy is not None and copy.number > reading.last_number:
+            if copy is not None and (not entries or copy.number > entries[-1].number):
                 entries.append(copy)
+            if entries and entries[-1].number < reading.last_number:
+                raise ToktError(reading.history_damage[-1])  # it may have been a rollback
         return undo(entries)
 
     def _history_bytes(self) -> bytes:
@@ -307,6 +313,8 @@ class Store:
             reading = self.read()
             signed_by = self.trusted_keys().check(bundle.data, f"model {bundle.label}")
             target = self.bundle_file(bundle.sha256)
+            if target.is_dir():
+                raise ToktError(f"bundle {target}: a folder is in its place; remove it")
             # A file that was damaged since it was first deployed is made good.
             if not target.is_file() or target.read_bytes() != bundle.data:
                 atomic.write_bytes(target, bundle.data)
@@ -517,7 +525,7 @@ class Store:
             action=action,
             key_id=key_id,
             public_key=public_key,
-            name=name,
+            name=one_line(name),
             time=now(),
             who=account(),
             reason=one_line(reason),

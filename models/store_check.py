@@ -95,12 +95,12 @@ def _last_good(store: Store) -> Finding:
     try:
         bundle = read_bundle(file)
         store.trusted_keys().check(bundle.data, f"bundle {file}")
-        known = bundle.sha256 in {entry.sha256 for entry in store.undo().stack}
+        refusal = store.undo().refusal(bundle.sha256)
     except ToktError as error:
         return Finding(name, NOTE, f"cannot be used: {error}")
-    figures = {"model": bundle.label, "sha256": bundle.sha256, "usable": known}
-    if not known:
-        text = f"{bundle.label} was rolled back from, or never active here: it will not be used"
+    figures = {"model": bundle.label, "sha256": bundle.sha256, "usable": not refusal}
+    if refusal:
+        text = f"{bundle.label} will not be used: {refusal}"
         return Finding(name, NOTE, text, figures)
     return Finding(name, OK, f"{bundle.label}, verified", figures)
 

@@ -125,6 +125,14 @@ class Undo:
     stack: list[Activation] = field(default_factory=list)
     left: set[str] = field(default_factory=set)
 
+    def refusal(self, sha256: str) -> str:
+        """Why nothing but a person may take this bundle again, or an empty string."""
+        if sha256 in self.left:
+            return "it was rolled back from"
+        if sha256 not in {entry.sha256 for entry in self.stack}:
+            return "damaged, or not one of the models to go back to"
+        return ""
+
 
 def undo(entries: Sequence[Activation]) -> Undo:
     """Follow the entries, oldest first; what a missing one might have said is not guessed."""

@@ -32,7 +32,7 @@ def alone(store: Path) -> Iterator[None]:
 def account() -> str:
     """The account that runs the command."""
     try:
-        return getpass.getuser()
+        return one_line(getpass.getuser())
     except (OSError, KeyError, ImportError):
         return "unknown"
 
@@ -48,5 +48,10 @@ def time_in_name() -> str:
 
 
 def one_line(text: str) -> str:
-    """A reason as a person typed it, on one line."""
-    return " ".join(text.split())
+    """What a person typed, on one line that every terminal can show.
+
+    A terminal of another encoding gives bytes that Python holds as halves of surrogate pairs; an
+    entry with one in it is refused as damaged by whoever reads it.
+    """
+    words = " ".join(text.split())
+    return "".join(sign if sign.isprintable() else "?" for sign in words)

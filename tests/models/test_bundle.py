@@ -681,12 +681,14 @@ def test_golden_frames_that_say_they_are_huge_or_are_many(make_content) -> None:
             bundle_from_bytes(data, "b.tokt")
 
 
-def test_an_array_header_of_python_2_is_refused_without_a_warning(
-    members: Members, recwarn: pytest.WarningsRecorder
+@pytest.mark.parametrize("shape", [b"(9L,),}", b"(%d,),}" % 2**64])  # of Python 2, beyond int64
+def test_a_header_that_numpy_warns_of_is_refused_without_a_warning(
+    members: Members, recwarn: pytest.WarningsRecorder, shape: bytes
 ) -> None:
     arrays = unpack(members["lineage.npz"])
-    arrays["trained_on.npy"] = arrays["trained_on.npy"].replace(b"(9,), }", b"(9L,),}")
-    assert b"9L" in arrays["trained_on.npy"]
+    npy = arrays["trained_on.npy"]
+    arrays["trained_on.npy"] = npy.replace(b"(9,), }".ljust(len(shape)), shape)
+    assert len(arrays["trained_on.npy"]) == len(npy) and shape in arrays["trained_on.npy"]
     with pytest.raises(ToktError, match="cannot be read"):
         bundle_from_bytes(rehash({**members, "lineage.npz": pack(arrays)}), "b.tokt")
     assert not recwarn.list

@@ -35,6 +35,8 @@ from tokt.models.distribution import (
 )
 from tokt.models.reflag import reflagged
 
+from .test_signature import members_of, zipped
+
 SEVERAL = (("ocean", False), ("sand", True), ("tower", True))
 # Few different values (many patches of one value, as histograms have), or many.
 VALUES = st.one_of(
@@ -130,11 +132,6 @@ def test_other_obstacle_flags_keep_it(make_content: Callable[..., BundleContent]
     assert "Input drift" in found.content.card and "90 windows" in found.content.card
 
 
-def members_of(data: bytes) -> dict[str, bytes]:
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
 def packed(members: dict[str, bytes], version: int = 3) -> bytes:
     """A bundle whose hashes all fit."""
     manifest = {**json.loads(members["manifest.json"]), "format_version": version}
@@ -145,11 +142,7 @@ def packed(members: dict[str, bytes], version: int = 3) -> bytes:
         if name != "manifest.json"
     }
     manifest["manifest_sha256"] = json_sha256(manifest)
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for name, data in {**members, "manifest.json": json.dumps(manifest).encode()}.items():
-            archive.writestr(name, data)
-    return buffer.getvalue()
+    return zipped(list({**members, "manifest.json": json.dumps(manifest).encode()}.items()))
 
 
 def changed(**edit: Any) -> bytes:
@@ -223,11 +216,7 @@ def test_it_must_fit_the_model_and_the_format(make_content: Callable[..., Bundle
         bundle_from_bytes(packed(members, version=2), "x")
     with pytest.raises(ToktError, match="has been edited"):
         edited = {**members, "distribution.npz": changed(factor=np.array(3.0))}
-        buffer = io.BytesIO()
-        with zipfile.ZipFile(buffer, "w") as archive:
-            for name, data in edited.items():
-                archive.writestr(name, data)
-        bundle_from_bytes(buffer.getvalue(), "x")
+        bundle_from_bytes(zipped(list(edited.items())), "x")
 
 
 def test_the_card_says_what_is_known(make_content: Callable[..., BundleContent]) -> None:

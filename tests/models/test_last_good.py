@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from tokt.features.errors import ToktError
 from tokt.models.bundle import Bundle, bundle_from_bytes
+from tokt.models.check_bundle import main
 from tokt.models.last_good import load_running, remember_good
 from tokt.models.private_key import SigningKey
 from tokt.models.store import Store
@@ -172,6 +173,21 @@ def test_a_damaged_pointer_and_a_history_without_the_rollback(
     assert runs(store)[0] == "c/3", "three faults at once: the history alone says so"
 
 
+def test_a_damaged_pointer_and_the_line_of_the_rollback_torn(
+    store: Store, bundles: dict[str, Bundle]
+) -> None:
+    """Power lost while the line was written: the copy says what the line said, or nothing does."""
+    store.rollback("c is bad")
+    history = (store.path / "history.jsonl").read_bytes()
+    for torn in (history[:-30], history[: history.rindex(b'{"number"')] + b"\x00" * 90):
+        (store.path / "history.jsonl").write_bytes(torn)
+        (store.path / "active").write_bytes(b"")
+        assert runs(store)[0] == "b/2"
+    (store.path / "active.copy").write_bytes(b"")
+    with pytest.raises(ToktError, match="history line 4 is damaged"):
+        load_running(store)
+
+
 def test_a_lost_pointer(store: Store) -> None:
     (store.path / "active").unlink()
     label, notes = runs(store)
@@ -274,7 +290,9 @@ def check(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_a_process_checks_the_active_bundle(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_process_checks_the_active_bundle(
+    store: Store, bundles: dict[str, Bundle], capsys: pytest.CaptureFixture[str]
+) -> None:
     done = check(store.path)
     c = bundles["c"]
     assert (done.returncode, done.stderr, done.stdout.count("\n")) == (0, "", 1)
@@ -282,9 +300,8 @@ def test_a_process_checks_the_active_bundle(store: Store, bundles: dict[str, Bun
     loaded = store.runnable(c.sha256, golden=False)
     assert loaded.data == c.data and loaded.label == "c/3"
     damage(store, c)
-    done = check(store.path)
-    assert (done.returncode, done.stderr) == (2, "")
-    found = json.loads(done.stdout)
+    assert main([str(store.path)]) == 2
+    found = json.loads(capsys.readouterr().out)
     assert (found["sha256"], found["label"]) == (c.sha256, "c/3")
     assert "not the one that was deployed" in found["fault"]
     with pytest.raises(ToktError, match="not the one that was deployed"):
@@ -307,8 +324,6 @@ runpy.run_module("tokt.models.check_bundle", run_name="__main__")
 
 @pytest.mark.parametrize("arguments", [(), ("none",), ("none", "more")])
 def test_nothing_to_check(arguments: tuple[str, ...], tmp_path: Path) -> None:
-    from tokt.models.check_bundle import main
-
     assert main([str(tmp_path / name) for name in arguments]) == 2
 
 

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import stat
+import struct
 import subprocess
 import sys
 import warnings
@@ -305,6 +306,30 @@ def test_two_signatures(
         (guarded.path / "x.tokt").write_bytes(data)
         with pytest.raises(ToktError, match="a member is in it twice"):
             guarded.check_file(guarded.path / "x.tokt")
+
+
+def test_archives_made_to_trip_the_reader(bundles: dict[str, Bundle]) -> None:
+    """Read before any signature is: no other error, and no more memory than the file takes."""
+    data = bundles["a"].data
+    start = int.from_bytes(data[-6:-2], "little")  # of the directory, as its end says
+    name = start + 46 + len("manifest.json")
+    far = bytearray(data[:name] + struct.pack("<HHQ", 1, 8, 2**63) + data[name:])
+    far[start + 30 : start + 32] = struct.pack("<H", 12)
+    far[start + 42 : start + 46] = b"\xff" * 4
+    far[-10:-6] = struct.pack("<I", int.from_bytes(far[-10:-6], "little") + 12)
+    with pytest.raises(ToktError, match="truncated or damaged"):
+        signed_parts(bytes(far), "file")
+
+    inner = zipped([("b", bytes(100_000))])
+    inside = inner[: inner.index(b"PK\1\2")]  # a member that is the content of another one, too
+    outer = zipped([("a", inside)])
+    begin, end = outer.index(b"PK\1\2"), outer.rindex(b"PK\5\6")
+    entry = bytearray(inner[inner.index(b"PK\1\2") : inner.rindex(b"PK\5\6")])
+    entry[42:46] = struct.pack("<I", 31)
+    directory = outer[begin:end] + entry
+    tail = struct.pack("<4s4H2IH", b"PK\5\6", 0, 0, 2, 2, len(directory), begin, 0)
+    with pytest.raises(ToktError, match="the members are larger than the file"):
+        signed_parts(outer[:begin] + directory + tail, "file")
 
 
 # --- the keys a store trusts
@@ -626,6 +651,28 @@ def test_a_key_with_a_passphrase(tmp_path: Path) -> None:
     for wrong in ("", "bølge 8"):
         with pytest.raises(ToktError, match="wrong passphrase"):
             read_signing_key(pair.private_file, lambda wrong=wrong: wrong)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("passphrase", ["x" * 5000, "\udcf8"])
+def test_a_passphrase_that_cannot_be_used(passphrase: str, tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match="this passphrase cannot be used"):
+        write_key_pair(tmp_path / "k", passphrase)
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_keys_in_a_file(key_files: dict[str, Path], tmp_path: Path) -> None:
+    """Only the first would be trusted, without a word."""
+    both = tmp_path / "both.pub"
+    public = [file.with_suffix(".pub").read_bytes() for file in key_files.values()]
+    both.write_bytes(b"".join(public))
+    with pytest.raises(ToktError, match="more than one key"):
+        read_public_key(both)
+
+
+def test_a_key_s_file_named_in_another_encoding(store: Store, keys: dict[str, SigningKey]) -> None:
+    store.trust(keys["boat"].public, "b\udcf8t", "b\udcf8lge")
+    (event,) = store.trusted_keys().events
+    assert (event.name, event.reason) == ("b?t", "b?lge")
 
 
 def test_files_that_are_no_keys(key_files: dict[str, Path], tmp_path: Path) -> None:
