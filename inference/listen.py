@@ -15,11 +15,10 @@ from typing import Any
 from ..features.errors import ToktError
 from .clock import Clock
 from .udp import decode, resolve
-from .verdict import CLEAR, OBSTACLE, UNKNOWN
+from .verdict import STATUS_WORDS
 
 _LARGEST_DATAGRAM = 65535
 _STOP_CHECK_S = 0.2
-_STATUS_WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
 
 RESTART_BEHIND = 1000
 """A number that is so far behind the last is of another run, whose first ones are lost; one less
@@ -222,7 +221,7 @@ def as_words(event: Heard | Silence) -> str:
     if "error" in fields:
         words = [f"{fields['error']} ({fields['bytes']} bytes)"]
     else:
-        words = [f"v{fields['v']}", _STATUS_WORDS[fields["status"]]]
+        words = [f"v{fields['v']}", STATUS_WORDS[fields["status"]]]
         words += [
             f"{name}={value}"
             for name, value in fields.items()

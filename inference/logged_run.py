@@ -102,6 +102,8 @@ class LoggedRun:
         All that judged in it, in their order.
     n_frames : int
         Lines of frames.
+    others : tuple of str
+        The log's other runs, in their order.
     """
 
     path: Path
@@ -109,6 +111,7 @@ class LoggedRun:
     start: RunStart
     models: tuple[ModelName, ...]
     n_frames: int
+    others: tuple[str, ...]
 
     @property
     def recorded(self) -> bool:
@@ -167,7 +170,8 @@ def open_run(path: Path, run: str | None = None) -> LoggedRun:
     first = starts[run].model
     named = ([] if first is None else [first]) + models.get(run, [])
     frames = sum(_is_frame(line) for line in _lines(path, run, []))
-    return LoggedRun(path, run, starts[run], tuple(dict.fromkeys(named)), frames)
+    others = tuple(other for other in starts if other != run)
+    return LoggedRun(path, run, starts[run], tuple(dict.fromkeys(named)), frames, others)
 
 
 def _beginnings(path: Path) -> tuple[dict[str, RunStart], dict[str, list[ModelName]]]:
@@ -242,6 +246,10 @@ class _Logged:
 
     def follows(self, line: Mapping[str, Any], gaps: int) -> bool:
         """Whether the frame of this line follows the one before it."""
+        if self._lines == 0:
+            self._gaps = (
+                gaps  # of an earlier run; whether this one's first lines are lost seq tells
+            )
         self._lines += 1
         missing = _whole(line, "seq") - self._lines
         # A heartbeat's line may come before that of a frame with a lower number.

@@ -168,7 +168,7 @@ class RunCollector:
         yield _counter("model_refusals", words, events.get("model_refused", 0))
 
     def _state(self) -> Iterator[Metric]:
-        counts, now = self._counts, self._clock.monotonic()
+        counts = self._counts
         model, newest = counts.model, counts.newest
         if model is not None:
             name, _, version = model.label.rpartition("/")
@@ -178,7 +178,9 @@ class RunCollector:
             words = "What was said last: 1 obstacle, 0 clear, -1 unknown."
             yield _gauge("status", words, newest.verdict.status)
         words = "Since something was last said, or since the start."
-        yield _gauge("last_verdict_age_seconds", words, now - counts.said_s)
+        said_s = counts.said_s  # before the clock is looked at: another may be said meanwhile
+        now = self._clock.monotonic()
+        yield _gauge("last_verdict_age_seconds", words, now - said_s)
         yield _gauge("up_seconds", "Since the start.", now - counts.started_s)
         words = "The start, in seconds since 1970."
         yield _gauge("start_time_seconds", words, counts.started_t)

@@ -203,6 +203,9 @@ class RecordingFolder:
         self.folder.mkdir(parents=True, exist_ok=True)
         data = lines if self._size else self._head + lines
         with self._file.open("ab", buffering=0) as file:
+            if os.fstat(file.fileno()).st_size != self._size:
+                # Taken away since `_look`: what begins here would have no head.
+                raise OSError(f"{self._file} was taken away")
             if file.write(data) != len(data):
                 # A full disk takes a part only, and lets go of it.
                 os.truncate(self._file, self._size)

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .replay import CHANGED, NOT_SHOWN, Compared
-from .verdict import CLEAR, OBSTACLE, UNKNOWN
-
-STATUS_WORDS: Mapping[int, str] = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
+from .verdict import STATUS_WORDS
 
 
 @dataclass
@@ -66,6 +64,9 @@ class Tally:
         Frames that are not, by why not.
     alike_all_the_same : int
         Those of them that came out the same.
+    gaps : int
+        Frames before which some are missing, of which nothing is known: lines that are lost, or
+        frames that were not recorded.
     stretches : list of Stretch
     """
 
@@ -75,6 +76,7 @@ class Tally:
     figures_differ: int = 0
     not_compared: Counter[str] = field(default_factory=Counter)
     alike_all_the_same: int = 0
+    gaps: int = 0
     stretches: list[Stretch] = field(default_factory=list)
     _open: bool = False
 
@@ -91,6 +93,7 @@ class Tally:
 
     def add(self, frame: Compared) -> None:
         """Count one frame."""
+        self.gaps += not frame.logged.follows
         if frame.why_not or frame.replayed is None or frame.differs is None:
             self.not_compared[frame.why_not] += 1
             self.alike_all_the_same += frame.differs == ()
@@ -131,6 +134,7 @@ class Tally:
             "figures_differ": self.figures_differ,
             "not_compared": dict(self.not_compared),
             "not_compared_but_alike": self.alike_all_the_same,
+            "gaps": self.gaps,
             "statuses": self.table(),
             "differences": [stretch.to_json() for stretch in self.stretches],
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -9,8 +10,9 @@ from typing import Any
 from .verdict import Verdict
 
 V2 = 2
-HEALTH_CHARACTERS = 300
-"""Longest health text that is sent or logged: keeps a datagram under one Ethernet frame."""
+HEALTH_BYTES, MODEL_BYTES = 300, 420
+"""Longest health text and model name that are sent or logged, in the bytes that JSON takes for
+them: any datagram fits one Ethernet frame (1472), and every model's name of ASCII is whole."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,9 @@ class Report:
             "mean": _finite(verdict.mean),
             "distance_m": _finite(verdict.distance_m),
             "method": verdict.method,
-            "model": verdict.model,
+            "model": None if verdict.model is None else _cut(verdict.model, MODEL_BYTES),
             "latency_ms": _finite(self.latency_ms),
-            "health": verdict.health[:HEALTH_CHARACTERS],
+            "health": _cut(verdict.health, HEALTH_BYTES),
             "closing_m_s": _finite(verdict.closing_m_s),
             "contact_s": _finite(verdict.contact_s),
             "reason": verdict.reason.value,
@@ -70,3 +72,15 @@ class Report:
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
+
+
+def _cut(text: str, most: int) -> str:
+    """As much of a text's beginning as takes at most so many bytes in JSON of ASCII."""
+    text = text[:most]
+    while _json_bytes(text) > most:
+        text = text[:-1]
+    return text
+
+
+def _json_bytes(text: str) -> int:
+    return len(json.dumps(text)) - 2

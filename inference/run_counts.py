@@ -14,9 +14,7 @@ from .policy import Judgement
 from .report import Report
 from .run_start import MODEL, START, ModelName
 from .sources import MANY_MISSED, Frame
-from .verdict import CLEAR, OBSTACLE, UNKNOWN
-
-STATUS_WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
+from .verdict import STATUS_WORDS
 
 BOUNDS_S = (
     *(0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.075),

@@ -37,7 +37,8 @@ COMPARED = ("status", "reason", "mean", "x", "y", "distance_m", "method", "model
 """What a line has of either verdict."""
 
 ANSWER_S = 30.0
-"""Seconds that the loop waits for a challenger that is to judge every frame, its start included."""
+"""Seconds after which a challenger that does not answer, or start up, is taken for hung; where it
+is to judge every frame the loop waits for it as long."""
 _CLOSE_S = 2.0
 
 
@@ -95,6 +96,7 @@ class Shadow(Observer):
         self._differs = False
         self._changed = threading.Condition()
         self._waiting: _Waiting | None = None
+        self._busy_since: float | None = clock.monotonic()
         self._ended = False
         log.write(
             {
@@ -121,7 +123,9 @@ class Shadow(Observer):
         """Pass the frame on, if the challenger is to hear of it."""
         said = report.fields()
         with self._changed:
-            if not self._live:
+            if self._live:
+                self._look_after()
+            else:
                 self._wait_for_turn()
             if self.fault:
                 return
@@ -137,8 +141,17 @@ class Shadow(Observer):
         """Wait until no frame waits, or the challenger has failed."""
         taken = self._changed.wait_for(lambda: self._waiting is None or bool(self.fault), ANSWER_S)
         if not taken:
-            self._fail_locked(f"it does not answer for {ANSWER_S:g} s")
-            self._kill()
+            self._give_up()
+
+    def _look_after(self) -> None:
+        """End a challenger that has been busy with one frame for too long."""
+        busy_since = self._busy_since
+        if busy_since is not None and self._clock.monotonic() - busy_since > ANSWER_S:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        self._fail_locked(f"it does not answer for {ANSWER_S:g} s")
+        self._kill()
 
     def close(self) -> None:
         """End the challenger: after its last frame where it judges every one, else at once."""
@@ -158,7 +171,13 @@ class Shadow(Observer):
         """What the thread does: ask for each frame's verdict, until the run or the process ends."""
         try:
             self._process.start()
+        except OSError as error:
+            self._connection.close()
+            self._fail(f"its process cannot be started: {error.strerror or error}")
+            return
+        finally:
             theirs.close()
+        try:
             answer = self._connection.recv()
             if answer != READY:
                 self._fail(str(answer))
@@ -170,13 +189,15 @@ class Shadow(Observer):
             self._fail(f"its process ended with exit code {self._process.exitcode}")
         finally:
             self._connection.close()
-            if self._process.pid is not None:
-                self._process.join(_CLOSE_S)
+            self._process.join(_CLOSE_S)
+            self._kill()  # Python would wait at its end for one that is still there
 
     def _next(self) -> _Waiting | None:
         """The frame that waits, waiting for one; None when there will be no more."""
         with self._changed:
+            self._busy_since = None
             self._changed.wait_for(lambda: self._waiting is not None or self._ended)
+            self._busy_since = self._clock.monotonic()
             waiting, self._waiting = self._waiting, None
             self._changed.notify_all()
             return waiting

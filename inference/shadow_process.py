@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..features.errors import ToktError
 from ..models.bundle import Bundle, bundle_from_bytes
 from .assemble import Assembly, Stereo, assemble
+from .policy import Policy
 from .report import Report
 from .sources import Frame
 
@@ -108,16 +109,20 @@ def serve(challenger: Challenger, connection: Connection) -> None:
     except ToktError as error:
         connection.send(str(error))
         return
-    connection.send(READY)
-    while True:
-        try:
-            frame = receive_frame(connection)
-        except (EOFError, OSError):
-            return  # no more frames
-        start = time.perf_counter()
-        verdict = policy.judge(frame).verdict
-        latency_ms = 1000 * (time.perf_counter() - start)
-        connection.send(Report(0, frame.number, frame.t, latency_ms, verdict).fields())
+    try:
+        connection.send(READY)
+        while True:
+            _answer(policy, connection)
+    except (EOFError, OSError):
+        return  # no more frames, or nobody who hears the answer
+
+
+def _answer(policy: Policy, connection: Connection) -> None:
+    frame = receive_frame(connection)
+    start = time.perf_counter()
+    verdict = policy.judge(frame).verdict
+    latency_ms = 1000 * (time.perf_counter() - start)
+    connection.send(Report(0, frame.number, frame.t, latency_ms, verdict).fields())
 
 
 def send_frame(connection: Connection, frame: Frame) -> None:

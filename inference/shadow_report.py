@@ -18,9 +18,8 @@ import numpy as np
 
 from ..features.errors import ToktError
 from .log import LogGap, read_log
-from .replay_tally import STATUS_WORDS
 from .shadow import END, FAILED, SHADOW_FORMAT, START
-from .verdict import OBSTACLE, UNKNOWN
+from .verdict import OBSTACLE, STATUS_WORDS, UNKNOWN
 
 EPISODE_GAP = 10
 """Compared frames without an obstacle that end an episode of it; fewer are gaps in it."""

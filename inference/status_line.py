@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, TextIO
 from .clock import Clock
 from .observer import Event, Observer
 from .reason import Reason
-from .run_counts import STATUS_WORDS, RunCounts
-from .verdict import CLEAR, OBSTACLE, UNKNOWN
+from .run_counts import RunCounts
+from .verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -27,6 +27,7 @@ from ..models import operating_point
 from .reason import Fault, Reason
 
 OBSTACLE, CLEAR, UNKNOWN = operating_point.OBSTACLE, operating_point.CLEAR, operating_point.UNKNOWN
+STATUS_WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
 
 STATUS_MEAN_THRESHOLD = 0.345
 """Mean grey level of the 0/255 mask above which the status is 1. Source: the thesis's program;

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import pytest
 
 from tokt.cli import output
@@ -49,3 +53,14 @@ def test_lines_each_quarter_and_each_half_minute(clock, capsys, seconds, lines):
         clock[0] += seconds
     assert items == list(range(8))
     assert capsys.readouterr().err.splitlines() == lines
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pipe without a reader is another error elsewhere")
+def test_lines_that_nobody_reads_end_nothing() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    program = "from tokt.cli.output import say; say('one'); say('two'); print('done')"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=writer, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stdout) == (0, b"done\n")

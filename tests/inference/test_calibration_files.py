@@ -359,3 +359,17 @@ def test_a_calibration_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
             write_calibration(tmp_path / "c.yml", known, notes)
     assert (tmp_path / "c.yml").read_text() == VERSION_1
     assert [path.name for path in tmp_path.iterdir()] == ["c.yml"]
+
+
+@pytest.mark.parametrize("wrong", ["   colz: 3", "   cols: 0", "   cols: 2", "   cols: 2.5", ""])
+def test_a_matrix_that_would_end_opencv_s_own_reader(tmp_path: Path, wrong: str) -> None:
+    (tmp_path / "c.yml").write_text(OF_YESTERDAY.replace("   cols: 3", wrong, 1))
+    with pytest.raises(ToktError, match="K1"):
+        load_calibration(tmp_path / "c.yml")
+
+
+def test_frames_larger_than_any_camera_s_are_refused(tmp_path: Path) -> None:
+    text = VERSION_1.replace("image_width: 1400", "image_width: 100000")
+    (tmp_path / "c.yml").write_text(text)
+    with pytest.raises(ToktError, match="the frame size is 100000x1040"):
+        load_calibration(tmp_path / "c.yml")

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tokt.features.errors import ToktError
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import HEALTH_CHARACTERS, Report
+from tokt.inference.report import HEALTH_BYTES, Report
 from tokt.inference.udp import decode, encode_v1, encode_v2
 from tokt.inference.verdict import Verdict, unknown_verdict
 
@@ -27,6 +27,8 @@ DOCS = Path(__file__).parents[2] / "docs"
 UDP, LABVIEW = (DOCS / "udp.md").read_text(), (DOCS / "labview.md").read_text()
 MAX_SIZE = 8192
 """What docs/labview.md has LabVIEW read at most of a v2 datagram."""
+ETHERNET = 1472
+"""Bytes of a datagram that one Ethernet frame takes: more are sent in pieces."""
 
 
 def blocks(page: str) -> list[str]:
@@ -47,7 +49,7 @@ def report(verdict: Verdict) -> Report:
     return Report(10**9, 412, 1461149301.3512345, 12.251234567890123, verdict, 1234.1234567890123)
 
 
-@pytest.mark.parametrize("page", [UDP, LABVIEW])
+@pytest.mark.parametrize("page", [UDP, LABVIEW], ids=["udp", "labview"])
 def test_v1_examples_are_bytes_we_send(page: str) -> None:
     examples = lines_of(page, "status :")
     assert examples
@@ -60,7 +62,7 @@ def test_v1_examples_are_bytes_we_send(page: str) -> None:
         assert encode_v1(again) == example.encode("ascii")
 
 
-@pytest.mark.parametrize("page", [UDP, LABVIEW])
+@pytest.mark.parametrize("page", [UDP, LABVIEW], ids=["udp", "labview"])
 def test_v2_examples_decode_to_every_key(page: str) -> None:
     examples = lines_of(page, "{")
     assert len(examples) >= 2
@@ -205,13 +207,25 @@ def test_the_elements_said_never_to_be_null_are_none() -> None:
 
 def test_no_v2_datagram_is_larger_than_labview_reads() -> None:
     assert f"wire {MAX_SIZE}" in LABVIEW
-    words = "\U0001f40b" * HEALTH_CHARACTERS  # each is two escapes of six characters
-    largest = Verdict(
-        *(1, -99999, -99999, (99999, 99999, 99999, 99999), 123.45678901234567),
-        *(10.123456789012345, "texture+disparity", "n" * 200 + "/" + "v" * 100, words),
-        *(-1.1234567890123456, 1.1234567890123456, Reason.DETECTOR_FAILED),
-    )
-    assert len(encode_v2(report(largest))) <= MAX_SIZE
+    far = -1.2345678901234567e-300
+    for letter in ("a", '"', "\x07", "\U0001f40b"):  # the last is two escapes of six characters
+        words, name = letter * 400, letter * 100
+        verdict = Verdict(
+            *(1, -99999, -99999, (99999, 99999, 99999, 99999), far),
+            *(far, "texture+disparity+pushbroom", f"{name}/{name}", words),
+            *(far, far, Reason.DETECTOR_FAILED),
+        )
+        data = encode_v2(Report(10**15, 412, far, far, verdict, far))
+        assert len(data) <= ETHERNET < MAX_SIZE
+        health = decode(data)["health"]
+        assert words.startswith(health) and len(health) >= HEALTH_BYTES // 12
+        assert letter != "a" or len(health) == HEALTH_BYTES
+
+
+def test_a_name_of_ascii_is_whole() -> None:
+    label = "n" * 100 + "/" + '"' * 100
+    fields = decode(encode_v2(report(Verdict(0, 0, 0, None, 0.0, None, "texture", label))))
+    assert fields["model"] == label
 
 
 def test_the_reference_decoder_of_the_page_works() -> None:

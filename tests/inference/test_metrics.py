@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 from tokt.features.errors import ToktError
+from tokt.inference import metrics_server
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.detector import GridDetector
-from tokt.inference.metrics import Metrics, Watched, parse_metrics
+from tokt.inference.metrics import Metrics, RunCollector, Watched, parse_metrics
 from tokt.inference.observer import Event
 from tokt.inference.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
@@ -28,6 +29,12 @@ from tokt.inference.udp import UdpSender
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 pytest.importorskip("prometheus_client")
+
+
+@pytest.fixture(autouse=True)
+def soon_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metrics_server._Server, "timeout", 0.02)
+    monkeypatch.setattr(metrics_server, "_JOIN_S", 0.2)
 
 
 @pytest.fixture
@@ -186,6 +193,18 @@ def test_what_other_parts_count_is_asked_of_them(
     assert (found["tokt_drift_known",], found["tokt_drift_out",]) == (1, 1)
     assert (found["tokt_recorder_frames_total",], found["tokt_recorder_failing",]) == (30, 1)
     assert found["tokt_recorder_bytes_removed_total",] == 400
+
+
+def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clock: Any) -> None:
+    counts = RunCounts(hand_clock)
+    silence = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
+    ages = []
+    for metric in RunCollector(counts, Watched(), hand_clock).collect():
+        if metric.name == "tokt_last_verdict_age_seconds":
+            ages += [sample.value for sample in metric.samples]
+        hand_clock.now += 1
+        counts.heartbeat(Report(1, None, None, None, silence))
+    assert ages == [0]
 
 
 def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end(

@@ -25,7 +25,13 @@ from tokt.inference.pixel_mark import pixel_mark
 from tokt.inference.policy import Judgement
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recorder import Recorder
-from tokt.inference.recording import RECORDING_FORMAT, RecordingFolder, read_recording
+from tokt.inference.recording import (
+    RECORDING_FORMAT,
+    Encoded,
+    RecordedFrame,
+    RecordingFolder,
+    read_recording,
+)
 from tokt.inference.recording_writer import BEHIND, NO_ROOM, REPEATED, RESERVE
 from tokt.inference.report import Report
 from tokt.inference.sources import Frame
@@ -247,7 +253,7 @@ def test_earlier_recordings_are_never_touched(
     at_sea.see(CLEAR)
     assert (at_sea.recorder.frames, at_sea.recorder.dropped) == (0, 3)
     assert at_sea.recorder.fault == NO_ROOM and before.stat().st_size == 900_000
-    assert told[-1].fields == {"fault": NO_ROOM, "dropped": 3}
+    assert told[-1].fields["fault"] == NO_ROOM and 1 <= told[-1].fields["dropped"] <= 3
     written(at_sea.recorder, 4)
     before.unlink()  # somebody has copied it ashore
     hand_clock.now += 2 * REST_S
@@ -334,6 +340,24 @@ def test_a_recording_that_is_taken_away_begins_anew(
     assert check_whole(tmp_path / "rec" / "run-0") == [1, 2, 3]
     for run in ("run-0", "run-1"):
         assert next(iter(read_recording(tmp_path / "rec" / run)))["event"] == "start"
+
+
+def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_path: Path) -> None:
+    recording = RecordingFolder(tmp_path / "run-1", "run-1")
+    recording.tell({"event": "start"})
+
+    def encoded(number: int) -> Encoded:
+        return recording.encode(RecordedFrame(number, 1, {"left": noise(1)}, {"frame": number}))
+
+    recording.write(encoded(1))
+    begun = encoded(2)
+    (tmp_path / "run-1").rename(tmp_path / "ashore")
+    with pytest.raises(OSError, match="taken away"):
+        recording.write(begun)
+    recording.write(encoded(3))
+    event, line = read_recording(tmp_path / "run-1")
+    assert event == {"event": "start"} and line["frame"] == 3
+    assert [path.name for path in (tmp_path / "run-1" / "Left").iterdir()] == ["run-1_L_3.png"]
 
 
 def test_one_process_records_into_a_folder(

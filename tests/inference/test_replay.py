@@ -179,10 +179,18 @@ def test_lines_that_are_lost_leave_what_comes_after_unknown(
     before = "what came before it is not known"
     found = replayed(run_tokt, log)
     assert found["compared"] == found["same_to_the_bit"] == 7
-    assert found["not_compared"] == {before: 2} and found["same"]
+    assert found["not_compared"] == {before: 2} and found["same"] and found["gaps"] == 1
+    (note,) = found["notes"]
+    assert "not the 1 before it" in note and first in note
     found = replayed(run_tokt, log, "--run", first)
     assert found["run"] == first and found["frames"] == 7
+    assert found["gaps"] == 1 and found["notes"] == []
+    assert "in 1 places: lines that are lost" in run_tokt("replay", log).out
     assert found["compared"] == 5 and found["not_compared"] == {before: 2}
+    # A damaged line before a run's first is none of its own.
+    log.write_text('{"half of a\n' + "".join(both[10:]))
+    found = replayed(run_tokt, log)
+    assert found["compared"] == found["same_to_the_bit"] == 10 and found["gaps"] == 0
     other = run_tokt("replay", log, "--run", "run-x")
     assert other.code == 2 and first in other.err
 

@@ -134,6 +134,10 @@ def test_ctrl_c_ends_cleanly(
         (["--bundle", "B", "--record-mb", "5"], "no use without --record"),
         (["--bundle", "B", "--mavlink-unknown", "message"], "no use without --mavlink"),
         (["--bundle", "B", "--shadow-log", "x"], "no use without --shadow"),
+        (
+            ["--shadow", "B", "--shadow-log", "a.events.jsonl", "--log", "a.jsonl"],
+            "--shadow-log names a file that --log writes",
+        ),
         (["--bundle", "B", "--stale", "0.5"], "--stale is for live cameras, or recorded"),
         (["--bundle", "B", "--ptp"], "--ptp is for live cameras"),
         (["--bundle", "B", "--source", "pymba:0", "--rate", "3"], "--rate is for recorded"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import threading
@@ -19,10 +20,15 @@ from tokt.inference.assemble import assemble
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.event_queue import EventQueue
 from tokt.inference.log import JsonLines
+from tokt.inference.policy import Judgement
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.shadow import Shadow
 from tokt.inference.shadow_process import Challenger
 from tokt.inference.shadow_report import read_shadow
+from tokt.inference.sources import Frame
+from tokt.inference.verdict import unknown_verdict
 from tokt.models.bundle import Bundle, read_bundle
 from tokt.models.operating_point import FrameRule
 
@@ -113,7 +119,7 @@ def test_where_another_model_says_otherwise_is_found(
 
 
 def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
-    draw_frame: Any, bundle_file: Path, tmp_path: Path
+    draw_frame: Any, bundle_file: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     log, source = tmp_path / "shadow.jsonl", HandSource()
     rule = FrameRule(hits=2, window=3)
@@ -124,8 +130,8 @@ def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
     reports, shadow = run.listener.reports, run.shadow
 
     def give(patches: list[tuple[int, int]]) -> None:
-        source.give(draw_frame(patches, len(reports)))
         expected = len(reports) + 1
+        source.give(draw_frame(patches, len(reports)))
         until(lambda: len(reports) == expected)
 
     for _ in range(3):
@@ -134,6 +140,7 @@ def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
         until(lambda judged=judged: shadow.judged_frames > judged)
     child = shadow._process.pid
     assert child is not None and child != os.getpid()
+    request.addfinalizer(shadow._kill)  # a stopped one would keep the tests from ending
     os.kill(child, signal.SIGSTOP)
     for _ in range(5):
         give([(4, 4)])
@@ -178,6 +185,53 @@ def test_a_challenger_that_cannot_be_loaded_or_hangs_is_told_once(
     assert len(run.listener.reports) == 4 and run.told() == ["shadow_failed"]
     assert "does not answer" in read_shadow(log).fault
     assert not run.shadow._thread.is_alive()
+
+
+def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
+    draw_frame: Any, bundle_file: Path, tmp_path: Path, hand_clock: Any,
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest,
+) -> None:  # fmt: skip
+    model, told = read_bundle(bundle_file), EventQueue()
+    verdict = unknown_verdict(Fault(Reason.DARK, "dark"))
+
+    def start(log: str) -> Shadow:
+        lines = JsonLines(tmp_path / log)
+        challenger = Challenger.of(model, "texture")
+        return Shadow(challenger, lines, "run-1", True, hand_clock, told.put)
+
+    def see(shadow: Shadow, number: int) -> None:
+        frame = Frame(number, 1.0, draw_frame([]), None)
+        shadow.judged(frame, Judgement(verdict), Report(number, number, 1.0, 1.0, verdict))
+
+    hangs = start("hangs.jsonl")
+    request.addfinalizer(hangs._kill)
+    see(hangs, 1)
+    until(lambda: hangs.judged_frames and hangs._busy_since is None)
+    hand_clock.now += 10 * shadow_module.ANSWER_S  # idle, which is no fault
+    os.kill(hangs._process.pid or 0, signal.SIGSTOP)
+    see(hangs, 2)
+    until(lambda: hangs._waiting is None)
+    see(hangs, 3)
+    assert hangs.fault == ""
+    hand_clock.now += shadow_module.ANSWER_S + 1
+    see(hangs, 4)
+    assert "does not answer" in hangs.fault
+    hangs.close()
+    assert (
+        not hangs._thread.is_alive()
+        and "does not answer" in read_shadow(tmp_path / "hangs.jsonl").fault
+    )
+
+    def refuse(process: Any) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(multiprocessing.get_context("spawn").Process, "start", refuse)
+    never = start("never.jsonl")
+    until(lambda: never.fault)
+    see(never, 1)
+    never.close()
+    assert "cannot be started: Resource temporarily" in read_shadow(tmp_path / "never.jsonl").fault
+    assert [event.name for event in told.take()] == ["shadow_failed"] * 2
 
 
 def test_policy_disparity_has_no_challenger(bundle_file: Path) -> None:

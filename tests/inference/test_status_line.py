@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from rich.console import Console
+from tokt.inference import status_line
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.observer import Event
 from tokt.inference.policy import Judgement
@@ -149,9 +150,9 @@ def test_one_line_is_rewritten_and_events_stand_above_it(
     counts = RunCounts(SYSTEM_CLOCK)
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
     began = time.monotonic()
-    for seq in range(1, 400):
-        tell(counts, CLEAR if seq < 399 else OBSTACLE, seq, age_ms=1.0)
-        if seq == 200:
+    for seq in range(1, 150):
+        tell(counts, CLEAR if seq < 149 else OBSTACLE, seq, age_ms=1.0)
+        if seq == 75:
             line.event(Event(3661.0, "model", "model reef/8 runs\x07"))
         time.sleep(0.002)
     time.sleep(2 * PERIOD_S)
@@ -167,8 +168,9 @@ def test_one_line_is_rewritten_and_events_stand_above_it(
 
 
 def test_a_terminal_that_is_held_keeps_nobody_waiting(
-    terminal: Callable[[int], tuple[int, Any]],
+    terminal: Callable[[int], tuple[int, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(status_line, "_JOIN_S", 0.2)
     shown, stream = terminal(60)  # nobody reads its other end
     counts = RunCounts(SYSTEM_CLOCK)
     line = StatusLine(counts, SYSTEM_CLOCK, stream)

@@ -141,7 +141,8 @@ def test_v2_round_trip_never_holds_what_json_cannot(
     mean = verdict.mean
     assert fields["mean"] == (mean if mean is not None and math.isfinite(mean) else None)
     assert fields["box"] == (None if verdict.box is None else list(verdict.box))
-    assert fields["health"] == verdict.health[:300]
+    assert verdict.health.startswith(fields["health"])
+    assert fields["health"] == verdict.health or len(json.dumps(fields["health"])) > 300 - 12
     assert fields["reason"] == verdict.reason
     assert fields["age_ms"] == (age_ms if age_ms is not None and math.isfinite(age_ms) else None)
 
@@ -165,7 +166,7 @@ def with_changes(changes: dict[str, Any], overflows: str) -> bytes:
     return text.replace("Infinity", overflows).encode("utf-8", "surrogatepass")
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=50)
 @given(
     st.binary(max_size=200)
     | st.builds(

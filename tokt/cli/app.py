@@ -42,13 +42,18 @@ _EXTRAS = {
     "threadpoolctl": "train",
 }
 
-app = typer.Typer(
-    name="tokt",
-    help="Label, train, compare and deploy small texture models that keep an ROV off obstacles.",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
+
+def _new_app() -> typer.Typer:
+    made = typer.Typer(
+        name="tokt",
+        help="Label, train, compare and deploy small texture models that keep an ROV off "
+        "obstacles.",
+        add_completion=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+    )
+    made.callback(invoke_without_command=True)(_root)
+    return made
 
 
 def _print_version(wanted: bool) -> None:
@@ -59,7 +64,6 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
     version: Annotated[
@@ -73,6 +77,7 @@ def _root(
         typer.echo(context.get_help())
 
 
+app = _new_app()
 app.command("demo")(demo.demo)
 app.command("label")(label.label)
 app.add_typer(labels.labels_app, name="labels")
@@ -98,10 +103,21 @@ app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)
 
 
+def _app_for(arguments: list[str]) -> typer.Typer:
+    """The commands; of the runtime's that one only: after a crash there is no time for the others,
+    which take a sixth of its start to put together.
+    """
+    if arguments[:1] != ["run"]:
+        return app
+    alone = _new_app()
+    alone.command("run")(run.run)
+    return alone
+
+
 def main() -> None:
     """Run the command line; a user's mistake is one line on stderr and exit code 2."""
     try:
-        code = app(standalone_mode=False)
+        code = _app_for(sys.argv[1:])(standalone_mode=False)
     except ToktError as error:
         _fail(str(error))
     except typer.TyperException as error:

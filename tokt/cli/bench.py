@@ -34,7 +34,7 @@ def bench(
         typer.Option(
             help="Compare results on so many frames of it; default: all. With --label: frames of "
             "the mission that the page shows; default: 10000. With --scale: the most frames; "
-            "default: 10000.",
+            "default: 10000. With --soak: frames to judge; default: 1000000.",
             min=1,
         ),
     ] = None,
@@ -54,10 +54,18 @@ def bench(
             "--scale", help="Measure instead what training costs for 10^4 to 10^6 patches."
         ),
     ] = False,
+    soak: Annotated[
+        bool,
+        typer.Option(
+            "--soak",
+            help="Run the runtime for long instead: memory, latency, lost datagrams, restarts.",
+        ),
+    ] = False,
     out: Annotated[
         Path,
         typer.Option(
-            help="Folder for bench.json and bench.png, label.json and label.png, or scale.json."
+            help="Folder for bench.json and bench.png, label.json and label.png, scale.json, or "
+            "soak.json and soak.png."
         ),
     ] = Path("bench-out"),
     quick: Annotated[
@@ -69,8 +77,14 @@ def bench(
 
     With --label and --effort: the labelling page in a headless Chromium (needs Playwright); exit
     code 1 if a label came out wrong. With --scale: time and memory of each step of training on
-    rendered frames, in a temporary folder that needs some GB.
+    rendered frames, in a temporary folder that needs some GB. With --soak: the whole runtime on
+    a million small frames, some 20 minutes; exit code 1 if anything was not as asked.
     """
+    if soak:
+        if scale or label or effort or mission or labels or calibration:
+            raise ToktError("--soak renders its own frames and goes with --frames and --quick")
+        _soak_bench(frames, out, quick, json)
+        return
     if scale:
         if label or effort or mission or labels or calibration:
             raise ToktError("--scale renders its own mission and goes with --frames and --quick")
@@ -141,3 +155,22 @@ def _scale_bench(frames: int | None, out: Path, quick: bool, json: bool) -> None
     else:
         print_scale_table(found)
     say(f"written: {out / 'scale.json'}")
+
+
+def _soak_bench(frames: int | None, out: Path, quick: bool, json: bool) -> None:
+    from ..training.bench.soak import run_soak
+    from ..training.bench.soak_extent import FULL, QUICK
+    from ..training.bench.soak_table import print_soak_table
+
+    extent = QUICK if quick else FULL
+    if frames is not None:
+        extent = extent.of(frames)
+    found = run_soak(out, extent, progress, say)
+    if json:
+        print_json(found.to_json())
+    else:
+        print_soak_table(found)
+    say(f"chart: {out / 'soak.png'}")
+    if not found.holds:
+        say("tokt: warning: not everything was as asked")
+        raise typer.Exit(_NOT_EXACT)

@@ -69,12 +69,16 @@ def replay(
     stereo = _stereo(logged, calibration)
     other = None if bundle is None else model_named(bundle)
     if other is not None and [name.sha256 for name in logged.models] == [other.sha256]:
-        other = None  # the run's own
-        models = {model.sha256: model for model in [model_named(bundle)]} if bundle else {}
+        models, other = {other.sha256: other}, None  # the run's own
     else:
         models = {} if other is not None else models_of_run(logged, store)
     plan = Replay(logged, mission, pixel_format, stereo, models, other)
     warnings = _software_warnings(logged)
+    if run is None and logged.others:
+        warnings.append(
+            f"only the log's last run is judged again, not the {len(logged.others)} before it "
+            f"(--run ID; the one before is {logged.others[-1]})"
+        )
     for warning in warnings:
         say(f"note: {warning}")
     tally = Tally()
@@ -179,6 +183,9 @@ def _show(plan: Replay, tally: Tally, by: str) -> None:
         print(f"{count} frames not compared: {why}")
     if tally.alike_all_the_same:
         print(f"  ({tally.alike_all_the_same} of them came out the same)")
+    if tally.gaps:
+        what = "frames that were not recorded" if logged.recorded else "lines that are lost"
+        print(f"in {tally.gaps} places: {what}, which are in no figure here")
     for stretch in tally.stretches[:_MOST_SHOWN]:
         print(_stretch_line(stretch))
     if len(tally.stretches) > _MOST_SHOWN:

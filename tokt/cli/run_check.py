@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..features.errors import ToktError
 from ..inference.cameras.open import is_camera_source
+from ..inference.run_log import events_path
 from .run_asked import Asked
 
 _LOGS = ("log", "shadow_log")
@@ -40,6 +41,10 @@ def check(asked: Asked) -> None:
         if name in asked.given and asked.given.isdisjoint(needs):
             words = " or ".join(map(_option, needs))
             raise ToktError(f"{_option(name)} is of no use without {words}")
+    if asked.log is not None and asked.shadow_log is not None:
+        taken = {path.absolute() for path in (asked.log, events_path(asked.log))}
+        if asked.shadow_log.absolute() in taken:
+            raise ToktError("--shadow-log names a file that --log writes: give it one of its own")
     if is_camera_source(asked.source):
         _refuse(asked, _FOR_FILES, "recorded frames, not for live cameras")
     else:

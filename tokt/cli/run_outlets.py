@@ -1,4 +1,8 @@
-"""Open what `tokt run` sends its verdicts to, and who looks on."""
+"""Open what `tokt run` sends its verdicts to, and who looks on.
+
+What not every run asks for is imported where it is opened: after a crash each import is time in
+which nothing is said.
+"""
 
 from __future__ import annotations
 
@@ -6,33 +10,17 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from ..features.errors import ToktError
 from ..inference.assemble import Stereo
-from ..inference.cameras.live_source import CameraSource
 from ..inference.clock import SYSTEM_CLOCK
-from ..inference.disk_budget import DiskLimits
 from ..inference.drift import DriftMonitor
 from ..inference.event_queue import EventQueue
-from ..inference.lens import lens_of
 from ..inference.log import JsonLines, Rotation
-from ..inference.mavlink import (
-    MavlinkOptions,
-    MavlinkSender,
-    Messages,
-    WhenUnknown,
-    parse_device,
-)
-from ..inference.metrics import Metrics, Watched, parse_metrics
-from ..inference.moments import Around
 from ..inference.observer import Observer
-from ..inference.recorder import RESERVE_MB, Recorder
 from ..inference.run_counts import RunCounts
 from ..inference.run_log import RunLog, new_run_id
-from ..inference.run_models import model_named
-from ..inference.shadow import Shadow
-from ..inference.shadow_process import Challenger
 from ..inference.sources import Source
 from ..inference.status_line import StatusLine
 from ..inference.udp import (
@@ -44,6 +32,12 @@ from ..inference.udp import (
     version_of,
 )
 from .run_asked import Asked
+
+if TYPE_CHECKING:
+    from ..inference.mavlink import MavlinkOptions
+    from ..inference.metrics import Metrics
+    from ..inference.recorder import Recorder
+    from ..inference.shadow import Shadow
 
 Word = TypeVar("Word", bound=StrEnum)
 
@@ -61,6 +55,8 @@ def open_senders(asked: Asked, pairs: Stereo | None, opened: ExitStack) -> dict[
     for text in asked.udp or [f"{DEFAULT_HOST}:{DEFAULT_PORT}"]:
         keep(text, UdpSender(*parse_receiver(text, version)))
     if asked.mavlink:
+        from ..inference.mavlink import MavlinkSender, parse_device
+
         options = _mavlink_options(asked, pairs)
         for text in asked.mavlink:
             keep(text, MavlinkSender(*parse_device(text), options, SYSTEM_CLOCK))
@@ -68,6 +64,9 @@ def open_senders(asked: Asked, pairs: Stereo | None, opened: ExitStack) -> dict[
 
 
 def _mavlink_options(asked: Asked, pairs: Stereo | None) -> MavlinkOptions:
+    from ..inference.lens import lens_of
+    from ..inference.mavlink import MavlinkOptions, Messages, WhenUnknown
+
     return MavlinkOptions(
         lens_of(asked.camera_fov_deg, None if pairs is None else pairs.calibration),
         asked.mavlink_assumed_m,
@@ -137,21 +136,55 @@ def open_onlookers(
     keep(drift)
     keep(counts)
     if asked.metrics is not None:
-        cameras = source if isinstance(source, CameraSource) else None
-        watched = Watched(senders, log, recorder, cameras, drift)
-        metrics = Metrics(*parse_metrics(asked.metrics), counts, watched, SYSTEM_CLOCK)
+        metrics = _metrics(asked.metrics, senders, source, counts, log, recorder, drift)
         opened.callback(metrics.close)
     if asked.shadow is not None and asked.shadow_log is not None:
         # After the others: in a replay without a rate it waits for its challenger.
-        bundle = model_named(asked.shadow)
-        challenger = Challenger.of(bundle, asked.policy, pairs, asked.threads)
         lines = JsonLines(asked.shadow_log, rotation)
-        live, tell = source.live, events.put
-        keep(Shadow(challenger, lines, run, live=live, clock=SYSTEM_CLOCK, tell=tell))
+        keep(_shadow(asked, asked.shadow, pairs, source, lines, run, events))
     return Onlookers(observers, log, recorder, drift, counts)
 
 
 def _recorder(asked: Asked, folder: Path, run: str, events: EventQueue) -> Recorder:
+    from ..inference.disk_budget import DiskLimits
+    from ..inference.moments import Around
+    from ..inference.recorder import RESERVE_MB, Recorder
+
     around = Around(asked.record_before, asked.record_after)
     disk = DiskLimits(asked.record_mb, RESERVE_MB)
     return Recorder(folder, run, SYSTEM_CLOCK, around, disk, tell=events.put)
+
+
+def _metrics(
+    address: str,
+    senders: dict[str, Sender],
+    source: Source,
+    counts: RunCounts,
+    log: RunLog | None,
+    recorder: Recorder | None,
+    drift: DriftMonitor,
+) -> Metrics:
+    from ..inference.cameras.live_source import CameraSource
+    from ..inference.metrics import Metrics, Watched, parse_metrics
+
+    cameras = source if isinstance(source, CameraSource) else None
+    watched = Watched(senders, log, recorder, cameras, drift)
+    return Metrics(*parse_metrics(address), counts, watched, SYSTEM_CLOCK)
+
+
+def _shadow(
+    asked: Asked,
+    model: Path,
+    pairs: Stereo | None,
+    source: Source,
+    lines: JsonLines,
+    run: str,
+    events: EventQueue,
+) -> Shadow:
+    from ..inference.run_models import model_named
+    from ..inference.shadow import Shadow
+    from ..inference.shadow_process import Challenger
+
+    challenger = Challenger.of(model_named(model), asked.policy, pairs, asked.threads)
+    live, tell = source.live, events.put
+    return Shadow(challenger, lines, run, live=live, clock=SYSTEM_CLOCK, tell=tell)

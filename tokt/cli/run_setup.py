@@ -13,23 +13,20 @@ from typing import Any
 from ..features.errors import ToktError
 from ..features.mission import parse_frames
 from ..inference.assemble import Assembly, Stereo, assemble
-from ..inference.cameras.open import is_camera_source, open_camera_source
-from ..inference.cameras.options import GIGABIT_BYTES_S, CameraOptions
+from ..inference.cameras.open import is_camera_source
 from ..inference.clock import SYSTEM_CLOCK
 from ..inference.detector import GridDetector
 from ..inference.drift import DriftMonitor
 from ..inference.event_queue import EventQueue
 from ..inference.interrupt import stop_on_signal
 from ..inference.limits import Limits
-from ..inference.matching import BM
 from ..inference.notify import Notifier
 from ..inference.observer import Event
-from ..inference.odometry import load_odometry
-from ..inference.rectify import HALF
 from ..inference.reload import ModelWatch
 from ..inference.run_start import ModelName, RunStart, used_file
 from ..inference.runtime import Runtime, Summary
 from ..inference.sources import Source, open_source
+from ..inference.stereo_ways import BM, HALF
 from ..inference.udp import Sender
 from ..inference.watchdog import RESTARTS_VARIABLE
 from ..models.bundle import Bundle, read_bundle
@@ -173,6 +170,8 @@ def _stereo(asked: Asked) -> Stereo | None:
         if (asked.stereo, asked.stereo_scale, asked.odometry) != (BM, HALF, None):
             raise ToktError("stereo needs a calibration (--calibration FILE.yml)")
         return None
+    from ..inference.odometry import load_odometry
+
     poses = None if asked.odometry is None else load_odometry(asked.odometry)
     calibration = read_calibration_file(asked.calibration)
     return Stereo(calibration, asked.stereo, asked.stereo_scale, poses)
@@ -185,6 +184,9 @@ def _source(asked: Asked, pairs: Stereo | None, events: EventQueue, opened: Exit
         return open_source(
             asked.source, SYSTEM_CLOCK, chosen, asked.rate, read_right, asked.pixel_format
         )
+    from ..inference.cameras.open import open_camera_source
+    from ..inference.cameras.options import GIGABIT_BYTES_S, CameraOptions
+
     wanted = CameraOptions(
         exposure_us=asked.exposure_us,
         gain_db=asked.gain_db,
