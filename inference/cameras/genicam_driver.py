@@ -110,9 +110,13 @@ class GenicamDriver:
         check_installed()
         self._stopping.clear()
         self._lost = ""
-        process = subprocess.Popen(
-            program(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
+        try:
+            process = subprocess.Popen(
+                program(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            )
+        # A machine short of memory or handles now may have some when it is tried again.
+        except OSError as error:
+            raise ToktError(f"camera {self._name}: no process for it: {error}") from error
         self._process = process
         opened: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._reader = threading.Thread(

@@ -26,12 +26,15 @@ from .genicam_producers import in_one_line, opened_producers
 from .options import CameraOptions
 
 _SLOW_S = 0.02
+_OPEN_S = 60.0
+_HUNG_S = 10.0  # a call that takes longer hangs; the runtime has given up long before
 
 
 def main() -> None:
     """Do what the first line of the standard input says until that is closed."""
     # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _end_unless_called_again(_OPEN_S)
     answers = _answers()
     order = json.loads(sys.stdin.buffer.readline())
     try:
@@ -71,10 +74,22 @@ def _run(answers: IO[bytes], order: dict[str, Any]) -> None:
             write_message(answers, {**ready, "shared_clock": camera.shared_clock})
             try:
                 while not stop.is_set():
+                    _end_unless_called_again(_HUNG_S)
                     _send_next(answers, camera)
             except CameraGoneError as error:
                 # Told before it is closed, which may hang or fail as well.
                 write_message(answers, {"kind": "lost", "words": str(error)})
+
+
+def _end_unless_called_again(limit_s: float) -> None:
+    """Have the system end this process should it hang for longer than that.
+
+    The runtime ends one that hangs, as long as there is a runtime. Without it nobody would: native
+    code that hangs may hold Python's lock, and the camera would stay taken for the next runtime.
+    """
+    if sys.platform != "win32":
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, limit_s)
 
 
 def _watch_input(stop: threading.Event) -> None:

@@ -63,12 +63,12 @@ def opened_producers() -> Iterator[Producers]:
     ToktError
         If there is no producer, or harvesters is not installed.
     """
+    files, refused = _sound(producer_files())
     with warnings.catch_warnings():  # harvesters sets the filters of the whole process
         try:
             from harvesters.core import Harvester, ParameterKey, ParameterSet
         except ModuleNotFoundError as error:
             raise ToktError(f"a genicam camera needs {error.name}: install tokt[genicam]") from None
-    files, refused = _sound(producer_files())
     complaints = _Complaints()
     # No logger of the process: by default harvesters prints tracebacks.
     logger = logging.Logger("tokt.genicam", logging.WARNING)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from ...features.errors import ToktError
 from ..clock import Clock
 from ..observer import Event
-from .live_source import CameraSource
-from .options import CameraOptions
+
+if TYPE_CHECKING:
+    from .live_source import CameraSource
+    from .options import CameraOptions
 
 PYMBA, GENICAM = "pymba:", "genicam:"
 
@@ -43,6 +46,8 @@ def open_camera_source(
         raise ToktError(f"live cameras are {prefix}ID or {prefix}LEFT,RIGHT, not {text!r}")
     if len(set(ids)) < len(ids):
         raise ToktError(f"the left and the right camera are both {ids[0]!r}")
+    from .live_source import CameraSource
+
     if prefix == PYMBA:
         from .vimba import open_drivers
     else:

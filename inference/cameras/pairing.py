@@ -6,17 +6,18 @@ that hard is that each camera stamps with a clock of its own, of any zero and a 
 ::
 
     taken_s of the left     ───┬───────┬───────┬───>   its own seconds
-                               │ + least (arrived - taken) of the last captures
+                               │ + least (arrived - taken) so far
     both, in host seconds   ───L─R─────L─R─────L───>   |L - R| < period / 2: one moment
                                  │ + the same for the right
     taken_s of the right    ─────┴───────┴─────────>   its own seconds
 
-The difference between a camera's clock and this machine's is taken as the least of the last 64
-captures, as a capture is delayed by the link and the scheduler but never comes early. What stays
+The difference between a camera's clock and this machine's is taken as the least that was seen, as
+a capture is delayed by the link and the scheduler but never comes early. It is let rise as fast as
+clocks can drift apart, and no faster: a link that is slow for seconds does not move it. What stays
 is the least delay of the link, which is the same for two alike cameras. Where one's is longer by
-half a period or more, no estimate from arrivals can see it: only clocks set by PTP pair right
-(`ClockFit.shared`: their times are compared as they are). As long as too little is known nothing
-is paired.
+half a period or more from the start, or for a minute, no estimate from arrivals can see it: only
+clocks set by PTP pair right (`ClockFit.shared`: their times are compared as they are). As long as
+too little is known nothing is paired.
 
 Everything here is free of clocks and threads: the caller says what time it is.
 """
@@ -30,7 +31,9 @@ from dataclasses import dataclass
 from ..reason import NO_FAULT, Fault, Reason
 from .capture import LEFT, RIGHT, Capture
 
-_WINDOW = 64  # captures: 4 s at 15 Hz, in which a clock 100 ppm off drifts by 0.4 ms
+_WINDOW = 64  # intervals between captures, for the period
+# A camera's crystal is within 100 ppm, and a PC's clock is corrected by 500 ppm at most.
+_DRIFT = 600e-6
 _LEAST_SAMPLES = 8  # more than a driver has buffers: no single stall has delayed all of them
 _MOST_WAITING = 4  # captures of a camera that wait for the other's
 
@@ -53,7 +56,8 @@ class ClockFit:
     def __init__(self, period_s: float | None = None, shared: bool = False) -> None:
         self._nominal_s = period_s
         self.shared = shared
-        self._delays: deque[float] = deque(maxlen=_WINDOW)
+        self._offset_s = math.inf  # from the camera's clock to the host's, with the least delay
+        self._samples = 0
         self._periods: deque[float] = deque(maxlen=_WINDOW)
         self._last: Capture | None = None
 
@@ -70,15 +74,21 @@ class ClockFit:
         step = 0
         if last is not None:
             step = capture.frame_id - last.frame_id
-            if capture.taken_s <= last.taken_s:  # the clock was set back: the camera began anew
-                self._delays.clear()
-                self._periods.clear()
-            else:
-                # Numbers may wrap, or count delivered captures only: then a period comes out too
-                # long, which is why the least of them is taken.
-                self._periods.append((capture.taken_s - last.taken_s) / max(1, step))
-        self._delays.append(capture.arrived - capture.taken_s)
+            self._follow(capture.taken_s - last.taken_s, max(1, step))
+            self._offset_s += _DRIFT * max(0.0, capture.arrived - last.arrived)
+        self._offset_s = min(self._offset_s, capture.arrived - capture.taken_s)
+        self._samples += 1
         return max(0, step - 1)
+
+    def _follow(self, elapsed_s: float, step: int) -> None:
+        """See whether the clock went on, by so many exposures, or was set back."""
+        if elapsed_s <= 0 or elapsed_s < (step - 0.5) * (self.period_s or 0.0):
+            self._offset_s, self._samples = math.inf, 0
+            self._periods.clear()
+        if elapsed_s > 0:
+            # Numbers may wrap, or count delivered captures only: then a period comes out too
+            # long, which is why the least of them is taken.
+            self._periods.append(elapsed_s / step)
 
     @property
     def period_s(self) -> float | None:
@@ -99,9 +109,9 @@ class ClockFit:
         """
         if shared:
             return taken_s
-        if len(self._delays) < _LEAST_SAMPLES:
+        if self._samples < _LEAST_SAMPLES:
             return None
-        return taken_s + min(self._delays)
+        return taken_s + self._offset_s
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,9 @@ _FORMATS = {  # VmbPixelFormat; the same in pymba/vimba_pixelformat.py
     0x02180014: "RGB8",
     0x02180015: "BGR8",
 }
+# So many streams are kept whose buffers the library did not let go of. Each is of a camera that was
+# pulled out: when it was opened four times more, no packet from before is on its way any longer.
+_KEPT_STREAMS = 4
 _INCOMPLETE = Fault(Reason.INCOMPLETE, "the camera's frame did not arrive whole")
 
 
@@ -132,6 +135,8 @@ class VimbaDriver:
             return
         if not stream.stop():
             self._unreleased.append(stream)
+            if len(self._unreleased) > _KEPT_STREAMS:
+                self._unreleased.pop(0).forget()
         self._failures += stream.failures
         self._system.leave()
 

@@ -84,8 +84,12 @@ class VimbaStream:
         codes = [self._api.vmb_frame_revoke_all(handle), self._api.vmb_camera_close(handle)]
         released = 0 in codes
         if released:
-            self._frames.clear()
+            self.forget()
         return released
+
+    def forget(self) -> None:
+        """Free the memory of the buffers."""
+        self._frames.clear()
 
     def _queue(self, frame: Any) -> int:
         return int(

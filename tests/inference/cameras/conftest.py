@@ -19,7 +19,7 @@ from tokt.inference.observer import Event
 from .simulated_rig import FOLDERS, Delivered, Live, Simulator
 
 SOURCES = Path(__file__).parent / "vimba_simulator"
-FLAGS = ["-std=c11", "-D_GNU_SOURCE", "-O1", "-g", "-Wall", "-Wextra", "-Werror"]
+FLAGS = ["-std=c11", "-D_GNU_SOURCE", "-O0", "-Wall", "-Wextra", "-Werror"]
 SHARED = ["-fvisibility=hidden", "-shared", "-fPIC", "-pthread"]
 
 

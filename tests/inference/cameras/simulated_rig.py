@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 
@@ -108,15 +105,3 @@ class Live:
     @property
     def event_names(self) -> list[tuple[str, str]]:
         return [(event.name, event.fields["camera"]) for event in self.events]
-
-
-def run_python(program: str, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    """A program in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )

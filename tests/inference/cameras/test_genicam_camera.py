@@ -9,6 +9,7 @@ import shutil
 import signal
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from tokt.inference.cameras.genicam_camera import (
     opened_camera,
 )
 from tokt.inference.cameras.genicam_listing import Listed, Listing, Place
-from tokt.inference.cameras.genicam_process import _send_next
+from tokt.inference.cameras.genicam_process import _chosen, _send_next
 from tokt.inference.cameras.genicam_producers import Producers, opened_producers, producer_files
 from tokt.inference.cameras.options import CameraOptions
 from tokt.inference.reason import NO_FAULT, Reason
@@ -71,6 +72,14 @@ def test_what_is_listed_and_who_is_meant(producers):
     assert listing == Listing.from_json(listing.to_json())
     with pytest.raises(ToktError, match=r"no GenICam camera 'x': found 0: VikyTL_DEV_red .*serial"):
         listing.camera("x")
+    # What a camera's process is told: a name, and where the camera was if that is known.
+    assert _chosen(listing, {"name": "VikyTL_DEV_green", "place": None}) is listing.cameras[1]
+    place = asdict(listing.cameras[2].place)
+    assert _chosen(listing, {"name": "bow", "place": place}) is listing.cameras[2]
+    with pytest.raises(ToktError, match=r"no GenICam camera 'bow': found 0: Viky"):
+        _chosen(listing, {"name": "bow", "place": {**place, "device": "gone"}})
+    with pytest.raises(ToktError, match=r"no GenICam camera 'not here yet': found 0: Viky"):
+        _chosen(listing, {"name": "not here yet", "place": None})
 
 
 def test_who_is_meant_is_one_camera():
@@ -150,11 +159,11 @@ class Stuck(io.BytesIO):
     """A pipe that nobody reads for longer than a period."""
 
     def flush(self) -> None:
-        time.sleep(0.3)
+        time.sleep(0.2)
 
 
 def test_what_came_while_nobody_read_is_given_back(producers):
-    options = CameraOptions(frame_rate=5)
+    options = CameraOptions(frame_rate=20)
     pipe = Stuck()
     with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
         while not pipe.getvalue():

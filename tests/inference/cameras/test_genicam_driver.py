@@ -7,6 +7,7 @@ import json
 import math
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -23,6 +24,7 @@ from tokt.inference.cameras.capture import LEFT, Capture, Deliver
 from tokt.inference.cameras.genicam import open_drivers
 from tokt.inference.cameras.genicam_driver import GenicamDriver
 from tokt.inference.cameras.genicam_listing import Listed, Listing, Place, list_cameras
+from tokt.inference.cameras.genicam_messages import read_message, write_message
 from tokt.inference.cameras.live_source import CameraSource
 from tokt.inference.cameras.options import CameraOptions
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -103,7 +105,7 @@ class Stamped:
 
 
 def test_two_cameras_as_a_source_of_pairs():
-    options = CameraOptions(frame_rate=20)
+    options = CameraOptions(frame_rate=50)
     drivers = open_drivers(["VikyTL_DEV_red", "1"], options, SYSTEM_CLOCK)
     assert [driver.name for driver in drivers] == ["VikyTL_DEV_red", "1"]
     told: list[Event] = []
@@ -117,7 +119,7 @@ def test_two_cameras_as_a_source_of_pairs():
     assert [frame.left_fault or frame.right_fault for frame in pairs] == [NO_FAULT] * 3
     assert {frame.left.shape for frame in pairs} == {(400, 400)}
     assert {frame.right.shape for frame in pairs} == {(400, 400)}
-    assert drivers[0].period_s == pytest.approx(0.05)
+    assert drivers[0].period_s == pytest.approx(0.02)
     assert told == []
     assert not [thread for thread in threading.enumerate() if "tokt camera" in thread.name]
 
@@ -136,7 +138,7 @@ def test_one_camera_from_start_to_stop_and_again(open_camera):
 
     driver.start(deliver)
     wait_for(lambda: len(captures) == 5)
-    time.sleep(0.5)  # 50 frames at the camera's rate
+    time.sleep(0.3)  # 30 frames at the camera's rate
     slow.set()
     resumed = time.monotonic()
     wait_for(lambda: len(captures) >= 30)
@@ -146,7 +148,7 @@ def test_one_camera_from_start_to_stop_and_again(open_camera):
     numbers = [capture.frame_id for capture in captures]
     assert numbers == sorted(set(numbers))
     # What was in the pipe came, as old as it is; then the newest; and the rest never.
-    assert numbers[29] > 30 + 20
+    assert numbers[29] > 30 + 10
     old = [capture for capture in captures if capture.arrived < resumed]
     assert len(old) <= 5 + 3
 
@@ -196,8 +198,6 @@ def test_what_cannot_be_meant(ids, wait, words, listed):
 def test_a_camera_that_is_waited_for(listed):
     drivers = open_drivers(["not here yet", "1"], CameraOptions(wait=True), SYSTEM_CLOCK)
     assert [driver.name for driver in drivers] == ["not here yet", "1"]
-    with pytest.raises(ToktError, match=r"no GenICam camera 'not here yet': found 0: Viky"):
-        drivers[0].start(lambda capture: None)
 
 
 def test_nothing_to_drive_cameras_with(monkeypatch):
@@ -270,13 +270,40 @@ def test_a_process_that_does_not_end_is_ended(open_camera, instead, monkeypatch)
     assert process.returncode == -9
 
 
+def test_a_process_without_a_runtime_ends_though_it_hangs():
+    """In native code that holds Python's lock: nobody is left to end it."""
+    program = (
+        "import contextlib, ctypes, types, tokt.inference.cameras.genicam_process as process\n"
+        "place = types.SimpleNamespace(place=types.SimpleNamespace())\n"
+        "camera = types.SimpleNamespace(period_s=None, shared_clock=False)\n"
+        "process.opened_producers = lambda: contextlib.nullcontext(place)\n"
+        "place.listing = types.SimpleNamespace(camera=lambda name: place)\n"
+        "process.opened_camera = lambda *any: contextlib.nullcontext(camera)\n"
+        "process._send_next = lambda *any: ctypes.PyDLL(None).sleep(60)\n"
+        "process._HUNG_S = 0.2\n"
+        "process.main()\n"
+    )
+    order = {"name": "0", "place": None, "options": {}, "share": 1.0}
+    command = [sys.executable, "-P", "-c", program]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as hung:
+        write_message(hung.stdin, order)
+        assert read_message(hung.stdout).header["kind"] == "ready"
+        assert hung.wait(30) == -signal.SIGALRM
+
+
+def test_a_process_that_cannot_be_started_is_a_camera_that_cannot(open_camera, monkeypatch):
+    monkeypatch.setattr(genicam_driver, "program", lambda: ["/no/such/program"])
+    with pytest.raises(ToktError, match=r"camera 0: no process for it: .*/no/such/program"):
+        open_camera().start(lambda capture: None)
+
+
 def test_memory_does_not_grow(open_camera, instead):
-    """3,000 frames, 200 MB of pictures; every third one is a fault."""
+    """1,800 frames, 120 MB of pictures; every third one is a fault."""
     instead(
         "say(ready)\n"
         "frame.update(height=250, width=400)\n"
         "half = {**frame, 'reason': 'incomplete', 'words': 'half'}\n"
-        "for frame['frame_id'] in range(3000):\n"
+        "for frame['frame_id'] in range(1800):\n"
         "    frame['fetched_s'] = time.monotonic()\n"
         "    say(half) if frame['frame_id'] % 3 == 2 else say(frame, bytes(100_000))\n"
     )
@@ -286,12 +313,12 @@ def test_memory_does_not_grow(open_camera, instead):
     def deliver(capture: Capture) -> None:
         counts[capture.fault.reason] += 1
         assert (capture.picture is None) is bool(capture.fault)
-        if capture.frame_id % 500 == 0:
+        if capture.frame_id % 300 == 0:
             pages = Path("/proc/self/statm").read_text().split()[1]
             sizes.append(int(pages) * os.sysconf("SC_PAGE_SIZE"))
 
     driver = open_camera()
     driver.start(deliver)
     wait_for(driver.lost, 60)
-    assert counts == {Reason.OK: 2000, Reason.INCOMPLETE: 1000} and driver.failures == 0
+    assert counts == {Reason.OK: 1200, Reason.INCOMPLETE: 600} and driver.failures == 0
     assert max(sizes) - sizes[1] < 8e6

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
 from tokt.features.errors import ToktError
+from tokt.inference.cameras import keeper
 from tokt.inference.cameras.capture import Capture, Deliver
 from tokt.inference.cameras.live_source import CameraSource
 from tokt.inference.cameras.open import open_camera_source
@@ -17,7 +20,7 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.reason import Reason
 from tokt.inference.sources import MANY_MISSED, Frame
 
-from .simulated_rig import RATE_HZ, seen
+from .simulated_rig import RATE_HZ, Live, Simulator, seen
 
 
 def is_pair(frame: Frame) -> bool:
@@ -41,13 +44,23 @@ def check(frames: list[Frame]) -> None:
     assert numbers == sorted(set(numbers))
 
 
+@pytest.fixture
+def quick(simulator: Simulator, live: Callable[..., Live]) -> Callable[..., Live]:
+    """For tests that do not ask how clocks are compared: twice the rate, and shared clocks.
+
+    Their pairs do not depend on when captures arrive, and so not on how busy the machine is.
+    """
+    simulator.set(-1, rate=2 * RATE_HZ)
+    return functools.partial(live, ptp=True)
+
+
 def test_pairs_of_one_moment_whatever_the_clocks(simulator, live):
     simulator.set(0, clock_offset_s=1000)
     simulator.set(1, delay_s=0.004, jitter_s=0.003)
     cameras = live()
-    frames = cameras.until(is_pair) + cameras.take(25)
+    frames = cameras.until(is_pair) + cameras.take(15)
     check(frames)
-    assert sum(map(is_pair, frames)) >= 20
+    assert sum(map(is_pair, frames)) >= 10
     assert cameras.events == []
     ages = [SYSTEM_CLOCK.monotonic() - frame.arrived for frame in frames[-1:]]
     assert 0 <= ages[0] < 5 and abs(frames[-1].t - time.time()) < 60
@@ -69,26 +82,30 @@ def test_one_camera(simulator, live):
     assert simulator.opened == [0, 1]
 
 
-def test_frames_that_a_camera_drops(simulator, live):
-    simulator.set(0, drop_every=5)
-    simulator.set(1, drop_every=7)
-    cameras = live()
+def test_frames_that_a_camera_drops(simulator, quick):
+    simulator.set(0, drop_every=3)
+    simulator.set(1, drop_every=4)
+    cameras = quick()
     cameras.until(is_pair)
-    frames = cameras.take(36)
+    missing = [(Reason.OK, Reason.OK), (Reason.OK, Reason.UNPAIRED), (Reason.UNPAIRED, Reason.OK)]
+    wanted = Counter(3 * missing)
+
+    def all_seen(frame: Frame) -> bool:
+        wanted[frame.left_fault.reason, frame.right_fault.reason] -= 1
+        return max(wanted.values()) <= 0
+
+    frames = cameras.until(all_seen)
     check(frames)
-    reasons = Counter((frame.left_fault.reason, frame.right_fault.reason) for frame in frames)
-    assert set(reasons) >= {
-        (Reason.OK, Reason.OK),
-        (Reason.OK, Reason.UNPAIRED),
-        (Reason.UNPAIRED, Reason.OK),
-    }
-    figures = cameras.source.figures()["cameras"]
-    assert figures["left"]["left_out"] >= 4 and figures["right"]["left_out"] >= 3
-    assert figures["left"]["unpaired"] >= 3 and figures["right"]["unpaired"] >= 4
+    pairs = [seen(frame.left)[1] for frame in frames if is_pair(frame)]
+    assert all(moment % 3 and moment % 4 for moment in pairs)
+    figures = cameras.source.figures()["cameras"].values()
+    assert min(figure["left_out"] for figure in figures) >= 3
+    assert min(figure["unpaired"] for figure in figures) >= 3
 
 
 def test_a_dropped_frame_of_a_single_camera_is_told_as_missed(simulator, live):
     simulator.set(0, drop_every=4)
+    simulator.set(-1, rate=100)
     cameras = live("pymba:0")
     frames = cameras.take(20)[8:]  # its clock is known by then
     for before, frame in pairwise(frames):
@@ -97,31 +114,36 @@ def test_a_dropped_frame_of_a_single_camera_is_told_as_missed(simulator, live):
     assert {frame.missed for frame in frames} >= {0, 1}
 
 
-def test_incomplete_frames_are_counted_and_told(simulator, live):
+def test_incomplete_frames_are_counted_and_told(simulator, quick):
     simulator.set(1, incomplete_every=4)
-    cameras = live()
+    cameras = quick()
     cameras.until(is_pair)
-    frames = cameras.take(18)
+
+    def is_torn(frame: Frame) -> bool:
+        return frame.left is not None and frame.right_fault.reason is Reason.INCOMPLETE
+
+    frames = cameras.until(is_torn) + cameras.until(is_torn)
     check(frames)
-    torn = [frame for frame in frames if frame.right_fault.reason is Reason.INCOMPLETE]
-    assert 3 <= len(torn) <= 6 and all(frame.left is not None for frame in torn)
+    whole = [seen(frame.right)[1] for frame in frames if frame.right is not None]
+    torn = [seen(frame.left)[1] for frame in frames if is_torn(frame)]
+    assert all(moment % 4 for moment in whole) and not any(moment % 4 for moment in torn)
     assert cameras.source.figures()["cameras"]["right"]["incomplete"] >= len(torn)
 
 
-def test_a_reader_that_is_slow_gets_the_newest(simulator, live):
-    cameras = live()
-    cameras.until(is_pair)
-    last = cameras.take(1)[0]
-    time.sleep(12 / RATE_HZ)
-    frame = cameras.take(1)[0]
-    check([last, frame])
-    overtaken = seen(frame.left)[1] - seen(last.left)[1] - 1
-    assert overtaken >= 9 and frame.missed >= overtaken
+def test_a_reader_that_is_slow_gets_the_newest(simulator, quick):
+    cameras = quick()
+    last = cameras.until(is_pair)[-1]
+    time.sleep(6 / RATE_HZ)  # 12 periods
+    frames = cameras.until(is_pair)
+    check([last, *frames])
+    between = seen(frames[-1].left)[1] - seen(last.left)[1] - 1
+    told = sum(frame.missed for frame in frames) + len(frames) - 1
+    assert between >= 9 and told >= between
     assert cameras.source.overtaken >= 9
 
 
-def test_the_left_camera_is_pulled_out_and_put_back(simulator, live):
-    cameras = live()
+def test_the_left_camera_is_pulled_out_and_put_back(simulator, quick):
+    cameras = quick()
     frames = cameras.until(is_pair)
     simulator.set(0, plugged=0)
     frames += cameras.until(lambda frame: frame.left_fault.reason is Reason.CAMERA_LOST)
@@ -131,7 +153,9 @@ def test_the_left_camera_is_pulled_out_and_put_back(simulator, live):
     assert "left: camera 0 is no longer found" in frames[-1].left_fault
     simulator.set(0, plugged=1)
     back = cameras.until(lambda frame: frame.left is not None)
-    assert back[-1].missed == MANY_MISSED or back[-2].missed == MANY_MISSED
+    reasons = [frame.left_fault.reason for frame in lost[-1:] + back]
+    first = len(reasons) - reasons[::-1].index(Reason.CAMERA_LOST) - 1
+    assert back[first].missed == MANY_MISSED
     again = cameras.until(is_pair) + cameras.take(5)
     check(frames + lost + back + again)
     assert max(frame.missed for frame in again[1:]) < MANY_MISSED
@@ -139,8 +163,8 @@ def test_the_left_camera_is_pulled_out_and_put_back(simulator, live):
     assert cameras.source.figures()["cameras"]["left"]["lost"] == 1
 
 
-def test_the_right_camera_is_pulled_out_and_the_left_goes_on(simulator, live):
-    cameras = live()
+def test_the_right_camera_is_pulled_out_and_the_left_goes_on(simulator, quick):
+    cameras = quick()
     cameras.until(is_pair)
     simulator.set(1, plugged=0)
     cameras.until(lambda frame: frame.right_fault.reason is Reason.CAMERA_LOST)
@@ -153,8 +177,9 @@ def test_the_right_camera_is_pulled_out_and_the_left_goes_on(simulator, live):
     assert cameras.event_names == [("camera_lost", "right"), ("camera_back", "right")]
 
 
-def test_a_camera_that_falls_silent_is_started_again(simulator, live):
+def test_a_camera_that_falls_silent_is_started_again(simulator, live, monkeypatch):
     """The library says nothing of it; only that nothing comes any more."""
+    monkeypatch.setattr(keeper, "_LEAST_SILENCE_S", 0.6)
     cameras = live("pymba:0")
     cameras.take(3)
     simulator.set(0, mute=1)
@@ -188,9 +213,9 @@ def test_a_camera_that_is_not_there_at_the_start(text, words, simulator, live):
     assert simulator.opened == [0, 0]
 
 
-def test_a_camera_that_is_waited_for(simulator, live):
+def test_a_camera_that_is_waited_for(simulator, quick):
     simulator.set(1, plugged=0)
-    cameras = live(wait=True)
+    cameras = quick(wait=True)
     frames = cameras.until(lambda frame: frame.right_fault.reason is Reason.CAMERA_LOST)
     simulator.set(1, plugged=1)
     check(frames + cameras.until(is_pair))
@@ -205,7 +230,9 @@ def test_stop_while_streaming_and_while_lost(simulator):
         frames: list[Frame] = []
         reader = threading.Thread(target=lambda: frames.extend(source), daemon=True)  # noqa: B023
         reader.start()
-        time.sleep(0.2)
+        until = time.monotonic() + 10
+        while len(frames) < 3 and time.monotonic() < until:
+            time.sleep(0.005)
         source.stop()
         reader.join(5)
         assert not reader.is_alive() and frames

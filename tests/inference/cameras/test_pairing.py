@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import random
+from collections import Counter
 from dataclasses import replace
 
 from hypothesis import given, settings
@@ -154,6 +156,42 @@ def test_a_camera_that_began_anew_is_compared_anew():
     )
     assert all(left == right for left, right in pairs(moments))
     assert len(pairs(moments)) >= 12
+
+
+def test_a_link_that_is_slow_for_ten_seconds_makes_no_wrong_pairs():
+    """More captures than any window would hold: what was learnt before them is not forgotten."""
+    slow = range(100, 300)
+    right = [capture(RIGHT, n, delay_s=0.7 * PERIOD_S * (n in slow)) for n in range(400)]
+    left = [capture(LEFT, n) for n in range(400)]
+    moments = run(pairer(PERIOD_S), left + right)
+    assert all(one == other for one, other in pairs(moments))
+    assert len(pairs(moments)) >= 390
+
+
+def test_clocks_that_drift_for_hours_stay_paired():
+    """200 ppm apart come to 1.4 s in two hours, three periods; most captures are left out."""
+    period_s, count, chance = 0.5, 14_400, random.Random(0)
+    captures = [
+        Capture(camera, n, n * period_s * rate, n * period_s + chance.uniform(0.002, 0.05), 0, None)
+        for n in range(count)
+        for camera, rate in ((LEFT, 1 - 1e-4), (RIGHT, 1 + 1e-4))
+        if chance.random() < 0.2
+    ]
+    moments = run(pairer(period_s), captures)
+    assert all(one == other for one, other in pairs(moments))
+    both = Counter(one.frame_id for one in captures).values()
+    assert len(pairs(moments)) >= 0.95 * sum(times == 2 for times in both)
+
+
+def test_a_clock_set_back_by_less_than_a_period_is_compared_anew():
+    captures = [
+        capture(camera, n, -0.7 * PERIOD_S if camera and n >= 100 else 0.0)
+        for n in range(300)
+        for camera in (LEFT, RIGHT)
+    ]
+    moments = run(pairer(PERIOD_S), captures)
+    assert all(one == other for one, other in pairs(moments))
+    assert len(pairs(moments)) >= 270
 
 
 def test_a_capture_without_a_time_is_of_no_pair():

@@ -253,6 +253,20 @@ def test_a_camera_pulled_out_is_closed_and_started_again(manner, simulator, deli
     one.stop()
 
 
+def test_buffers_that_the_library_keeps_are_not_kept_for_ever(simulator, delivered):
+    simulator.set(0, handle_dies=1)
+    one = driver(pixel_format="Mono8")
+    kept = []
+    for _ in range(6):
+        one.start(delivered)
+        kept.append(one._stream)  # type: ignore[attr-defined]
+        delivered.wait(len(delivered.captures) + 1)
+        simulator.set(0, plugged=0)
+        one.stop()
+        simulator.set(0, plugged=1)
+    assert [bool(stream._frames) for stream in kept] == [False] * 2 + [True] * 4
+
+
 def test_an_index_stays_with_the_camera_it_meant(simulator, delivered):
     """With the first camera pulled out the second is the first of the list."""
     one = started(driver("0"), delivered)

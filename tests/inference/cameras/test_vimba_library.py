@@ -11,7 +11,7 @@ from tokt.features.errors import ToktError
 from tokt.inference.camera_driver import camera_driver_finding
 from tokt.inference.cameras.vimba_library import load_pymba
 
-from .simulated_rig import FOLDERS, run_python
+from .simulated_rig import FOLDERS
 
 needs_like = pytest.mark.skipif(
     sys.platform != "linux" or platform.machine() not in FOLDERS,
@@ -68,10 +68,8 @@ def test_no_pymba_names_the_extra(monkeypatch):
 
 
 def test_doctor_and_the_simulator_in_another_process(vimba_environment, monkeypatch):
-    """pymba's 41 symbols are there: it is imported, and the frame has its 104 bytes."""
+    """pymba's 41 symbols are there: it is imported."""
     for name, value in vimba_environment.items():
         monkeypatch.setenv(name, value)
     finding = camera_driver_finding()
     assert finding.state == "ok" and "VimbaC 1.8.3" in finding.text
-    program = "import ctypes; from pymba import vimba_c; print(ctypes.sizeof(vimba_c.VmbFrame))"
-    assert run_python(program, vimba_environment).stdout.split() == ["104"]
