@@ -1,13 +1,46 @@
 """The one error type that a user's own input can cause."""
 
+from __future__ import annotations
+
+LONGEST_MESSAGE = 800
+"""Characters. Files may hold names of any length: of a longer message the middle is left out."""
+_CUT = " ... "
+
 
 class ToktError(Exception):
     """Something the user gave cannot be used; the message is one line, in the user's words.
 
     The command line prints it as ``tokt: error: MESSAGE`` and exits with code 2. Programming
     mistakes raise the usual built-in exceptions instead, and do show a traceback.
+
+    Parameters
+    ----------
+    message : str
+        Much of what it quotes comes out of files: what cannot be printed is escaped here, and
+        what is too long to be read is cut, so that no file moves a cursor or fills a log.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(_one_line(message))
 
 
 class FrameError(ToktError):
     """One frame cannot be read. A mission goes on without it; the runtime calls it unknown."""
+
+
+def _one_line(text: str) -> str:
+    """The text as it may be printed, cut before it is escaped and, grown by that, after it."""
+    return _cut("".join(map(_printable, _cut(text))))
+
+
+def _cut(text: str) -> str:
+    if len(text) <= LONGEST_MESSAGE:
+        return text
+    head = LONGEST_MESSAGE * 3 // 4
+    return text[:head] + _CUT + text[len(text) - (LONGEST_MESSAGE - head - len(_CUT)) :]
+
+
+def _printable(sign: str) -> str:
+    if sign.isprintable():
+        return sign
+    return " " if sign.isspace() else sign.encode("unicode_escape").decode("ascii")

@@ -24,6 +24,8 @@ _JPEG_END = 0xD9
 # In entropy-coded data FF 00 is a stuffed byte, FF D0..D7 a restart and FF FF a fill byte.
 _JPEG_MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")
 _PNG_START = b"\x89PNG\r\n\x1a\n"
+_MOST_PIXELS = 100_000_000
+"""No camera gives more, and a PNG of some kilobytes can say that it does."""
 
 
 def _jpeg_is_whole(data: bytes) -> bool:
@@ -57,6 +59,11 @@ def _png_is_whole(data: bytes) -> bool:
     return False
 
 
+def _png_pixels(data: bytes) -> int:
+    """Width times height from the header (PNG specification, section 11.2.2)."""
+    return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
+
+
 def decode_image(data: bytes, name: str) -> NDArray[np.uint8]:
     """Decode an image as the camera gave it.
 
@@ -83,6 +90,8 @@ def decode_image(data: bytes, name: str) -> NDArray[np.uint8]:
         raise FrameError(f"{name}: the JPEG is truncated")
     if data.startswith(_PNG_START) and not _png_is_whole(data):
         raise FrameError(f"{name}: the PNG is truncated")
+    if data.startswith(_PNG_START) and _png_pixels(data) > _MOST_PIXELS:
+        raise FrameError(f"{name}: the PNG says that it has {_png_pixels(data)} pixels")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
     except cv2.error as error:

@@ -27,6 +27,8 @@ _ROTATION_DEG = 10.0
 _OFF_CENTRE = 0.1
 """Part of the frame's diagonal."""
 _TANGENTIAL = 0.02
+_MOST_PIXELS = 100_000_000
+"""No camera has more, and rectifying takes memory for each."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ def refusals(calibration: StereoCalibration) -> list[str]:
         Finite.
     """
     width, height = calibration.frame_size
-    if width < 1 or height < 1:
+    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
         return [f"the frame size is {width}x{height}"]
     found = []
     for name, K in (("K1 (left)", calibration.K1), ("K2 (right)", calibration.K2)):

@@ -8,6 +8,7 @@ described can be is not judged here.
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -256,13 +257,19 @@ def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> Float | None
 
 
 def _node_array(node: cv2.FileNode) -> Float | None:
-    """A matrix, or a (nested) list of numbers; None for anything else."""
+    """A matrix, or a (nested) list of numbers; None for anything else.
+
+    A matrix is put together here: OpenCV's own reader ends the process where one is damaged.
+    """
     if node.isMap():
         sizes = [node.getNode(key) for key in ("sizes", "rows", "cols")]
         sides = [side for size in sizes for side in _listed(size)]
-        if not sides or not 0 < np.prod(sides) <= _MOST_NUMBERS:  # before memory is taken for it
+        numbers = _listed(node.getNode("data"))
+        if not sides or any(side < 1 or side % 1 for side in sides):
             return None
-        return np.asarray(node.mat(), np.float64)
+        if math.prod(sides) != len(numbers):
+            return None
+        return np.array(numbers, np.float64).reshape([int(side) for side in sides])
     if node.isSeq():
         return np.array(_listed(node), np.float64)
     return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -171,7 +172,7 @@ def _check_header(header: list[str]) -> None:
     known = ", ".join(COLUMNS)
     missing = [name for name in COLUMNS if name not in header]
     unknown = [name for name in header if name not in COLUMNS + MORE_COLUMNS + AUDIT_COLUMNS]
-    twice = [name for name in header if header.count(name) > 1]
+    twice = [name for name, times in Counter(header).items() if times > 1]
     if not header:
         raise ToktError(f"the file is empty; a label file begins with {known}")
     if missing and len(header) == 1 and ";" in header[0]:

@@ -577,5 +577,7 @@ class LabelStore:
             raise
         except sqlite3.DatabaseError as error:
             raise ToktError(f"label store {self.path}: {error}") from error
+        except UnicodeDecodeError:  # SQLite does not look at the bytes of a text
+            raise ToktError(f"label store {self.path} is damaged: a text is not UTF-8") from None
         except OSError as error:
             raise ToktError(f"label store {self.path}: {error.strerror or error}") from error

@@ -89,7 +89,7 @@ class Taxonomy:
             raise ToktError(f"taxonomy {source}: {error.strerror or error}") from None
         except UnicodeDecodeError:
             raise ToktError(f"taxonomy {source}: not UTF-8 text") from None
-        except tomllib.TOMLDecodeError as error:
+        except (ValueError, RecursionError) as error:  # not TOML, 5,000 digits, 1,000 brackets
             raise ToktError(f"taxonomy {source}: {error}") from None
         return cls.from_json(value, f"taxonomy {source}")
 

@@ -23,6 +23,7 @@ _PREFIX = "tokt_"
 _MARK = f"{_PREFIX}format"
 _WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
 _LARGEST_EXACT = 2**53
+_LARGEST = 10**300  # what a float can hold, with room to calculate
 
 
 def to_attributes(record: LabelRecord) -> dict[str, str | int]:
@@ -104,7 +105,7 @@ def whole(value: Any, what: str) -> int:
     ToktError
         If it is none.
     """
-    if type(value) is int:
+    if type(value) is int and abs(value) < _LARGEST:
         return value
     if type(value) is float and value.is_integer() and abs(value) < _LARGEST_EXACT:
         return int(value)

@@ -21,6 +21,9 @@ from .carried import changed_by_hand, from_attributes
 from .images import FrameKey
 from .options import Imported, ReadOptions, Remarks, count, lines, mission_images
 
+_SHOWN = 100
+"""Characters of a file's own words that a remark repeats."""
+
 
 @dataclass(frozen=True)
 class FoundBox:
@@ -212,9 +215,8 @@ class _Labels:
         if self._missing:
             first = next(iter(self._missing))
             images = count(len(self._missing), "image")
-            remarks["box", f"left out: on {images} not of the mission, such as {first!r}"] += sum(
-                self._missing.values()
-            )
+            what = f"left out: on {images} not of the mission, such as {first[:_SHOWN]!r}"
+            remarks["box", what] += sum(self._missing.values())
         # A settlement answers the opinions, so it comes after them.
         records = sorted(
             (record for _, record in self._best.values()), key=lambda r: r.source == SETTLED

@@ -208,3 +208,10 @@ def test_every_real_frame_is_accepted(mission: Path) -> None:
             for end in range(1000, len(data) - 1, len(data) // 5):
                 with pytest.raises(FrameError):
                     decode_image(data[:end], file.name)
+
+
+def test_a_png_that_says_it_is_huge_is_not_decoded(gray: Image) -> None:
+    png = bytearray(cv2.imencode(".png", gray)[1].tobytes())
+    png[16:24] = (20_000).to_bytes(4, "big") * 2
+    with pytest.raises(FrameError, match="400000000 pixels"):
+        decode_image(bytes(png), "p.png")

@@ -89,3 +89,10 @@ def test_missing_or_binary_file_is_a_user_error(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ToktError, match="not UTF-8"):
         Taxonomy.load(tmp_path / "binary.toml")
+
+
+@pytest.mark.parametrize("value", ["9" * 5000, "[" * 3000])
+def test_toml_that_python_s_reader_gives_up_on(tmp_path: Path, value: str) -> None:
+    (tmp_path / "t.toml").write_text(f"format = {value}\n")
+    with pytest.raises(ToktError, match=r"taxonomy .*t\.toml: "):
+        Taxonomy.load(tmp_path / "t.toml")

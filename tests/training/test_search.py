@@ -96,6 +96,8 @@ def test_the_built_in_space_has_preset_best_in_it():
         ("penalties = [1.0]", "penalties = []", "penalties is a list"),
         ("penalties = [1.0]", "penalties = [true]", "penalties: a number above 0"),
         ("penalties = [1.0]", "penalties = [nan]", "penalties: a number above 0"),
+        ("penalties = [1.0]", f"penalties = [{10**400}]", "penalties: a number above 0"),
+        ("penalties = [1.0]", "penalties = " + "[" * 3000, "not a TOML file"),
         ("penalties = [1.0]", "", "missing: penalties"),
         ('["none"]', '["heavy"]', "class_weights is a list"),
         ("[extractors]", "[extractor]", "extractor"),

@@ -18,7 +18,7 @@ Each extractor is one trial; its C and class weight are chosen inside each train
 
 from __future__ import annotations
 
-import math
+import sys
 import tomllib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -108,7 +108,7 @@ def read_space(path: Path = BUILT_IN) -> Space:
         content = tomllib.loads(path.read_text("utf-8"))
     except OSError as error:
         raise ToktError(f"{path}: {error.strerror}") from None
-    except ValueError as error:  # not TOML, or not UTF-8
+    except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, 1,000 brackets
         raise ToktError(f"{path}: not a TOML file ({error})") from None
     try:
         return _space_from(content, path.parent)
@@ -145,7 +145,7 @@ def _space_from(content: dict[str, Any], folder: Path) -> Space:
 
 
 def _positive(name: str, value: Any) -> float:
-    if type(value) not in (int, float) or not 0 < value < math.inf:
+    if type(value) not in (int, float) or not 0 < value <= sys.float_info.max:
         raise ToktError(f"{name}: a number above 0, not {value!r}")
     return float(value)
 

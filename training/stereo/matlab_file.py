@@ -32,6 +32,8 @@ _MAGIC = b"MATLAB 5.0 MAT-file"
 _MAGIC_73 = b"MATLAB 7.3 MAT-file"
 _HDF5 = b"\x89HDF"
 _LARGEST_BYTES = 64 << 20
+_MOST_MEMORY = 4 << 30
+"""Bytes of address space for reading one: compressed variables can unfold to far more."""
 _BOUGUET_NAMES = (
     *(f"{part}_{side}" for part in ("fc", "cc", "alpha_c", "kc") for side in ("left", "right")),
     *("om", "R", "T", "nx", "ny"),
@@ -52,11 +54,23 @@ def read_matlab_numbers(path: Path | str) -> CalibrationNumbers:
         As `matlab_numbers`, and where scipy crashes.
     """
     path = Path(path)
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as child:
+    context = get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context, initializer=_limit_memory) as child:
         try:
             return child.submit(matlab_numbers, path).result()
         except BrokenProcessPool:
             _damaged(path)
+
+
+def _limit_memory() -> None:
+    """For the process that reads; where the system has no such limit, there is none."""
+    try:
+        import resource
+    except ImportError:
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    if most == resource.RLIM_INFINITY or most > _MOST_MEMORY:
+        resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, most))
 
 
 def _damaged(path: Path) -> NoReturn:

@@ -131,6 +131,9 @@ def test_boxes_on_frames_of_another_mission_are_counted(
     value["images"][1]["file_name"] = "wreck_20.png"
     read = read_coco(_file(tmp_path, value), replace(reading, classes={"fish": "other"}))
     assert "1 box left out: on 1 image not of the mission, such as 'wreck_20.png'" in read.lost
+    value["images"][1]["file_name"] = "wreck" * 1000
+    read = read_coco(_file(tmp_path, value), replace(reading, classes={"fish": "other"}))
+    assert max(map(len, read.lost)) < 200
 
 
 def test_a_label_corrected_elsewhere_and_a_box_drawn_over(

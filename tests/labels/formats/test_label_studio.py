@@ -161,6 +161,7 @@ def _result(value: list[dict[str, Any]]) -> dict[str, Any]:
         (lambda v: v[0]["annotations"][0].update(created_at="now"), "time 'now' is not like"),
         (lambda v: _result(v).pop("original_width"), "original_width None is not a whole number"),
         (lambda v: _result(v).update(original_height=10**7), "a frame of 1810x10000000 pixels"),
+        (lambda v: _result(v).update(original_width=10**400), "original_width 100.* is not a wh"),
         (lambda v: _result(v)["value"].update(x=None), "result 1: x None is not a number"),
         (lambda v: _result(v)["value"].update(x=float("inf")), "x inf is not a number"),
         (lambda v: _result(v)["value"].update(rectanglelabels=[{}]), "is not text"),

@@ -1,0 +1,190 @@
+"""Kinds of changed datagrams, logs, recordings and pictures."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import cv2
+import numpy as np
+from tokt.features.image_file import read_image
+from tokt.inference.frame_line import event_line, frame_line, heartbeat_line
+from tokt.inference.logged_run import open_run
+from tokt.inference.observer import Event
+from tokt.inference.policy import Judgement
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording import FILE_NAME, RECORDING_FORMAT
+from tokt.inference.report import Report
+from tokt.inference.run_start import ModelName, RunStart, UsedFile
+from tokt.inference.shadow_report import read_shadow
+from tokt.inference.sources import Frame
+from tokt.inference.udp import decode, encode_v1, encode_v2
+from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
+
+from .bytes_changes import changed_bytes
+from .case import Files, Kind, write_files
+from .json_changes import changed_json, changed_text, text_of
+from .png_changes import changed_png, some_picture
+
+_RUN = "run-20160420-101112-3fa2c1"
+
+
+def _verdicts() -> list[Verdict]:
+    mask = np.zeros((68, 90), np.uint8)
+    clear = verdict_from_mask(mask, "texture", "m/1", None)
+    mask[10:20, 30:50] = 255
+    seen = verdict_from_mask(mask, "texture", "m/1", 1.5)
+    return [clear, seen, unknown_verdict(Fault(Reason.DARK, "too dark"))]
+
+
+@cache
+def _reports() -> tuple[Report, ...]:
+    return tuple(
+        Report(number, number, 1461147072.25 + number, 3.5, verdict, 4.25)
+        for number, verdict in enumerate(_verdicts(), 1)
+    )
+
+
+# --- datagrams ---
+
+
+@cache
+def _datagrams() -> tuple[bytes, ...]:
+    said = [encode_v1(report.verdict) for report in _reports()]
+    return (*(data for data in said if data is not None), *map(encode_v2, _reports()))
+
+
+def _datagram(rng: Random) -> Files:
+    data = rng.choice(_datagrams())
+    if data.startswith(b"{") and rng.random() < 0.6:
+        return {"datagram": changed_text(json.loads(data), rng)[:65_507]}
+    return {"datagram": changed_bytes(data, rng, _datagrams())[:65_507]}
+
+
+def _read_datagram(files: Files, folder: Path) -> object:
+    """Decode and show it as `tokt listen --json` does."""
+    return json.dumps(decode(files["datagram"]), allow_nan=False)
+
+
+# --- a run's log and its recording ---
+
+
+@cache
+def _events() -> tuple[dict[str, Any], ...]:
+    file = UsedFile("c.yml", "0" * 64)
+    software = {"tokt": "0.1.0", "python": "3.11.7"}
+    start = RunStart("dive", "fallback", model=ModelName("m/1", "1" * 64), calibration=file)
+    fields = {**start.fields(), "software": software}
+    model = {"label": "m/2", "sha256": "2" * 64}
+    return (
+        event_line(_RUN, 0, Event(1461147072.0, "start", "begun", fields)),
+        event_line(_RUN, 2, Event(1461147073.0, "model", "exchanged", model)),
+    )
+
+
+@cache
+def _lines() -> tuple[dict[str, Any], ...]:
+    found = []
+    for report in _reports():
+        left = np.full((9, 9), 40, np.uint8)
+        frame = Frame(report.seq, report.t or 0.0, left, None, timed=True, missed=0)
+        judgement = Judgement(report.verdict, np.zeros((4, 1)), None, 0.0035)
+        line = frame_line(_RUN, frame, judgement, report)
+        found.append({**line, "decision_values": [[0.5], [1.5]]})
+    return (*found, heartbeat_line(_RUN, Report(4, None, None, None, _verdicts()[2])))
+
+
+def _jsonl(lines: list[dict[str, Any]], rng: Random) -> bytes:
+    """The lines, of which one or two are changed, and sometimes all of the bytes."""
+    values: list[Any] = list(lines)
+    for _ in range(rng.choice((1, 1, 2))):
+        at = rng.randrange(len(values))
+        values[at] = changed_json(values[at], rng)
+    data = b"\n".join(map(text_of, values)) + b"\n"
+    return changed_bytes(data, rng, [data]) if rng.random() < 0.3 else data
+
+
+def _log(rng: Random) -> Files:
+    events, frames = (
+        b"".join(text_of(line) + b"\n" for line in some) for some in (_events(), _lines())
+    )
+    if rng.random() < 0.5:
+        events = _jsonl(list(_events()), rng)
+    else:
+        frames = _jsonl(list(_lines()), rng)
+    return {"run.events.jsonl": events, "run.jsonl": frames}
+
+
+def _recording(rng: Random) -> Files:
+    start, model = _events()
+    frames = [
+        {**line, "judged": number, "moment": 1, "files": {"left": f"Left/t_L_{number}.png"}}
+        for number, line in enumerate(_lines()[:3], 1)
+    ]
+    head = {"recording": RECORDING_FORMAT, "run": _RUN}
+    return {f"run/{FILE_NAME}": _jsonl([head, start, *frames[:2], model, frames[2]], rng)}
+
+
+def _read_run(files: Files, folder: Path) -> object:
+    """What `tokt replay` reads before it judges anything."""
+    write_files(files, folder)
+    (name, *_) = sorted(files, reverse=True)
+    path = folder / ("run" if name.startswith("run/") else "run.jsonl")
+    return list(open_run(path).frames())
+
+
+def _shadow(rng: Random) -> Files:
+    kept = ("status", "reason", "mean", "method", "model", "health", "latency_ms")
+    said = [{name: line.get(name) for name in kept} for line in _lines()[:3]]
+    start = {"event": "start", "run": _RUN, "format_version": 1, "policy": "texture", "live": True}
+    lines: list[dict[str, Any]] = [{**start, "challenger": {"label": "c/1", "sha256": "3" * 64}}]
+    lines += [
+        {"run": _RUN, "seq": n, "frame": n, "dropped": 0, "champion": one, "challenger": one}
+        for n, one in enumerate(said, 1)
+    ]
+    return {"shadow.jsonl": _jsonl([*lines, {"event": "end", "run": _RUN, "dropped": 1}], rng)}
+
+
+def _read_shadow(files: Files, folder: Path) -> object:
+    write_files(files, folder)
+    return json.dumps(read_shadow(folder / "shadow.jsonl").to_json(), allow_nan=False)
+
+
+# --- pictures of a mission or a camera ---
+
+
+@cache
+def _pictures() -> dict[str, bytes]:
+    pixels = np.random.default_rng(3).integers(0, 255, (24, 32, 3), np.uint8)
+    return {
+        suffix: cv2.imencode(suffix, pixels)[1].tobytes()
+        for suffix in (".png", ".jpg", ".bmp", ".tif", ".ppm")
+    }
+
+
+def _picture(rng: Random) -> Files:
+    pictures = _pictures()
+    suffix = rng.choice(sorted(pictures))
+    if suffix == ".png" and rng.random() < 0.6:
+        return {"p.png": changed_png(rng.choice((pictures[suffix], some_picture(rng))), rng)}
+    return {f"p{suffix}": changed_bytes(pictures[suffix], rng, list(pictures.values()))}
+
+
+def _read_picture(files: Files, folder: Path) -> object:
+    write_files(files, folder)
+    (name,) = files
+    picture = read_image(folder / name)
+    assert picture.dtype == np.uint8 and picture.ndim in (2, 3) and picture.size
+    return picture
+
+
+KINDS = [
+    Kind("datagram", "more", 50, _datagram, _read_datagram),
+    Kind("run log", "more", 20, _log, _read_run),
+    Kind("recording", "more", 10, _recording, _read_run),
+    Kind("shadow log", "more", 10, _shadow, _read_shadow),
+    Kind("picture", "more", 20, _picture, _read_picture),
+]
