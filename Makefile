@@ -10,7 +10,7 @@ TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
 	for part in features labels training models inference; do \
 	ln -s $(CURDIR)/$$part $(VENV)/tree/tokt/$$part; done
 
-.PHONY: demo test check sanitize format clean
+.PHONY: demo test check sanitize fuzz soak format clean
 
 demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
@@ -50,6 +50,14 @@ sanitize: $(READY)
 		$(BIN)/python -m pytest -q tests/features/test_kernels.py tests/features/test_area.py \
 		tests/features/test_pictures.py tests/features/test_textures.py \
 		tests/features/test_block_matching.py
+
+# Half an hour and more: 10^5 changed bundles, 10^5 changed calibrations, labels and settings.
+fuzz: $(READY)
+	$(BIN)/python -m tests.fuzz
+
+# 10^6 frames through the whole loop, with everything around it; on a machine that does nothing else.
+soak: $(READY)
+	$(BIN)/tokt bench --soak
 
 format: $(READY)
 	$(BIN)/ruff check --fix .

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..features.errors import ToktError
 from ..features.grid import DEFAULT_GRID, Grid
-from .calibration import StereoCalibration
 from .detector import PUSHBROOM, Detector, GridDetector, PatchScorer
-from .disparity import DisparityDetector
-from .matching import BM, MATCHERS
-from .odometry import Odometry
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
-from .pushbroom import PushbroomDetector
-from .rectify import HALF
+from .stereo_ways import BM, HALF, MATCHERS
 from .stopwatch import SYSTEM_STOPWATCH, Stopwatch
 from .texture_slot import TextureSlot
+
+if TYPE_CHECKING:
+    from .calibration import StereoCalibration
+    from .odometry import Odometry
 
 LoadModel = Callable[[], PatchScorer]
 
@@ -59,8 +59,13 @@ class Stereo:
 
     def detector(self, grid: Grid) -> Detector:
         """The detector, its mask as wide as the grid wants it."""
+        # Imported where there are pairs: a runtime without is started sooner.
         if self.way == PUSHBROOM:
+            from .pushbroom import PushbroomDetector
+
             return PushbroomDetector(self.calibration, grid, odometry=self.odometry)
+        from .disparity import DisparityDetector
+
         return DisparityDetector(self.calibration, grid, self.way, self.scale)
 
 

@@ -22,13 +22,14 @@ from .calibration import StereoCalibration
 from .closing import ClosingSpeed
 from .detector import DISPARITY, Detection
 from .frame_check import PATCH_GRID, frame_fault
-from .matching import BM, STEP_PX, DenseMatcher, Matches
+from .matching import STEP_PX, DenseMatcher, Matches
 from .pair_check import pair_fault
 from .reason import NO_FAULT, Fault
-from .rectify import HALF, Rectifier
+from .rectify import Rectifier
 from .row_trim import RowTrim
 from .sources import Frame
 from .stereo_health import PairFault, StereoHealth
+from .stereo_ways import BM, HALF
 from .verdict import STATUS_MEAN_THRESHOLD
 
 NEAR_PERCENTILE = 20.0

@@ -34,9 +34,7 @@ from ..features.errors import ToktError
 from ..features.kernels import KERNELS, Kernels
 from .local_contrast import even_contrast, local_mean_and_sigma
 from .rectify import Rectifier
-
-BM, SGBM = "bm", "sgbm"
-MATCHERS = (BM, SGBM)
+from .stereo_ways import BM, MATCHERS
 
 NEAREST_M, FARTHEST_M = 1.65, 10.6
 """Depths in metres that are searched: disparities 32 to 207 at half the mission's resolution."""

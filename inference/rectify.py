@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from ..features.errors import ToktError
 from .calibration import StereoCalibration
+from .stereo_ways import HALF
 
-HALF = 0.5
-"""Scale of the views: half the camera's resolution."""
 _LEAST_IN_VIEW = 0.5
 """Part of the left frame that has to lie inside its rectified view."""
 

@@ -40,13 +40,14 @@ CASES = [
     "lbp_24_8.frame",
     "haralick.frame",
     "best.frame",
+    "latency.frame_to_udp",
     "extract.dataset",
     "extract.dataset_all_cores",
     "start",
 ]
 
 
-ONE_OF_EACH = Effort(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1)
+ONE_OF_EACH = Effort(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1, latency=1)
 """Enough where no figure is looked at."""
 
 
@@ -93,6 +94,9 @@ def check_a_result_says_what_it_was_measured_on(ran: Any) -> None:
     assert cases["haralick.kernel"]["max_relative_difference"] <= 1e-9
     assert cases["extract.dataset"]["ours_patches_per_s"] > 0
     assert cases["extract.dataset"]["floor_ms"] > 0
+    latency = cases["latency.frame_to_udp"]
+    assert 0 < latency["not_the_detector_median_ms"] < latency["ours_median_ms"]
+    assert latency["ours_p99_ms"] <= latency["ours_max_ms"] and latency["repetitions"] == 1
     if sys.platform != "win32":
         assert cases["start"]["baseline_mb"] > 30 and cases["start"]["ours_mb"] > 20
 

@@ -29,6 +29,7 @@ from .best_case import BestFrame
 from .cases import Case, HaralickKernel, LbpKernel, WholeFrame
 from .chart import chart_png
 from .dataset_cases import measure_extraction
+from .latency_case import measure_latency
 from .measure import SPREAD_IS, Result, single_thread
 from .models import (
     TEXTURES,
@@ -69,6 +70,8 @@ class Effort:
         How often the table is made.
     starts : int
         How often each process is started.
+    latency : int
+        How often each of the timed frames is sent at a camera's rate.
     """
 
     compared: int | None = None
@@ -77,10 +80,11 @@ class Effort:
     files: int = 24
     tables: int = 5
     starts: int = 7
+    latency: int = 15
 
 
 FULL = Effort()
-QUICK = Effort(compared=8, timed=3, rounds=2, files=3, tables=2, starts=2)
+QUICK = Effort(compared=8, timed=3, rounds=2, files=3, tables=2, starts=2, latency=2)
 
 
 @dataclass(frozen=True)
@@ -170,6 +174,8 @@ def measure_in_process(
     for case, shown in [*plan, *((case, timed) for case in frames)]:
         say(f"-- {case.name}")
         results.append(case.measure(shown, effort.rounds))
+    say("-- latency")
+    results.append(measure_latency(TEXTURES[0], models[0], timed, effort.latency))
     return results, len(compared), len(timed)
 
 

@@ -50,7 +50,21 @@ def _remark(case: Result) -> str:
         )
     if "patches_checked" in extras:
         return f"{extras['patches_checked']} patches compared"
+    if "not_the_detector_median_ms" in extras:
+        return _latency_remark(extras)
     return str(extras["of"])
+
+
+def _latency_remark(extras: Mapping[str, Any]) -> str:
+    """The tails, and what the loop adds to the detector."""
+    ours, own = (
+        [_figure(extras[f"{name}_{place}_ms"]) for place in ("median", "p99", "max")]
+        for name in ("ours", "not_the_detector")
+    )
+    return (
+        f"{extras['of']}: p99 {ours[1]}, longest {ours[2]} ms; of it not the detector: median "
+        f"{own[0]}, p99 {own[1]} ms"
+    )
 
 
 def _stereo_remark(extras: Mapping[str, Any]) -> str:

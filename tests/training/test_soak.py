@@ -1,0 +1,153 @@
+"""`tokt bench --soak`: a short one through the real programs, and what its figures are made of."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from tokt.inference.limits import Limits
+from tokt.inference.policy import judge_image
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import Report
+from tokt.inference.udp import encode_v1, encode_v2
+from tokt.inference.verdict import CLEAR, OBSTACLE, Verdict, unknown_verdict, verdict_from_mask
+from tokt.training.bench import soak_extent
+from tokt.training.bench.soak_figures import growth, percentiles_ms
+from tokt.training.bench.soak_plan import EXPECTED, Kind, number_of, plan, time_of
+from tokt.training.bench.soak_receiver import Truth
+from tokt.training.bench.soak_watch import counted
+from tokt.training.bench.soak_world import PICTURES, bundles, dark, near, water
+
+HELD_ON_ANY_MACHINE = {"frames", "datagrams", "verdicts", "heartbeats", "hot reloads", "log"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_a_short_soak(
+    run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    short = replace(soak_extent.QUICK, frames=300, bare_frames=50, kills=0, rest_s=1e-3)
+    short = replace(short, pause_every_s=0.3, pause_s=0.6, exchange_every_s=0.2, log_mb=0.05)
+    short = replace(short, look_every_s=0.2)
+    monkeypatch.setattr(soak_extent, "QUICK", short)
+    ran = run_tokt("bench", "--soak", "--quick", "--json", "--out", tmp_path / "out")
+    found = json.loads(ran.out)
+    checks = {check["name"]: check for check in found["checks"]}
+    assert [checks[name] for name in HELD_ON_ANY_MACHINE if not checks[name]["holds"]] == []
+    assert ran.code == (0 if found["holds"] else 1)
+    assert found["loop"]["summary"]["frames"] == found["heard"]["of_water"] + sum(
+        found["heard"].get(f"of_{kind.name.lower()}", 0) for kind in Kind if kind is not Kind.WATER
+    )
+    assert found["loop"]["pauses"] > 0 and found["heard"]["heartbeats"] > 0
+    assert found["heard"]["compared_v1"] > 250
+    assert found["latency"]["datagrams_out"]["median_ms"] > 0
+    assert found["samples"][-1]["resident"] > 10e6 and found["memory"] is None
+    assert json.loads((tmp_path / "out" / "soak.json").read_text()) == found
+    chart = cv2.imread(str(tmp_path / "out" / "soak.png"))
+    assert chart is not None and min(chart.shape[:2]) > 400
+
+
+@pytest.mark.parametrize("other", ["--scale", "--label", "--effort"])
+def test_a_soak_goes_with_no_other_bench(other: str, run_tokt: Callable[..., Any]) -> None:
+    ran = run_tokt("bench", "--soak", other)
+    assert ran.code == 2 and ran.err.startswith("tokt: error: --soak renders its own frames")
+
+
+def test_the_model_tells_the_pictures_apart() -> None:
+    first, second = bundles(2)
+    assert (first.label, second.label) == ("soak/1", "soak/2") and first.sha256 != second.sha256
+    for draw, status in ((water, CLEAR), (near, OBSTACLE)):
+        said = {judge_image(first, draw(seed)).verdict.status for seed in range(PICTURES)}
+        assert said == {status}
+    assert judge_image(first, dark(3)).verdict.reason is Reason.DARK
+
+
+def test_a_plan_is_the_same_for_all_and_holds_every_kind() -> None:
+    kinds = plan(20_000)
+    assert np.array_equal(kinds[:5000], plan(5000)) and len(kinds) == 20_000
+    assert set(kinds.tolist()) == set(map(int, Kind)) == set(map(int, EXPECTED))
+    assert [number_of(time_of(number)) for number in (0, 1, 999_999)] == [0, 1, 999_999]
+    # A picture is repeated as often as it may be, and only then is it frozen.
+    starts = np.flatnonzero((kinds[1:] == Kind.FROZEN) & (kinds[:-1] != Kind.FROZEN)) + 1
+    repeats = Limits().frozen_repeats
+    for start in starts.tolist():
+        assert set(kinds[start - repeats : start].tolist()) == {int(Kind.SAME)}
+        assert kinds[start - repeats - 1] == Kind.WATER
+
+
+def test_percentiles_are_of_all_times() -> None:
+    times = np.r_[np.full(1990, 0.001), np.full(9, 0.002), 0.5]
+    found = percentiles_ms(times)
+    assert (found["median_ms"], found["max_ms"]) == (1.0, 500.0)
+    assert found["p99.9_ms"] == pytest.approx(2.0) and found["tail"] == pytest.approx(2.0)
+
+
+def test_memory_that_grows_and_memory_that_does_not() -> None:
+    rng = np.random.default_rng(1)
+    frames = np.arange(0.0, 1e6, 1000.0)
+    still = 80e6 + rng.normal(0, 1e6, len(frames))
+    flat = growth(frames, still)
+    assert flat is not None and flat.none_to_be_seen and flat.low < 0 < flat.high
+    grown = growth(frames, still + 5.0 * frames)
+    assert grown is not None and not grown.none_to_be_seen
+    assert grown.low < 5.0 < grown.high and grown.high - grown.low < 1.0
+    assert grown.mb_per_day == pytest.approx(grown.bytes_per_frame * 15 * 86400 / 1e6)
+    # What fills up at the start is no growth.
+    warming = growth(frames, np.minimum(frames * 400, still))
+    assert warming is not None and warming.none_to_be_seen
+    assert growth(frames[:20], still[:20]) is None
+    assert growth(np.zeros(0), np.zeros(0)) is None
+
+
+def report(seq: int, number: int, verdict: Verdict) -> Report:
+    return Report(seq, number, time_of(number), 1.0, verdict, 1.5)
+
+
+CLEAR_VERDICT = verdict_from_mask(np.zeros((135, 180), np.uint8), "texture")
+OBSTACLE_VERDICT = verdict_from_mask(np.full((135, 180), 255, np.uint8), "texture")
+
+
+def hear(truth: Truth, said: Report, now: float, v1: Verdict | None = None) -> None:
+    truth.hear(encode_v2(said), encode_v1(v1 or said.verdict), now)
+
+
+def test_the_receiver_sees_what_is_wrong() -> None:
+    kinds = plan(3000)
+    where = {kind: int(np.flatnonzero(kinds == kind)[0]) for kind in (Kind.WATER, Kind.NEAR)}
+    truth = Truth(3000, 0.7)
+    hear(truth, report(1, 0, CLEAR_VERDICT), 10.0)
+    hear(truth, report(2, where[Kind.NEAR], OBSTACLE_VERDICT), 10.1)
+    assert truth.to_json() == {
+        **{"datagrams": 2, "long_silences": 0, "of_water": 1, "of_near": 1},
+        **{"compared_v1": 2, "different_v1": 0, "last_seq": 2, "unlike_the_plan": None},
+        "longest_silence_s": pytest.approx(0.1),
+    }
+    stale = unknown_verdict(Fault(Reason.STALE, "no frame for 0.5 s"))
+    truth.hear(encode_v2(Report(3, None, time_of(0), None, stale, 600.0)), None, 11.0)
+    assert truth.found["heartbeats"] == 1 and truth.found["long_silences"] == 1
+    hear(truth, report(4, where[Kind.NEAR] + 1, CLEAR_VERDICT), 11.1)
+    assert truth.found["wrong_clear"] == 1
+    hear(truth, report(5, 1, OBSTACLE_VERDICT), 11.2, v1=CLEAR_VERDICT)
+    assert truth.found["wrong_obstacle"] == 1 and truth.found["different_v1"] == 1
+    late = unknown_verdict(Fault(Reason.LATE, "late"))
+    hear(truth, report(6, 2, late), 11.3)
+    assert truth.found["cautious"] == 1
+    hear(truth, report(7, 3, unknown_verdict(Fault(Reason.DARK, "dark"))), 11.4)
+    assert truth.found["other"] == 1
+    hear(truth, report(10, 4, CLEAR_VERDICT), 11.5)
+    hear(truth, report(11, 4, CLEAR_VERDICT), 11.6)
+    assert truth.found["lost"] == 2 and truth.found["no_such_frame"] == 1
+    truth.hear(b"{}", None, 11.7)
+    assert truth.found["unreadable"] == 1
+
+
+def test_counters_are_summed_over_their_labels() -> None:
+    page = 'a_total{x="1"} 2.0\na_total{x="2"} 3.0\na_totals 7.0\n# a_total 9\nb_total 4.0\n'
+    assert (counted(page, "a_total"), counted(page, "b_total"), counted(page, "c")) == (5, 4, 0)

@@ -1,0 +1,93 @@
+"""A soak as a picture: latency over the frames, memory over the frames, and the latency's tail."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .soak_run import Run
+from .soak_verdict import LONGEST_TAIL, Soak
+
+_DPI = 130
+_BLOCKS = 200
+_LINES = {50.0: "median", 99.0: "p99", 99.9: "p99.9", 100.0: "longest"}
+_MARKS = {"model": ("#55a868", "another model"), "model_refused": ("#c44e52", "a model refused")}
+
+
+def chart_png(found: Soak) -> bytes:
+    """Three panels; a PNG file."""
+    figure = Figure(figsize=(10.5, 9.0), layout="constrained")
+    over_time, memory, tail = figure.subplots(3, 1)
+    _draw_latency(over_time, found.whole)
+    _draw_memory(memory, found)
+    _draw_tail(tail, found)
+    extent = found.whole.extent
+    figure.suptitle(
+        f"tokt: {extent.frames} frames in {found.whole.seconds / 60:.1f} minutes, "
+        f"{found.whole.exchanges.switches} hot reloads; {found.about['machine']['cpu']}"
+    )
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI)
+    return buffer.getvalue()
+
+
+def _draw_latency(axes: Any, run: Run) -> None:
+    times = run.latency_s * 1000
+    parts = np.array_split(times, min(_BLOCKS, len(times)))
+    places = np.cumsum([len(part) for part in parts])
+    for percentile, name in _LINES.items():
+        values = [np.percentile(part, percentile) for part in parts]
+        axes.plot(places, values, lw=1.0, label=name)
+    for event, (color, words) in _MARKS.items():
+        label: str | None = words
+        for name, number in run.loop["happened"]:
+            if name == event:
+                axes.axvline(number, color=color, lw=0.7, ls=":", label=label)
+                label = None
+    axes.set_yscale("log")
+    axes.set_ylabel("arrival to datagram, ms")
+    axes.set_xlabel("frame")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, ncols=6, frameon=False, loc="upper right")
+
+
+def _draw_memory(axes: Any, found: Soak) -> None:
+    if found.whole.watch is None:
+        return
+    frames, resident = found.whole.watch.memory()
+    axes.plot(frames, resident / 1e6, lw=0.8, color="#3b75af")
+    grown = found.growth
+    if grown is not None:
+        ends = frames[-1] * (1 - np.linspace(0.8, 0, 2))
+        middle = (grown.first_bytes + grown.last_bytes) / 2 / 1e6
+        rise = grown.bytes_per_frame * (ends - ends.mean()) / 1e6
+        slope = grown.bytes_per_frame * 1e6
+        words = f"{slope:+,.0f} bytes per 10^6 frames"
+        words += f" ({grown.low * 1e6:+,.0f} to {grown.high * 1e6:+,.0f})"
+        axes.plot(ends, middle + rise, color="black", lw=1.0, label=words)
+        axes.legend(fontsize=8, frameon=False)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("memory, MB")
+    axes.set_xlabel("frame")
+    axes.grid(alpha=0.3)
+
+
+def _draw_tail(axes: Any, found: Soak) -> None:
+    for run, name in ((found.whole, "everything around it"), (found.bare, "the bare loop")):
+        times = np.sort(run.latency_s) * 1000
+        share = 1 - np.arange(len(times)) / len(times)
+        axes.plot(times, share, lw=1.2, label=name)
+    median = found.latency["datagrams_out"]["median_ms"]
+    words = f"{LONGEST_TAIL:g} x the median"
+    axes.axvline(LONGEST_TAIL * median, color="0.3", lw=0.9, ls=":", label=words)
+    axes.axhline(1e-3, color="0.3", lw=0.9, ls=":")
+    axes.set_xscale("log")
+    axes.set_xlim(left=median / 3)
+    axes.set_yscale("log")
+    axes.set_xlabel("arrival to datagram, ms")
+    axes.set_ylabel("part of frames that took longer")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, frameon=False)

@@ -1,0 +1,96 @@
+"""What each frame of a soak is: drawn by lot once, and known to whoever checks what is said of it.
+
+Both the program that judges and the one that listens make the same plan of the same seed, so that
+the truth about a frame needs no way from one to the other: its time tells its number.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference.limits import Limits
+from ...inference.reason import Reason
+from ...inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+
+SEED = 7
+_EPOCH_S = 1_700_000_000.0
+_STEP_S = 1e-3
+_STRETCH = (300, 900)
+"""Frames of clear water between two things that happen."""
+_NEAR = (20, 60)
+"""Frames that an obstacle is seen in."""
+_MOST_FAULTY = 4
+_REPEATS = Limits().frozen_repeats
+
+
+class Kind(IntEnum):
+    """What a frame is."""
+
+    WATER = 0
+    NEAR = 1
+    """Something can be hit."""
+    SAME = 2
+    """Clear water, the very pixels of the frame before, as few times as a camera may give them."""
+    FROZEN = 3
+    """The same once more, and more often than that."""
+    DARK = 4
+    TORN = 5
+    """The camera gave only a part of it."""
+    FAILING = 6
+    """Clear water on which the detector raises an exception."""
+
+
+EXPECTED: dict[Kind, tuple[int, Reason]] = {
+    Kind.WATER: (CLEAR, Reason.OK),
+    Kind.NEAR: (OBSTACLE, Reason.OK),
+    Kind.SAME: (CLEAR, Reason.OK),
+    Kind.FROZEN: (UNKNOWN, Reason.FROZEN),
+    Kind.DARK: (UNKNOWN, Reason.DARK),
+    Kind.TORN: (UNKNOWN, Reason.INCOMPLETE),
+    Kind.FAILING: (UNKNOWN, Reason.DETECTOR_FAILED),
+}
+"""Status and reason of the verdict on each."""
+
+
+def plan(frames: int, seed: int = SEED) -> NDArray[np.uint8]:
+    """The kinds of so many frames, by number; the first ones are clear water.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8 of `Kind`, shape (frames,).
+    """
+    rng = np.random.default_rng(seed)
+    parts: list[NDArray[np.uint8]] = []
+    planned = 0
+    faults = (Kind.FROZEN, Kind.DARK, Kind.TORN, Kind.FAILING)
+    while planned < frames:
+        happens = Kind.NEAR if len(parts) % 4 == 0 else faults[rng.integers(len(faults))]
+        parts += [
+            np.full(rng.integers(*_STRETCH), Kind.WATER, np.uint8),
+            _happening(happens, rng),
+        ]
+        planned += len(parts[-1]) + len(parts[-2])
+    return np.concatenate(parts)[:frames]
+
+
+def _happening(kind: Kind, rng: np.random.Generator) -> NDArray[np.uint8]:
+    if kind is Kind.NEAR:
+        return np.full(rng.integers(*_NEAR), kind, np.uint8)
+    faulty = np.full(rng.integers(1, _MOST_FAULTY + 1), kind, np.uint8)
+    if kind is Kind.FROZEN:
+        return np.concatenate([np.full(_REPEATS, Kind.SAME, np.uint8), faulty])
+    return faulty
+
+
+def time_of(number: int) -> float:
+    """Frame time in seconds of the frame with a number."""
+    return _EPOCH_S + _STEP_S * number
+
+
+def number_of(t: float) -> int:
+    """The number of the frame with a time in seconds."""
+    return round((t - _EPOCH_S) / _STEP_S)

@@ -1,0 +1,128 @@
+"""What a soak is run on: small pictures of our own, and a model that tells them apart.
+
+The pictures are of 180x135 pixels and the grid is as wide, so that a frame is judged in less than
+a millisecond and days at sea go into minutes; every step that a large frame needs is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.extractor import Lbp
+from ...features.grid import Grid
+from ...models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from ...models.distribution import LEAST_TYPICAL, Distribution, bin_counts, quantile_edges
+
+WIDTH, HEIGHT = 180, 135
+GRID = Grid(width=WIDTH)
+EXTRACTOR = Lbp(10, 5, "frame")
+PICTURES = 32
+"""Different ones of each kind."""
+
+_LIGHT, _FALL, _CLOUDS = 60.0, 25.0, 4.0
+_COLOUR = (1.2, 1.0, 0.5)
+_GREY, _ROUGH = 90.0, 30.0
+_SMOOTH = 6.0
+"""Pixels over which water is smooth; an obstacle is rough from one pixel to the next."""
+_ROWS, _COLS = 3, 5
+"""Patches that an obstacle covers."""
+_WINDOW, _FACTOR = 60, 16.0
+"""Half of all patches may be another's before it is called drift: obstacles come and go here."""
+
+Picture = NDArray[np.uint8]
+
+
+def water(seed: int) -> Picture:
+    """Open water: light that falls off towards the edges, and clouds in it."""
+    rng = np.random.default_rng((seed, 0))
+    y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
+    clouds = cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), _SMOOTH)
+    light = _LIGHT - _FALL * (x**2 + y**2) / 2 + _CLOUDS * clouds / clouds.std()
+    return np.asarray(np.clip(light[:, :, None] * _COLOUR, 0, 255), np.uint8)
+
+
+def near(seed: int) -> Picture:
+    """The same, and something rough that can be hit."""
+    picture, where = water(seed), obstacle_patches(seed)
+    rng = np.random.default_rng((seed, 1))
+    grey = np.clip(rng.normal(_GREY, _ROUGH, (HEIGHT, WIDTH)), 20, 240).astype(np.uint8)
+    for y0, y1, x0, x1 in GRID.boxes(HEIGHT, WIDTH)[where]:
+        picture[y0:y1, x0:x1] = grey[y0:y1, x0:x1, None]
+    return picture
+
+
+def obstacle_patches(seed: int) -> NDArray[np.bool_]:
+    """Which patches of `near` it covers: bool, shape (n_patches,)."""
+    rng = np.random.default_rng((seed, 2))
+    row, col = rng.integers(GRID.rows - _ROWS + 1), rng.integers(GRID.cols - _COLS + 1)
+    covered = np.zeros((GRID.rows, GRID.cols), bool)
+    covered[row : row + _ROWS, col : col + _COLS] = True
+    return covered.ravel()
+
+
+def dark(seed: int) -> Picture:
+    """The lamp is out."""
+    rng = np.random.default_rng((seed, 3))
+    return np.clip(rng.normal(2, 1, (HEIGHT, WIDTH, 3)), 0, 7).astype(np.uint8)
+
+
+def some(draw: Callable[[int], Picture]) -> list[Picture]:
+    """`PICTURES` different ones of a kind."""
+    return [draw(seed) for seed in range(PICTURES)]
+
+
+def bundles(versions: int) -> list[Bundle]:
+    """So many versions of one model, all of the same weights, learnt from these pictures.
+
+    Raises
+    ------
+    AssertionError
+        If it does not tell all of them apart: then nothing it says of them can be checked.
+    """
+    from ..classifier import fit_classifier, linear_model
+    from ..presets import Choice, settings_named
+
+    shown = [*some(water), *some(near)]
+    rows = np.vstack([EXTRACTOR.describe(picture, GRID) for picture in shown])
+    clear = np.zeros((PICTURES, GRID.n_patches), bool)
+    covered = np.concatenate([clear, [obstacle_patches(seed) for seed in range(PICTURES)]]).ravel()
+    pipeline = fit_classifier(rows, covered.astype(np.int64), Choice(1.0), settings_named("plain"))
+    model = linear_model(pipeline, ("ocean", "other"), (False, True))
+    found = np.asarray(model.obstacle_patches(model.decision_values(rows)))
+    found = found.reshape(2, PICTURES, GRID.n_patches)
+    if found[0].any() or not found[1].any(axis=1).all():
+        raise AssertionError("the soak's model does not tell its pictures apart")
+    golden = [shown[0], shown[-1]]
+    values = np.stack([model.decision_values(EXTRACTOR.describe(one, GRID)) for one in golden])
+    content = BundleContent(
+        name="soak",
+        version="1",
+        extractor_spec=EXTRACTOR.spec,
+        grid=GRID,
+        model=model,
+        provenance={"made_by": "tokt bench --soak"},
+        metrics={},
+        golden=Golden(
+            tuple(cv2.imencode(".png", one)[1].tobytes() for one in golden),
+            values,
+            np.stack([model.obstacle_patches(one) for one in values]),
+        ),
+        trained_on=np.zeros(0, np.uint64),
+        card="Made by tokt bench to run for long; not to be deployed.\n",
+        distribution=_distribution(rows),
+    )
+    return [
+        bundle_from_bytes(bundle_bytes(replace(content, version=str(number))), f"soak/{number}")
+        for number in range(1, versions + 1)
+    ]
+
+
+def _distribution(rows: NDArray[np.float64]) -> Distribution:
+    edges = np.array([quantile_edges(column) for column in rows.T])
+    typical = np.full(len(edges), LEAST_TYPICAL)
+    return Distribution(edges, bin_counts(rows, edges), typical, _FACTOR, _WINDOW, 90, 4)

@@ -1,0 +1,91 @@
+"""A UDP socket in a process of its own that notes when each datagram was there.
+
+Run as ``python -m tokt.training.bench.stamped_receiver``. The port is the first line on standard
+output; when standard input ends, the rest is a JSON list of ``[seconds, datagram]``. The seconds
+are of `time.monotonic`, which all processes of a machine read alike (on Linux, macOS and Windows).
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+from ...features.errors import ToktError
+from ...inference.udp import decode
+
+_LARGEST_DATAGRAM = 65535
+_BUFFER_BYTES = 1 << 20
+_WAIT_S = 0.2
+
+
+class StampedReceiver:
+    """The process, for who measures.
+
+    Attributes
+    ----------
+    port : int
+        On 127.0.0.1.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be started.
+    """
+
+    def __init__(self) -> None:
+        pipe = subprocess.PIPE
+        command = [sys.executable, "-m", __name__]
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+        assert self._process.stdout is not None, "it is a pipe"
+        line = self._process.stdout.readline()
+        if not line.strip().isdigit():
+            raise ToktError("a receiver for the bench's datagrams cannot be started")
+        self.port = int(line)
+
+    def heard(self) -> list[tuple[float, dict[str, Any]]]:
+        """End it; when each datagram was there, and what it says, in order."""
+        said, _ = self._process.communicate("")
+        return [(at, decode(data.encode("ascii"))) for at, data in json.loads(said)]
+
+    def close(self) -> None:
+        """End it, whatever it has heard."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+def main() -> None:
+    """Run as the program."""
+    ended = threading.Event()
+    heard: list[tuple[float, str]] = []
+
+    def wait_for_the_end() -> None:
+        sys.stdin.read()
+        ended.set()
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+        opened.bind(("127.0.0.1", 0))
+        opened.settimeout(_WAIT_S)
+        print(opened.getsockname()[1], flush=True)
+        threading.Thread(target=wait_for_the_end, daemon=True).start()
+        while True:
+            try:
+                data = opened.recv(_LARGEST_DATAGRAM)
+            except TimeoutError:
+                if ended.is_set():
+                    break
+                continue
+            heard.append((time.monotonic(), data.decode("ascii")))
+    print(json.dumps(heard))
+
+
+if __name__ == "__main__":
+    main()
