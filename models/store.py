@@ -277,7 +277,9 @@ class Store:
             if copy is not None and (not entries or copy.number > entries[-1].number):
                 entries.append(copy)
             if entries and entries[-1].number < reading.last_number:
-                raise ToktError(reading.history_damage[-1])  # it may have been a rollback
+                disorder = f"store {self.path}: the history's lines are not in their order"
+                # What is lost or out of place may have been a rollback.
+                raise ToktError([disorder, *reading.history_damage][-1])
         return undo(entries)
 
     def _history_bytes(self) -> bytes:

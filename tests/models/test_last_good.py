@@ -222,6 +222,17 @@ def test_what_a_damaged_history_does_not_say_is_not_taken(
         load_running(store)
 
 
+def test_a_history_whose_lines_are_out_of_order_is_not_gone_back_in(store: Store) -> None:
+    history = store.path / "history.jsonl"
+    lines = history.read_text().splitlines(keepends=True)
+    history.write_text("".join(reversed(lines)))
+    for name in ("active", "active.copy"):
+        (store.path / name).write_text("{")
+    with pytest.raises(ToktError, match="lines are not in their order"):
+        load_running(store)
+    assert store_json(store)["starts_with"] is None
+
+
 def test_a_history_of_a_newer_tokt(store: Store, bundles: dict[str, Bundle]) -> None:
     with (store.path / "history.jsonl").open("a") as handle:
         handle.write('{"format_version": 9}\n')
