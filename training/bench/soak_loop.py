@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import sys
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
@@ -55,6 +57,7 @@ STORE, LOG, RECORD, STATUS = "store", "log/run.jsonl", "record", "status.txt"
 _AROUND = Around(0.02, 0.02)
 """Seconds; at a soak's pace as many frames as two seconds have at a camera's."""
 _RESERVE_MB = 200.0
+_GONE_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -165,7 +168,8 @@ def soak(folder: Path, asked: LoopPlan) -> dict[str, Any]:
             events=events,
             between=tuple if watch is None else watch.exchange,
         )
-        threading.Thread(target=_wait_for_the_end, args=(source.may_end,), daemon=True).start()
+        parent = os.getppid()
+        threading.Thread(target=_wait_for_the_end, args=(source, parent), daemon=True).start()
         gc.freeze()
         print(json.dumps({"metrics_port": around.metrics_port}), flush=True)
         summary = runtime.run()
@@ -180,9 +184,14 @@ def soak(folder: Path, asked: LoopPlan) -> dict[str, Any]:
     }
 
 
-def _wait_for_the_end(may_end: threading.Event) -> None:
+def _wait_for_the_end(source: SoakSource, parent: int) -> None:
+    """Let the last frame be given once the bench says so, and none any more if it has died."""
     sys.stdin.read()
-    may_end.set()
+    source.may_end.set()
+    # Its pipe is closed a moment before it is gone.
+    time.sleep(_GONE_S)
+    if os.getppid() != parent:
+        source.stop()
 
 
 class _Around:
