@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .reason import Fault, Reason
-from .verdict import CLEAR, HEALTHY, OBSTACLE, Verdict, unknown_verdict
+from .verdict import CLEAR, OBSTACLE, Verdict, health_of, unknown_verdict
 
 
 def aged(verdict: Verdict, age_s: float, judging_s: float, stale_s: float) -> Verdict:
@@ -27,7 +27,7 @@ def aged(verdict: Verdict, age_s: float, judging_s: float, stale_s: float) -> Ve
         return verdict
     came_old = age_s - judging_s > stale_s
     reason, word = (Reason.STALE, "stale") if came_old else (Reason.LATE, "late")
-    health = joined(f"{word}: the frame is {1000 * age_s:.0f} ms old", verdict.health)
+    health = health_of(f"{word}: the frame is {1000 * age_s:.0f} ms old", verdict.health)
     if verdict.status == CLEAR:
         return unknown_verdict(Fault(reason, health))
     return replace(verdict, health=health, reason=reason)
@@ -38,11 +38,6 @@ def overloaded(verdict: Verdict, left_out: int) -> Verdict:
     if left_out == 0:
         return verdict
     frames = "1 frame" if left_out == 1 else f"{left_out} frames"
-    health = joined(verdict.health, f"overload: no time for {frames} before this one")
+    health = health_of(verdict.health, f"overload: no time for {frames} before this one")
     reason = Reason.OVERLOAD if verdict.reason is Reason.OK else verdict.reason
     return replace(verdict, health=health, reason=reason)
-
-
-def joined(*words: str) -> str:
-    """Words of a verdict's health one after the other."""
-    return "; ".join(part for part in words if part != HEALTHY)

@@ -20,9 +20,9 @@ from .sources import Frame
 from .stopwatch import SYSTEM_STOPWATCH, Stopwatch
 from .verdict import (
     CLEAR,
-    HEALTHY,
     STATUS_MEAN_THRESHOLD,
     Verdict,
+    health_of,
     unknown_verdict,
     verdict_from_mask,
 )
@@ -110,7 +110,7 @@ class SinglePolicy:
     def judge(self, frame: Frame) -> Judgement:
         """The detector's answer."""
         detection = guarded(self.detector, frame)
-        health = _health(self.note, detection.fault, detection.note)
+        health = health_of(self.note, detection.fault, detection.note)
         return _judgement(detection, health, _reason(detection))
 
 
@@ -173,10 +173,10 @@ class FallbackPolicy:
         found, took_s = self.stopwatch.took(lambda: guarded(self.texture, frame))
         first = self._in_time(found, took_s)
         if first.mask is not None:
-            judgement = _judgement(first, _health(first.note), first.fault.reason)
+            judgement = _judgement(first, health_of(first.note), first.fault.reason)
             return replace(judgement, texture_s=took_s)
         second = guarded(self.disparity, frame)
-        health = _health(_unable(first), _unable(second))
+        health = health_of(_unable(first), _unable(second))
         judgement = _judgement(second, health, _reason(first, second))
         judgement = replace(judgement, features=found.features, texture_s=took_s)
         return _not_clear(judgement) if first.against_clear else judgement
@@ -212,7 +212,7 @@ class EitherPolicy:
     def judge(self, frame: Frame) -> Judgement:
         """Both detectors' answers joined."""
         first, second = guarded(self.texture, frame), guarded(self.disparity, frame)
-        health = _health(*(_unable(found) or found.note for found in (first, second)))
+        health = health_of(*(_unable(found) or found.note for found in (first, second)))
         if first.mask is None or second.mask is None:
             able = second if first.mask is None else first
             judgement = _judgement(able, health, _reason(first, second))
@@ -238,7 +238,3 @@ def _reason(*found: Detection) -> Reason:
     """Of the first that could not judge; that there is no model is said if nothing else is."""
     reasons = [detection.fault.reason for detection in found if detection.mask is None]
     return min(reasons, key=lambda reason: reason is Reason.NO_MODEL, default=Reason.OK)
-
-
-def _health(*faults: str) -> str:
-    return "; ".join(fault for fault in faults if fault) or HEALTHY

@@ -23,7 +23,7 @@ from .policy import Policy
 from .report import Report
 from .sources import Frame, Source
 from .udp import Sender
-from .verdict import CLEAR, OBSTACLE, UNKNOWN
+from .verdict import STATUS_WORDS
 
 POLL_S = 0.1
 """Longest time in seconds that the loop waits for a frame before it looks for anything else."""
@@ -72,7 +72,7 @@ class Summary:
 
     def add(self, report: Report) -> None:
         """Count one frame's report."""
-        name = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}[report.verdict.status]
+        name = STATUS_WORDS[report.verdict.status]
         setattr(self, name, getattr(self, name) + 1)
         self.reasons[report.verdict.reason.value] += 1
         self.frames += 1

@@ -88,6 +88,11 @@ class Verdict:
     mask_size: tuple[int, int] | None = None
 
 
+def health_of(*words: str) -> str:
+    """What is not as it should be, one thing after the other; `HEALTHY` where nothing is."""
+    return "; ".join(part for part in words if part not in ("", HEALTHY)) or HEALTHY
+
+
 def unknown_verdict(fault: Fault) -> Verdict:
     """The verdict on a frame that nothing could judge, and why."""
     return Verdict(

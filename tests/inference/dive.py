@@ -23,13 +23,12 @@ from tokt.inference.reason import NO_FAULT, Fault
 from tokt.inference.runtime import Runtime, Summary
 from tokt.inference.sources import Frame
 from tokt.inference.udp import Sender, UdpSender, decode
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN
 
 from .conftest import NoiseScorer, draw
 from .live import HandSource, Listener
 
 QUICK = Limits(stale_s=0.2, heartbeat_s=0.2)
-WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
 _LONGEST_S = 8.0
 
 
@@ -210,7 +209,7 @@ class Dive:
             what = "-" if one["seq"] in heartbeats else self.truth[one["t"]]
             assert one["status"] != CLEAR or what == "clear", f"a wrong clear: {one}"
             assert one["status"] != UNKNOWN or one["reason"] != "ok"
-            known.append((what, WORDS[one["status"]], one["reason"]))
+            known.append((what, STATUS_WORDS[one["status"]], one["reason"]))
         # v1 says the same, and nothing where nothing is known.
         expected = Counter(one["status"] for one in said if one["status"] != UNKNOWN)
         assert Counter(one["status"] for one in v1) == expected

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ..features.errors import ToktError
 from ..features.mission import parse_frames
@@ -24,10 +23,9 @@ from ..inference.notify import Notifier
 from ..inference.observer import Event
 from ..inference.reload import ModelWatch
 from ..inference.run_start import ModelName, RunStart, used_file
-from ..inference.runtime import Runtime, Summary
+from ..inference.runtime import Runtime
 from ..inference.sources import Source, open_source
 from ..inference.stereo_ways import BM, HALF
-from ..inference.udp import Sender
 from ..inference.watchdog import RESTARTS_VARIABLE
 from ..models.bundle import Bundle, read_bundle
 from ..models.last_good import load_running
@@ -35,6 +33,7 @@ from ..models.store import Store
 from .output import say
 from .run_asked import Asked
 from .run_check import check
+from .run_done import Done
 from .run_outlets import open_onlookers, open_senders
 from .stereo_file import read_calibration_file
 
@@ -64,53 +63,6 @@ class Model:
         """Lines for people."""
         lines = [f"WARNING: {note}" for note in self.notes]
         return lines if self.bundle is None else [*lines, _rule_line(self.bundle)]
-
-
-@dataclass(frozen=True)
-class Done:
-    """A run that has ended.
-
-    Parameters
-    ----------
-    asked : Asked
-    model : Bundle or None
-        What it began with.
-    senders : list of Sender
-    summary : Summary
-    """
-
-    asked: Asked
-    model: Bundle | None
-    senders: list[Sender]
-    summary: Summary
-
-    def words(self) -> str:
-        """One line for people."""
-        summary = self.summary
-        line = (
-            f"{summary.frames} frames in {summary.seconds:.1f} s: {summary.obstacle} obstacle, "
-            f"{summary.clear} clear, {summary.unknown} unknown; {summary.sent} datagrams sent"
-        )
-        if summary.send_failures:
-            reasons = sorted({sender.last_error for sender in self.senders if sender.last_error})
-            line += f", {summary.send_failures} refused ({', '.join(reasons)})"
-        if summary.heartbeats or summary.dropped:
-            line += f"; {summary.heartbeats} heartbeats, no time for {summary.dropped} frames"
-        if summary.log_failures:
-            line += f"; {summary.log_failures} log lines could not be written"
-        return line
-
-    def to_json(self) -> dict[str, Any]:
-        """What ``--json`` prints; without a model its figures are None."""
-        rule = self.model and self.model.operating_point.rule
-        return {
-            "policy": self.asked.policy,
-            "format": self.asked.format_,
-            "model": self.model and self.model.label,
-            "frame_rule": rule and rule.to_json(),
-            "latency_frames": rule and rule.latency_frames,
-            **self.summary.to_json(),
-        }
 
 
 def carry_out(asked: Asked) -> Done:

@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 
 from ...inference.matching import Matches
 from ...inference.rectify import Rectifier
-from ...inference.verdict import CLEAR, HEALTHY, OBSTACLE, UNKNOWN
+from ...inference.verdict import HEALTHY, STATUS_WORDS
 from .contrast import raised
 from .look import DepthRow
 
-STATUS_WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
 _WIDTH = 680
 _DPI = 100
 _OUTSIDE, _BLIND, _UNMATCHED, _FIRST_DEPTH = 0, 1, 2, 3
