@@ -66,7 +66,7 @@ def run(
     given = frozenset(name for name in context.params if _is_written(context, name))
     asked = Asked(**{name: value for name, value in locals().items() if name in Asked.names()})
     if watchdog:
-        raise typer.Exit(_watched())
+        raise typer.Exit(_watched(source))
     done = carry_out(asked)
     say(done.words())
     if as_json:
@@ -79,13 +79,17 @@ def _is_written(context: typer.Context, name: str) -> bool:
     return source is not None and source.name == "COMMANDLINE"
 
 
-def _watched() -> int:
+def _watched(source: str) -> int:
     """Run the same command under a watchdog; its exit code."""
+    from ..features.errors import ToktError
     from ..inference.clock import SYSTEM_CLOCK
+    from ..inference.frame_stream import is_stream_source
     from ..inference.interrupt import stop_on_signal
     from ..inference.notify import Notifier
     from ..inference.watchdog import Watchdog
 
+    if is_stream_source(source):
+        raise ToktError("--watchdog is not for a stream, which may wait as long as it likes")
     arguments = [argument for argument in sys.argv[1:] if argument != _WATCHDOG]
     command = [sys.executable, "-P", "-m", "tokt", *arguments]
     dog = Watchdog(command, lambda line: say(f"watchdog: {line}"), Notifier(SYSTEM_CLOCK))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..features.errors import ToktError
 from ..inference.cameras.open import is_camera_source
+from ..inference.frame_stream import is_stream_source
 from ..inference.run_log import events_path
 from .run_asked import Asked
 
@@ -49,6 +50,8 @@ def check(asked: Asked) -> None:
         _refuse(asked, _FOR_FILES, "recorded frames, not for live cameras")
     else:
         _refuse(asked, _FOR_CAMERAS, "live cameras (--source pymba:ID or genicam:ID)")
+        if is_stream_source(asked.source):
+            _refuse(asked, (*_FOR_FILES, "pixel_format"), "recorded frames, not for a stream")
         if asked.rate is None:
             _refuse(asked, _FOR_REAL_TIME, "live cameras, or recorded frames with --rate")
     if asked.policy == "disparity":

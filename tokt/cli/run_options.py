@@ -11,7 +11,8 @@ SourceOption = Annotated[
     str,
     typer.Option(
         help="A folder of frames, a video file, or live cameras: pymba:ID or genicam:ID, with "
-        "two IDs for the left and the right one: pymba:ID,ID."
+        "two IDs for the left and the right one: pymba:ID,ID. "
+        "Or stream:HOST:PORT, frames of another program (docs/closed_loop.md)."
     ),
 ]
 StoreOption = Annotated[

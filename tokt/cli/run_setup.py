@@ -17,6 +17,7 @@ from ..inference.clock import SYSTEM_CLOCK
 from ..inference.detector import GridDetector
 from ..inference.drift import DriftMonitor
 from ..inference.event_queue import EventQueue
+from ..inference.frame_stream import StreamSource, is_stream_source
 from ..inference.interrupt import stop_on_signal
 from ..inference.limits import Limits
 from ..inference.notify import Notifier
@@ -130,6 +131,8 @@ def _stereo(asked: Asked) -> Stereo | None:
 
 
 def _source(asked: Asked, pairs: Stereo | None, events: EventQueue, opened: ExitStack) -> Source:
+    if is_stream_source(asked.source):
+        return opened.enter_context(closing(StreamSource(asked.source, SYSTEM_CLOCK)))
     if not is_camera_source(asked.source):
         chosen = None if asked.frames is None else parse_frames(asked.frames)
         read_right = pairs is not None
@@ -207,10 +210,11 @@ def _model_watch(
 def _start_event(asked: Asked, model: Model, source: Source, limits: Limits) -> Event:
     """How the run begins, for the log."""
     bundle, stereo = model.bundle, asked.calibration is not None
-    cameras, place = is_camera_source(asked.source), asked.store or asked.bundle
+    is_path = not (is_camera_source(asked.source) or is_stream_source(asked.source))
+    place = asked.store or asked.bundle
     start = RunStart(
         # Whole paths: a replay begins somewhere else.
-        source=asked.source if cameras else str(Path(asked.source).absolute()),
+        source=str(Path(asked.source).absolute()) if is_path else asked.source,
         policy=asked.policy,
         live=source.live,
         limits=limits,

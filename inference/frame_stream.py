@@ -1,0 +1,212 @@
+r"""Frames of another program, such as a simulator, over one TCP connection.
+
+The other program listens; the runtime connects to it. Each frame is one line of JSON in ASCII and
+the bytes of its pictures, the left one first, rows from the top, colours as blue, green, red::
+
+    {"frame":12,"t":1461149301.25,"left":[271,360,3],"right":null,"missed":0}\n<bytes of left>
+
+Every frame is judged, in its turn, however long the next one takes to come: a simulator that waits
+for each verdict goes through the same run each time. For that reason a stream is no live source: it
+has no heartbeat, and a frame of it is never too old.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import select
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..features.errors import ToktError
+from .clock import Clock
+from .reason import NO_FAULT, Fault, Reason
+from .sources import MANY_MISSED, Frame
+from .udp import parse_address
+
+STREAM = "stream:"
+LONGEST_HEADER = 4096
+LARGEST_SIDE = 16_384
+"""Bytes of a header's line, and pixels along a picture's side, that are not refused."""
+CONNECT_S = 10.0
+_STOP_CHECK_S = 0.05
+_READ = 1 << 20
+
+Picture = NDArray[np.uint8]
+
+
+def is_stream_source(text: str) -> bool:
+    """Whether this names a stream, and not a folder or a file."""
+    return text.startswith(STREAM)
+
+
+def encode_frame(
+    number: int, t: float, left: Picture | None, right: Picture | None, missed: int = 0
+) -> bytes:
+    """One frame as it stands in a stream: what the other program sends.
+
+    Parameters
+    ----------
+    number : int
+    t : float
+        Seconds since 1970 (UTC) when it was taken.
+    left, right : array of uint8, shape (height, width) or (height, width, 3), or None
+        None where there is no picture.
+    missed : int
+        Frames between the one before and this one that are not sent.
+    """
+    header = {
+        "frame": number,
+        "t": t,
+        "left": None if left is None else left.shape,
+        "right": None if right is None else right.shape,
+        "missed": missed,
+    }
+    line = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
+    return line + b"".join(picture.tobytes() for picture in (left, right) if picture is not None)
+
+
+class StreamSource:
+    """The frames of a stream, each in its turn.
+
+    Parameters
+    ----------
+    text : str
+        ``stream:HOST:PORT``.
+    clock : Clock
+
+    Raises
+    ------
+    ToktError
+        If it names no address, or nobody answers there.
+    """
+
+    live = False
+
+    def __init__(self, text: str, clock: Clock) -> None:
+        self._where = text
+        self._clock = clock
+        self._stopped = False
+        self._buffer = bytearray()
+        address = parse_address(text.removeprefix(STREAM))
+        try:
+            self._socket = socket.create_connection(address, CONNECT_S)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ToktError(f"nobody sends frames at {text}: {reason}") from None
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Frames until the other side ends the stream between two of them, or `stop` was called.
+
+        Raises
+        ------
+        ToktError
+            If the stream ends within a frame, or what comes is no frame: where the next one
+            begins is then not known.
+        """
+        while (line := self._line()) is not None:
+            header = _header(line, self._where)
+            left, right = (self._picture(header[side]) for side in ("left", "right"))
+            if self._stopped:
+                return
+            yield Frame(
+                header["frame"],
+                header["t"],
+                left,
+                right,
+                _fault("left", left),
+                _fault("right", right),
+                header["missed"],
+                timed=True,
+                arrived=self._clock.monotonic(),
+            )
+
+    def stop(self) -> None:
+        """Deliver no further frame."""
+        self._stopped = True
+
+    def close(self) -> None:
+        """Leave the stream."""
+        self._socket.close()
+
+    def _line(self) -> bytes | None:
+        """The next header's line, or None at the end."""
+        while (end := self._buffer.find(b"\n")) < 0:
+            if len(self._buffer) > LONGEST_HEADER:
+                raise ToktError(f"{self._where} sends no frames: a line of {LONGEST_HEADER} bytes")
+            if not self._receive():
+                if self._buffer and not self._stopped:
+                    raise ToktError(f"{self._where} ended within a frame")
+                return None
+        line = bytes(self._buffer[:end])
+        del self._buffer[: end + 1]
+        return line
+
+    def _picture(self, shape: tuple[int, ...] | None) -> Picture | None:
+        if shape is None:
+            return None
+        size = math.prod(shape)
+        while len(self._buffer) < size:
+            if not self._receive():
+                if self._stopped:
+                    return None
+                raise ToktError(f"{self._where} ended within a frame")
+        pixels = np.frombuffer(self._buffer[:size], np.uint8).reshape(shape)
+        del self._buffer[:size]
+        return pixels
+
+    def _receive(self) -> bool:
+        """Take what has come, waiting for it; False at the end, or when stopped."""
+        while not self._stopped:
+            ready, _, _ = select.select([self._socket], [], [], _STOP_CHECK_S)
+            if not ready:
+                continue
+            try:
+                data = self._socket.recv(_READ)
+            except OSError as error:
+                reason = error.strerror or str(error)
+                raise ToktError(f"{self._where} is lost: {reason}") from None
+            self._buffer += data
+            return bool(data)
+        return False
+
+
+def _fault(side: str, picture: Picture | None) -> Fault:
+    if picture is not None:
+        return NO_FAULT
+    return Fault(Reason.MISSING, f"the stream has no {side} picture")
+
+
+def _header(line: bytes, where: str) -> dict[str, Any]:
+    """A frame's header, held against what it has to be.
+
+    Raises
+    ------
+    ToktError
+    """
+    refused = ToktError(f"{where} sends no frames: {line[:60].decode('ascii', 'replace')!r}")
+    try:
+        header = json.loads(line)
+    except (ValueError, RecursionError):
+        raise refused from None
+    if not isinstance(header, dict):
+        raise refused
+    number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
+    whole = type(number) is int and type(missed) is int and 0 <= missed <= MANY_MISSED
+    if not whole or type(t) not in (int, float) or not abs(t) < math.inf:
+        raise refused
+    sides = {side: header.get(side) for side in ("left", "right")}
+    if not all(shape is None or _is_shape(shape) for shape in sides.values()):
+        raise refused
+    return {"frame": number, "t": float(t), "missed": missed, **sides}
+
+
+def _is_shape(shape: Any) -> bool:
+    if not isinstance(shape, list) or len(shape) not in (2, 3) or shape[2:] not in ([], [3]):
+        return False
+    return all(type(side) is int and 1 <= side <= LARGEST_SIDE for side in shape)

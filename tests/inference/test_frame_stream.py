@@ -1,0 +1,178 @@
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from tokt.features.errors import ToktError
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.frame_stream import LARGEST_SIDE, LONGEST_HEADER, StreamSource, encode_frame
+from tokt.inference.sources import Frame
+from tokt.inference.udp import decode
+
+
+@contextmanager
+def sending(*parts: bytes) -> Iterator[str]:
+    """A program that sends these bytes, one after the other, and ends the stream."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def send() -> None:
+            connection, _ = server.accept()
+            with connection:
+                for part in parts:
+                    connection.sendall(part)
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        yield f"stream:127.0.0.1:{server.getsockname()[1]}"
+        thread.join()
+
+
+def received(*parts: bytes) -> list[Frame]:
+    with sending(*parts) as where, closing(StreamSource(where, SYSTEM_CLOCK)) as source:
+        return list(source)
+
+
+PICTURES = st.none() | arrays(
+    np.uint8, st.one_of(st.tuples(st.integers(1, 9), st.integers(1, 9)),
+                        st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3)))
+)  # fmt: skip
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    frames=st.lists(
+        st.tuples(
+            st.integers(0, 10**9),
+            st.floats(0, 2e9),
+            PICTURES,
+            PICTURES,
+            st.integers(0, 1_000_000),
+        ),
+        max_size=4,
+    ),
+    cut=st.integers(1, 50),
+)
+def test_what_is_sent_is_what_comes(frames: list, cut: int) -> None:  # type: ignore[type-arg]
+    data = b"".join(encode_frame(*frame) for frame in frames)
+    came = received(*(data[at : at + cut] for at in range(0, len(data), cut)))
+    assert len(came) == len(frames)
+    for frame, (number, t, left, right, missed) in zip(came, frames, strict=True):
+        assert (frame.number, frame.t, frame.missed, frame.timed) == (number, t, missed, True)
+        for got, sent in ((frame.left, left), (frame.right, right)):
+            assert (got is None) == (sent is None)
+            assert got is None or sent is None or np.array_equal(got, sent)
+        assert bool(frame.left_fault) == (left is None)
+
+
+def header(**changes: object) -> bytes:
+    whole = {"frame": 1, "t": 0.0, "left": [2, 2], "right": None, "missed": 0}
+    return json.dumps({**whole, **changes}).encode() + b"\n"
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        (header() + b"123", "ended within a frame"),
+        (b'{"frame":1', "ended within a frame"),
+        (b"hello\n", "sends no frames: 'hello'"),
+        (b"[" * 5000, f"a line of {LONGEST_HEADER} bytes"),
+        (b"[" * 3000 + b"\n", "sends no frames"),
+        (header(frame="1"), "sends no frames"),
+        (header(t=None), "sends no frames"),
+        (b'{"frame":1,"t":1e999,"left":null,"right":null}\n', "sends no frames"),
+        (header(left=[2, 2, 4]), "sends no frames"),
+        (header(left=[0, 2]), "sends no frames"),
+        (header(left=[2, LARGEST_SIDE + 1]), "sends no frames"),
+        (header(left=[2, True]), "sends no frames"),
+        (header(missed=-1), "sends no frames"),
+        (b"5\n", "sends no frames"),
+    ],
+)
+def test_what_is_no_frame_ends_the_run(sent: bytes, words: str) -> None:
+    with pytest.raises(ToktError, match=words):
+        received(sent)
+
+
+def test_nobody_there() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(ToktError, match=f"nobody sends frames at stream:127.0.0.1:{port}"):
+        StreamSource(f"stream:127.0.0.1:{port}", SYSTEM_CLOCK)
+
+
+def test_stop_ends_a_wait() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        source = StreamSource(f"stream:127.0.0.1:{server.getsockname()[1]}", SYSTEM_CLOCK)
+        with closing(source), server.accept()[0] as connection:
+            connection.sendall(header())  # its picture never comes
+            threading.Timer(0.2, source.stop).start()
+            assert list(source) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--rate", "5"], "--rate is for recorded frames, not for a stream"),
+        (["--frames", "1-3"], "--frames is for recorded frames, not for a stream"),
+        (["--pixel-format", "Mono8"], "--pixel-format is for recorded frames"),
+        (["--stale", "1"], "--stale is for live cameras"),
+        (["--trigger", "Line1"], "--trigger is for live cameras"),
+        (["--watchdog"], "--watchdog is not for a stream"),
+    ],
+)
+def test_options_that_would_do_nothing(
+    options: list[str], words: str, run_tokt: Callable[..., Any]
+) -> None:
+    ran = run_tokt("run", "--source", "stream:127.0.0.1:9", "--bundle", "x.tokt", *options)
+    assert ran.code == 2 and words in ran.err
+
+
+def test_the_real_runtime_answers_each_frame_with_its_time(bundle_file: Path) -> None:
+    """In lock step: no frame is sent before the verdict on the one before has come."""
+    rng = np.random.default_rng(1)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
+    ):
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(20)
+        stream = f"stream:127.0.0.1:{server.getsockname()[1]}"
+        udp = f"v2@127.0.0.1:{receiver.getsockname()[1]}"
+        process = subprocess.Popen(
+            [
+                *(sys.executable, "-P", "-m", "tokt", "run", "--source", stream, "--udp", udp),
+                *("--bundle", str(bundle_file), "--policy", "texture"),
+            ],
+            stderr=subprocess.PIPE,
+        )
+        try:
+            connection, _ = server.accept()
+            for number in range(1, 4):
+                picture = rng.integers(20, 60, (272, 360, 3)).astype(np.uint8)
+                left = None if number == 2 else picture
+                connection.sendall(encode_frame(number, 1e9 + number / 4, left, None))
+                said = decode(receiver.recv(2000))
+                assert (said["seq"], said["t"]) == (number, 1e9 + number / 4)
+                assert (said["status"] == -1) == (number == 2)
+            time.sleep(0.7)  # it waits, and says nothing by itself
+            receiver.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                receiver.recv(2000)
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(20) == 0
+            connection.close()
+        finally:
+            process.kill()
+            process.communicate()
