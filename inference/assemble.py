@@ -6,9 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..features.errors import ToktError
 from ..features.grid import DEFAULT_GRID, Grid
+from .anchor import Anchor
 from .detector import PUSHBROOM, Detector, GridDetector, PatchScorer
+from .followed import FollowedPolicy
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
 from .stereo_ways import BM, HALF, MATCHERS
 from .stopwatch import SYSTEM_STOPWATCH, Stopwatch
@@ -56,6 +60,15 @@ class Stereo:
             raise ToktError("pushbroom has a scale of its own: leave out --stereo-scale")
         if self.way != PUSHBROOM and self.odometry is not None:
             raise ToktError("odometry is for pushbroom only (--stereo pushbroom)")
+
+    @property
+    def blind_m(self) -> float:
+        """The part of the left picture's width that the right camera does not see, at its left
+        edge, times the distance in metres.
+        """
+        calibration = self.calibration
+        baseline_m = float(np.linalg.norm(calibration.T_mm)) / 1000
+        return float(calibration.K1[0, 0]) * baseline_m / calibration.frame_size[0]
 
     def detector(self, grid: Grid) -> Detector:
         """The detector, its mask as wide as the grid wants it."""
@@ -116,6 +129,7 @@ def assemble(
     stereo: Stereo | None,
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
+    anchor: Anchor | None = None,
 ) -> Assembly:
     """Put the policy of that name together.
 
@@ -131,6 +145,8 @@ def assemble(
         How many threads share one frame's rows of patches; verdicts do not depend on it.
     stopwatch : Stopwatch
         What a policy measures lateness with.
+    anchor : Anchor, optional
+        What is to be held in the picture.
 
     Raises
     ------
@@ -142,10 +158,11 @@ def assemble(
     model, fault = _load(load_model, may_fail=name == "fallback" and stereo is not None)
     grid = DEFAULT_GRID if model is None else model.grid
     disparity = None if stereo is None else stereo.detector(grid)
+    blind_m = 0.0 if stereo is None else stereo.blind_m
     if name == "disparity" and disparity is not None:
-        return Assembly(SinglePolicy(disparity), None, stereo, grid)
+        policy: Policy = FollowedPolicy(SinglePolicy(disparity), None, anchor, blind_m)
+        return Assembly(policy, None, stereo, grid)
     texture = TextureSlot(None if model is None else GridDetector(model, threads), fault)
-    policy: Policy
     if name == "texture":
         policy = SinglePolicy(texture)
     elif disparity is None:
@@ -154,7 +171,7 @@ def assemble(
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
-    return Assembly(policy, texture, stereo, grid)
+    return Assembly(FollowedPolicy(policy, texture, anchor, blind_m), texture, stereo, grid)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

@@ -198,7 +198,9 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
         raise refused
     number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
     whole = type(number) is int and type(missed) is int and 0 <= missed <= MANY_MISSED
-    if not whole or type(t) not in (int, float) or not abs(t) < math.inf:
+    if not whole or isinstance(t, bool) or not isinstance(t, int | float):
+        raise refused
+    if not abs(t) < math.inf:
         raise refused
     sides = {side: header.get(side) for side in ("left", "right")}
     if not all(shape is None or _is_shape(shape) for shape in sides.values()):

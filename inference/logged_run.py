@@ -16,6 +16,10 @@ from .run_log import events_path
 from .run_start import MODEL, START, ModelName, RunStart
 from .verdict import CLEAR, OBSTACLE, UNKNOWN
 
+TREND = ("trend", "trend_confidence", "expansion_contact_s")
+"""The fields that hang on the verdicts of the last seconds."""
+_LATER = (*TREND, "anchor_x", "anchor_y", "anchor_size")
+"""What the logs of an older tokt do not have."""
 VERDICT = (
     "status",
     "reason",
@@ -29,6 +33,7 @@ VERDICT = (
     "method",
     "model",
     "health",
+    *_LATER,
 )
 """The fields of v2 that say what was judged, and not when."""
 
@@ -55,7 +60,7 @@ class LoggedFrame:
     left_out : int
         Frames before it that there was no time for.
     verdict : mapping
-        `VERDICT`, as JSON.
+        `VERDICT`, as JSON, without what an older tokt did not log.
     has_values : bool
     values : list or None
         Whether decision values were logged, and these; None where the frame has none.
@@ -307,7 +312,7 @@ def _frame(line: Mapping[str, Any], where: str) -> LoggedFrame:
 
 
 def _verdict(line: Mapping[str, Any]) -> dict[str, Any]:
-    verdict = {name: line[name] for name in VERDICT}
+    verdict = {name: line[name] for name in VERDICT if name in line or name not in _LATER}
     if verdict["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
         raise ValueError(f"there is no status {verdict['status']!r}")
     if not isinstance(verdict["reason"], str):

@@ -27,15 +27,17 @@ from numpy.typing import NDArray
 from ..features.errors import ToktError
 from ..features.mission import LEFT, RIGHT, Mission
 from .aged import aged, overloaded
+from .anchor import Anchor
 from .assemble import Assembly, Stereo, assemble
 from .detector import TEXTURE, GridDetector, PatchScorer
 from .frame_line import json_values
-from .logged_run import VERDICT, LoggedFrame, LoggedRun
+from .logged_run import TREND, VERDICT, LoggedFrame, LoggedRun
 from .pixel_mark import pixel_mark
 from .policy import Judgement
 from .reason import Fault
 from .report import Report
 from .sources import MANY_MISSED, Frame, read_picture
+from .trend import HORIZON_S
 
 Result = TypeVar("Result")
 
@@ -102,7 +104,8 @@ class Replay:
         load: Callable[[], PatchScorer] | None = self._first_model
         if self.other is None and start.model is None and not start.model_fault:
             load = None
-        assembly = assemble(start.policy, load, self.stereo, stopwatch=stopwatch)
+        anchor = None if start.anchor is None else Anchor(start.anchor)
+        assembly = assemble(start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor)
         if assembly.texture is not None:
             assembly.texture.note = start.model_note
         return assembly
@@ -149,10 +152,11 @@ class Replay:
         self, logged: LoggedFrame, judgement: Judgement, known: _Known, assembly: Assembly
     ) -> Compared:
         fields = self._fields(logged, judgement)
-        compared = list(VERDICT)
-        if self.other is not None:
-            # Whoever judges has another name and other words for it; that is no other verdict.
-            compared = [name for name in VERDICT if name not in ("model", "health")]
+        # Whoever judges has another name and other words for it; that is no other verdict.
+        left_out = () if self.other is None else ("model", "health")
+        if not known.since_start and (assembly.stereo is not None or not known.for_trend):
+            left_out = (*left_out, *TREND)
+        compared = [name for name in logged.verdict if name not in left_out]
         differs = [name for name in compared if repr(fields[name]) != repr(logged.verdict[name])]
         if logged.has_values and self.other is None:
             values = json_values(judgement.decision_values)
@@ -206,12 +210,15 @@ class _Known:
         Every frame of the run.
     for_texture : bool
         As many as the model's frame rule looks at.
+    for_trend : bool
+        As many as a trend looks at.
     broken : bool
         Whether it is the first one after frames that are not known.
     """
 
     since_start: bool
     for_texture: bool
+    for_trend: bool
     broken: bool
 
     def frame(self, frame: Frame) -> Frame:
@@ -226,12 +233,14 @@ class _History:
         self._window = window
         self._places = math.inf
         self._since_start = True
+        self._since_s = -math.inf
         self._broken = False
 
     def begin_model(self, window: int) -> None:
         """Another model, which knows of no frame before."""
         self._window = window
         self._places = math.inf
+        self._since_s = -math.inf
 
     def take_in(self, logged: LoggedFrame, shown: bool) -> _Known:
         """What is known before this frame; whether it is shown is for those after it."""
@@ -239,10 +248,12 @@ class _History:
         if broken:
             self._since_start = False
             self._places = 0
+            self._since_s = logged.t
         places = self._places + logged.missed
         self._places = places + 1
         self._broken = not shown
-        return _Known(self._since_start, places >= self._window - 1, broken)
+        for_trend = logged.t - self._since_s >= HORIZON_S
+        return _Known(self._since_start, places >= self._window - 1, for_trend, broken)
 
 
 class _LoggedStopwatch:

@@ -67,6 +67,12 @@ class Report:
             "contact_s": _finite(verdict.contact_s),
             "reason": verdict.reason.value,
             "age_ms": _finite(self.age_ms),
+            "trend": verdict.trend,
+            "trend_confidence": _finite(verdict.trend_confidence),
+            "expansion_contact_s": _finite(verdict.expansion_contact_s),
+            "anchor_x": _finite(verdict.anchor_x),
+            "anchor_y": _finite(verdict.anchor_y),
+            "anchor_size": _finite(verdict.anchor_size),
         }
 
 

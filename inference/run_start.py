@@ -113,6 +113,8 @@ class RunStart:
         The model's, as JSON.
     record : str or None
         Where frames are recorded.
+    anchor : float or None
+        Share of the picture at which an object is to be held.
     software : mapping
         As `software` gives it.
     """
@@ -133,6 +135,7 @@ class RunStart:
     threads: int = 1
     frame_rule: Mapping[str, Any] | None = None
     record: str | None = None
+    anchor: float | None = None
     software: Mapping[str, str] = field(default_factory=software)
 
     def fields(self) -> dict[str, Any]:
@@ -168,6 +171,7 @@ def _read(value: Mapping[str, Any]) -> RunStart:
         if text is not None:
             _text(text)
     scale = value["stereo_scale"]
+    anchor = value.get("anchor")  # not in the first logs
     model, calibration, odometry = (value[name] for name in ("model", "calibration", "odometry"))
     return RunStart(
         **texts,
@@ -180,6 +184,7 @@ def _read(value: Mapping[str, Any]) -> RunStart:
         odometry=_file(odometry),
         threads=int(value["threads"]),
         frame_rule=value["frame_rule"],
+        anchor=None if anchor is None else float(anchor),
         software={_text(name): _text(text) for name, text in value["software"].items()},
     )
 

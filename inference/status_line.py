@@ -19,7 +19,7 @@ from .clock import Clock
 from .observer import Event, Observer
 from .reason import Reason
 from .run_counts import RunCounts
-from .verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN
+from .verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.2
 """Between two updates."""
+SURE = 0.9
+"""Least confidence of a trend that is shown: the line is read at a glance."""
 
 _RATE_OVER_S = 2.0
 _MOST_WAITING = 200
@@ -116,8 +118,7 @@ class StatusLine(Observer):
             return Text("waiting for the first frame")
         verdict = newest.verdict
         line = Text(STATUS_WORDS[verdict.status], _STYLES[verdict.status])
-        if verdict.distance_m is not None:
-            line.append(f" {verdict.distance_m:.1f} m")
+        line.append(_nearness(verdict))
         if verdict.reason is not Reason.OK:
             line.append(f" ({verdict.reason.value})")
         for words in list(counts.warnings.values()):
@@ -155,6 +156,16 @@ class StatusLine(Observer):
             self._seen.popleft()
         (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
+
+
+def _nearness(verdict: Verdict) -> str:
+    """How far away it is, and whether it comes nearer, as far as that is known."""
+    words = "" if verdict.distance_m is None else f" {verdict.distance_m:.1f} m"
+    if verdict.trend is not None and (verdict.trend_confidence or 0.0) >= SURE:
+        words += f" {verdict.trend}"
+    if verdict.expansion_contact_s is not None:
+        words += f", contact in {verdict.expansion_contact_s:.0f} s"
+    return words
 
 
 def _has_cursor(stream: TextIO) -> bool:

@@ -112,6 +112,12 @@ def _contract_fields(value: Any) -> dict[str, Any]:
         "contact_s": (number, True),
         "reason": (text, False),
         "age_ms": (number, True),
+        "trend": (text, True),
+        "trend_confidence": (number, True),
+        "expansion_contact_s": (number, True),
+        "anchor_x": (number, True),
+        "anchor_y": (number, True),
+        "anchor_size": (number, True),
     }
     for name, (types, optional) in {**contract, **added}.items():
         fits = _fits(value[name], types, optional) if name in value else name in added

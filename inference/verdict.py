@@ -71,6 +71,14 @@ class Verdict:
         stands had to do without.
     mask_size : (height, width) or None
         Of the mask that `x`, `y` and `box` are in, in pixels.
+    trend : {"growing", "steady", "shrinking"} or None
+        Of the mean over the last seconds, where it is known.
+    trend_confidence : float or None
+        How sure that is, 0.5..1.
+    expansion_contact_s : float or None
+        Seconds until what is seen is reached, from how the mean grows (`tokt.inference.trend`).
+    anchor_x, anchor_y, anchor_size : float or None
+        How far what is seen is from where it is to be held (`tokt.inference.anchor`).
     """
 
     status: int
@@ -86,6 +94,12 @@ class Verdict:
     contact_s: float | None = None
     reason: Reason = Reason.OK
     mask_size: tuple[int, int] | None = None
+    trend: str | None = None
+    trend_confidence: float | None = None
+    expansion_contact_s: float | None = None
+    anchor_x: float | None = None
+    anchor_y: float | None = None
+    anchor_size: float | None = None
 
 
 def health_of(*words: str) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 from tokt.features.mission import open_mission
+from tokt.inference.anchor import Anchor
 from tokt.inference.assemble import Assembly, Stereo, assemble
 from tokt.inference.clock import Clock
 from tokt.inference.detector import GridDetector
@@ -96,7 +97,8 @@ def log_run(
     """Run a source to its end, with a log; its run's id."""
     run = new_run_id(clock)
     load = model if callable(model) else lambda: model
-    assembly = assemble(start.policy, load, stereo, stopwatch=stopwatch)
+    anchor = None if start.anchor is None else Anchor(start.anchor)
+    assembly = assemble(start.policy, load, stereo, stopwatch=stopwatch, anchor=anchor)
     watching = [RunLog(log, run, values=values), *observers(run)]
     if assembly.texture is not None:
         assembly.texture.note = start.model_note

@@ -18,8 +18,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tokt.features.errors import ToktError
+from tokt.inference.anchor import Anchor
+from tokt.inference.followed import in_whole
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import HEALTH_BYTES, Report
+from tokt.inference.trend import GROWING
 from tokt.inference.udp import decode, encode_v1, encode_v2
 from tokt.inference.verdict import Verdict, unknown_verdict
 
@@ -213,7 +216,7 @@ def test_no_v2_datagram_is_larger_than_labview_reads() -> None:
         verdict = Verdict(
             *(1, -99999, -99999, (99999, 99999, 99999, 99999), far),
             *(far, "texture+disparity+pushbroom", f"{name}/{name}", words),
-            *(far, far, Reason.DETECTOR_FAILED),
+            *(far, far, Reason.DETECTOR_FAILED, None, "shrinking", *[far] * 5),
         )
         data = encode_v2(Report(10**15, 412, far, far, verdict, far))
         assert len(data) <= ETHERNET < MAX_SIZE
@@ -226,6 +229,19 @@ def test_a_name_of_ascii_is_whole() -> None:
     label = "n" * 100 + "/" + '"' * 100
     fields = decode(encode_v2(report(Verdict(0, 0, 0, None, 0.0, None, "texture", label))))
     assert fields["model"] == label
+
+
+@pytest.mark.parametrize("page", [UDP, LABVIEW], ids=["udp", "labview"])
+def test_the_example_s_anchor_is_what_its_box_and_mean_come_to(page: str) -> None:
+    (example,) = (decode(line.encode()) for line in lines_of(page, "{") if '"status":1' in line)
+    verdict = Verdict(
+        *(1, example["x"], example["y"], tuple(example["box"]), example["mean"], None),
+        *("disparity", None),
+        mask_size=(271, 360),
+    )
+    names = ("anchor_x", "anchor_y", "anchor_size")
+    assert tuple(example[name] for name in names) == Anchor(0.1).errors(verdict)
+    assert example["trend"] == GROWING and in_whole(verdict)
 
 
 def test_the_reference_decoder_of_the_page_works() -> None:

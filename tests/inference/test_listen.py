@@ -194,3 +194,17 @@ def test_the_command_tells_silence_and_loss(
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert (process.returncode, out, err) == (0, "", "2 datagrams are missing\n")
+
+
+def test_a_trend_is_shown_in_words() -> None:
+    verdict = Verdict(
+        *(1, 3, 4, None, 9.0, None, "texture", "m/1"),
+        trend="growing",
+        trend_confidence=0.962,
+        expansion_contact_s=10.37,
+        anchor_size=-0.363,
+    )
+    heard = Watch(0.0, None).heard("1.2.3.4:5", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0)
+    told = "trend=growing  trend_confidence=0.962  expansion_contact_s=10.37  anchor_size=-0.363"
+    assert as_words(heard).endswith(told)
+    assert json.loads(as_json(heard))["anchor_x"] is None

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tokt.features.errors import ToktError
 from tokt.inference.limits import Limits
-from tokt.inference.logged_run import LoggedFrame, open_run
+from tokt.inference.logged_run import VERDICT, LoggedFrame, open_run
 from tokt.inference.run_start import ModelName, RunStart, UsedFile
 from tokt.inference.shadow_report import read_shadow
 
@@ -26,6 +26,10 @@ FRAME = {
     "closing_m_s": None, "contact_s": None, "reason": "ok", "age_ms": 5.7, "run": "r", "frame": 17,
     "missed": 0, "left_out": 0, "timed": True, "texture_s": 0.0031, "left": "0123abcd",
     "right": {"reason": "missing", "words": "not read"},
+}  # fmt: skip
+TODAY = {
+    **FRAME, "trend": "growing", "trend_confidence": 0.962, "expansion_contact_s": 10.37,
+    "anchor_x": 0.667, "anchor_y": 0.259, "anchor_size": -0.363,
 }  # fmt: skip
 SHADOW = [
     {
@@ -71,6 +75,7 @@ def test_a_start_reads_back_as_it_was() -> None:
         frame_rule={"hits": 1},
         record="/rec",
         model_fault="none",
+        anchor=0.1,
     )
     fields = json.loads(json.dumps({**START, **start.fields()}))
     assert RunStart.from_fields(fields, "a log") == start
@@ -87,6 +92,15 @@ def test_the_first_format_of_a_start_is_still_read() -> None:
     }  # fmt: skip
     start = RunStart.from_fields(first, "a log")
     assert (start.model, start.models_from, start.model_note) == (MODEL, "/noise-7.tokt", "")
+    assert start.anchor is None
+
+
+def test_yesterday_s_line_is_read_with_what_it_has(tmp_path: Path) -> None:
+    log = log_of(tmp_path, [FRAME, {**TODAY, "seq": 2}], [{**START, **started().fields()}])
+    yesterday, today = read(log)
+    added = set(VERDICT) - set(yesterday.verdict)
+    assert added == set(TODAY) - set(FRAME) and set(today.verdict) == set(VERDICT)
+    assert today.verdict["trend"] == "growing"
 
 
 def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path: Path) -> None:
@@ -139,7 +153,7 @@ def shadow_shown(log: Path) -> None:
 @settings(max_examples=30, deadline=None)
 @given(data=st.data())
 def test_any_value_anywhere_is_read_or_refused(folder: Path, data: st.DataObject) -> None:
-    lines = [{**START, **started().fields()}, FRAME, *SHADOW]
+    lines = [{**START, **started().fields()}, TODAY, *SHADOW]
     place = data.draw(st.integers(0, len(lines) - 1))
     changed = dict(lines[place])
     key = data.draw(st.sampled_from([*changed, "format_version"]))

@@ -11,6 +11,7 @@ from tokt.features.grid import Grid
 from tokt.inference.assemble import Stereo, assemble, build_policy
 from tokt.inference.detector import Detection, GridDetector
 from tokt.inference.disparity import DisparityDetector
+from tokt.inference.followed import FollowedPolicy
 from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
 from tokt.inference.pushbroom import PushbroomDetector
 from tokt.inference.reason import Fault, Reason
@@ -244,9 +245,11 @@ def test_texture_needs_a_model(name: str) -> None:
 def test_the_names_are_fixed(noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="unknown policy 'both'"):
         build_policy("both", lambda: noise_scorer, STEREO)
-    assert isinstance(build_policy("disparity", None, STEREO), SinglePolicy)
-    assert isinstance(build_policy("either", lambda: noise_scorer, STEREO), EitherPolicy)
-    assert isinstance(build_policy("fallback", lambda: noise_scorer, STEREO), FallbackPolicy)
+    kinds = {"disparity": SinglePolicy, "either": EitherPolicy, "fallback": FallbackPolicy}
+    for name, kind in kinds.items():
+        load = None if name == "disparity" else lambda: noise_scorer
+        policy = build_policy(name, load, STEREO)
+        assert isinstance(policy, FollowedPolicy) and isinstance(policy.policy, kind)
 
 
 @pytest.mark.parametrize("threads", [0, -1])

@@ -264,6 +264,83 @@ def test_a_run_that_began_without_a_model_comes_out_the_same(
     assert found["same"] and found["compared"] == 4, found
 
 
+GROWING = [[(r, c) for r in range(5 - n, 5 + n) for c in range(5 - n, 5 + n)] for n in (1, 2, 3)]
+APPROACH = [GROWING[min(index // 6, 2)] for index in range(44)]
+
+
+def log_approach(folder: Path, bundle: Path, log: Path, clock: Any, switch: Any = None) -> None:
+    """Four frames a second of a thing that grows, flickers, and then stays."""
+    start = texture_start(folder, bundle, anchor=0.1)
+    source = mission_source(folder, clock, rate=4.0)
+    log_run(source, start, log, clock, read_bundle(bundle), switch=switch)
+
+
+@pytest.fixture
+def approach(make_mission: Mission) -> Path:
+    folder = make_mission([[] if index in (9, 13) else at for index, at in enumerate(APPROACH)])
+    (folder / "Left" / "t_L_12.jpg").write_bytes(b"no picture")
+    return folder
+
+
+def test_a_trend_comes_out_the_same_after_flicker_and_an_exchange(
+    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
+    run_tokt: Callable[..., Any],
+) -> None:  # fmt: skip
+    log = tmp_path / "run.jsonl"
+    switch = Switch(hand_clock, {21: read_bundle(bundle_file)})
+    log_approach(approach, bundle_file, log, hand_clock, switch)
+    said = [line["trend"] for line in lines(log)]
+    assert said[8:20] == ["growing", None, "growing", None, "growing", None, *["growing"] * 6]
+    assert said[20:24] == [None] * 4 and said[-1] == "steady"  # the same model, put in anew
+    assert any(line["expansion_contact_s"] is not None for line in lines(log))
+    assert lines(log)[0]["anchor_size"] is not None
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["compared"] == len(APPROACH), found
+    # What was said is compared: a trend that was another is told.
+    write_lines(log, [{**line, "trend": line["trend"] and "steady"} for line in lines(log)])
+    found = replayed(run_tokt, log, code=1)
+    assert found["figures_differ"] == said.count("growing")
+    assert found["differences"][0]["fields"] == ["trend"]
+
+
+def test_after_lost_lines_a_trend_is_compared_once_its_seconds_are_known(
+    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
+    run_tokt: Callable[..., Any],
+) -> None:  # fmt: skip
+    log = tmp_path / "run.jsonl"
+    log_approach(approach, bundle_file, log, hand_clock)
+    kept = lines(log)
+    del kept[15]
+    write_lines(log, kept)
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["compared"] == len(APPROACH) - 1, found
+    # 4.25 s are 17 frames: from the 33rd on it is compared again.
+    for place, code in ((31, 0), (32, 1)):
+        write_lines(log, [*kept[:place], {**kept[place], "trend": "shrinking"}, *kept[place + 1 :]])
+        replayed(run_tokt, log, code=code)
+
+
+def test_a_log_of_before_there_were_trends_comes_out_the_same(
+    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
+    run_tokt: Callable[..., Any],
+) -> None:  # fmt: skip
+    log = tmp_path / "run.jsonl"
+    log_approach(approach, bundle_file, log, hand_clock)
+    new = ("trend", "trend_confidence", "expansion_contact_s", "anchor_x", "anchor_y")
+    for path in (log, events_path(log)):
+        write_lines(
+            path,
+            [
+                {name: value for name, value in line.items() if name not in (*new, "anchor_size")}
+                for line in lines(path)
+            ],
+        )
+    begin = lines(events_path(log))[0]
+    write_lines(events_path(log), [{k: v for k, v in begin.items() if k != "anchor"}])
+    found = replayed(run_tokt, log)
+    assert found["same"] and found["same_to_the_bit"] == len(APPROACH), found
+
+
 def test_a_recording_is_compared_where_enough_of_it_is_known(
     draw_frame: Any, ruled: Path, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
 ) -> None:

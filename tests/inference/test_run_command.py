@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from tokt.inference.udp import decode
 from tokt.models.bundle import read_bundle
 from tokt.models.store import Store
 
@@ -91,6 +92,30 @@ def test_a_store_s_active_model_runs_to_two_receivers(
     assert both[0]["model"] == "noise/7" and both[0]["health"] == "ok" and both[0]["status"] == 1
 
 
+def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
+    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
+) -> None:
+    folder, log = make_mission([[(6, 2), (6, 3)], []]), tmp_path / "log.jsonl"
+    done = tokt(
+        *("run", "--bundle", bundle_file, "--source", folder, "--policy", "texture"),
+        *("--udp", f"v2@127.0.0.1:{receiver.getsockname()[1]}", "--anchor", "0.02", "--log", log),
+    )
+    assert done.returncode == 0, done.stderr
+    sent = [decode(receiver.recv(4096)) for _ in range(2)]
+    assert (sent[0]["anchor_x"], sent[0]["anchor_size"]) == pytest.approx((-0.4, 0.0), abs=0.01)
+    assert sent[0]["anchor_y"] > 0.25
+    assert [sent[1][f"anchor_{name}"] for name in ("x", "y", "size")] == [None] * 3
+    assert [line["anchor_x"] for line in lines(log)] == [fields["anchor_x"] for fields in sent]
+    again = tokt("replay", log, "--json")
+    assert again.returncode == 0 and json.loads(again.stdout)["same_to_the_bit"] == 2
+    events = tmp_path / "log.events.jsonl"
+    start_event = json.loads(events.read_text().splitlines()[0])
+    assert start_event["anchor"] == 0.02
+    events.write_text(json.dumps({**start_event, "anchor": 0.04}) + "\n")
+    other = tokt("replay", log)
+    assert other.returncode == 1 and "anchor_size" in other.stdout
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_cleanly(
     make_mission: Callable[..., Path],
@@ -138,6 +163,9 @@ def test_ctrl_c_ends_cleanly(
             ["--shadow", "B", "--shadow-log", "a.events.jsonl", "--log", "a.jsonl"],
             "--shadow-log names a file that --log writes",
         ),
+        (["--bundle", "B", "--anchor", "0.1"], "--anchor is of no use without a receiver of v2"),
+        (["--bundle", "B", "--anchor", "0.1", "--udp", "v1@127.0.0.1:9", "--format", "v2"], "v2"),
+        (["--bundle", "B", "--anchor", "2", "--format", "v2"], "0.01 to 0.9, not 2"),
         (["--bundle", "B", "--stale", "0.5"], "--stale is for live cameras, or recorded"),
         (["--bundle", "B", "--ptp"], "--ptp is for live cameras"),
         (["--bundle", "B", "--source", "pymba:0", "--rate", "3"], "--rate is for recorded"),

@@ -88,6 +88,14 @@ def tell(counts: RunCounts, verdict: Verdict, seq: int = 1, **more: Any) -> None
     counts.judged(Frame(seq, 1.0, None, None), Judgement(verdict), report)
 
 
+def test_a_trend_that_is_sure_and_a_time_to_contact_are_shown(hand_clock: Any) -> None:
+    counts = RunCounts(hand_clock)
+    tell(counts, replace(OBSTACLE, trend="growing", trend_confidence=0.95, expansion_contact_s=7.6))
+    assert "obstacle 2.3 m growing, contact in 8 s" in text_of(counts, hand_clock)
+    tell(counts, replace(OBSTACLE, trend="growing", trend_confidence=0.85))
+    assert "growing" not in text_of(counts, hand_clock)
+
+
 def text_of(counts: RunCounts, clock: Any, columns: int = 500, **more: Any) -> str:
     """The line as it would be shown."""
     read, write = os.pipe()

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tokt.features.errors import ToktError
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
+from tokt.inference.trend import TRENDS
 from tokt.inference.udp import (
     Receiver,
     UdpSender,
@@ -95,7 +96,8 @@ def test_v2_has_the_fields_of_the_design() -> None:
     fields = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
     assert " ".join(fields) == (
         "v seq t status x y box mean distance_m method model latency_ms health "
-        "closing_m_s contact_s reason age_ms"
+        "closing_m_s contact_s reason age_ms trend trend_confidence expansion_contact_s "
+        "anchor_x anchor_y anchor_size"
     )
 
 
@@ -124,6 +126,12 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
         closing_m_s=st.none() | any_float,
         contact_s=st.none() | any_float,
         reason=st.sampled_from(Reason),
+        trend=st.none() | st.sampled_from(TRENDS),
+        trend_confidence=st.none() | any_float,
+        expansion_contact_s=st.none() | any_float,
+        anchor_x=st.none() | any_float,
+        anchor_y=st.none() | any_float,
+        anchor_size=st.none() | any_float,
     ),
     any_float,
     any_float,
@@ -219,6 +227,10 @@ def test_garbage_is_refused_in_one_way(data: bytes) -> None:
         {"age_ms": True},
         {"age_ms": 10**400},
         {"closing_m_s": "fast"},
+        {"trend": 1},
+        {"trend_confidence": "high"},
+        {"expansion_contact_s": True},
+        {"anchor_x": [0.5]},
     ],
 )
 def test_v2_outside_the_contract_is_refused(change: dict[str, Any]) -> None:
@@ -227,7 +239,7 @@ def test_v2_outside_the_contract_is_refused(change: dict[str, Any]) -> None:
         decode(json.dumps({**good, **change}).encode())
 
 
-@pytest.mark.parametrize("later", ["closing_m_s", "contact_s", "reason", "age_ms"])
+@pytest.mark.parametrize("later", list(good)[13:])
 def test_an_older_sender_need_not_know_what_came_later(later: str) -> None:
     old = {name: value for name, value in good.items() if name != later}
     assert decode(json.dumps(old).encode()) == {**good, later: None}

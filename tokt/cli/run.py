@@ -23,6 +23,7 @@ def run(
     stereo_scale: options.StereoScaleOption = 0.5,
     odometry: options.OdometryOption = None,
     policy: options.PolicyOption = "fallback",
+    anchor: options.AnchorOption = None,
     udp: options.UdpOption = None,
     format_: options.FormatOption = "v1",
     mavlink: options.MavlinkOption = None,

@@ -23,6 +23,7 @@ class Asked:
     stereo_scale: float
     odometry: Path | None
     policy: str
+    anchor: float | None
     udp: list[str] | None
     format_: str
     mavlink: list[str] | None

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from ..features.errors import ToktError
+from ..inference.anchor import Anchor
 from ..inference.cameras.open import is_camera_source
 from ..inference.frame_stream import is_stream_source
 from ..inference.run_log import events_path
+from ..inference.udp import parse_receiver, version_of
 from .run_asked import Asked
 
 _LOGS = ("log", "shadow_log")
@@ -46,6 +48,7 @@ def check(asked: Asked) -> None:
         taken = {path.absolute() for path in (asked.log, events_path(asked.log))}
         if asked.shadow_log.absolute() in taken:
             raise ToktError("--shadow-log names a file that --log writes: give it one of its own")
+    _check_anchor(asked)
     if is_camera_source(asked.source):
         _refuse(asked, _FOR_FILES, "recorded frames, not for live cameras")
     else:
@@ -56,6 +59,20 @@ def check(asked: Asked) -> None:
             _refuse(asked, _FOR_REAL_TIME, "live cameras, or recorded frames with --rate")
     if asked.policy == "disparity":
         _refuse(asked, ("threads",), "the policies that use a model")
+
+
+def _check_anchor(asked: Asked) -> None:
+    """Refuse a share that cannot be held, and one of which nobody would hear."""
+    if asked.anchor is None:
+        return
+    Anchor(asked.anchor)
+    version = version_of(asked.format_)
+    versions = {parse_receiver(text, version).version for text in asked.udp or []} or {version}
+    if versions == {1} and asked.log is None and asked.record is None:
+        raise ToktError(
+            "--anchor is of no use without a receiver of v2 (--format v2 or --udp v2@HOST:PORT), "
+            "--log or --record"
+        )
 
 
 def _refuse(asked: Asked, names: tuple[str, ...], what_for: str) -> None:

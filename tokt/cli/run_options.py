@@ -56,6 +56,14 @@ PixelFormatOption = Annotated[
         "raw pixels, Mono8, BayerRG8, BayerGR8, BayerGB8 or BayerBG8."
     ),
 ]
+AnchorOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SIZE",
+        help="Share of the frame that an object is to cover, such as 0.1: v2 and the log then say "
+        "how far it is from that, and from the centre.",
+    ),
+]
 
 UdpOption = Annotated[
     list[str] | None,

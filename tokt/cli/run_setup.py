@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..features.errors import ToktError
 from ..features.mission import parse_frames
+from ..inference.anchor import Anchor
 from ..inference.assemble import Assembly, Stereo, assemble
 from ..inference.cameras.open import is_camera_source
 from ..inference.clock import SYSTEM_CLOCK
@@ -82,7 +83,8 @@ def carry_out(asked: Asked) -> Done:
         source = _source(asked, pairs, events, opened)
         senders = open_senders(asked, pairs, opened)
         model = _model(asked)
-        assembly = assemble(asked.policy, model.load, pairs, asked.threads)
+        anchor = None if asked.anchor is None else Anchor(asked.anchor)
+        assembly = assemble(asked.policy, model.load, pairs, asked.threads, anchor=anchor)
         if assembly.texture is not None:
             assembly.texture.note = "; ".join(model.notes)
         looking = open_onlookers(asked, pairs, senders, source, events, opened)
@@ -230,6 +232,7 @@ def _start_event(asked: Asked, model: Model, source: Source, limits: Limits) -> 
         threads=asked.threads,
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
         record=None if asked.record is None else str(asked.record),
+        anchor=asked.anchor,
     )
     restarts = int(os.environ.get(RESTARTS_VARIABLE, "0"))
     words = f"tokt run on {asked.source}, policy {asked.policy}"

@@ -1,0 +1,147 @@
+"""Holding an object in the centre: the errors, their signs, and the page's controller."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tokt.features.errors import ToktError
+from tokt.features.grid import DEFAULT_GRID
+from tokt.inference.anchor import Anchor, AnchorErrors
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
+
+HEIGHT, WIDTH = 271, 360
+LABVIEW = (Path(__file__).parents[2] / "docs" / "labview.md").read_text()
+
+
+def seen(rows: slice, cols: slice) -> Verdict:
+    """The verdict on patches of a grid."""
+    patches = np.zeros((10, 10), bool)
+    patches[rows, cols] = True
+    return verdict_from_mask(DEFAULT_GRID.paint(patches.ravel(), HEIGHT, WIDTH), "texture")
+
+
+def errors(rows: slice, cols: slice, size: float = 0.1) -> AnchorErrors:
+    return Anchor(size).errors(seen(rows, cols))
+
+
+def test_right_below_and_too_large_are_positive() -> None:
+    found = errors(slice(7, 9), slice(6, 9), size=0.03)
+    assert found.x is not None and found.y is not None and found.size is not None
+    assert found.x == pytest.approx(0.5, abs=0.01) and found.y == pytest.approx(0.6, abs=0.02)
+    assert found.size == pytest.approx(0.5 * math.log(2), abs=0.01)
+    # The way to steer, away from it, has the opposite signs.
+    verdict = seen(slice(7, 9), slice(6, 9))
+    assert verdict.x is not None and verdict.y is not None and verdict.x < 0 and verdict.y < 0
+
+
+def test_left_above_and_too_small_are_negative() -> None:
+    found = errors(slice(1, 3), slice(1, 4), size=0.24)
+    assert found.x == pytest.approx(-0.5, abs=0.01) and found.y == pytest.approx(-0.6, abs=0.02)
+    assert found.size == pytest.approx(0.5 * math.log(0.25), abs=0.01)
+
+
+def test_in_the_centre_and_of_the_size_is_no_error() -> None:
+    found = errors(slice(3, 7), slice(4, 6), size=0.08)
+    assert found == pytest.approx((0, 0, 0), abs=0.01)
+
+
+def test_twice_the_distance_is_the_log_of_two() -> None:
+    near, far = errors(slice(2, 8), slice(2, 8)), errors(slice(2, 5), slice(2, 5))
+    assert near.size is not None and far.size is not None
+    assert near.size - far.size == pytest.approx(math.log(2), abs=0.002)
+
+
+def test_nothing_seen_has_no_errors() -> None:
+    anchor = Anchor(0.1)
+    assert anchor.errors(seen(slice(0, 0), slice(0, 0))) == AnchorErrors()
+    assert anchor.errors(unknown_verdict(Fault(Reason.DARK, "dark"))) == AnchorErrors()
+
+
+@pytest.mark.parametrize("size", [0.0, -0.1, 0.009, 0.91, 10.0, math.nan, math.inf])
+def test_a_share_that_cannot_be_held_is_refused(size: float) -> None:
+    with pytest.raises(ToktError, match=r"0\.01 to 0\.9"):
+        Anchor(size)
+
+
+sides = st.integers(1, 400)
+
+
+@given(sides, sides, st.data())
+def test_any_mask_has_errors_within_their_bounds(height: int, width: int, data: Any) -> None:
+    mask = np.zeros((height, width), np.uint8)
+    y0, x0 = data.draw(st.integers(0, height - 1)), data.draw(st.integers(0, width - 1))
+    y1, x1 = data.draw(st.integers(y0 + 1, height)), data.draw(st.integers(x0 + 1, width))
+    mask[y0:y1, x0:x1] = 255
+    verdict = verdict_from_mask(mask, "texture")
+    found = Anchor(0.1).errors(verdict)
+    assert (found.x is None) == (verdict.status == 0)
+    if found.x is not None:
+        assert found.y is not None and found.size is not None
+        assert -1 <= found.x <= 1 and -1 <= found.y <= 1 and -4 < found.size <= 1.152
+
+
+# The controller of docs/labview.md, before a disc in front of a camera
+
+
+Commands = Callable[[Mapping[str, Any]], tuple[float, float, float]]
+
+
+def commands_of_the_page() -> Commands:
+    (program,) = re.findall(r"^```python\n(def commands.*?)^```", LABVIEW, re.M | re.S)
+    found: dict[str, Any] = {}
+    exec(program, found)
+    return found["commands"]  # type: ignore[no-any-return]
+
+
+def look(at: np.ndarray) -> Verdict:
+    """What a grid of patches sees of a disc of 0.5 m radius, `at` metres right, down and ahead."""
+    rows, cols = np.mgrid[0:HEIGHT, 0:WIDTH]
+    focal_px = 600.0
+    x = (cols - WIDTH / 2) / focal_px * at[2] - at[0]
+    y = (rows - HEIGHT / 2) / focal_px * at[2] - at[1]
+    covered = (x**2 + y**2 < 0.25)[:270].reshape(10, 27, 10, 36).mean((1, 3)) > 0.3
+    return verdict_from_mask(DEFAULT_GRID.paint(covered.ravel(), HEIGHT, WIDTH), "texture")
+
+
+def held(commands: Commands, start: tuple[float, float, float], size: float) -> np.ndarray:
+    """Where the disc is after 60 s in which the commands are obeyed."""
+    at, anchor, step_s = np.array(start), Anchor(size), 0.25
+    for _ in range(240):
+        verdict = look(at)
+        x, y, error = anchor.errors(verdict)
+        told = {"status": verdict.status, "anchor_x": x, "anchor_y": y, "anchor_size": error}
+        surge, sway, heave = commands(told)
+        at = at - np.array([sway, heave, surge]) * step_s
+    return at
+
+
+@pytest.mark.parametrize("start", [(0.6, 0.2, 4.0), (-0.4, -0.2, 2.0), (0.0, 0.3, 7.0)])
+def test_the_page_s_controller_holds_the_object(start: tuple[float, float, float]) -> None:
+    x, y, z = held(commands_of_the_page(), start, 0.1)
+    wanted_m = math.sqrt(math.pi * 0.25 / (0.1 * HEIGHT * WIDTH)) * 600
+    assert abs(x) < 0.12 and abs(y) < 0.12 and z == pytest.approx(wanted_m, rel=0.15)
+
+
+def test_with_a_wrong_sign_it_would_not() -> None:
+    right = commands_of_the_page()
+
+    def wrong(told: Mapping[str, Any]) -> tuple[float, float, float]:
+        surge, sway, heave = right(told)
+        return -surge, sway, heave
+
+    assert abs(held(wrong, (0.2, 0.1, 4.0), 0.1)[2] - 3.0) > 1.0
+
+
+def test_nothing_seen_commands_nothing() -> None:
+    told = {"status": -1, "anchor_x": None, "anchor_y": None, "anchor_size": None}
+    assert commands_of_the_page()(told) == (0.0, 0.0, 0.0)
+    assert commands_of_the_page()({**told, "status": 0}) == (0.0, 0.0, 0.0)

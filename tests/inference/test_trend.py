@@ -1,0 +1,365 @@
+"""The trend of the mean value, how sure it is, and the time to contact from it.
+
+Curves are made as a grid of patches makes them: an area that follows from a distance, errors in
+some patches, whole patches, frames without anything, times that are not even.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tokt.inference import trend as module
+from tokt.inference.trend import (
+    GROWING,
+    HORIZON_S,
+    PATCH_MEAN,
+    SATURATED_MEAN,
+    SHRINKING,
+    SLOTS,
+    STEADY,
+    STEADY_PER_S,
+    TRENDS,
+    Trend,
+    TrendWatch,
+)
+
+pytestmark = pytest.mark.xdist_group("trend")
+
+STEP_S = 0.25
+LATER = 1_461_149_301.0
+"""A time of day, seconds since 1970: nothing may hang on times being small."""
+
+
+def after(means: list[float | None], step_s: float = STEP_S, whole: bool = True) -> Trend:
+    """What is known after means at a regular pace."""
+    watch, last = TrendWatch(), Trend()
+    for index, mean in enumerate(means):
+        last = watch.add(LATER + index * step_s, mean, whole)
+    return last
+
+
+def approach(n: int, contact_s: float, last_mean: float = 40.0) -> list[float | None]:
+    """Means of a thing wholly in view that is reached `contact_s` after the last."""
+    left = [contact_s + STEP_S * (n - 1 - index) for index in range(n)]
+    return [last_mean * (contact_s / seconds) ** 2 for seconds in left]
+
+
+@pytest.mark.parametrize("contact_s", [2.0, 5.0, 12.0])
+def test_an_even_approach_is_exact(contact_s: float) -> None:
+    found = after(approach(20, contact_s))
+    assert found.trend == GROWING and found.contact_s == pytest.approx(contact_s, abs=0.02)
+    assert found.confidence is not None and 0.9 < found.confidence <= 1
+
+
+def test_irregular_times_change_nothing() -> None:
+    times = LATER + np.cumsum(np.random.default_rng(0).uniform(0.02, 0.5, 40))
+    watch = TrendWatch()
+    for t_s in times:
+        left = times[-1] + 4.0 - t_s
+        found = watch.add(float(t_s), 500.0 / left**2)
+    assert found.trend == GROWING and found.contact_s == pytest.approx(4.0, abs=0.1)
+
+
+def test_what_goes_away_shrinks_and_has_no_contact() -> None:
+    found = after(approach(20, 3.0)[::-1])
+    assert (found.trend, found.contact_s) == (SHRINKING, None)
+    assert found.confidence is not None and found.confidence > 0.9
+
+
+def test_what_stays_is_steady_and_has_no_contact() -> None:
+    found = after([12 * PATCH_MEAN] * 20)
+    assert (found.trend, found.contact_s) == (STEADY, None)
+    assert found.confidence is not None and found.confidence > 0.9
+    # One patch may as well be half of one or one and a half: that is not sure.
+    small = after([PATCH_MEAN] * 20)
+    assert small.confidence is None or small.confidence < 0.8
+
+
+def test_a_growth_slower_than_the_steady_band_is_steady() -> None:
+    slow = [60 * math.exp(0.4 * STEADY_PER_S * STEP_S * index) for index in range(20)]
+    fast = [60 * math.exp(2.0 * STEADY_PER_S * STEP_S * index) for index in range(20)]
+    assert after(list(slow)).trend == STEADY and after(list(fast)).trend == GROWING
+
+
+def test_too_few_means_or_too_short_a_time_have_no_trend() -> None:
+    assert after(approach(module.LEAST_SLOTS - 1, 4.0), step_s=0.5) == Trend()
+    assert after(approach(6, 4.0)) == Trend()  # 1.25 s
+    assert after(approach(7, 4.0)).trend == GROWING
+
+
+def test_a_status_that_flickers_has_no_trend_itself_but_leaves_the_means() -> None:
+    means = approach(20, 5.0)
+    for gone, nothing in ((9, 0.0), (10, None), (14, 0.0), (17, None)):
+        means[gone] = nothing
+    found = after(means)
+    assert found.trend == GROWING and found.contact_s == pytest.approx(5.0, abs=0.1)
+    for nothing in (0.0, None, math.nan):
+        assert after([*means, nothing]) == Trend()
+
+
+def test_a_long_time_without_anything_starts_anew() -> None:
+    missed = math.ceil(module.GAP_S / STEP_S)
+    means = approach(20, 5.0)
+    assert after([*means, *[0.0] * (missed - 1), 41.0]).trend == GROWING
+    assert after([*means, *[0.0] * missed, 41.0]) == Trend()
+
+
+@pytest.mark.parametrize("t_s", [LATER, LATER + 3.0, math.nan, -math.inf, math.inf, 1e308])
+def test_time_that_does_not_go_on_starts_anew(t_s: float) -> None:
+    watch = TrendWatch()
+    for index, mean in enumerate(approach(20, 5.0)):
+        watch.add(LATER + index * STEP_S, mean)
+    assert watch.add(t_s, 41.0) == Trend()
+    start = t_s if abs(t_s) < module.END_S else LATER + 100
+    found = [watch.add(start + STEP_S * (i + 1), 60.0 * 0.9**i) for i in range(12)]
+    assert found[2] == Trend() and found[-1].trend == SHRINKING
+
+
+def test_what_is_cut_off_by_the_edge_has_a_trend_but_no_contact() -> None:
+    means = approach(20, 5.0)
+    found = after(means, whole=False)
+    assert (found.trend, found.contact_s) == (GROWING, None)
+    # Coming in at the side it grows and is no nearer: as long as such means count, no contact.
+    watch = TrendWatch()
+    given_ = [
+        watch.add(LATER + index * STEP_S, mean, whole=index != 10)
+        for index, mean in enumerate(approach(30, 5.0, 80.0))
+    ]
+    assert given_[9].contact_s is not None
+    assert {found.contact_s for found in given_[10 : 10 + SLOTS]} == {None}
+    assert all(found.trend == GROWING for found in given_[10:])
+    assert given_[10 + SLOTS].contact_s is not None
+
+
+def test_one_frame_that_is_cut_off_is_enough() -> None:
+    watch = TrendWatch()
+    for index in range(40):  # two frames in a slot
+        mean = 1000.0 / (10.0 - 0.125 * index) ** 2
+        found = watch.add(LATER + 0.125 * index, mean, whole=index != 30)
+    assert found.trend == GROWING and found.contact_s is None
+
+
+def test_a_full_picture_has_no_trend() -> None:
+    full = SATURATED_MEAN + 1
+    assert after([full] * 20) == Trend()
+    assert after([*approach(20, 5.0, 200.0), full]) == Trend()
+
+
+def test_nothing_older_than_the_horizon_has_a_part() -> None:
+    rng = np.random.default_rng(3)
+    times = LATER + np.cumsum(rng.uniform(0.05, 0.4, 120))
+    means = rng.integers(0, 30, len(times)) * PATCH_MEAN
+    long = TrendWatch()
+    all_ = [long.add(float(t), float(m)) for t, m in zip(times, means, strict=True)]
+    for begin in range(0, 60, 7):
+        late = TrendWatch()
+        rest = [
+            late.add(float(t), float(m)) for t, m in zip(times[begin:], means[begin:], strict=True)
+        ]
+        known = times[begin:] - times[begin] >= HORIZON_S
+        assert known.sum() > 20
+        pairs = zip(all_[begin:], rest, known, strict=True)
+        assert all(repr(whole) == repr(part) for whole, part, sure in pairs if sure)
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0, 9) | st.integers(0, 9) | numbers,
+            st.none() | st.floats(0, 255) | numbers,
+            st.booleans(),
+        ),
+        max_size=60,
+    )
+)
+def test_nothing_raises_and_memory_is_bounded(points: list[tuple[float, float, bool]]) -> None:
+    watch = TrendWatch()
+    t_s = LATER
+    for step_s, mean, whole in points:
+        t_s = t_s + step_s if math.isfinite(t_s + step_s) else step_s
+        found = watch.add(t_s, mean, whole)
+        assert len(watch._slots) <= SLOTS
+        assert (found.trend is None) == (found.confidence is None)
+        if found.trend is not None:
+            assert found.trend in TRENDS
+            assert found.confidence is not None and 0.5 <= found.confidence <= 1
+        if found.contact_s is not None:
+            assert found.trend == GROWING and 0 < found.contact_s < math.inf
+
+
+# Simulated curves
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve and its truth: the rate by which the area grows in the middle of the last 4 s."""
+
+    times: np.ndarray
+    means: np.ndarray
+    rate_per_s: float
+    contact_s: float
+
+
+def curve(
+    rng: np.random.Generator, rate_per_s: float, patches: float | None = None, fps: float = 0.0
+) -> Curve:
+    """A noisy curve in whole patches, of a thing that grows by `rate_per_s` of itself a second.
+
+    Drawn from: 2.5 to 15 frames a second with 20 % jitter; 3 to 40 patches at the end; errors of
+    0.2 to 0.5 times the root of the patches that are alike for 0 to 0.5 s; up to 15 % of the
+    frames without anything, each.
+    """
+    rate_hz = fps or rng.uniform(2.5, 15)
+    t = np.cumsum(rng.uniform(0.8, 1.2, int(6 * rate_hz)) / rate_hz)
+    middle = t[-1] - 2.0
+    # Z over what it is in the middle: at a constant speed; the area is 1 / Z**2.
+    z = 1 - rate_per_s / 2 * (t - middle)
+    t, z = t[z > 0.2], z[z > 0.2]
+    last = rng.uniform(3, 40) if patches is None else patches
+    area = last * (z[-1] / z) ** 2
+    alike_s, error = rng.uniform(0, 0.5), rng.normal(size=len(t))
+    for i in range(1, len(t)):
+        alike = math.exp((t[i - 1] - t[i]) / alike_s)
+        error[i] = alike * error[i - 1] + math.sqrt(1 - alike**2) * error[i]
+    n = np.clip(np.round(area + rng.uniform(0.2, 0.5) * np.sqrt(area) * error), 0, 85)
+    n[rng.random(len(t)) < rng.uniform(0, 0.15)] = 0
+    contact_s = (z[-1] / rate_per_s * 2) if rate_per_s > 0 else math.inf
+    return Curve(LATER + t, n * PATCH_MEAN, rate_per_s, contact_s)
+
+
+def answer(one: Curve) -> Trend:
+    """The last trend that is told: one a curve, as the next frame's would be nearly the same."""
+    watch, last = TrendWatch(), Trend()
+    for t, mean in zip(one.times, one.means, strict=True):
+        found = watch.add(float(t), float(mean))
+        last = found if found.trend is not None else last
+    return last
+
+
+def truth(rate_per_s: float) -> str:
+    if abs(rate_per_s) <= STEADY_PER_S:
+        return STEADY
+    return GROWING if rate_per_s > 0 else SHRINKING
+
+
+@pytest.fixture(scope="module")
+def answers() -> list[tuple[str, Trend]]:
+    """Truth and answer of 900 curves: a third each quite steady, of any slope, and of nearly none,
+    where it is hardest.
+    """
+    rng = np.random.default_rng(5)
+    rates = [*[0.0] * 300, *rng.uniform(-0.5, 0.5, 300), *rng.uniform(-0.12, 0.12, 300)]
+    return [(truth(rate), answer(curve(rng, float(rate)))) for rate in rates]
+
+
+@pytest.mark.parametrize("word", TRENDS)
+def test_a_confidence_of_nine_tenths_is_wrong_in_at_most_a_tenth(
+    word: str, answers: list[tuple[str, Trend]]
+) -> None:
+    said = [(true, found) for true, found in answers if found.trend == word]
+    sure = [true for true, found in said if (found.confidence or 0) >= 0.9]
+    assert len(sure) >= 80
+    assert sum(true != word for true in sure) / len(sure) <= 0.10
+
+
+def test_a_confidence_is_about_how_often_it_is_right(answers: list[tuple[str, Trend]]) -> None:
+    for least, most in ((0.5, 0.7), (0.7, 0.9), (0.9, 1.01)):
+        told = [
+            (true == found.trend, found.confidence)
+            for true, found in answers
+            if found.confidence is not None and least <= found.confidence < most
+        ]
+        right = sum(good for good, _ in told) / len(told)
+        said = sum(confidence for _, confidence in told) / len(told)
+        # Two standard errors of the share; more right than said is no fault.
+        assert right >= said - 2 * math.sqrt(0.25 / len(told)), (least, right, said)
+
+
+@pytest.mark.parametrize(
+    ("rate_per_s", "wrong", "most"),
+    [
+        # Most curves of a dive may be steady: of these next to none may be taken for another.
+        (0.0, (GROWING, SHRINKING), 0.02),
+        (-0.2, (GROWING, STEADY), 0.02),
+        (0.2, (SHRINKING, STEADY), 0.02),
+        (STEADY_PER_S, (GROWING,), 0.17),  # on the border itself either word is a guess
+    ],
+)
+def test_no_truth_is_often_taken_for_another(
+    rate_per_s: float, wrong: tuple[str, ...], most: float
+) -> None:
+    rng = np.random.default_rng(6)
+    found = [answer(curve(rng, rate_per_s)) for _ in range(150)]
+    for word in wrong:
+        sure = sum(each.trend == word and (each.confidence or 0) >= 0.9 for each in found)
+        assert sure / len(found) <= most
+
+
+def test_a_slope_through_few_means_is_less_sure() -> None:
+    """Student's distribution, and not the normal one: five means have three degrees of freedom."""
+    rng = np.random.default_rng(10)
+    found = [answer(curve(rng, STEADY_PER_S, 8, fps=1.2)) for _ in range(500)]
+    told = [each for each in found if each.trend is not None]
+    sure = sum(each.trend == GROWING and (each.confidence or 0) >= 0.9 for each in told)
+    assert len(told) > 200 and sure / len(told) <= 0.11
+
+
+@pytest.mark.parametrize(("patches", "least_share"), [(5, 0.5), (12, 0.7), (30, 0.9)])
+def test_steady_curves_are_steady(patches: int, least_share: float) -> None:
+    rng = np.random.default_rng(7)
+    words = Counter(answer(curve(rng, 0.0, patches)).trend for _ in range(100))
+    assert words[STEADY] / words.total() >= least_share
+    assert words[GROWING] + words[SHRINKING] <= words.total() / 3
+
+
+def test_what_only_moves_sideways_is_steady() -> None:
+    """A disc that sways over the borders of patches; a patch counts that it covers a tenth of."""
+    rng = np.random.default_rng(11)
+    y, x = (np.mgrid[0:100, 0:100] + 0.5) / 10
+    words: Counter[str | None] = Counter()
+    for _ in range(40):
+        phase, sway, radius = rng.uniform(0, 6.28), rng.uniform(0.3, 1.5), rng.uniform(1.2, 2.5)
+        watch = TrendWatch()
+        for index in range(24):
+            turn = phase + index * STEP_S
+            at_x, at_y = 5 + sway * math.sin(turn), 5 + sway / 2 * math.sin(1.6 * turn)
+            disc = (x - at_x) ** 2 + (y - at_y) ** 2 < radius**2
+            covered = disc.reshape(10, 10, 10, 10).mean((1, 3)) > 0.1
+            found = watch.add(LATER + index * STEP_S, covered.sum() * PATCH_MEAN)
+        words[found.trend] += 1
+    assert words[STEADY] >= 34 and words[GROWING] <= 3
+
+
+@pytest.mark.parametrize(("rate_per_s", "least_share"), [(0.1, 0.15), (0.2, 0.75), (0.4, 0.95)])
+def test_growth_is_found(rate_per_s: float, least_share: float) -> None:
+    """The other half of being honest: a way that never dares to say it would pass all else."""
+    rng = np.random.default_rng(8)
+    found = [answer(curve(rng, rate_per_s, 15)) for _ in range(100)]
+    sure = sum(each.trend == GROWING and (each.confidence or 0) >= 0.9 for each in found)
+    assert sure / len(found) >= least_share
+
+
+@pytest.mark.parametrize(("rate_per_s", "spread"), [(0.2, 0.35), (0.4, 0.21)])
+def test_the_time_to_contact_is_right_within_its_spread(rate_per_s: float, spread: float) -> None:
+    rng = np.random.default_rng(9)
+    ratios = []
+    for _ in range(100):
+        one = curve(rng, rate_per_s, 20)
+        watch = TrendWatch()
+        for t, mean in zip(one.times, one.means, strict=True):
+            found = watch.add(float(t), float(mean))
+        if found.contact_s is not None:
+            ratios.append(found.contact_s / one.contact_s)
+    assert len(ratios) >= 60
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.08)
+    assert np.mean(np.abs(np.array(ratios) - 1) <= spread) >= 0.9
