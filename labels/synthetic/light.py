@@ -24,10 +24,18 @@ from .water import Eye, Water
 
 Image = NDArray[np.float32]
 
-_LAMP_AT_M = (-0.45, -0.35, 0.0)
-_LAMP_TOWARDS = (0.10, 0.03, 1.0)
-_LAMP_BEAM_RAD = 0.45
+LAMP_AT_M = (-0.45, -0.35, 0.0)
+LAMP_TOWARDS = (0.10, 0.03, 1.0)
+LAMP_BEAM_RAD = 0.45
 """The lamp beside the left camera: place and axis in camera coordinates, width of its beam."""
+SNOW_TINT = (1.0, 0.85, 0.75)
+"""Blue, green and red of a particle."""
+DIM, FACING, NO_SIDE = 0.18, 0.82, 0.5
+"""Light on a side that faces away, what facing the lamp adds to it, and light on a stalk."""
+BRIGHTEST = 400.0
+"""Grey levels above which a surface is not drawn brighter: 8 bits end before."""
+UNEVEN = 0.006
+"""Standard deviation of the water's own clouds, relative to the veil."""
 
 
 @dataclass(frozen=True)
@@ -59,34 +67,34 @@ def expose(
     rng : numpy.random.Generator
         Of the water at this moment: give both eyes the same, so that they see the same snow.
     """
-    shape = _illumination(rig, eye)
+    shape = illumination(rig, eye)
     drift = rng.uniform(0.97, 1.03)
     clouds = rng.standard_normal((9, 12)).astype(np.float32)
-    uneven = 1 + 0.006 * cv2.resize(clouds, (rig.width, rig.height), interpolation=cv2.INTER_CUBIC)
+    uneven = 1 + UNEVEN * cv2.resize(clouds, (rig.width, rig.height), interpolation=cv2.INTER_CUBIC)
     veil = np.array(water.veil, np.float32) * (shape * uneven * np.float32(drift))[..., None]
     open_water = (veil + np.array(water.veil_floor, np.float32)) * np.float32(eye.gain)
-    tower = _tower_light(water, rig, pose, view, open_water, eye.gain)
+    tower = tower_light(water, rig, pose, view, open_water, eye.gain)
     snow = marine_snow(water, rig, pose, view, rng)
-    tint = np.array([1.0, 0.85, 0.75], np.float32) * np.float32(eye.gain)
+    tint = np.array(SNOW_TINT, np.float32) * np.float32(eye.gain)
     return Exposure(open_water, tower, (snow * shape)[..., None] * tint)
 
 
-def _illumination(rig: Rig, eye: Eye) -> Image:
+def illumination(rig: Rig, eye: Eye) -> Image:
     """Back-scattered light over the picture, 1 at its brightest: beam and vignette together."""
     x = (np.arange(rig.width, dtype=np.float32) + 0.5) / rig.width
     y = (np.arange(rig.height, dtype=np.float32) + 0.5) / rig.width
     across = np.exp(-0.5 * ((x - eye.centre[0]) / eye.spread[0]) ** 2)
     down = np.exp(-0.5 * ((y - eye.centre[1]) / eye.spread[1]) ** 2)
-    return np.asarray(np.outer(down, across) * _vignette(x[None, :], y[:, None], rig), np.float32)
+    return np.asarray(np.outer(down, across) * vignette(x[None, :], y[:, None], rig), np.float32)
 
 
-def _vignette(x: NDArray[Any], y: NDArray[Any], rig: Rig) -> NDArray[Any]:
+def vignette(x: NDArray[Any], y: NDArray[Any], rig: Rig) -> NDArray[Any]:
     """Fall-off of the lens towards the corners; x, y in frame widths."""
     radius_squared = (x - 0.5) ** 2 + (y - rig.height / rig.width / 2) ** 2
     return np.asarray(1 - 0.25 * (radius_squared / 0.39) ** 6)
 
 
-def _tower_light(
+def tower_light(
     water: Water, rig: Rig, pose: Pose, view: View, open_water: Image, gain: float
 ) -> Image:
     """What the tower changes of the open water, in grey levels; it may darken."""
@@ -99,30 +107,30 @@ def _tower_light(
     to_surface = depth * ray
     distance = np.sqrt(np.square(to_surface).sum(axis=0))
     from_lamp = to_surface + (
-        camera.centre - pose.centre - pose.rotation.T @ np.array(_LAMP_AT_M)
+        camera.centre - pose.centre - pose.rotation.T @ np.array(LAMP_AT_M)
     )[:, None]  # fmt: skip
     lamp_distance = np.sqrt(np.square(from_lamp).sum(axis=0))
-    axis = pose.rotation.T @ np.array(_LAMP_TOWARDS) / np.linalg.norm(_LAMP_TOWARDS)
+    axis = pose.rotation.T @ np.array(LAMP_TOWARDS) / np.linalg.norm(LAMP_TOWARDS)
     off_axis = np.arccos((axis @ from_lamp / lamp_distance).clip(-1, 1))
     normal = view.normal[:, pixels]
     facing = -(from_lamp * normal).sum(axis=0) / lamp_distance
     # Water scatters light round corners: a side that faces away is dim, not black.
-    lit = np.where(np.abs(normal).sum(axis=0) > 0, 0.18 + 0.82 * facing.clip(0), 0.5)
+    lit = np.where(np.abs(normal).sum(axis=0) > 0, DIM + FACING * facing.clip(0), NO_SIDE)
     v, u = np.divmod(pixels, rig.width)
-    lit *= np.exp(-0.5 * (off_axis / _LAMP_BEAM_RAD) ** 2) / lamp_distance**2
-    lit *= gain * _vignette((u + 0.5) / rig.width, (v + 0.5) / rig.width, rig)
+    lit *= np.exp(-0.5 * (off_axis / LAMP_BEAM_RAD) ** 2) / lamp_distance**2
+    lit *= gain * vignette((u + 0.5) / rig.width, (v + 0.5) / rig.width, rig)
     path = (lamp_distance + distance).astype(np.float32)
     flat = change.reshape(-1, 3)
     behind = open_water.reshape(-1, 3)[pixels]
     seen = np.exp(-path[:, None] * np.array(water.attenuation, np.float32)) * view.albedo[pixels]
     seen *= np.array(water.lamp, np.float32) * lit[:, None].astype(np.float32)
     seen -= behind * np.exp(-water.veil_growth * distance)[:, None].astype(np.float32)
-    flat[pixels] = np.minimum(seen, np.float32(400.0))
+    flat[pixels] = np.minimum(seen, np.float32(BRIGHTEST))
     spread = (water.blur_px + water.blur_px_per_m * float(distance.min())) * rig.scale
-    return _scattered(change, v, u, spread, water.glow)
+    return scattered(change, v, u, spread, water.glow)
 
 
-def _scattered(change: Image, v: Any, u: Any, spread_px: float, glow: float) -> Image:
+def scattered(change: Image, v: Any, u: Any, spread_px: float, glow: float) -> Image:
     """Blur the tower's light, and let a share of it glow around it."""
     rim = int(np.ceil(4 * spread_px)) + 1
     top, bottom = max(int(v.min()) - rim, 0), int(v.max()) + rim + 1

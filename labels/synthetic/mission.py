@@ -42,7 +42,7 @@ from .water import Water
 SCENE_FORMAT = 1
 """Version of scene.json; a change of meaning or a key taken away raises it."""
 _LEAST_WIDTH = 120
-_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95,
+JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95,
          cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422]  # fmt: skip
 """Quantisation and colour sampling of the mission's own files."""
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 3]
@@ -176,10 +176,20 @@ def _check(out: Path, seed: int, n_frames: int, width: int, jobs: int | None) ->
         raise ToktError(f"a seed is 0 or more, not {seed}")
     if n_frames < 1:
         raise ToktError(f"a mission has at least one frame, not {n_frames}")
-    if not _LEAST_WIDTH <= width <= FULL_WIDTH:
-        raise ToktError(f"frames are {_LEAST_WIDTH} to {FULL_WIDTH} pixels wide, not {width}")
+    check_width(width)
     if jobs is not None and jobs < 1:
         raise ToktError(f"at least one job is needed, not {jobs}")
+
+
+def check_width(width: int) -> None:
+    """Refuse a frame width in pixels that nothing can be rendered in.
+
+    Raises
+    ------
+    ToktError
+    """
+    if not _LEAST_WIDTH <= width <= FULL_WIDTH:
+        raise ToktError(f"frames are {_LEAST_WIDTH} to {FULL_WIDTH} pixels wide, not {width}")
 
 
 def _render_all(scene: Scene, folder: Path, jobs: int, progress: Progress | None) -> list[Frame]:
@@ -209,7 +219,7 @@ def _render_frame(scene: Scene, folder: Path, number: int) -> Frame:
         sensor = np.random.default_rng([scene.seed, _SENSOR, number, side])
         folder_name, letter = (("Left", "L"), ("Right", "R"))[side]
         image = develop(scene.water, exposure, sensor)
-        _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, _JPEG)
+        _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, JPEG)
     nearest = float(views[0].depth.min())
     return Frame(
         number,

@@ -17,8 +17,12 @@ from .water import Water
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-_EXPOSURE_S = 0.03
-_NEAR_M, _FAR_M = 0.25, 3.5
+EXPOSURE_S = 0.03
+NEAR_M, FAR_M = 0.25, 3.5
+ACROSS, DOWN = (-0.45, 0.65), (-0.33, 0.33)
+"""Where particles are, for each metre in front of the left camera: the right one's view too."""
+SIZE_SIGMA = 0.6
+"""Particles' brightness is log-normal."""
 _COARSE = 4
 """Big blobs are drawn this many times smaller."""
 
@@ -26,20 +30,19 @@ _COARSE = 4
 def marine_snow(water: Water, rig: Rig, pose: Pose, view: View, rng: np.random.Generator) -> Image:
     """Particles near the cameras: faint discs out of focus, drawn out by the vehicle's motion."""
     count, camera = water.snow_per_frame, view.camera
-    depth = np.cbrt(rng.uniform(_NEAR_M**3, _FAR_M**3, count))
-    # Wide enough to fill the right camera's view as well.
-    across, down = rng.uniform(-0.45, 0.65, count), rng.uniform(-0.33, 0.33, count)
-    size = rng.lognormal(0.0, 0.6, count)
+    depth = np.cbrt(rng.uniform(NEAR_M**3, FAR_M**3, count))
+    across, down = rng.uniform(*ACROSS, count), rng.uniform(*DOWN, count)
+    size = rng.lognormal(0.0, SIZE_SIGMA, count)
     in_left = np.stack([across * depth, down * depth, depth], axis=1)
     points = pose.centre + in_left @ pose.rotation
     where, z = camera.project(points)
-    later, _ = camera.project(points - pose.velocity * _EXPOSURE_S)
+    later, _ = camera.project(points - pose.velocity * EXPOSURE_S)
     streak = later - where
-    radius = rig.scale * (2.0 + 7.0 * np.abs(1 / depth - 0.5))
+    radius = blur_px(depth, rig.scale)
     amount = water.snow_brightness * rig.scale**2 * size / depth**2
     fine = np.zeros((rig.height, rig.width), np.float32)
     coarse = np.zeros((rig.height // _COARSE + 1, rig.width // _COARSE + 1), np.float32)
-    seen = np.flatnonzero((z > _NEAR_M / 2) & ~_hidden(view, where, z))
+    seen = np.flatnonzero((z > NEAR_M / 2) & ~_hidden(view, where, z))
     where, radius, streak, amount = where[seen], radius[seen], streak[seen], amount[seen]
     big = radius + np.hypot(*streak.T) / 4 > 2.5 * _COARSE
     _splat(fine, where[~big], radius[~big], streak[~big], amount[~big])
@@ -48,6 +51,11 @@ def marine_snow(water: Water, rig: Rig, pose: Pose, view: View, rng: np.random.G
     whole = cv2.resize(coarse, None, fx=_COARSE, fy=_COARSE, interpolation=cv2.INTER_LINEAR)
     fine += whole[: rig.height, : rig.width]
     return fine
+
+
+def blur_px(depth: Float, scale: float) -> Float:
+    """Standard deviation of a particle's blob: the cameras are in focus at two metres."""
+    return np.asarray(scale * (2.0 + 7.0 * np.abs(1 / depth - 0.5)))
 
 
 def _hidden(view: View, where: Float, depth: Float) -> NDArray[np.bool_]:

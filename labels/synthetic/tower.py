@@ -114,7 +114,7 @@ class Tower:
         legs = _tripod(turn)
         head = _head(rng)
         solids = (*head, *legs, *_braces(legs, rng))
-        return cls(tuple(solids), tuple(_growth(head, legs, rng)), _textures(rng))
+        return cls(tuple(solids), tuple(_growth(head, legs, rng)), surface_textures(rng))
 
 
 def _up(metres: float) -> Float:
@@ -188,7 +188,8 @@ def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) 
     return stalks
 
 
-def _textures(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
+def surface_textures(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
+    """A texture drawn at random: the levels of `Tower.textures`."""
     fine = _periodic_noise(rng, slope=0.9)
     rust = _periodic_noise(rng, slope=1.5)
     levels = [np.stack([0.5 + 0.16 * fine, 0.4 + 0.4 * (rust - 0.4)], axis=-1).clip(0, 1)]

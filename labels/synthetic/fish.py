@@ -1,0 +1,133 @@
+"""A school of fish that swims through the view: textured, solid to look at, nothing to hit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .tower import TEXEL_M, Material
+
+Float = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+FISH = Material((0.45, 0.46, 0.42), rust=(0.10, 0.12, 0.12), rusted=0.9)
+"""Silver flanks; the rust of a fish's texture is its dark back and bars."""
+_TEXTURE_SIZE, _LEVELS = 256, 5
+TEXTURE_M = _TEXTURE_SIZE * TEXEL_M
+"""Side of the texture, stretched over a fish's flank: nose to tail, back to belly."""
+_WANDER_M = 0.15
+_BEAT_RAD_S = 12.0
+_SHORTEST_M, _LONGEST_M = 0.2, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class School:
+    """Fish that keep their places in a moving school, loosely.
+
+    Attributes
+    ----------
+    through : (3,) array
+        World point that the school's middle passes at `at_s`.
+    at_s : float
+        That time, s.
+    velocity : (3,) array
+        m/s.
+    places : (n, 3) array
+        Each fish from the middle, m.
+    length_m : (n,) array
+    rate : (n, 3) array
+        rad/s of the fish's own wandering about its place along each axis.
+    phase : (n, 3) array
+        rad, at `at_s`.
+    """
+
+    through: Float
+    at_s: float
+    velocity: Float
+    places: Float
+    length_m: Float
+    rate: Float
+    phase: Float
+
+    @classmethod
+    def crossing(
+        cls,
+        rng: np.random.Generator,
+        through: Triple,
+        at_s: float,
+        velocity: Triple = (0.5, 0.0, 0.0),
+        count: int = 30,
+        spread_m: Triple = (1.0, 0.4, 0.8),
+    ) -> School:
+        """A school drawn at random about a straight line; `spread_m` along world axes."""
+        return cls(
+            np.array(through, np.float64),
+            at_s,
+            np.array(velocity, np.float64),
+            rng.normal(0.0, 1.0, (count, 3)) * spread_m,
+            rng.uniform(_SHORTEST_M, _LONGEST_M, count),
+            rng.uniform(0.4, 1.2, (count, 3)),
+            rng.uniform(0.0, 2 * np.pi, (count, 3)),
+        )
+
+    def at(self, t_s: float) -> Float:
+        """World positions (n, 3) of the fish's middles at a time, metres."""
+        since = t_s - self.at_s
+        middle = self.through + since * self.velocity
+        return middle + self.places + _WANDER_M * np.sin(self.rate * since + self.phase)
+
+    def swimming(self, t_s: float) -> Float:
+        """Velocities (n, 3) of the fish at a time, m/s: the way they look."""
+        since = t_s - self.at_s
+        return self.velocity + _WANDER_M * self.rate * np.cos(self.rate * since + self.phase)
+
+    def shapes(self, t_s: float) -> tuple[Float, Float, Float]:
+        """The fish as ellipsoids: bodies, then tail fins that beat.
+
+        Returns
+        -------
+        centre : (2 n, 3) array
+            World coordinates, m.
+        axes : (2 n, 3, 3) array
+            Orthonormal rows: towards the nose, down, across.
+        half : (2 n, 3) array
+            Half sizes along the axes, m.
+        """
+        ahead = self.swimming(t_s)
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+        beat = 0.5 * np.sin(_BEAT_RAD_S * t_s + 7.0 * self.phase[:, 0])
+        body, tail = _axes(ahead, np.zeros(len(ahead))), _axes(ahead, beat)
+        middle, length = self.at(t_s), self.length_m[:, None]
+        fin = middle - 0.40 * length * ahead - 0.08 * length * tail[:, 0]
+        return (
+            np.concatenate([middle, fin]),
+            np.concatenate([body, tail]),
+            np.concatenate([length * [0.42, 0.13, 0.07], length * [0.10, 0.12, 0.012]]),
+        )
+
+
+def _axes(ahead: Float, turn_rad: Float) -> Float:
+    """Rows ahead, down, across of fish whose bodies look `ahead` (n, 3), turned to the side."""
+    across = np.cross(ahead, [0.0, 1.0, 0.0])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    cos, sin = np.cos(turn_rad)[:, None], np.sin(turn_rad)[:, None]
+    ahead, across = cos * ahead + sin * across, cos * across - sin * ahead
+    return np.stack([ahead, np.cross(across, ahead), across], axis=1)
+
+
+def fish_texture(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
+    """Scales, bars and a dark back over a flank: the levels of a texture (see `Tower`)."""
+    row, column = np.mgrid[:_TEXTURE_SIZE, :_TEXTURE_SIZE] / _TEXTURE_SIZE
+    bars = np.sin(2 * np.pi * (7 * column + 0.3 * np.sin(9 * row)))
+    dark = (0.9 - 1.6 * row + 0.35 * bars * (row < 0.6)).clip(0, 1)
+    scales = 0.5 + 0.12 * rng.standard_normal((_TEXTURE_SIZE // 4, _TEXTURE_SIZE // 4))
+    bright = cv2.resize(scales, row.shape, interpolation=cv2.INTER_LINEAR) + 0.15 * row
+    level = np.stack([bright, dark], axis=-1).clip(0, 1).astype(np.float32)
+    sizes = [_TEXTURE_SIZE >> halved for halved in range(_LEVELS)]
+    return tuple(
+        np.asarray(cv2.resize(level, (size, size), interpolation=cv2.INTER_AREA), np.float32)
+        for size in sizes
+    )
