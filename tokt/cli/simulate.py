@@ -1,4 +1,4 @@
-"""`tokt simulate`: render a synthetic mission."""
+"""`tokt simulate`: render a synthetic mission, or fly a vehicle through rendered water."""
 
 from __future__ import annotations
 
@@ -7,24 +7,84 @@ from typing import Annotated
 
 import typer
 
+from ..features.errors import ToktError
 from . import output
+
+_FOR_MISSIONS = ("frames",)
+_FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
 
 
 def simulate(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder for the mission.")],
-    seed: Annotated[int, typer.Option(help="The same seed gives the same bytes.")] = 1,
-    frames: Annotated[int, typer.Option(help="Number of stereo pairs.")] = 120,
-    width: Annotated[int, typer.Option(help="Frame width in pixels.")] = 1360,
+    context: typer.Context,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder for what is made.")],
+    seed: Annotated[
+        int, typer.Option(help="The same seed gives the same bytes; of runs, the first one's.")
+    ] = 1,
+    frames: Annotated[int, typer.Option(help="Mission: number of stereo pairs.")] = 120,
+    width: Annotated[
+        int | None,
+        typer.Option(help="Frame width in pixels: 1360 of a mission, 360 in the closed loop."),
+    ] = None,
+    closed_loop: Annotated[
+        bool,
+        typer.Option(
+            "--closed-loop",
+            help="No mission: a vehicle that is steered by what tokt run says of what it sees.",
+        ),
+    ] = False,
+    scenes: Annotated[
+        str | None, typer.Option(help="Closed loop: which scenes, by comma. Default: all.")
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            help="Closed loop: texture, disparity, either, fallback, none, by comma. Default: all."
+        ),
+    ] = None,
+    runs: Annotated[int, typer.Option(help="Closed loop: runs of each scene and method.")] = 5,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="BUNDLE", help="Closed loop: the model. Default: trained on rendered missions."
+        ),
+    ] = None,
     jobs: Annotated[
-        int | None, typer.Option(help="Frames rendered at a time; all cores by default.")
+        int | None, typer.Option(help="Frames or runs at a time; all cores by default.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Render a synthetic mission with exact labels, masks and depth."""
+    """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
+    _refuse(context, _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP, closed_loop)
+    if closed_loop:
+        from .closed_loop import fly_and_report
+
+        fly_and_report(folder, scenes, methods, seed, runs, width, model, jobs, as_json)
+        return
+    _mission(folder, seed, frames, width, jobs, as_json)
+
+
+def _refuse(context: typer.Context, names: tuple[str, ...], closed_loop: bool) -> None:
+    """Refuse options that would do nothing."""
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
+            raise ToktError(f"--{name} is {where}")
+
+
+def _mission(
+    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, as_json: bool
+) -> None:
     from tokt.labels.synthetic.mission import simulate_mission
+    from tokt.labels.synthetic.rig import FULL_WIDTH
 
     mission = simulate_mission(
-        folder, seed=seed, n_frames=frames, width=width, jobs=jobs, progress=output.progress
+        folder,
+        seed=seed,
+        n_frames=frames,
+        width=FULL_WIDTH if width is None else width,
+        jobs=jobs,
+        progress=output.progress,
     )
     if as_json:
         output.print_json(mission.to_json())

@@ -1,0 +1,212 @@
+"""A geometric stand-in for the camera and the runtime: what the planner is tuned and tested on."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.training.closed_loop.autopilot import STEP_S, Autopilot
+from tokt.training.closed_loop.planner import Planner, PlannerSettings
+from tokt.training.closed_loop.track import Recorder, Track
+from tokt.training.closed_loop.vehicle import HULL_RADIUS_M, State, Vehicle
+
+Float = NDArray[np.float64]
+START_M, GOAL_M = -14.0, 12.0
+FRAME_STEPS = 5
+HALF_VIEW = math.radians(17.0)
+COLUMNS = 10
+
+
+def tower(east: float, north: float, radius: float = 0.85) -> Float:
+    """Outline of a tower: a circle, as far as its feet reach."""
+    angle = np.linspace(0, 2 * np.pi, 13)[:-1]
+    return np.stack([east + radius * np.sin(angle), north + radius * np.cos(angle)], axis=1)
+
+
+def trap(east: float, north: float, thick: float = 0.2) -> Float:
+    """Outline of a U, 3 m deep and 4 m wide inside, open to the south; `north` is its end wall."""
+    inside, outside = 2.0, 2.0 + thick
+    outline = [
+        (-outside, -3), (-inside, -3), (-inside, 0), (inside, 0), (inside, -3), (outside, -3),
+        (outside, thick), (-outside, thick),
+    ]  # fmt: skip
+    return np.array(outline, float) + np.array([east, north])
+
+
+@dataclass(frozen=True)
+class Sea:
+    """What is there; `seen` are the outlines that the camera can see, `solid` what can be hit."""
+
+    solid: tuple[Float, ...] = ()
+    seen: tuple[Float, ...] = ()
+    height: float = 0.5  # share of the frame's height that it covers
+    farthest_m: float = 8.0
+    false_alarms: float = 0.0
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading: float = 0.0  # of the whole transit
+    version: int = 2
+    stereo: bool = False
+    fish: bool = False
+    silent_s: tuple[float, float] = (0.0, 0.0)
+    unknown_s: tuple[float, float] = (0.0, 0.0)
+    name: str = "sea"
+
+
+@lru_cache(maxsize=8)
+def _joined(key: tuple[bytes, ...]) -> tuple[Float, Float]:
+    outlines = [np.frombuffer(data).reshape(-1, 2) for data in key]
+    ends = [np.roll(outline, -1, axis=0) for outline in outlines]
+    return np.concatenate(outlines), np.concatenate(ends)
+
+
+def _segments(outlines: tuple[Float, ...]) -> tuple[Float, Float]:
+    return _joined(tuple(outline.tobytes() for outline in outlines))
+
+
+def clearance(outlines: tuple[Float, ...], place: Float) -> float:
+    """Metres to the nearest outline."""
+    if not outlines:
+        return math.inf
+    starts, ends = _segments(outlines)
+    way = ends - starts
+    share = np.clip(((place - starts) * way).sum(1) / (way * way).sum(1), 0, 1)
+    return float(np.hypot(*(starts + share[:, None] * way - place).T).min())
+
+
+def ranges(outlines: tuple[Float, ...], place: Float, bearings: Float) -> Float:
+    """Metres to what rays of these bearings meet; infinite where they meet nothing."""
+    if not outlines:
+        return np.full(len(bearings), np.inf)
+    starts, ends = _segments(outlines)
+    ray = np.stack([np.sin(bearings), np.cos(bearings)], axis=1)[:, None]
+    way, off = (ends - starts)[None], (starts - place)[None]
+    cross = ray[..., 0] * way[..., 1] - ray[..., 1] * way[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = (off[..., 0] * way[..., 1] - off[..., 1] * way[..., 0]) / cross
+        share = (off[..., 0] * ray[..., 1] - off[..., 1] * ray[..., 0]) / cross
+    hit = (far > 0) & (share >= 0) & (share <= 1)
+    return np.where(hit, far, np.inf).min(axis=1)
+
+
+@dataclass
+class Camera:
+    """The cone of view, how likely what is in it is seen, and a frame rule of 3 in 5."""
+
+    sea: Sea
+    rng: np.random.Generator
+    hits: deque[bool] = field(default_factory=lambda: deque(maxlen=5))
+
+    def datagram(self, state: State, t_s: float) -> dict[str, Any] | None:
+        """What the runtime would send of the frame taken now."""
+        sea = self.sea
+        if sea.silent_s[0] <= t_s < sea.silent_s[1]:
+            return None
+        if sea.unknown_s[0] <= t_s < sea.unknown_s[1]:
+            return None if sea.version == 1 else self._fields(-1, None, None)
+        rays = np.linspace(-HALF_VIEW, HALF_VIEW, 6 * COLUMNS + 1)[:-1] + HALF_VIEW / 6 / COLUMNS
+        far = ranges(sea.seen, state.camera[[0, 2]], state.heading_rad + rays)
+        # Surely seen in half of the range, and with less and less likelihood out to its end.
+        likely = np.clip(2.0 * (1 - far / sea.farthest_m), 0.0, 0.95)
+        white = (far < np.inf).reshape(COLUMNS, -1).any(axis=1)
+        white &= self.rng.random(COLUMNS) < likely.reshape(COLUMNS, -1).max(axis=1)
+        self.hits.append(bool(white.any()))
+        if self.rng.random() < sea.false_alarms:
+            white[self.rng.integers(COLUMNS)] = True
+        elif sum(self.hits) < 3:
+            white[:] = False
+        if not white.any():
+            return self._fields(0, None, None)
+        seen = far.reshape(COLUMNS, -1)[white].min()
+        return self._fields(1, np.flatnonzero(white), float(seen))
+
+    def solid_in_view(self, state: State) -> bool:
+        """Whether the camera looks at something solid within 10 m."""
+        rays = state.heading_rad + np.linspace(-HALF_VIEW, HALF_VIEW, 41)
+        return bool((ranges(self.sea.solid, state.camera[[0, 2]], rays) < 10.0).any())
+
+    def _fields(self, status: int, white: Any, far: float | None) -> dict[str, Any]:
+        x, box, mean = (None, None, None) if status < 0 else (0, None, 0.0)
+        if white is not None:
+            x = -int(round((white.mean() + 0.5) * 36) - 180)
+            box = [int(white[0]) * 36, 60, int(white[-1] - white[0] + 1) * 36, 150]
+            mean = 255.0 * len(white) / COLUMNS * self.sea.height
+        if self.sea.version == 1:
+            return {"v": 1, "status": status, "x": x, "y": 0, "mean": mean}
+        distance = far if self.sea.stereo and far is not None and far < 9 else None
+        return {
+            "v": 2, "status": status, "x": x, "y": x, "box": box, "mean": mean,
+            "distance_m": distance, "contact_s": None,
+        }  # fmt: skip
+
+
+def fly(
+    sea: Sea, seed: int, settings: PlannerSettings | None = None, most_s: float = 240.0
+) -> Track:
+    """One transit from START_M to GOAL_M along the sea's heading."""
+    rng = np.random.default_rng(seed)
+    camera = Camera(sea, rng)
+    ahead = np.array([math.sin(sea.heading), 0.0, math.cos(sea.heading)])
+    vehicle = Vehicle(State(START_M * ahead, sea.heading, np.zeros(3)), sea.current)
+    planner, autopilot = Planner(GOAL_M * ahead, settings), Autopilot()
+    recorder = Recorder("stand-in", sea.name, "stand-in", seed)
+    waiting = None
+    for step in range(int(most_s / STEP_S)):
+        t_s = step * STEP_S
+        if step % FRAME_STEPS == 0:
+            # What was seen in one frame is heard when the next is taken.
+            planner.hear(t_s, waiting)
+            waiting = camera.datagram(vehicle.state, t_s)
+            status = waiting["status"] if waiting else -1
+            recorder.frame(t_s, status, camera.solid_in_view(vehicle.state))
+        target = planner.target(t_s, vehicle.state)
+        away = clearance(sea.solid, vehicle.state.position[[0, 2]])
+        recorder.step(t_s, vehicle.state, planner.mode, away)
+        if planner.reached or away < HULL_RADIUS_M:
+            break
+        vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))
+    return recorder.track(planner.avoidances, planner.reached)
+
+
+def _turned(sea: Sea) -> Sea:
+    """The same sea with everything turned about the origin to its heading."""
+    sine, cosine = math.sin(sea.heading), math.cos(sea.heading)
+    matrix = np.array([[cosine, -sine], [sine, cosine]])
+    return replace(
+        sea,
+        solid=tuple(outline @ matrix for outline in sea.solid),
+        seen=tuple(outline @ matrix for outline in sea.seen),
+    )
+
+
+def draw_sea(kind: str, seed: int, **changes: Any) -> Sea:
+    """One of the scenes, drawn from a seed."""
+    rng = np.random.default_rng([seed, 7])
+    off, second, radius = rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6), rng.uniform(0.2, 0.85)
+    solid: tuple[Float, ...] = ()
+    seen: tuple[Float, ...] = ()
+    height = 0.5
+    if kind in ("tower", "current", "far"):
+        solid, seen = (tower(off, 0.0),), (tower(off, 0.0, radius),)
+    elif kind == "two":
+        apart = rng.uniform(5.0, 8.0)
+        solid = tower(off, -3.0), tower(second, apart - 3.0)
+        seen = tower(off, -3.0, radius), tower(second, apart - 3.0, radius)
+    elif kind == "trap":
+        solid = seen = (trap(off, 2.0),)
+        height = 1.0
+    current = (float(rng.choice([-0.2, 0.2])), 0.0, 0.0) if kind == "current" else (0.0, 0.0, 0.0)
+    sea = Sea(solid, seen, height, current=current, name=kind)
+    return _turned(replace(sea, **changes))
+
+
+@pytest.fixture(scope="session")
+def stand_in() -> SimpleNamespace:
+    """The stand-in's functions and classes."""
+    return SimpleNamespace(Sea=Sea, draw=draw_sea, fly=fly, tower=tower, trap=trap)

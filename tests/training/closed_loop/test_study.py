@@ -1,0 +1,89 @@
+"""`tokt simulate --closed-loop` from the command to its folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from tokt.training.closed_loop import default_model, loop
+from tokt.training.closed_loop.default_model import train_default_model
+
+pytestmark = pytest.mark.xdist_group("closed_loop")
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The default model's own way, on one short mission."""
+    path = tmp_path_factory.mktemp("model") / "small.tokt"
+    said: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(default_model, "SEEDS", (900_001, 900_002))
+        patch.setattr(default_model, "FRAMES", 60)
+        patch.setattr(default_model, "PRESET", "plain")
+        bundle = train_default_model(path, 360, lambda items, *_: items, said.append, jobs=1)
+    assert said == ["-- train a model on 2 rendered missions (--model FILE spares it)"]
+    assert bundle.data == path.read_bytes() and bundle.name == default_model.NAME
+    return path
+
+
+def test_a_study(
+    model: Path, tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "LONGEST_S", 20.0)  # into the tower, or beside it by then
+    out = tmp_path / "out"
+    command = ["simulate", out, "--closed-loop", "--scenes", "tower", "--methods", "texture,none"]
+    ran = run_tokt(*command, "--seed", 1001, "--runs", 1, "--model", model, "--jobs", 1, "--json")
+    assert ran.code == 0, ran.err
+    said, written = json.loads(ran.out), json.loads((out / "results.json").read_text())
+    assert said == written and said["format"] == 1 and said["seeds"] == [1001, 1001]
+    texture, none = said["table"]
+    assert (texture["method"], texture["runs"], texture["collided"]) == ("texture", 1, 0)
+    assert (none["method"], none["runs"], none["collided"]) == ("none", 1, 1)
+    avoided, deaf = said["runs"]
+    assert avoided["avoidances"] >= 1 and deaf["avoidances"] == deaf["frames"] == 0
+    assert deaf["clearance_m"] < 0 < avoided["clearance_m"]
+    assert (out / "model.tokt").read_bytes() == model.read_bytes()
+    assert list(pd.read_csv(out / "runs.csv").collided) == [False, True]
+    page = (out / "report.html").read_text()
+    assert "Some of these are among them: no test." in page
+    assert 'src="http' not in page and (out / "maps" / "tower-texture.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--scenes", "reef"], "unknown scene 'reef' (choose from tower,"),
+        (["--scenes", "tower,tower"], "name each scene once"),
+        (["--scenes", ","], "name each scene once, and at least one"),
+        (["--methods", "sonar"], "unknown method 'sonar' (choose from texture,"),
+        (["--runs", 0], "at least one run is needed, not 0"),
+        (["--seed", -1], "a seed is 0 or more, not -1"),
+        (["--width", 90], "frames are 120 to 1360 pixels wide, not 90"),
+        (["--frames", 10], "--frames is for a mission, not for --closed-loop"),
+        (["--model", "none.tokt"], "none.tokt"),
+        (["--jobs", 0], "jobs: a number of processes"),
+    ],
+)
+def test_what_cannot_be_flown(
+    options: list[Any], words: str, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    ran = run_tokt("simulate", tmp_path / "out", "--closed-loop", *options)
+    assert ran.code == 2 and words in ran.err and "Traceback" not in ran.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_is_there(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+    ran = run_tokt("simulate", tmp_path, "--closed-loop")
+    assert ran.code == 2 and "is there already" in ran.err
+
+
+@pytest.mark.parametrize("name", ["scenes", "methods", "runs", "model"])
+def test_options_of_the_closed_loop_alone(
+    name: str, tmp_path: Path, run_tokt: Callable[..., Any]
+) -> None:
+    ran = run_tokt("simulate", tmp_path / "out", f"--{name}", 3)
+    assert ran.code == 2 and f"--{name} is for --closed-loop" in ran.err

@@ -1,0 +1,85 @@
+"""The vehicle's equations: what is known of their solutions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tokt.training.closed_loop.vehicle import MINERVA, Forces, State, Vehicle
+
+STEP_S = 0.05
+AT_REST = State(np.zeros(3), 0.0, np.zeros(3))
+
+
+def run(vehicle: Vehicle, seconds: float, forces: Forces, step_s: float = STEP_S) -> Vehicle:
+    for _ in range(round(seconds / step_s)):
+        vehicle.step(step_s, forces)
+    return vehicle
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_thrust_and_drag_balance_at_the_speed_that_the_coefficients_give(axis: int) -> None:
+    newtons = 120.0
+    forces = [Forces(surge=newtons), Forces(sway=newtons), Forces(heave=newtons)][axis]
+    linear, quadratic = MINERVA.linear_drag[axis], MINERVA.quadratic_drag[axis]
+    expected = (-linear + math.sqrt(linear**2 + 4 * quadratic * newtons)) / (2 * quadratic)
+    vehicle = run(Vehicle(AT_REST), 60.0, forces)
+    assert vehicle.state.velocity_body[axis] == pytest.approx(expected, rel=1e-3)
+
+
+def test_it_goes_where_it_looks() -> None:
+    east = Vehicle(State(np.zeros(3), math.pi / 2, np.zeros(3)))
+    x, y, z = run(east, 10.0, Forces(surge=100.0)).state.position
+    assert x > 1.0 and abs(y) < 1e-9 and abs(z) < 1e-9
+    starboard = run(Vehicle(AT_REST), 10.0, Forces(sway=100.0)).state.position
+    assert starboard[0] > 0.5 and abs(starboard[2]) < 1e-9
+    turned = run(Vehicle(AT_REST), 2.0, Forces(yaw=20.0)).state
+    assert turned.heading_rad > 0.05
+    assert turned.camera[0] == pytest.approx(0.5 * math.sin(turned.heading_rad))
+
+
+def test_what_drifts_goes_with_the_water_however_it_turns() -> None:
+    """Nothing pushes it: relative to the water it stays at rest, and only the turning dies away."""
+    current = (0.3, 0.05, -0.2)
+    heading = 0.7
+    sine, cosine = math.sin(heading), math.cos(heading)
+    body = np.array([current[2] * cosine + current[0] * sine,
+                     current[0] * cosine - current[2] * sine, current[1]])  # fmt: skip
+    vehicle = Vehicle(State(np.zeros(3), heading, body, yaw_rate=0.6), current)
+    run(vehicle, 10.0, Forces())
+    assert abs(vehicle.state.heading_rad - heading) > 0.2
+    assert vehicle.state.velocity_world == pytest.approx(current, abs=1e-6)
+    assert vehicle.state.position == pytest.approx(10.0 * np.array(current), abs=1e-5)
+
+
+def test_at_rest_in_a_current_it_is_carried_along_until_that_ends() -> None:
+    vehicle = Vehicle(AT_REST, lambda t_s: (0.3 if t_s < 60 else 0.0, 0.0, 0.0))
+    assert run(vehicle, 60.0, Forces(), 0.2).state.velocity_world[0] == pytest.approx(0.3, abs=0.04)
+    assert run(vehicle, 60.0, Forces(), 0.2).state.velocity_world[0] < 0.04
+
+
+def test_thrusters_have_an_end_and_take_their_time() -> None:
+    vehicle = Vehicle(AT_REST)
+    vehicle.step(STEP_S, Forces(surge=1e6))
+    assert vehicle.applied.surge == pytest.approx(MINERVA.greatest.surge * STEP_S / MINERVA.rise_s)
+    run(vehicle, 2.0, Forces(surge=1e6))
+    assert vehicle.applied.surge == MINERVA.greatest.surge
+    vehicle.step(STEP_S, Forces(surge=-1e6))
+    assert vehicle.applied.surge > 0.9 * MINERVA.greatest.surge
+
+
+def test_half_the_step_changes_next_to_nothing() -> None:
+    """Runge-Kutta 4 at 20 Hz; a first-order method is off by centimetres here."""
+
+    def end(step_s: float) -> np.ndarray:
+        start = State(np.zeros(3), 0.3, np.array([0.6, 0.2, 0.0]), 0.4)
+        vehicle = Vehicle(start, (0.2, 0.0, 0.1))
+        return run(vehicle, 4.0, Forces(), step_s).state.position
+
+    assert np.abs(end(0.05) - end(0.0125)).max() < 1e-6
+
+
+def test_a_step_takes_time() -> None:
+    with pytest.raises(ValueError, match="step of 0"):
+        Vehicle(AT_REST).step(0.0, Forces())

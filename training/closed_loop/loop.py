@@ -1,0 +1,162 @@
+"""One run of the closed loop: vehicle, cameras, the real runtime, planner and autopilot.
+
+::
+
+    vehicle ── pose ──> renderer ── frames, TCP ──> tokt run ── UDP v2 ──> planner
+       ^                                             (process)                │ target
+       └──────────────── forces ── autopilot <───────────────────────────────┘
+
+Time is simulated: no frame is rendered before the verdict on the one before has come, so that a
+run is the same on any machine, however busy. What a verdict's way takes at sea is put in as
+`LATENCY_S`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...labels.synthetic.eyes import Eyes
+from .autopilot import STEP_S, Autopilot
+from .planner import Planner, PlannerSettings
+from .runtime_process import RuntimeProcess
+from .scenes import KINDS, Scene
+from .track import Recorder, Track
+from .vehicle import HULL_RADIUS_M, Vehicle
+
+NONE = "none"
+METHODS = ("texture", "disparity", "either", "fallback", NONE)
+"""Policies of `tokt run`, and the control: a planner that hears nothing."""
+
+WIDTH = 360
+"""Of the frames in pixels, where none is given: the grid's."""
+STEPS_A_FRAME = 5
+"""Control steps of `STEP_S` from one frame to the next: 4 frames a second."""
+LATENCY_S = 0.1
+"""From a frame to its verdict at the planner. Source: `tokt bench` on the mission's frames, 5 to
+7 ms at the 99th percentile, and a camera's exposure and transfer, assumed."""
+LONGEST_S = 150.0
+"""A run that takes longer has not arrived; straight there takes under 30 s."""
+STEREO_SCALE = "1.0"
+"""Of the views matched: frames are rendered as wide as the grid's picture, and are not halved."""
+EPOCH_S = 1_461_149_301.0
+"""The simulated clock's time at the start, UTC: the sea trial's day."""
+IN_VIEW_M = 10.0
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What is to be flown.
+
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+        Of `METHODS`.
+    model : Path or None
+        The bundle; None for methods that use none.
+    planner : PlannerSettings
+    """
+
+    scene: Scene
+    method: str
+    model: Path | None
+    planner: PlannerSettings = field(default_factory=PlannerSettings)
+
+
+def fly(flight: Flight) -> Track:
+    """Fly to the goal, into something, or until time is up.
+
+    Raises
+    ------
+    ToktError
+        If the runtime ends, hangs or answers with anything but verdicts.
+    """
+    with _runtime(flight) as runtime:
+        return _Run(flight, runtime).fly()
+
+
+@contextmanager
+def _runtime(flight: Flight) -> Iterator[RuntimeProcess | None]:
+    if flight.method == NONE:
+        yield None
+        return
+    options = ["--policy", flight.method]
+    if flight.model is not None:
+        options += ["--bundle", str(flight.model)]
+    with tempfile.TemporaryDirectory(prefix="tokt-closed-loop-") as folder:
+        if _looks_at_pairs(flight.method):
+            calibration = Path(folder) / "calibration.yml"
+            flight.scene.rig.write(calibration)
+            options += ["--calibration", str(calibration), "--stereo-scale", STEREO_SCALE]
+        with RuntimeProcess(options) as runtime:
+            yield runtime
+
+
+def _looks_at_pairs(method: str) -> bool:
+    return method != "texture"
+
+
+class _Run:
+    """The state of one run."""
+
+    def __init__(self, flight: Flight, runtime: RuntimeProcess | None) -> None:
+        scene = flight.scene
+        self._scene, self._runtime = scene, runtime
+        self._pairs = _looks_at_pairs(flight.method)
+        self._eyes = Eyes(scene.world, scene.rig, scene.seed)
+        self._vehicle = Vehicle(scene.start, scene.current_m_s)
+        self._autopilot = Autopilot()
+        self._planner = Planner(scene.goal, replace(flight.planner, deaf=runtime is None))
+        self._recorder = Recorder(KINDS[scene.name].title, scene.name, flight.method, scene.seed)
+        self._said: tuple[float, dict[str, Any]] | None = None
+
+    def fly(self) -> Track:
+        for step in range(round(LONGEST_S / STEP_S)):
+            t_s = step * STEP_S
+            if step % STEPS_A_FRAME == 0:
+                self._frame(step // STEPS_A_FRAME + 1, t_s)
+            if self._said is not None and t_s >= self._said[0] + LATENCY_S - STEP_S / 2:
+                self._planner.hear(t_s, self._said[1])
+                self._said = None
+            state = self._vehicle.state
+            target = self._planner.target(t_s, state)
+            clearance = float(self._scene.world.clearance_m(state.position[None], t_s)[0])
+            self._recorder.step(t_s, state, target.mode, clearance)
+            if self._planner.reached or clearance < HULL_RADIUS_M:
+                break
+            self._vehicle.step(STEP_S, self._autopilot.forces(state, target))
+        return self._recorder.track(self._planner.avoidances, self._planner.reached)
+
+    def _frame(self, number: int, t_s: float) -> None:
+        """Take a frame, have it judged, and keep the verdict for when it arrives."""
+        if self._runtime is None:
+            return
+        left, right = self._look(t_s)
+        said = self._runtime.judge(number, EPOCH_S + t_s, left, right)
+        self._said = (t_s, said)
+        self._recorder.frame(t_s, said["status"], self._in_view(t_s))
+
+    def _look(self, t_s: float) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
+        blind, state = self._scene.blind_s, self._vehicle.state
+        if blind is not None and blind[0] <= t_s < blind[1]:
+            return None, None
+        pose = (t_s, state.camera, state.heading_rad, state.velocity_world)
+        return self._eyes.pair(*pose) if self._pairs else (self._eyes.left(*pose), None)
+
+    def _in_view(self, t_s: float) -> bool:
+        """Whether something solid is in the left camera's picture, and not far away."""
+        return bool(
+            self._eyes.sees_solid(
+                t_s, self._vehicle.state.camera, self._vehicle.state.heading_rad, IN_VIEW_M
+            )
+        )

@@ -1,0 +1,163 @@
+"""What runs came to: collisions, clearance, detours, false avoidance; and tables over many runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from .track import Track
+from .vehicle import HULL_RADIUS_M
+
+CONFIDENCE = 0.95
+FRESH_S = 2.5
+"""An avoidance is of what was in view at most this long before: the frame rule and the way of the
+datagram take up to a second and a half."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one run came to.
+
+    Parameters
+    ----------
+    scene, method : str
+    seed : int
+    collided : bool
+        Whether the hull, a sphere of `HULL_RADIUS_M`, touched something solid.
+    reached : bool
+        Whether it came to the goal.
+    clearance_m : float
+        The least distance between the hull and anything solid, 0 or less where it collided;
+        infinite where there is nothing solid.
+    path_m : float
+        Length of its way.
+    detour : float
+        That over the straight line between the way's ends, less 1; NaN where it did not arrive.
+    time_s : float
+    avoidances, false_avoidances : int
+        How often the planner began to avoid, and how often while nothing solid had been in view.
+    false_statuses : int
+        Frames judged to show an obstacle while nothing solid was in view.
+    frames, unknown_frames : int
+    """
+
+    scene: str
+    method: str
+    seed: int
+    collided: bool
+    reached: bool
+    clearance_m: float
+    path_m: float
+    detour: float
+    time_s: float
+    avoidances: int
+    false_avoidances: int
+    false_statuses: int
+    frames: int
+    unknown_frames: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form; what is not finite is None."""
+        return {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in asdict(self).items()
+        }
+
+
+def judge(track: Track) -> Outcome:
+    """What a run came to."""
+    steps = np.diff(track.position, axis=0)
+    path_m = float(np.linalg.norm(steps, axis=1).sum())
+    straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
+    clearance_m = float(track.clearance_m.min()) - HULL_RADIUS_M
+    collided = clearance_m < 0
+    arrived = track.reached and not collided
+    return Outcome(
+        scene=track.scene,
+        method=track.method,
+        seed=track.seed,
+        collided=collided,
+        reached=arrived,
+        clearance_m=clearance_m,
+        path_m=path_m,
+        detour=path_m / straight_m - 1.0 if arrived else math.nan,
+        time_s=float(track.t_s[-1]),
+        avoidances=len(track.avoidances_s),
+        false_avoidances=sum(_is_false(track, t_s) for t_s in track.avoidances_s),
+        false_statuses=int(((track.frame_status == 1) & ~track.frame_in_view).sum()),
+        frames=len(track.frame_status),
+        unknown_frames=int((track.frame_status == -1).sum()),
+    )
+
+
+def _is_false(track: Track, t_s: float) -> bool:
+    """Whether nothing solid was in any frame of the time before an avoidance."""
+    recent = (track.frame_t_s <= t_s) & (track.frame_t_s >= t_s - FRESH_S)
+    return not track.frame_in_view[recent].any()
+
+
+def bounds(happened: int, runs: int) -> tuple[float, float]:
+    """Where the rate of what happened in so many runs lies, at 95 % confidence.
+
+    Exact (Clopper and Pearson 1934), two-sided.
+
+    Raises
+    ------
+    ValueError
+        If there are no runs.
+    """
+    if runs < 1:
+        raise ValueError("no runs, no rate")
+    found = stats.binomtest(happened, runs).proportion_ci(CONFIDENCE, method="exact")
+    return float(found.low), float(found.high)
+
+
+def table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+    """A row for each scene and method, in the order in which they first occur.
+
+    Returns
+    -------
+    pandas.DataFrame
+        scene, method, runs; collided, reached, false_avoidance (runs in which it happened, each
+        with ``_low`` and ``_high``, the bounds of its rate at 95 % confidence); clearance_min_m,
+        clearance_median_m (NaN where nothing is solid); detour_median, detour_most and
+        time_median_s (of the runs that arrived, NaN without any); false_status_frames, frames.
+
+    Raises
+    ------
+    ValueError
+        If there is no outcome.
+    """
+    if not outcomes:
+        raise ValueError("no runs to make a table of")
+    frame = pd.DataFrame([asdict(outcome) for outcome in outcomes])
+    frame["false_avoidance"] = frame["false_avoidances"] > 0
+    groups = frame.groupby(["scene", "method"], sort=False)
+    return pd.DataFrame(
+        [{"scene": scene, "method": method, **_row(part)} for (scene, method), part in groups]
+    )
+
+
+def _row(part: pd.DataFrame) -> dict[str, float | int]:
+    row: dict[str, float | int] = {"runs": len(part)}
+    for name in ("collided", "reached", "false_avoidance"):
+        happened = int(part[name].sum())
+        row[name] = happened
+        row[f"{name}_low"], row[f"{name}_high"] = bounds(happened, len(part))
+    clearance = part["clearance_m"][np.isfinite(part["clearance_m"])]
+    arrived = part[part["reached"]]
+    return row | {
+        "clearance_min_m": float(clearance.min()),
+        "clearance_median_m": float(clearance.median()),
+        "detour_median": float(arrived["detour"].median()),
+        "detour_most": float(arrived["detour"].max()),
+        "time_median_s": float(arrived["time_s"].median()),
+        "false_status_frames": int(part["false_statuses"].sum()),
+        "frames": int(part["frames"].sum()),
+    }

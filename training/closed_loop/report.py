@@ -1,0 +1,167 @@
+"""The page about many runs: a table of scenes and methods, and maps. One file, no network."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import pandas as pd
+
+from ... import __version__
+from ...features import atomic
+from .chart import Chart
+from .film import animation
+from .map import still
+from .outcome import CONFIDENCE, FRESH_S, Outcome, table
+from .overview import overview
+from .track import Track
+from .vehicle import HULL_RADIUS_M
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One run as the page shows it.
+
+    Parameters
+    ----------
+    track : Track
+    chart : Chart
+        Where it was flown.
+    outcome : Outcome
+        What it came to.
+    """
+
+    track: Track
+    chart: Chart
+    outcome: Outcome
+
+
+def write_report(
+    out: Path, outcomes: Sequence[Outcome], flown: Sequence[Flown], words: Sequence[str]
+) -> None:
+    """Write ``report.html``, ``table.csv``, ``runs.csv`` and the maps into a folder.
+
+    Parameters
+    ----------
+    out : Path
+        The folder. ``maps/SCENE-METHOD.png`` is the overview, ``maps/SCENE-METHOD-SEED.png`` the
+        run that came nearest to something solid, and ``.webp`` that run as an animation, of each
+        scene's first method.
+    outcomes : sequence of Outcome
+        All runs: what the table is of.
+    flown : sequence of Flown
+        Those with a map.
+    words : sequence of str
+        Paragraphs: what was flown, and with what.
+
+    Raises
+    ------
+    ValueError
+        If there is no outcome.
+    """
+    rows = table(outcomes)
+    atomic.write_text(out / "table.csv", rows.to_csv(index=False))
+    runs = pd.DataFrame([outcome.to_json() for outcome in outcomes])
+    atomic.write_text(out / "runs.csv", runs.to_csv(index=False))
+    sections = _sections(flown)
+    for section in sections:
+        for name, data in section.files.items():
+            atomic.write_bytes(out / "maps" / name, data)
+    atomic.write_text(out / "report.html", _page(rows, sections, words))
+
+
+@dataclass(frozen=True)
+class _Section:
+    """A scene with a method: what is shown of it."""
+
+    title: str
+    method: str
+    runs: int
+    nearest: Flown
+    overview: str
+    maps: tuple[str, ...]
+    files: dict[str, bytes]
+
+    @property
+    def solid(self) -> bool:
+        """Whether there was anything to come near to."""
+        return math.isfinite(self.nearest.outcome.clearance_m)
+
+    def uri(self, name: str) -> str:
+        """A file of it as a data URI."""
+        kind = "webp" if name.endswith(".webp") else "png"
+        return f"data:image/{kind};base64," + base64.b64encode(self.files[name]).decode("ascii")
+
+
+def _sections(flown: Sequence[Flown]) -> list[_Section]:
+    groups: dict[tuple[str, str], list[Flown]] = {}
+    for one in flown:
+        groups.setdefault((one.track.scene, one.track.method), []).append(one)
+    animated: set[str] = set()
+    sections = []
+    for (scene, method), group in groups.items():
+        nearest = min(group, key=lambda one: one.outcome.clearance_m)
+        name = f"{scene}-{method}"
+        maps = {f"{name}-{nearest.track.seed}.png": still(nearest.track, nearest.chart)}
+        if scene not in animated:
+            animated.add(scene)
+            maps[f"{name}-{nearest.track.seed}.webp"] = animation(nearest.track, nearest.chart)
+        small = overview([one.track for one in group], [one.chart for one in group])
+        files = {f"{name}.png": small, **maps}
+        title = nearest.track.title
+        sections.append(
+            _Section(title, method, len(group), nearest, f"{name}.png", tuple(maps), files)
+        )
+    return sections
+
+
+def _page(rows: pd.DataFrame, sections: Sequence[_Section], words: Sequence[str]) -> str:
+    template = jinja2.Environment(
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    ).from_string(resources.files(__package__).joinpath("report.html").read_text("utf-8"))
+    titles = {section.nearest.track.scene: section.title for section in sections}
+    return template.render(
+        version=__version__,
+        words=words,
+        rows=[_shown(row, titles) for row in rows.to_dict("records")],
+        sections=sections,
+        hull_m=HULL_RADIUS_M,
+        confidence=CONFIDENCE,
+        fresh_s=FRESH_S,
+    )
+
+
+def _shown(row: Mapping[Any, Any], titles: Mapping[str, str]) -> dict[str, str | int | bool]:
+    """A row of the table in words."""
+
+    def rate(name: str) -> str:
+        low, high = 100 * row[f"{name}_low"], 100 * row[f"{name}_high"]
+        return f"{row[name]} ({low:.1f} to {high:.1f} %)"
+
+    def number(name: str, pattern: str) -> str:
+        return "" if pd.isna(row[name]) else pattern.format(row[name])
+
+    return {
+        "scene": titles.get(row["scene"], row["scene"]),
+        "method": row["method"],
+        "runs": row["runs"],
+        "hit": row["collided"] > 0,
+        "collided": rate("collided"),
+        "reached": rate("reached"),
+        "false_avoidance": rate("false_avoidance"),
+        "clearance_min": number("clearance_min_m", "{:.2f}"),
+        "clearance_median": number("clearance_median_m", "{:.2f}"),
+        "detour_median": number("detour_median", "{:.0%}"),
+        "detour_most": number("detour_most", "{:.0%}"),
+        "time": number("time_median_s", "{:.0f}"),
+        "false_status": f"{row['false_status_frames']} / {row['frames']}",
+    }

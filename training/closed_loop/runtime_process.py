@@ -1,0 +1,125 @@
+"""The real runtime, as a process: frames to it over a stream, verdicts from it as datagrams."""
+
+from __future__ import annotations
+
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ...inference.frame_stream import encode_frame
+from ...inference.udp import decode
+
+LONGEST_S = 60.0
+"""Wall time in seconds for a start or a verdict: a process that takes longer is taken for dead."""
+_LOOK_S = 0.2
+_DATAGRAM = 65_536
+
+Picture = NDArray[np.uint8]
+
+
+class RuntimeProcess:
+    """One ``tokt run``, which judges the frames it is given, one after the other.
+
+    Parameters
+    ----------
+    options : sequence of str
+        Of ``tokt run``, but for its source and receiver.
+
+    Raises
+    ------
+    ToktError
+        If the process ends or hangs, with its own last words; by `judge` also if it answers with
+        anything but the frame's verdict.
+    """
+
+    def __init__(self, options: Sequence[str]) -> None:
+        self._options = list(options)
+
+    def __enter__(self) -> RuntimeProcess:
+        self._words = tempfile.TemporaryFile()
+        self._receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._receiver.bind(("127.0.0.1", 0))
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            command = [
+                *(sys.executable, "-P", "-m", "tokt", "run"),
+                *("--source", f"stream:127.0.0.1:{server.getsockname()[1]}"),
+                *("--udp", f"v2@127.0.0.1:{self._receiver.getsockname()[1]}"),
+                *self._options,
+            ]
+            self._process = subprocess.Popen(command, stderr=self._words, cwd=Path.cwd())
+            try:
+                self._wait_for(server, "connect")
+                self._frames, _ = server.accept()
+            except BaseException:
+                self._end()
+                raise
+        self._frames.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._frames.close()
+        self._end()
+
+    def judge(
+        self, number: int, t: float, left: Picture | None, right: Picture | None
+    ) -> dict[str, Any]:
+        """Send one frame and wait for its datagram.
+
+        Parameters
+        ----------
+        number : int
+        t : float
+            Seconds since 1970 of the simulated clock.
+        left, right : array of uint8, shape (height, width, 3), or None
+
+        Returns
+        -------
+        dict
+            The fields of UDP v2.
+        """
+        try:
+            self._frames.sendall(encode_frame(number, t, left, right))
+        except OSError:
+            raise self._failed("take a frame") from None
+        self._wait_for(self._receiver, "say a verdict")
+        said = decode(self._receiver.recv(_DATAGRAM))
+        if said["t"] != t:
+            raise ToktError(f"the runtime spoke of the frame of {said['t']} s, not of {t} s")
+        return said
+
+    def _wait_for(self, readable: socket.socket, what: str) -> None:
+        end = time.monotonic() + LONGEST_S
+        while not select.select([readable], [], [], _LOOK_S)[0]:
+            if self._process.poll() is not None or time.monotonic() > end:
+                raise self._failed(what)
+
+    def _failed(self, what: str) -> ToktError:
+        self._words.seek(0)
+        words = self._words.read().decode("utf-8", "replace").strip().splitlines()
+        return ToktError(f"the runtime did not {what}: {words[-1] if words else 'no word'}")
+
+    def _end(self) -> None:
+        """The end of the stream ends the process; one that hangs is killed."""
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._receiver.close()
+        self._words.close()

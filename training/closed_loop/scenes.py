@@ -1,0 +1,198 @@
+"""The scenes of the closed loop: what is in the water, where the vehicle starts and has to go.
+
+::
+
+        z (north)         A seed draws the water, the tower, where it stands across the way, the
+        ^    x goal       vehicle's depth, and what moves. The same seed gives the same scene,
+        |    :            whatever method flies it.
+        |   #:#  tower at about the origin
+        |    :
+        |    ^ start, heading north
+        +--------> x (east)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ...labels.synthetic.dust import Cloud
+from ...labels.synthetic.fish import School
+from ...labels.synthetic.rig import Rig
+from ...labels.synthetic.water import Water
+from ...labels.synthetic.world import World, one_tower, trap
+from .vehicle import State
+
+Float = NDArray[np.float64]
+Triple = tuple[float, float, float]
+Rng = np.random.Generator
+
+START_M, GOAL_M = -11.0, 6.0
+"""Along z: a tower is seen from some 8 to 10 m on, and is passed well before the goal."""
+OFFSET_M = 0.6
+"""A tower stands up to this far beside the straight way."""
+DEPTH_M = (-0.5, 0.3)
+"""The vehicle's depth below the collar of the tower: mast, collar or lantern are ahead of it."""
+SECOND_M = 6.5
+"""Along z: the second tower of two."""
+CURRENT_M_S = 0.2
+THICK_SNOW = 4
+"""Times the snow of the mission."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One seed's scene.
+
+    Parameters
+    ----------
+    name : str
+    seed : int
+    world : World
+    rig : Rig
+    start : State
+    goal : (3,) array
+        World coordinates, metres.
+    blind_s : (from, to) or None
+        Seconds between which the cameras give no picture.
+    """
+
+    name: str
+    seed: int
+    world: World
+    rig: Rig
+    start: State
+    goal: Float
+    blind_s: tuple[float, float] | None = None
+
+    @property
+    def current_m_s(self) -> Triple:
+        """Velocity of the water: east, down, north."""
+        return self.world.current
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of scene.
+
+    Parameters
+    ----------
+    title : str
+        For tables and maps.
+    obstacles : int
+        Things to hit on the way.
+    make : callable
+        ``make(rng, scene)`` puts in what is special about it.
+    """
+
+    title: str
+    obstacles: int
+    make: Callable[[Rng, Scene], Scene]
+
+
+def _with(scene: Scene, **changes: object) -> Scene:
+    return replace(scene, world=replace(scene.world, **changes))  # type: ignore[arg-type]
+
+
+def _offset(rng: Rng) -> float:
+    return float(rng.uniform(-OFFSET_M, OFFSET_M))
+
+
+def _empty(rng: Rng, scene: Scene) -> Scene:
+    return scene
+
+
+def _tower(rng: Rng, scene: Scene) -> Scene:
+    return _with(scene, things=(one_tower(rng, (_offset(rng), 0.0, 0.0)),))
+
+
+def _two(rng: Rng, scene: Scene) -> Scene:
+    towers = tuple(one_tower(rng, (_offset(rng), 0.0, along)) for along in (0.0, SECOND_M))
+    goal = scene.goal + np.array([0.0, 0.0, SECOND_M])
+    return replace(_with(scene, things=towers), goal=goal)
+
+
+def _trap(rng: Rng, scene: Scene) -> Scene:
+    dead_end = trap(rng, (_offset(rng), 0.0, 1.5), width_m=4.0, depth_m=3.0)
+    return _with(scene, things=(dead_end,))
+
+
+def _current(rng: Rng, scene: Scene) -> Scene:
+    across = CURRENT_M_S * float(rng.choice([-1.0, 1.0])) * float(rng.uniform(0.5, 1.0))
+    along = float(rng.uniform(-0.5, 0.5)) * CURRENT_M_S
+    return _with(_tower(rng, scene), current=(across, 0.0, along))
+
+
+def _blind(rng: Rng, scene: Scene) -> Scene:
+    start = float(rng.uniform(3.0, 12.0))
+    scene = _with(_tower(rng, scene), current=(float(rng.uniform(-0.1, 0.1)), 0.0, 0.0))
+    return replace(scene, blind_s=(start, start + 6.0))
+
+
+def _fish(rng: Rng, scene: Scene) -> Scene:
+    side = float(rng.choice([-1.0, 1.0]))
+    through = (0.0, scene.start.position[1], float(rng.uniform(-4.0, 0.0)))
+    at_s = float(rng.uniform(6.0, 12.0))
+    school = School.crossing(rng, through, at_s, velocity=(0.8 * side, 0.0, 0.0))
+    return _with(scene, fish=school)
+
+
+def _snow(rng: Rng, scene: Scene) -> Scene:
+    water = scene.world.water
+    return _with(scene, water=replace(water, snow_per_frame=THICK_SNOW * water.snow_per_frame))
+
+
+def _dust(rng: Rng, scene: Scene) -> Scene:
+    at = (_offset(rng), scene.start.position[1], float(rng.uniform(-5.0, -1.0)))
+    return _with(scene, dust=(Cloud.draw(rng, at, drift=(float(rng.normal(0, 0.03)), 0.0, 0.0)),))
+
+
+KINDS = {
+    "tower": Kind("one tower", 1, _tower),
+    "two": Kind("two towers in succession (thesis, figure 5.9)", 2, _two),
+    "trap": Kind("a dead end (thesis, figure 6.2)", 1, _trap),
+    "current": Kind("one tower in a current", 1, _current),
+    "blind": Kind("one tower, no pictures for 6 s", 1, _blind),
+    "empty": Kind("empty water with marine snow", 0, _empty),
+    "snow": Kind(f"empty water, {THICK_SNOW} times the snow", 0, _snow),
+    "fish": Kind("a school of fish, nothing to hit", 0, _fish),
+    "dust": Kind("a cloud of sediment, nothing to hit", 0, _dust),
+}
+"""By name, in the order of tables."""
+
+
+def draw_scene(name: str, seed: int, width: int) -> Scene:
+    """The scene of a seed.
+
+    Parameters
+    ----------
+    name : str
+        Of `KINDS`.
+    seed : int
+        0 or more.
+    width : int
+        Of the frames, in pixels.
+
+    Raises
+    ------
+    ToktError
+        If there is no such scene.
+    """
+    if name not in KINDS:
+        raise ToktError(f"unknown scene {name!r} (choose from {', '.join(KINDS)})")
+    # Each part has a stream of its own, so that none shifts another.
+    place, water, rig, special = (np.random.default_rng([seed, part]) for part in range(4))
+    depth = float(place.uniform(*DEPTH_M))
+    scene = Scene(
+        name,
+        seed,
+        World(Water.draw(water), seed=seed),
+        Rig.draw(rig, width),
+        State(np.array([0.0, depth, START_M]), 0.0, np.zeros(3)),
+        np.array([0.0, depth, GOAL_M]),
+    )
+    return KINDS[name].make(special, scene)

@@ -1,0 +1,133 @@
+"""What one run recorded: the way of the vehicle, what the planner was at, what was heard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .target import Mode
+from .vehicle import Float, State
+
+
+@dataclass(frozen=True)
+class Track:
+    """One run.
+
+    Parameters
+    ----------
+    title, scene, method : str
+        The scene in words, its name, and what judged the frames.
+    seed : int
+    t_s : (n,) float64
+        A value a control step, from the start.
+    position : (n, 3) float64
+        Of the vehicle's centre: east, down, north, metres.
+    heading : (n,) float64
+        Radians.
+    mode : (n,) str
+        The planner's `Mode`.
+    clearance_m : (n,) float64
+        From the vehicle's centre to the nearest solid; infinite where there is none.
+    frame_t_s : (m,) float64
+        When frames were taken.
+    frame_status : (m,) int64
+        What was said of each: 1 obstacle, 0 clear, -1 unknown or nothing.
+    frame_in_view : (m,) bool
+        Whether something solid was before the camera, near enough to be seen.
+    avoidances_s : (k,) float64
+        When the planner began to avoid.
+    reached : bool
+        Whether it came to the goal.
+    """
+
+    title: str
+    scene: str
+    method: str
+    seed: int
+    t_s: Float
+    position: Float
+    heading: Float
+    mode: NDArray[np.str_]
+    clearance_m: Float
+    frame_t_s: Float
+    frame_status: NDArray[np.int64]
+    frame_in_view: NDArray[np.bool_]
+    avoidances_s: Float
+    reached: bool
+
+    def at(self, t_s: Float) -> Float:
+        """(k, 3) Where the vehicle was at these times, k of them."""
+        return np.stack(
+            [np.interp(t_s, self.t_s, self.position[:, axis]) for axis in range(3)], axis=1
+        )
+
+    @property
+    def obstacle_places(self) -> Float:
+        """(k, 3) Where it was when a frame was taken that the verdict obstacle is of."""
+        return self.at(self.frame_t_s[self.frame_status == 1])
+
+    @property
+    def nearest(self) -> int:
+        """The step at which the clearance was least; 0 where there is nothing solid."""
+        return int(np.argmin(self.clearance_m))
+
+
+class Recorder:
+    """Collects a `Track`.
+
+    Parameters
+    ----------
+    title, scene, method, seed
+        As of `Track`.
+    """
+
+    def __init__(self, title: str, scene: str, method: str, seed: int) -> None:
+        self._about = (title, scene, method, seed)
+        self._steps: list[tuple[float, State, Mode, float]] = []
+        self._frames: list[tuple[float, int, bool]] = []
+
+    def step(self, t_s: float, state: State, mode: Mode, clearance_m: float) -> None:
+        """Record a control step."""
+        self._steps.append((t_s, state, mode, clearance_m))
+
+    def frame(self, t_s: float, status: int, in_view: bool) -> None:
+        """Record what was said of the frame taken at `t_s`.
+
+        Parameters
+        ----------
+        t_s : float
+        status : {1, 0, -1}
+            -1 also where nothing was said.
+        in_view : bool
+            Whether something solid was before the camera, near enough to be seen.
+        """
+        self._frames.append((t_s, status, in_view))
+
+    def track(self, avoidances_s: Sequence[float], reached: bool) -> Track:
+        """What was recorded.
+
+        Raises
+        ------
+        ValueError
+            If there was no step.
+        """
+        if not self._steps:
+            raise ValueError("a run without a step")
+        times, states, modes, clearances = zip(*self._steps, strict=True)
+        frames = np.array(self._frames, np.float64).reshape(-1, 3)
+        return Track(
+            *self._about,
+            t_s=np.array(times),
+            position=np.stack([state.position for state in states]),
+            heading=np.array([state.heading_rad for state in states]),
+            mode=np.array([str(mode) for mode in modes]),
+            clearance_m=np.array(clearances),
+            frame_t_s=frames[:, 0],
+            frame_status=frames[:, 1].astype(np.int64),
+            frame_in_view=frames[:, 2].astype(np.bool_),
+            avoidances_s=np.array(avoidances_s, np.float64),
+            reached=reached,
+        )

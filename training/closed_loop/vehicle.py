@@ -1,0 +1,232 @@
+"""The vehicle: surge, sway, heave and yaw of a light work-class ROV, its thrusters and the current.
+
+Equations of motion: T. I. Fossen, *Handbook of Marine Craft Hydrodynamics and Motion Control*
+(Wiley 2011), chapters 6 to 8, for four degrees of freedom with diagonal matrices. With the body's
+velocity over ground nu, that of the water seen from it nu_c, and nu_r = nu - nu_c::
+
+    (M_RB + M_A) dnu/dt = tau - C_RB(nu) nu - C_A(nu_r) nu_r - D(nu_r) nu_r + M_A dnu_c/dt
+
+World axes are the synthetic mission's: x east, y down, z north. Heading 0 looks north, positive
+turns to the east (clockwise seen from above). So (z, x, y) are Fossen's north, east, down.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Current = Float | tuple[float, float, float] | Callable[[float], "Float | tuple[float, ...]"]
+
+HULL_RADIUS_M = 0.8
+"""Of the sphere about the vehicle's centre that must touch nothing: half the length of Minerva
+(1.44 m), whose motions these are, and a little more. The SUB-fighter 30k is 2.6 m long and 1.5 m
+wide over its frame: the sphere is as wide, and shorter."""
+CAMERA_AHEAD_M = 0.5
+"""The left camera, ahead of the vehicle's centre."""
+
+
+@dataclass(frozen=True)
+class Forces:
+    """What the thrusters do, or are asked to: N along surge, sway and heave, N m about yaw."""
+
+    surge: float = 0.0
+    sway: float = 0.0
+    heave: float = 0.0
+    yaw: float = 0.0
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the vehicle's centre is, and how it moves over ground.
+
+    Parameters
+    ----------
+    position : (3,) float64
+        Metres: east, down, north.
+    heading_rad : float
+        0 is north, positive towards east.
+    velocity_body : (3,) float64
+        Metres a second over ground: surge (ahead), sway (to starboard), heave (down).
+    yaw_rate : float
+        Radians a second.
+    """
+
+    position: Float
+    heading_rad: float
+    velocity_body: Float
+    yaw_rate: float = 0.0
+
+    @property
+    def camera(self) -> Float:
+        """(3,) Where the left camera is, in metres."""
+        ahead = CAMERA_AHEAD_M * np.array(
+            [math.sin(self.heading_rad), 0, math.cos(self.heading_rad)]
+        )
+        return np.asarray(self.position + ahead, np.float64)
+
+    @property
+    def velocity_world(self) -> Float:
+        """(3,) Metres a second: east, down, north."""
+        surge, sway, heave = self.velocity_body
+        sine, cosine = math.sin(self.heading_rad), math.cos(self.heading_rad)
+        return np.array([surge * sine + sway * cosine, heave, surge * cosine - sway * sine])
+
+
+@dataclass(frozen=True)
+class VehicleParameters:
+    """Masses, drag and thrusters; four numbers are for surge, sway, heave and yaw.
+
+    Parameters
+    ----------
+    mass : kg, kg, kg, kg m2
+        Of the rigid body, in air.
+    added_mass : kg, kg, kg, kg m2
+    linear_drag : N s/m, N s/m, N s/m, N m s
+    quadratic_drag : N s2/m2, N s2/m2, N s2/m2, N m s2
+    greatest : Forces
+        What the thrusters can do either way.
+    rise_s : float
+        Seconds from nothing to that: they change no faster.
+    """
+
+    mass: tuple[float, float, float, float]
+    added_mass: tuple[float, float, float, float]
+    linear_drag: tuple[float, float, float, float]
+    quadratic_drag: tuple[float, float, float, float]
+    greatest: Forces
+    rise_s: float
+
+    def drag(self, axis: int, speed: float) -> float:
+        """Drag along an axis (0 surge, 1 sway, 2 heave, 3 yaw) at a speed through the water."""
+        return (self.linear_drag[axis] + self.quadratic_drag[axis] * abs(speed)) * speed
+
+
+MINERVA = VehicleParameters(
+    mass=(460.0, 460.0, 460.0, 50.31),
+    added_mass=(293.0, 302.0, 326.0, 57.0),
+    linear_drag=(29.0, 41.0, 254.0, 45.0),
+    quadratic_drag=(292.0, 584.0, 635.0, 100.0),
+    greatest=Forces(480.0, 190.0, 390.0, 100.0),
+    rise_s=0.8,
+)
+"""NTNU's ROV Minerva, a SUB-fighter 7500: the published model nearest to the SUB-fighter 30k, of
+the same maker and laboratory. Masses and drag: S. M. Mo, *Development of a Simulation Platform for
+ROV Systems* (NTNU 2015), main diagonals. Greatest thrust, by order of magnitude: rho n^2 D^4 K_T
+at 24 revolutions a second with the propellers' D (0.19 and 0.22 m), K_T (about 0.25) and losses
+(0.72 and 0.58) given there. The rise time is assumed."""
+
+
+class Vehicle:
+    """One vehicle in one current.
+
+    Parameters
+    ----------
+    start : State
+    current_m_s : (3,) floats, or a function of time in seconds that gives them
+        Velocity of the water over ground: east, down, north. One that changes is taken to change
+        slowly: its own acceleration is left out.
+    parameters : VehicleParameters
+
+    Attributes
+    ----------
+    state : State
+    t_s : float
+        Seconds since the start.
+    applied : Forces
+        What the thrusters do now.
+    """
+
+    def __init__(
+        self,
+        start: State,
+        current_m_s: Current = (0.0, 0.0, 0.0),
+        parameters: VehicleParameters = MINERVA,
+    ) -> None:
+        self.state = start
+        self.t_s = 0.0
+        self.applied = Forces()
+        self.parameters = parameters
+        self._current = current_m_s
+
+    def step(self, dt_s: float, forces: Forces) -> None:
+        """Go on for `dt_s` seconds while the thrusters are asked for `forces` (Runge-Kutta 4).
+
+        Raises
+        ------
+        ValueError
+            If the time is not positive.
+        """
+        if not dt_s > 0:
+            raise ValueError(f"a step of {dt_s} s")
+        self.applied = self._thrust(dt_s, forces)
+        old = self.state
+        y0 = (
+            *old.position.tolist(),
+            old.heading_rad,
+            *old.velocity_body.tolist(),
+            old.yaw_rate,
+        )
+        water = self._current(self.t_s) if callable(self._current) else self._current
+        east, down, north = (float(part) for part in water)
+
+        def rate(y: tuple[float, ...]) -> tuple[float, ...]:
+            return self._rate(y, (east, down, north))
+
+        k1 = rate(y0)
+        k2 = rate(_along(y0, k1, dt_s / 2))
+        k3 = rate(_along(y0, k2, dt_s / 2))
+        k4 = rate(_along(y0, k3, dt_s))
+        y = [
+            a + dt_s / 6 * (b + 2 * c + 2 * d + e)
+            for a, b, c, d, e in zip(y0, k1, k2, k3, k4, strict=True)
+        ]
+        self.state = State(np.array(y[:3]), y[3], np.array(y[4:7]), y[7])
+        self.t_s += dt_s
+
+    def _thrust(self, dt_s: float, asked: Forces) -> Forces:
+        """What the thrusters reach in this step of what is asked."""
+        greatest, share = self.parameters.greatest, dt_s / self.parameters.rise_s
+        names = ("surge", "sway", "heave", "yaw")
+        reached = []
+        for name in names:
+            most, now = getattr(greatest, name), getattr(self.applied, name)
+            wanted = min(max(getattr(asked, name), -most), most)
+            reached.append(now + min(max(wanted - now, -most * share), most * share))
+        return Forces(*reached)
+
+    def _rate(self, y: tuple[float, ...], water: tuple[float, float, float]) -> tuple[float, ...]:
+        _, _, _, heading, u, v, w, r = y
+        sine, cosine = math.sin(heading), math.cos(heading)
+        east, down, north = water
+        uc, vc = north * cosine + east * sine, east * cosine - north * sine
+        ur, vr, wr = u - uc, v - vc, w - down
+        own, tau = self.parameters, self.applied
+        m, (a_surge, a_sway, a_heave, a_yaw) = own.mass, own.added_mass
+        surge = tau.surge - own.drag(0, ur) + m[0] * v * r + a_sway * vr * r + a_surge * r * vc
+        sway = tau.sway - own.drag(1, vr) - m[1] * u * r - a_surge * ur * r - a_sway * r * uc
+        heave = tau.heave - own.drag(2, wr)
+        yaw = tau.yaw - own.drag(3, r) - (a_sway - a_surge) * ur * vr
+        return (
+            u * sine + v * cosine,
+            w,
+            u * cosine - v * sine,
+            r,
+            surge / (m[0] + a_surge),
+            sway / (m[1] + a_sway),
+            heave / (m[2] + a_heave),
+            yaw / (m[3] + a_yaw),
+        )
+
+
+def _along(y: tuple[float, ...], slope: tuple[float, ...], dt_s: float) -> tuple[float, ...]:
+    return tuple(a + dt_s * b for a, b in zip(y, slope, strict=True))
+
+
+def turn(angle: float) -> float:
+    """The same angle in -pi..pi."""
+    return math.remainder(angle, 2 * math.pi)

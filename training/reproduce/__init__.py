@@ -1,0 +1,1 @@
+"""The tables and figures of the thesis, computed again from a mission's frames."""
