@@ -27,12 +27,13 @@ THESIS_FRAME_SIZE = (1360, 1024)
 
 # fx, fy in pixels, and the coefficients as the program hands them to OpenCV (k1, k2, p1, p2, k3);
 # it leaves the principal point at 0, 0.
-_LEFT = (2222.72426, 2190.48031, (0.27724, 0.28163, 0.0, 0.0, -0.06867))
-_RIGHT = (2226.10095, 2195.17250, (0.29407, 0.29892, 0.0, 0.0, -0.08315))
-_BLOCK_PX, _MIN_DISPARITY_PX, _N_DISPARITIES_PX = 9, -39, 112
+LEFT_CAMERA = (2222.72426, 2190.48031, (0.27724, 0.28163, 0.0, 0.0, -0.06867))
+RIGHT_CAMERA = (2226.10095, 2195.17250, (0.29407, 0.29892, 0.0, 0.0, -0.08315))
+BLOCK_PX, MIN_DISPARITY_PX, N_DISPARITIES_PX = 9, -39, 112
 _PREFILTER_PX, _PREFILTER_CAP = 5, 61
 _TEXTURE_THRESHOLD, _SPECKLE_RANGE_PX = 507, 8
-_CROP_PX = 200
+CROP_PX = 200
+"""Settings of the pipeline, in pixels of frames of its size."""
 _DILATIONS = 2
 _DILATED_BY = np.ones((5, 5), np.uint8)
 
@@ -44,7 +45,7 @@ class JudgedPair:
     Parameters
     ----------
     mean : float
-        Of the stretched disparities without `_CROP_PX` columns at either side, 0..255.
+        Of the stretched disparities without `CROP_PX` columns at either side, 0..255.
     verdict : Verdict
         Centre and box are those of the dilated mask, in pixels of the cropped frame.
     """
@@ -68,11 +69,11 @@ def _undistorted(
 
 
 def _matcher() -> cv2.StereoBM:
-    matcher = cv2.StereoBM.create(_N_DISPARITIES_PX, _BLOCK_PX)
+    matcher = cv2.StereoBM.create(N_DISPARITIES_PX, BLOCK_PX)
     matcher.setPreFilterType(cv2.StereoBM_PREFILTER_XSOBEL)
     matcher.setPreFilterSize(_PREFILTER_PX)
     matcher.setPreFilterCap(_PREFILTER_CAP)
-    matcher.setMinDisparity(_MIN_DISPARITY_PX)
+    matcher.setMinDisparity(MIN_DISPARITY_PX)
     matcher.setTextureThreshold(_TEXTURE_THRESHOLD)
     matcher.setUniquenessRatio(0)
     matcher.setSpeckleRange(_SPECKLE_RANGE_PX)
@@ -83,6 +84,23 @@ def _matcher() -> cv2.StereoBM:
 _MATCHER = _matcher()
 
 
+def disparity_map(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The disparities of a decoded pair stretched to 0..255, margin included.
+
+    Parameters
+    ----------
+    left, right : array of uint8, shape (1024, 1360) or (1024, 1360, 3)
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, (1024, 1360); 0 is where nothing was matched.
+    """
+    found = _MATCHER.compute(_undistorted(left, LEFT_CAMERA), _undistorted(right, RIGHT_CAMERA))
+    stretched = cv2.normalize(found, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)  # type: ignore[call-overload]
+    return np.asarray(stretched, np.uint8)
+
+
 def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> JudgedPair:
     """Judge one decoded pair.
 
@@ -90,8 +108,6 @@ def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> JudgedPair:
     ----------
     left, right : array of uint8, shape (1024, 1360) or (1024, 1360, 3)
     """
-    fixed_point = _MATCHER.compute(_undistorted(left, _LEFT), _undistorted(right, _RIGHT))
-    stretched = cv2.normalize(fixed_point, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)  # type: ignore[call-overload]
-    cropped = stretched[:, _CROP_PX:-_CROP_PX]
+    cropped = disparity_map(left, right)[:, CROP_PX:-CROP_PX]
     mask = np.asarray(cv2.dilate(cropped, _DILATED_BY, iterations=_DILATIONS), np.uint8)
     return JudgedPair(float(cv2.mean(cropped)[0]), verdict_from_mask(mask, "thesis"))

@@ -1,0 +1,58 @@
+"""What the baselines' tests share: a rendered mission, and how well a mask fits the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.mission import LEFT, RIGHT, Mission, open_mission
+from tokt.labels.synthetic.mission import simulate_mission
+from tokt.training.baselines.baseline import Baseline
+
+N_FRAMES = 20
+
+
+class Dive:
+    """A rendered mission: water up to frame 8, an approach, and a retreat after frame 15."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.mission: Mission = open_mission(folder)
+
+    def left(self, number: int) -> NDArray[np.uint8]:
+        return self.mission.read(number, LEFT)
+
+    def right(self, number: int) -> NDArray[np.uint8]:
+        return self.mission.read(number, RIGHT)
+
+    def tower(self, number: int) -> NDArray[np.bool_]:
+        """Where the tower is in a left frame."""
+        return cv2.imread(str(self.folder / "masks" / f"L_{number}.png"), cv2.IMREAD_GRAYSCALE) > 0
+
+
+@pytest.fixture(scope="session")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
+    """Twenty pairs 360 wide; not to be changed."""
+    folder = tmp_path_factory.mktemp("baselines") / "dive"
+    simulate_mission(folder, seed=1, n_frames=N_FRAMES, width=360, jobs=1)
+    return Dive(folder)
+
+
+@pytest.fixture(scope="session")
+def finds_tower(dive: Dive) -> Callable[[Baseline], bool]:
+    """Whether a method's mask is on the tower, and empty where there is none."""
+
+    def finds(method: Baseline) -> bool:
+        method.reset()
+        water, close = (method.judge(dive.left(n), dive.right(n), n / 4) for n in (5, 15))
+        if water.mask is None or close.mask is None or close.verdict.status != 1:
+            return False
+        tower = dive.tower(15)
+        on, off = (close.mask[tower] > 0).mean(), (close.mask[~tower] > 0).mean()
+        return bool((water.mask > 0).mean() < 0.02 and on > 0.25 and on > 2 * off)
+
+    return finds

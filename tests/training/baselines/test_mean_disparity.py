@@ -1,0 +1,88 @@
+"""Left, centre and right of the disparity map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.inference.calibration import StereoCalibration, load_calibration
+from tokt.training.baselines.baseline import Baseline
+from tokt.training.baselines.mean_disparity import Thirds
+from tokt.training.bench.pictures import textured_frame
+
+pytestmark = pytest.mark.xdist_group("baselines")
+
+WIDTH, HEIGHT = 680, 512
+CAMERA = np.array([[1100.0, 0, 339.5], [0, 1100.0, 255.5], [0, 0, 1]])
+PLAIN = StereoCalibration(
+    CAMERA,
+    np.zeros(5),
+    CAMERA,
+    np.zeros(5),
+    np.eye(3),
+    np.array([[-300.0], [0.0], [0.0]]),
+    (WIDTH, HEIGHT),
+)
+FOCAL_BASELINE_PX_M = 1100 * 0.3
+
+
+def water(seed: int) -> NDArray[np.uint8]:
+    fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
+    return (fall + np.random.default_rng(seed).normal(0, 0.5, fall.shape)).round().astype(np.uint8)
+
+
+def pair_with(x: int, width: int, depth_m: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Water, and a textured board 200 high from column `x` of the left view."""
+    left, right = water(1), water(2)
+    board = textured_frame()[:200, :width, 0] // 2
+    shift = round(FOCAL_BASELINE_PX_M / depth_m)
+    left[150:350, x : x + width] = board
+    right[150:350, x - shift : x - shift + width] = board
+    return left, right
+
+
+@pytest.mark.parametrize(
+    ("x", "width", "depth_m", "status", "side"),
+    [
+        (250, 300, 3.0, 1, -1),  # centre and right: go left
+        (160, 260, 3.0, 1, 1),  # left and centre: go right
+        (480, 180, 3.0, 0, 0),  # at the right only: the way is free
+        (250, 180, 8.0, 0, 0),  # in the centre, and far
+    ],
+)
+def test_the_centre_decides_and_the_emptier_side_is_the_way(
+    x: int, width: int, depth_m: float, status: int, side: int
+) -> None:
+    judged = Thirds(PLAIN).judge(*pair_with(x, width, depth_m), 0.0)
+    assert judged.verdict.status == status, judged.words
+    assert np.sign(judged.verdict.x) == side
+    near = judged.mask is not None and judged.mask.any()
+    assert near == (depth_m < 6)
+
+
+def test_near_is_a_distance() -> None:
+    pair = pair_with(250, 180, 4.5)
+    assert Thirds(PLAIN, near_m=4.0).judge(*pair, 0.0).verdict.status == 0
+    assert Thirds(PLAIN, near_m=5.0).judge(*pair, 0.0).verdict.status == 1
+    assert Thirds(PLAIN, near_m=5.0, blocked=0.99).judge(*pair, 0.0).verdict.status == 0
+
+
+def test_one_frame_is_refused_and_a_wrong_pair_is_never_clear() -> None:
+    left, right = pair_with(250, 180, 3.0)
+    with pytest.raises(ToktError, match="two cameras"):
+        Thirds(PLAIN).judge(left, None, 0.0)
+    unknown = Thirds(PLAIN).judge(left, right[::-1].copy(), 0.0)
+    assert unknown.verdict.status == -1
+    assert unknown.mask is None
+    assert unknown.words
+
+
+def test_rendered_tower(dive: Any, finds_tower: Callable[[Baseline], bool]) -> None:
+    calibration = load_calibration(dive.folder / "calibration.yml")
+    assert finds_tower(Thirds(calibration))
+    turned = Thirds(calibration)
+    assert turned.judge(dive.left(15), dive.right(15)[::-1].copy(), 0.0).verdict.status != 1

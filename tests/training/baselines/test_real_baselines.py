@@ -1,0 +1,36 @@
+"""The baselines on the real mission: water is water, and the tower is seen where they say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tokt.features.mission import open_mission
+from tokt.training.baselines.baseline import Baseline
+from tokt.training.baselines.size_change import SizeChange
+from tokt.training.baselines.slic import SlicTexture
+from tokt.training.bench.thesis_way import describe_lbp_10_5
+from tokt.training.thesis_images import rendered_other_image
+
+pytestmark = [pytest.mark.xdist_group("baselines"), pytest.mark.mission]
+
+WATER, NEAR = 46, 178
+"""Frames: open water, and the tower a few metres away and coming nearer."""
+
+
+def test_superpixels_and_growing_keypoints(mission_dir: Path) -> None:
+    mission = open_mission(mission_dir)
+    texture = SlicTexture.train(
+        mission.read(1), rendered_other_image(), describe_lbp_10_5, "lbp_10_5"
+    )
+
+    def mean(method: Baseline, number: int, before: int = 0) -> float:
+        method.reset()
+        numbers = range(number - before, number + 1)
+        last = [method.judge(mission.read(n), None, n / 4) for n in numbers][-1]
+        assert last.verdict.mean is not None
+        return last.verdict.mean
+
+    assert mean(texture, WATER) < 8 < 25 < mean(texture, NEAR)
+    growing = SizeChange()
+    assert mean(growing, WATER, before=4) < 1 < 3 < mean(growing, NEAR, before=4)

@@ -1,0 +1,168 @@
+"""SLIC superpixels as the thesis's program cut them, and what it made of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from skimage.segmentation import slic
+from tokt.features.errors import ToktError
+from tokt.training.baselines import slic as slic_module
+from tokt.training.baselines.baseline import Baseline
+from tokt.training.baselines.lab_colour import Example, LabColour, labelled_example
+from tokt.training.baselines.slic import SlicTexture
+from tokt.training.baselines.superpixels import outline_boxes, resized_bgr, superpixels
+from tokt.training.bench.thesis_way import GRID, describe_haralick, describe_lbp_10_5
+from tokt.training.thesis_images import rendered_other_image
+
+pytestmark = pytest.mark.xdist_group("baselines")
+
+SMALL = (90, 120, 3)
+
+
+def dark_noise() -> NDArray[np.uint8]:
+    """Water of a few grey levels."""
+    return np.random.default_rng(2).integers(3, 9, SMALL, np.uint8)
+
+
+def test_noise_of_a_dark_frame_draws_no_outlines() -> None:
+    """As in the library of the thesis's time; today's, left to itself, follows the noise."""
+    flat = superpixels(np.full(SMALL, 6, np.uint8))
+    assert (superpixels(dark_noise()) == flat).mean() > 0.95
+    today = slic(dark_noise() / 255, 100, sigma=5)
+    assert (today == flat).mean() < 0.8
+
+
+def test_outlines_follow_an_edge() -> None:
+    picture = np.full(SMALL, 20, np.uint8)
+    picture[:, 67:] = 200
+    cut = superpixels(picture, sigma_px=1.0)
+    across = set(np.unique(cut[:, :66])) & set(np.unique(cut[:, 68:]))
+    assert not across
+
+
+class _Odd:
+    """A classifier that finds every second rectangle an obstacle."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def predict(self, rows: NDArray[Any]) -> NDArray[np.int64]:
+        self.asked += 1
+        return np.full(len(rows), self.asked % 2)
+
+
+def test_a_superpixel_is_judged_by_the_whole_rectangle_around_it() -> None:
+    frame = cv2.resize(rendered_other_image()[:271, :360], (360, 271))
+    frame = np.dstack([frame, frame[::-1], frame[:, ::-1]])
+    seen: list[NDArray[np.uint8]] = []
+
+    def describe(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
+        seen.append(patch.copy())
+        return np.zeros(1)
+
+    mask = SlicTexture(describe, _Odd(), "odd").judge(frame, None, 0.0).mask
+    picture = resized_bgr(frame)
+    cut = superpixels(picture)
+    boxes = [
+        box
+        for number in np.unique(cut)
+        for box in outline_boxes(((cut == number) * 255).astype(np.uint8))
+    ]
+    gray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    expected = np.zeros_like(gray)
+    for turn, (x, y, width, height) in enumerate(boxes):
+        assert (seen[turn] == gray[y : y + height, x : x + width]).all()
+        expected[y : y + height, x : x + width] = 255 * (turn % 2 == 0)
+    assert len(seen) == len(boxes) >= 80
+    assert (mask == expected).all()
+
+
+def test_training_widens_the_rectangles_as_the_program_did(monkeypatch: Any) -> None:
+    sizes: list[tuple[int, ...]] = []
+
+    def describe(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
+        sizes.append(patch.shape)
+        return np.array([patch.mean()])
+
+    image = np.full((60, 60), 20, np.uint8)
+    square = np.ones((60, 60), np.int64)
+    square[20:40, 20:40] = 2
+    monkeypatch.setattr(slic_module, "superpixels", lambda picture: square)
+    monkeypatch.setattr(slic_module, "resized_bgr", lambda frame: np.dstack([frame] * 3))
+    SlicTexture.train(image, image + 100, describe, "mean")
+    # Eroded twice and dilated four times: two pixels more at every side.
+    assert (24, 24) in sizes
+
+
+def test_a_rectangle_without_features_is_ocean() -> None:
+    def nothing(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
+        return np.full(13, np.nan)
+
+    frame = np.full((271, 360), 20, np.uint8)
+    assert SlicTexture(nothing, _Odd(), "none").judge(frame, None, 0.0).verdict.mean == 0
+    assert slic_module._features(np.zeros((1, 1), np.uint8), describe_haralick) is None
+    with pytest.raises(ToktError, match="no superpixel of the ocean image"):
+        SlicTexture.train(frame, frame, nothing, "none")
+
+
+def shuffled_lbp() -> Callable[[NDArray[np.uint8]], NDArray[np.float64]]:
+    rng = np.random.default_rng(1)
+    return lambda patch: rng.permutation(describe_lbp_10_5(patch))
+
+
+@pytest.mark.parametrize("describe", [describe_lbp_10_5, describe_haralick])
+def test_texture_of_superpixels_finds_the_tower(
+    dive: Any, finds_tower: Callable[[Baseline], bool], describe: Any
+) -> None:
+    method = SlicTexture.train(dive.left(1), rendered_other_image(), describe, "texture")
+    assert finds_tower(method)
+
+
+def test_texture_with_shuffled_features_does_not(
+    dive: Any, finds_tower: Callable[[Baseline], bool]
+) -> None:
+    broken = SlicTexture.train(dive.left(1), rendered_other_image(), shuffled_lbp(), "shuffled")
+    assert not finds_tower(broken)
+
+
+LEARNT = (1, 12, 14)
+
+
+def test_colour_of_superpixels_finds_the_tower_only_if_truly_labelled(
+    dive: Any, finds_tower: Callable[[Baseline], bool]
+) -> None:
+    examples = [Example(dive.left(n), dive.tower(n).astype(np.int8)) for n in LEARNT]
+    assert finds_tower(LabColour.train(examples))
+    false = [Example(one.frame, one.truth[:, ::-1]) for one in examples]
+    false[0] = Example(examples[0].frame, 1 - examples[0].truth)
+    assert not finds_tower(LabColour.train(false))
+
+
+def test_colour_learnt_from_two_images() -> None:
+    blue, gray = np.zeros((68, 90, 3), np.uint8), np.full((68, 90, 3), 90, np.uint8)
+    blue[:] = (60, 30, 15)
+    method = LabColour.train_on_two(blue, gray)
+    both = np.hstack([blue[:, :45], gray[:, 45:]])
+    judged = method.judge(both, None, 0.0)
+    assert judged.mask is not None
+    assert (judged.mask[:, :160] == 0).all()
+    assert (judged.mask[:, 200:] == 255).all()
+    assert judged.verdict.status == 1
+    assert judged.verdict.x is not None
+    assert judged.verdict.x < 0
+
+
+def test_colour_examples_that_teach_nothing_are_refused() -> None:
+    frame = np.full((271, 360, 3), 20, np.uint8)
+    water = labelled_example(frame, np.zeros(GRID.n_patches, np.int8))
+    unknown = labelled_example(frame, np.full(GRID.n_patches, -1, np.int8))
+    assert (water.truth[:270] == 0).all()
+    with pytest.raises(ToktError, match="both obstacles and clear water"):
+        LabColour.train([water, unknown])
+    with pytest.raises(ToktError, match="not of its frame's size"):
+        LabColour.train([Example(frame, water.truth[:100])])

@@ -1,0 +1,73 @@
+"""What every method that tokt is compared with answers to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference.reason import Fault
+from ...inference.verdict import Verdict, unknown_verdict
+
+
+@dataclass(frozen=True)
+class BaselineJudged:
+    """What a method says of one frame.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Its status is decided by the method's own rule; `Verdict.mean` is of `mask`, 0..255.
+    mask : array of uint8, shape (height, width), or None
+        255 where the method sees an obstacle, at the grid's width; None where it cannot judge.
+    words : str
+        What the status was decided by, for people.
+    """
+
+    verdict: Verdict
+    mask: NDArray[np.uint8] | None
+    words: str
+
+
+class Baseline(Protocol):
+    """A method that judges the frames of one run, in their order."""
+
+    @property
+    def name(self) -> str:
+        """Of files and columns, such as ``slic_lbp_10_5``."""
+
+    @property
+    def title(self) -> str:
+        """For people."""
+
+    @property
+    def source(self) -> str:
+        """Who published it, and when."""
+
+    def judge(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
+    ) -> BaselineJudged:
+        """Judge one frame.
+
+        Parameters
+        ----------
+        left, right : array of uint8, shape (height, width) or (height, width, 3)
+            As decoded, BGR or gray. A method of one camera does not look at `right`.
+        t_s : float
+            Time of the frame in seconds, from any start.
+
+        Raises
+        ------
+        ToktError
+            If the method needs a right frame and there is none.
+        """
+
+    def reset(self) -> None:
+        """Forget the frames before: another run starts."""
+
+
+def not_judged(fault: Fault) -> BaselineJudged:
+    """A frame that a method cannot judge, and why."""
+    return BaselineJudged(unknown_verdict(fault), None, str(fault))

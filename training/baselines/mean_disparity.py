@@ -1,0 +1,108 @@
+"""Left, centre and right of the disparity map: Kostavelis and others' rule for a ground robot.
+
+As the method is known: the disparity map is cut into three windows side by side. In the centre
+window the pixels whose disparity is above a threshold are counted; where they are at most a given
+part of the window the way is free. Otherwise the side whose mean disparity is smaller, which is
+the one with less in it or with what is farther away, is the way to go.
+
+Ours, because the paper's text and its numbers are not at hand: the map is that of
+`tokt.inference.disparity` (rectified, checked left to right), pixels without a match count as
+disparity 0, the threshold is given as a distance, and the part as `BLOCKED`. A frame in which the
+stereo detector itself cannot judge is unknown.
+
+References
+----------
+I. Kostavelis, L. Nalpantidis and A. Gasteratos, *Real-time algorithm for obstacle avoidance using
+a stereoscopic camera*, 3rd Panhellenic Scientific Student Conference on Informatics, 2009.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import ToktError
+from ...inference.calibration import StereoCalibration
+from ...inference.disparity import DisparityDetector
+from ...inference.matching import Matches
+from ...inference.sources import Frame
+from ...inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
+from ..bench.thesis_way import GRID
+from .baseline import BaselineJudged, not_judged
+
+NEAR_M = 6.0
+"""Nearer than this counts: ten seconds at 0.6 m/s."""
+BLOCKED = 0.01
+"""Part of the centre window that must be near: a lattice tower covers little of what it stands
+in, and what is matched by chance is less."""
+
+
+class Thirds:
+    """Decide by the left, centre and right thirds of the disparity map.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration
+    near_m : float
+        Distance in metres below which a matched pixel is near.
+    blocked : float
+        Part of the centre third, 0..1, above which near pixels block the way.
+    """
+
+    name = "mean_disparity"
+    title = "left, centre, right disparity"
+    source = "Kostavelis, Nalpantidis and Gasteratos 2009"
+
+    def __init__(
+        self, calibration: StereoCalibration, near_m: float = NEAR_M, blocked: float = BLOCKED
+    ) -> None:
+        self._calibration, self._near_m, self._blocked = calibration, near_m, blocked
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the pairs before: another run starts."""
+        self._detector = DisparityDetector(self._calibration, GRID)
+        self._number = 0
+
+    def judge(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
+    ) -> BaselineJudged:
+        """Judge one pair; see `Baseline.judge`."""
+        if right is None:
+            raise ToktError("the left, centre, right disparity needs frames of two cameras")
+        self._number += 1
+        seen = self._detector.observe(Frame(self._number, t_s, left, right))
+        if seen.detection.mask is None or seen.matches is None:
+            return not_judged(seen.detection.fault)
+        return self._decide(seen.matches, seen.detection.mask.shape)
+
+    def _decide(self, matches: Matches, size: tuple[int, ...]) -> BaselineJudged:
+        rectifier = self._detector.rectifier
+        disparity = np.where(matches.valid, matches.disparity_px, 0.0)
+        near = disparity > rectifier.focal_baseline_px_m / self._near_m
+        centre = _mean_of_third(near, matches.searched, 1)
+        left, right = (_mean_of_third(disparity, matches.searched, side) for side in (0, 2))
+        mask = rectifier.to_left(near.astype(np.uint8) * 255, size[0], size[1])
+        verdict = verdict_from_mask(mask, self.name)
+        blocked = centre > self._blocked
+        turn = (1 if right < left else -1) * (size[1] // 3) if blocked else 0
+        verdict = replace(verdict, status=OBSTACLE if blocked else CLEAR, x=turn, y=0)
+        words = (
+            f"{100 * centre:.1f} % of the centre is nearer than {self._near_m:g} m; mean "
+            f"disparity {left:.1f} px left, {right:.1f} px right"
+        )
+        return BaselineJudged(verdict, mask, words)
+
+
+def _mean_of_third(values: NDArray[Any], searched: NDArray[np.bool_], which: int) -> float:
+    """Mean over what is searched of the left (0), centre (1) or right (2) third of the columns.
+
+    The blind margin at the left, where nothing can be matched, would else make that side the free
+    one every time.
+    """
+    columns = np.array_split(np.arange(values.shape[1]), 3)[which]
+    seen = searched[:, columns]
+    return float(values[:, columns][seen].mean()) if seen.any() else float("inf")
