@@ -24,6 +24,7 @@ from . import (
     listen,
     models,
     replay,
+    reproduce,
     run,
     search,
     shadow,
@@ -99,6 +100,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("depth")(depth.depth)
 app.command("listen")(listen.listen)
 app.command("simulate")(simulate.simulate)
+app.command("reproduce")(reproduce.reproduce)
 app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)
 

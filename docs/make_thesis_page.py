@@ -1,0 +1,17 @@
+"""Make docs/thesis.md from a finished run: ``python docs/make_thesis_page.py OUT``.
+
+OUT is the folder of ``tokt reproduce MISSION -o OUT``, whose results.json has every figure of it.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from tokt.training.reproduce.thesis_page import write_thesis_page
+
+RESULTS = "results.json"
+
+results = json.loads((Path(sys.argv[1]) / RESULTS).read_text(encoding="utf-8"))
+write_thesis_page(results, Path(__file__).parent / "thesis.md")

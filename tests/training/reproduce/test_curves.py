@@ -1,0 +1,313 @@
+"""Curves by frame: each method's own, ours held out, and what they are scored with."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.training.baselines.lab_colour import LabColour
+from tokt.training.bench.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt.training.presets import settings_named
+from tokt.training.reproduce import curve_figures as curve_exhibit
+from tokt.training.reproduce import frame_judging, held_out_texture, slow_methods
+from tokt.training.reproduce.curve_figures import curve_figures
+from tokt.training.reproduce.curve_scores import (
+    first_in_a_row,
+    patch_f1,
+    score_methods,
+    with_nearness,
+)
+from tokt.training.reproduce.curves import Curves, Method
+from tokt.training.reproduce.exhibit import Agreement
+from tokt.training.reproduce.frame_judging import FrameJudged, Judges, judge_frames
+from tokt.training.reproduce.held_out_texture import TOKT_TEXTURE
+from tokt.training.reproduce.material import Material
+from tokt.training.reproduce.run_judging import TOKT_STEREO
+
+pytestmark = pytest.mark.xdist_group("reproduce")
+
+
+@pytest.fixture(scope="module")
+def patched_slow() -> Iterable[pytest.MonkeyPatch]:
+    with pytest.MonkeyPatch.context() as patch:
+        yield patch
+
+
+@pytest.fixture(scope="module")
+def judged(reproduced: Material, patched_slow: pytest.MonkeyPatch) -> list[FrameJudged]:
+    """What was found frame by frame on the way to the curves, which are made here."""
+    # The colours of two images take a fifth of the time that those of labels do.
+    patched_slow.setattr(slow_methods, "EXAMPLES", 2)
+    kept: list[FrameJudged] = []
+    own = held_out_texture.held_out_texture
+
+    def keep(material: Material, frames: list[FrameJudged], settings: Any) -> Any:
+        kept.extend(frames)
+        return own(material, frames, settings)
+
+    patched_slow.setattr("tokt.training.reproduce.curves.held_out_texture", keep)
+    assert len(reproduced.curves.mean) == len(reproduced.frames) - 1
+    return kept
+
+
+@pytest.fixture(scope="module")
+def curves(reproduced: Material, judged: list[FrameJudged]) -> Curves:
+    return reproduced.curves
+
+
+def test_each_curve_is_its_own_methods(reproduced: Material, curves: Curves) -> None:
+    frame = reproduced.left(12)
+    means = {}
+    for name, model in reproduced.thesis.items():
+        verdict = model.judge(frame).verdict
+        assert curves.mean.loc[12, name] == verdict.mean
+        assert curves.status.loc[12, name] == verdict.status
+        means[name] = verdict.mean
+    assert len(set(means.values())) == len(means), "curves of other methods would not be noticed"
+
+
+def test_what_was_learnt_from_is_not_scored(reproduced: Material, curves: Curves) -> None:
+    assert reproduced.ocean.frame == 1
+    assert 1 not in curves.mean.index
+    assert 1 not in reproduced.spread()
+
+
+def test_a_file_that_is_a_frame_is_not_scored(
+    reproduce_mission: Path, material_of: Callable[..., Material], tmp_path: Path
+) -> None:
+    copy = tmp_path / "elsewhere.jpg"
+    shutil.copy(reproduce_mission / "Left" / "sim_L_5.jpg", copy)
+    material = material_of(reproduce_mission, ocean=copy)
+    assert 5 not in material.scored
+    assert 1 in material.scored
+
+
+def test_slow_methods_judge_the_sample_alone(reproduced: Material, curves: Curves) -> None:
+    there = curves.mean["slic_lbp_10_5"].dropna().index.tolist()
+    assert there == reproduced.spread()
+    assert curves.methods["slic_lbp_10_5"].sampled
+    assert "sample of 2 frames" in curves.words["slic_lbp_10_5"]
+
+
+def test_the_distance_is_the_scenes(reproduced: Material, curves: Curves) -> None:
+    truth = reproduced.mission.path / "depth" / "L_12.png"
+    depth = cv2.imread(str(truth), cv2.IMREAD_UNCHANGED) / 1000.0
+    found = curves.distance_m[12]
+    assert depth[depth > 0].min() < found < np.percentile(depth[depth > 0], 60)
+    assert curves.status.loc[12, TOKT_STEREO] == 1
+
+
+def test_shuffled_features_lose(
+    reproduced: Material, judged: list[FrameJudged], curves: Curves
+) -> None:
+    truth = {number: reproduced.truth(number) for number in reproduced.obstacle_patches}
+    found = patch_f1(curves.patches[TOKT_TEXTURE], truth)
+    rng = np.random.default_rng(1)
+    mixed = [
+        replace(one, features=[rng.permutation(table) for table in one.features]) for one in judged
+    ]
+    settings = replace(settings_named("best"), penalties=(0.1,))
+    broken = held_out_texture.held_out_texture(reproduced, mixed, settings)
+    assert found is not None and found > 0.8
+    assert (patch_f1(broken.patches, truth) or 0.0) < found / 2
+
+
+def test_no_model_judges_what_it_learnt_from(
+    reproduced: Material, judged: list[FrameJudged], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    number_of = {id(one.features[0]): one.number for one in judged}
+    datasets, learnt, checked = [], {}, []
+    make, teach, values = (
+        held_out_texture._dataset,
+        held_out_texture.learn,
+        held_out_texture.decision_values,
+    )
+
+    def dataset(*given: Any) -> Any:
+        datasets.append(make(*given))
+        return datasets[0]
+
+    def learn(table: Any, targets: Any, rows: Any, *more: Any) -> Any:
+        made = teach(table, targets, rows, *more)
+        learnt[id(made)] = made, set(datasets[0][0].patches.frame.to_numpy()[rows].tolist())
+        return made
+
+    def decide(pipeline: Any, features: NDArray[np.float64]) -> Any:
+        number = number_of[id(features)]
+        checked.append(number)
+        assert number not in learnt[id(pipeline)][1]
+        return values(pipeline, features)
+
+    monkeypatch.setattr(held_out_texture, "_dataset", dataset)
+    monkeypatch.setattr(held_out_texture, "learn", learn)
+    monkeypatch.setattr(held_out_texture, "decision_values", decide)
+    settings = replace(settings_named("best"), penalties=(0.1,))
+    held_out_texture.held_out_texture(reproduced, judged, settings)
+    assert sorted(checked) == reproduced.scored
+
+
+def test_a_frame_without_labels_is_judged_from_afar() -> None:
+    patches = pd.DataFrame({"frame": [1, 1, 20, 20, 40, 40, 60, 60]})
+    dataset = type("D", (), {"patches": patches})()
+    folds = [
+        held_out_texture.Fold(np.array([2, 3, 4, 5, 6, 7]), np.array([0, 1])),
+        held_out_texture.Fold(np.array([0, 1, 4, 5, 6, 7]), np.array([2, 3])),
+    ]
+    judges = held_out_texture._judges(dataset, folds, [1, 4, 20, 21, 41], 5)
+    # 4 is 3 frames from frame 1 that the second learnt from; 41 is one from 40 for both.
+    assert judges == {1: 0, 4: 0, 20: 1, 21: 1}
+
+
+def test_colours_never_learn_from_their_own_half(
+    reproduced: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learnt: list[list[int]] = []
+
+    def example(frame: Any, truth: Any) -> int:
+        return next(n for n in reproduced.frames if np.array_equal(reproduced.left(n), frame))
+
+    def train(examples: Iterable[int]) -> LabColour:
+        learnt.append(list(examples))
+        return LabColour.__new__(LabColour)
+
+    monkeypatch.setattr(slow_methods, "labelled_example", example)
+    monkeypatch.setattr(slow_methods.LabColour, "train", train)
+    monkeypatch.setattr(slow_methods.SlicTexture, "train", lambda *given: given[-1])
+    found = slow_methods.slow_methods(reproduced)
+    assert len(learnt) == 2 and all(learnt)
+    for number in reproduced.scored:
+        method = found.of(number)[-1]
+        half = learnt[[method is one for one in found.colours].index(True)]
+        assert number not in half
+        assert all(other // found.block_frames != number // found.block_frames for other in half)
+
+
+def test_frames_of_another_size_have_no_thesis_disparity(curves: Curves) -> None:
+    assert "disparity" not in curves.methods
+    assert any("1360x1024" in why for why in curves.left_out)
+
+
+def test_thesis_disparity_judges_pairs_of_its_size(tmp_path: Path) -> None:
+    width, height = THESIS_FRAME_SIZE
+    rng = np.random.default_rng(1)
+    coarse = rng.integers(0, 255, (height // 8, width // 8), np.uint8)
+    left = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
+    right = np.roll(left, -20, axis=1)
+    data = [cv2.imencode(".png", image)[1].tobytes() for image in (left, right)]
+    task = frame_judging.FrameTask(1, data[0], data[1], (), (), None)
+    found = frame_judging._judge(task)
+    assert found.mean["disparity"] == judge_pair(left, right).mean > 0.345
+    assert found.status["disparity"] == 1
+
+
+def test_a_left_camera_alone_in_gray_without_labels(
+    reproduce_mission: Path,
+    material_of: Callable[..., Material],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
+    (tmp_path / "gray").mkdir()
+    for number in (2, 12, 13):
+        frame = cv2.imread(str(reproduce_mission / "Left" / f"sim_L_{number}.jpg"), 0)
+        cv2.imwrite(str(tmp_path / "gray" / f"{number}.png"), frame)
+    (tmp_path / "gray" / "14.png").write_bytes(b"no picture")
+    material = material_of(tmp_path / "gray")
+    exhibit = curve_figures(material)
+    assert material.curves.unreadable == (14,)
+    assert list(material.curves.mean.index) == [12, 13]
+    assert material.labels is None and material.calibration is None
+    assert material.structure in (12, 13)
+    assert {claim.agreement for claim in exhibit.claims} == {Agreement.UNCOMPARABLE}
+    left_out = " ".join(material.curves.left_out)
+    assert "no right frames" in left_out and "no labels" in left_out
+    assert len(exhibit.plots) >= 3
+
+
+def test_one_frame_alone_needs_another_ocean_image(
+    reproduce_mission: Path, material_of: Callable[..., Material], tmp_path: Path
+) -> None:
+    (tmp_path / "one").mkdir()
+    shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "one" / "12.jpg")
+    with pytest.raises(ToktError, match=r"one frame.*--ocean"):
+        _ = material_of(tmp_path / "one").scored
+    ocean = reproduce_mission / "Left" / "sim_L_2.jpg"
+    material = material_of(tmp_path / "one", ocean=ocean)
+    (found,) = judge_frames(material.mission, [12], Judges([material.thesis["haralick"]]), 1)
+    assert found.status["haralick"] == 1
+
+
+def test_the_exhibit_tells_of_each_method(reproduced: Material, curves: Curves) -> None:
+    exhibit = curve_figures(reproduced)
+    truth = {number: reproduced.truth(number) for number in reproduced.obstacle_patches}
+    for name, model in reproduced.thesis.items():
+        said = {number: model.judge(reproduced.left(number)).obstacle for number in (9, 11, 13)}
+        for number, patches in said.items():
+            assert np.array_equal(curves.patches[name][number], patches)
+        assert exhibit.numbers[f"{name}_f1"] == patch_f1(curves.patches[name], truth)
+    means = next(table.frame for table in exhibit.tables if table.name == "means")
+    assert means.set_index("frame").loc[12, "haralick"] == curves.mean.loc[12, "haralick"]
+    assert {plot.name for plot in exhibit.plots} >= {
+        "figure_5_3_sequence",
+        "figure_5_4_normalised",
+        "figure_5_5_zoomed",
+    }
+    assert exhibit.numbers["tokt_texture_detected"] >= 7
+
+
+def made_up(means: dict[str, list[float]], distance: list[float] | None = None) -> Curves:
+    index = pd.Index(range(1, len(next(iter(means.values()))) + 1), name="frame")
+    mean = pd.DataFrame(means, index=index)
+    methods = {name: Method(name.upper(), "the thesis's", "made up") for name in means}
+    status = (mean > 0.345).astype(int)
+    near = pd.Series(distance if distance else np.nan, index=index, dtype=float)
+    return Curves(mean, status, methods, {}, near)
+
+
+def test_first_of_three_in_a_row() -> None:
+    status = pd.Series([1, 1, 0, 1, 1, 1, 0], index=[3, 4, 5, 6, 7, 8, 9])
+    assert first_in_a_row(status) == 6
+    assert first_in_a_row(status[:5]) is None
+
+
+def test_scores_count_what_the_labels_say(
+    material_of: Callable[..., Material],
+    reproduce_mission: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
+    never, always, right = ([0.0] * 16, [9.0] * 16, [0.0] * 7 + [9.0] * 9)
+    material = material_of(reproduce_mission)
+    material.__dict__["curves"] = made_up({"never": never, "always": always, "right": right})
+    scores = score_methods(material)
+    assert (scores["never"].detected, scores["never"].false_status) == (0, 0)
+    assert scores["always"].false_status == scores["always"].ocean_frames == 6
+    assert (scores["right"].detected, scores["right"].obstacle_frames) == (9, 9)
+    assert scores["right"].false_status == 0
+    assert scores["right"].first_detection == 8
+    claim = curve_figures(material).claims[0]
+    assert claim.agreement is Agreement.PARTLY
+    assert "1 of 3" in claim.found and "ALWAYS" in claim.why and "RIGHT" not in claim.why
+
+
+def test_nearness_follows_the_distance_and_not_another_order() -> None:
+    distance = [9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 2.5, 5.5]
+    follows = [1 / d for d in distance]
+    curves = made_up({"follows": follows, "against": distance, "flat": [1.0] * 10}, distance)
+    assert with_nearness(curves, "follows") == pytest.approx(1)
+    assert with_nearness(curves, "against") == pytest.approx(-1)
+    assert with_nearness(curves, "flat") is None
+
+
+def test_highest_is_where_the_curves_are_high_together() -> None:
+    curves = made_up({"one": [0, 2, 8, 1], "two": [0.0, 0.2, 0.1, 0.0], "zero": [0.0] * 4})
+    assert curves.highest() == 3

@@ -1,0 +1,189 @@
+"""Tables 5.1 to 5.4: what is timed is the method itself, and each row is its own method's."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tokt.features.mission import LEFT, RIGHT
+from tokt.inference.calibration import load_calibration
+from tokt.inference.disparity import DisparityDetector
+from tokt.inference.policy import SinglePolicy, judge_image
+from tokt.inference.sources import Frame
+from tokt.training.bench.thesis_way import GRID
+from tokt.training.reproduce import runtime_tables
+from tokt.training.reproduce.exhibit import Agreement
+from tokt.training.reproduce.material import Material
+from tokt.training.reproduce.runtime_tables import agreement_of
+from tokt.training.reproduce.stage_clock import (
+    REST,
+    STAGES,
+    Encoded,
+    Laps,
+    StageTimes,
+    Way,
+    time_stages,
+)
+from tokt.training.reproduce.stage_ways import (
+    same_with_kernels,
+    slic_texture,
+    thesis_texture,
+    tokt_stereo,
+    tokt_texture,
+)
+
+pytestmark = pytest.mark.xdist_group("reproduce")
+EXTRA_S = 0.001
+
+
+def encoded(material: Material, number: int) -> Encoded:
+    mission = material.mission
+    return Encoded(number, mission.encoded(number, LEFT)[0], mission.encoded(number, RIGHT)[0])
+
+
+def same(one: Any, other: Any) -> bool:
+    return (one.status, one.mean, one.box, one.x, one.y) == (
+        *(other.status, other.mean, other.box, other.x, other.y),
+    )
+
+
+def test_stages_add_up_to_the_thesiss_verdict(reproduced: Material) -> None:
+    item, frame = encoded(reproduced, 12), reproduced.left(12)
+    for model in reproduced.thesis.values():
+        laps = Laps()
+        expected = model.judge(frame).verdict
+        assert expected.status == 1
+        assert same(thesis_texture(model).run(item, laps), expected)
+        assert same(same_with_kernels(model).run(item, Laps()), expected)
+        used = {stage for stage, seconds in laps.seconds.items() if seconds}
+        assert used == {"decode", "resize", "features", "predict", REST}
+
+
+def test_stages_of_slic_add_up_to_its_verdict(reproduced: Material) -> None:
+    slic = reproduced.slow.textures[0]
+    laps = Laps()
+    way = slic_texture(slic, "LBP")
+    verdict = way.run(encoded(reproduced, 12), laps)
+    assert same(verdict, slic.judge(reproduced.left(12), None, 0).verdict)
+    assert verdict.mean
+    for stage in ("decode", "resize", "superpixels", "features", "predict"):
+        assert laps.seconds[stage] > 0, stage
+
+
+def test_ours_are_timed_as_the_runtime_judges(reproduced: Material) -> None:
+    bundle = reproduced.own.bundle
+    item, left = encoded(reproduced, 12), reproduced.left(12)
+    texture = tokt_texture(bundle.extractor, bundle.model).run(item, Laps())
+    assert same(texture, judge_image(bundle, left).verdict)
+    assert texture.status == 1
+    calibration = load_calibration(reproduced.mission.path / "calibration.yml")
+    right = reproduced.right(12)
+    policy = SinglePolicy(DisparityDetector(calibration, GRID))
+    laps = Laps()
+    stereo = tokt_stereo(calibration).run(item, laps)
+    assert same(stereo, policy.judge(Frame(12, 12.0, left, right)).verdict)
+    assert stereo.distance_m is not None
+    assert laps.seconds["undistort"] > 0 and laps.seconds["match"] > 0
+
+
+def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: Material) -> None:
+    model = reproduced.thesis["lbp_10_5"]
+
+    def busy(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
+        end = time.thread_time() + EXTRA_S
+        while time.thread_time() < end:
+            pass
+        return model.describe(patch)
+
+    slow = thesis_texture(replace(model, describe=busy))
+    slow = Way("slow", "slow", "x", slow.run)
+    ways = [thesis_texture(model), slow]
+    frames = [encoded(reproduced, number) for number in (3, 12)]
+    plain, found = time_stages(ways, frames, 1, lambda items, total, what: items)
+    more = (found.seconds - plain.seconds).mean(axis=0)
+    expected = EXTRA_S * GRID.n_patches
+    assert more[STAGES.index("features")] == pytest.approx(expected, rel=0.5)
+    assert abs(more[STAGES.index("predict")]) < expected / 4
+    assert found.way.key == "slow"
+
+
+def test_what_is_inside_a_stage_is_not_counted_twice() -> None:
+    def busy() -> None:
+        end = time.thread_time() + 0.01
+        while time.thread_time() < end:
+            pass
+
+    laps = Laps()
+    began = time.thread_time()
+    laps.inside("features", busy)
+    busy()
+    laps.lap(REST)
+    laps.split_off("match", busy)
+    whole = time.thread_time() - began
+    assert laps.seconds["features"] == pytest.approx(0.01, abs=0.004)
+    assert laps.seconds["match"] + laps.seconds[REST] == pytest.approx(0.01, abs=0.004)
+    assert sum(laps.seconds.values()) < whole - 0.005
+
+
+def made_up(ratios: dict[str, float]) -> dict[str, StageTimes]:
+    """Times of ways, as multiples of LBP's 30 ms, on 2 frames of which the second takes twice."""
+    found = {}
+    for key, ratio in ratios.items():
+        seconds = np.zeros((2, len(STAGES)))
+        seconds[:, STAGES.index("features")] = np.array([0.03, 0.06]) * ratio
+        way = Way(key, key, "x", lambda item, laps: None)
+        found[key] = StageTimes(way, seconds, ())
+    return found
+
+
+def claims_of(found: dict[str, StageTimes]) -> dict[str, Any]:
+    return {claim.what.split()[0]: claim for claim in runtime_tables._claims(found)}
+
+
+def test_ratios_are_judged_against_the_printed_ones() -> None:
+    ratios = {"slic_lbp_10_5": 19.7, "slic_haralick": 3.0, "lbp_10_5": 1.0, "haralick": 1.726}
+    claims = claims_of(made_up({**ratios, "disparity": 1.19}))
+    assert {claim.agreement for claim in claims.values()} == {Agreement.YES}
+    assert "19.7" in claims["SLIC"].printed and claims["SLIC"].found.startswith("19.7")
+    swapped = claims_of(made_up({**ratios, "slic_lbp_10_5": 1.19, "disparity": 19.7}))
+    assert swapped["SLIC"].agreement is swapped["disparity"].agreement is Agreement.NO
+    assert swapped["Haralick"].agreement is Agreement.YES
+    assert "largest stage is features" in swapped["disparity"].why
+    assert claims_of(made_up(ratios))["disparity"].agreement is Agreement.UNCOMPARABLE
+
+
+@pytest.mark.parametrize(
+    ("ratio", "agreement"),
+    [(1.0, "YES"), (1.24, "YES"), (0.81, "YES"), (1.9, "PARTLY"), (0.51, "PARTLY"), (2.1, "NO")],
+)
+def test_agreement(ratio: float, agreement: str) -> None:
+    assert agreement_of(ratio * 1.19, 1.19) is Agreement[agreement]
+
+
+def test_the_exhibit_has_each_methods_profile(
+    reproduced: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def timed(ways: list[Way], frames: Any, rounds: int, progress: Any) -> list[StageTimes]:
+        rows = made_up({way.key: 1.0 + at for at, way in enumerate(ways)})
+        verdicts = tuple(judge_image(reproduced.own.bundle, reproduced.left(12)).verdict
+                         for _ in frames)  # fmt: skip
+        return [replace(rows[way.key], way=way, verdicts=verdicts) for way in ways]
+
+    monkeypatch.setattr(runtime_tables, "time_stages", timed)
+    exhibit = runtime_tables.runtime_tables(reproduced)
+    tables = {table.name: table.frame for table in exhibit.tables}
+    rows = tables["run_times"].set_index("method")
+    assert rows.loc["SLIC superpixels + LBP (10, 5)", "median ms"] == pytest.approx(45)
+    assert rows.loc["LBP (10, 5), 10x10 patches", "median ms"] == pytest.approx(135)
+    assert rows.loc["tokt stereo, a pair", "times LBP"] == pytest.approx(len(rows) / 3)
+    assert {"tokt texture", "Haralick, tokt's kernels"} <= set(rows.index)
+    profile = tables["table_5_2_lbp"].set_index("stage")
+    assert profile.loc["features", "median ms"] == profile.loc["whole frame", "median ms"]
+    assert exhibit.numbers["haralick_times_tokt_kernels"] == pytest.approx(5 / 8)
+    assert exhibit.numbers["tokt_haralick_same_verdicts"] == 2
+    assert "not measured" in exhibit.claims[1].found
+    assert exhibit.plots[0].png.startswith(b"\x89PNG")

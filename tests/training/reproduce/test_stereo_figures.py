@@ -1,0 +1,351 @@
+"""Figures 3.8 to 3.10, 5.1, 6.1 and the trend: on a rendered dive, and with each method broken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.inference.trend import GROWING, SHRINKING, STEADY
+from tokt.labels.synthetic.light import expose
+from tokt.labels.synthetic.mission import Scene
+from tokt.labels.synthetic.raycast import look
+from tokt.labels.synthetic.sensor import develop
+from tokt.training.baselines.slic import SlicTexture
+from tokt.training.reproduce import (
+    disparity_figures,
+    exchanged_right,
+    superpixel_figure,
+    synchrony_figure,
+    trend_figure,
+)
+from tokt.training.reproduce.curves import Curves
+from tokt.training.reproduce.exchanged_right import OWN, exchange
+from tokt.training.reproduce.exhibit import Agreement, Exhibit
+from tokt.training.reproduce.material import Material
+from tokt.training.reproduce.synchrony import Rows, offset_of
+from tokt.training.reproduce.thesis_disparity import margin_of, thesis_cloud
+from tokt.training.reproduce.trend_scores import Seen, depth_trend, held_against, score
+from tokt.training.reproduce.trend_seen import seen_by_stereo
+
+pytestmark = pytest.mark.xdist_group("stereo-figures")  # what they share is made once
+
+WIDTH, SCENE_FRAMES = 480, 120
+OPEN = (3, 5)
+ROW = tuple(range(82, 89))
+"""Successive frames, some 3 m from the tower."""
+APART = 97
+SHOWN = [*OPEN, *ROW, APART]
+
+
+@dataclass(frozen=True)
+class Dive:
+    """A rendered dive, some of its frames only.
+
+    Parameters
+    ----------
+    path : Path
+    depth_m : dict of int to float
+        True median depth of the tower in the left camera.
+    """
+
+    path: Path
+    depth_m: dict[int, float]
+
+
+@pytest.fixture(scope="session")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
+    """Open water, a row of successive frames of the tower, and one from elsewhere."""
+    folder = tmp_path_factory.mktemp("stereo-figures") / "dive"
+    for side in ("Left", "Right"):
+        (folder / side).mkdir(parents=True)
+    scene = Scene.draw(1, SCENE_FRAMES, WIDTH)
+    scene.rig.write(folder / "calibration.yml")
+    depths = {}
+    for number in SHOWN:
+        pose = scene.poses[number - 1]
+        eyes = scene.water.left, scene.water.right
+        for side, (camera, eye) in enumerate(zip(pose.cameras(scene.rig), eyes, strict=True)):
+            view = look(scene.tower, camera)
+            moment = np.random.default_rng([number, 7])
+            light = expose(scene.water, scene.rig, pose, view, eye, moment)
+            image = develop(scene.water, light, np.random.default_rng([number, side]))
+            name, letter = (("Left", "L"), ("Right", "R"))[side]
+            cv2.imwrite(str(folder / name / f"d_{letter}_{number}.png"), image)
+            if side == 0:
+                seen = view.depth[np.isfinite(view.depth)]
+                depths[number] = float(np.median(seen)) if len(seen) else np.nan
+    return Dive(folder, depths)
+
+
+@pytest.fixture
+def material(dive: Dive, material_of: Callable[..., Material]) -> Material:
+    """The dive's material, one for each test."""
+    return material_of(dive.path)
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer frames than on a whole mission."""
+    for name, count in (("EXCHANGED_FRAMES", 2), ("MATCHED_FRAMES", 1), ("OPEN_FRAMES", 1)):
+        monkeypatch.setattr(disparity_figures, name, count)
+
+
+def agreement_of(exhibit: Exhibit, what: str) -> Agreement:
+    return next(claim.agreement for claim in exhibit.claims if claim.what == what)
+
+
+def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(
+    material: Material, dive: Dive, few: None
+) -> None:
+    found = disparity_figures.disparity_figures(material)
+    assert not found.missing
+    numbers = found.numbers
+    # A rendered tower is more like itself upside down than the real one is.
+    assert numbers["ours_matched_own_least"] > 0.05 > 4 * numbers["ours_matched_wrong_most"]
+    assert numbers["ours_obstacle_wrong"] == 0
+    assert numbers["thesis_pixels_changed_most"] < 0.01
+    assert agreement_of(found, "the map needs both pictures") is Agreement.NO
+    assert numbers["matched_points"] > 20 and numbers["points_searched"] == 0
+    assert agreement_of(found, "the values of the map are disparities") is Agreement.NO
+    shown = int(numbers["shown_frame"])
+    assert numbers["cloud_median_m"] == pytest.approx(dive.depth_m[shown], rel=0.05)
+    assert abs(numbers["rank_correlation"]) < 0.5
+    table = found.tables[0].frame
+    assert list(table["right frame"].unique()) == list(exchanged_right.KINDS)
+    assert all(plot.png.startswith(b"\x89PNG") for plot in found.plots)
+
+
+def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(
+    material: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    upright = material.right
+    monkeypatch.setattr(material, "right", lambda number: upright(number)[::-1].copy())
+    monkeypatch.setattr(exchanged_right, "disparity_map", lambda left, right: left[..., 0])
+    assert material.calibration is not None
+    rows = exchange(material, material.calibration, [ROW[0], APART])
+    assert max(row.ours_matched for row in rows if row.right == OWN) < 0.0125
+
+
+def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(
+    material: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def both(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        return np.where(right[..., 1] > np.median(right), 200, 0).astype(np.uint8)
+
+    monkeypatch.setattr(exchanged_right, "disparity_map", both)
+    assert material.calibration is not None
+    rows = exchange(material, material.calibration, [ROW[0], APART])
+    assert all((row.thesis_changed > 0.05) == (row.right != OWN) for row in rows)
+
+
+def test_margin_and_cloud_of_a_map() -> None:
+    stretched = np.zeros((1024, 1360), np.uint8)
+    stretched[:, 1250:1260] = 255
+    stretched[100:110, 700:710] = 57
+    margin = margin_of(stretched)
+    assert margin.matched_margin == pytest.approx(10 / 400)
+    assert margin.matched_inside == pytest.approx(100 / (1024 * 960))
+    assert margin.mean_whole > 100 * margin.mean_inside
+    points, matched = thesis_cloud(stretched)
+    assert len(points) == matched.sum() == 10340
+    assert set(np.round(points[:, 2], 4)) == {-1.0, -round(57 / 255, 4)}
+
+
+def test_without_a_calibration_it_is_said_what_is_missing(material: Material) -> None:
+    material.__dict__["_cameras"] = (None, "none was given")
+    for make in (
+        disparity_figures.disparity_figures,
+        synchrony_figure.synchrony_figure,
+        trend_figure.trend_exhibit,
+    ):
+        found = make(material)
+        assert "calibration" in found.missing and "none was given" in found.missing
+
+
+def test_cameras_are_synchronous_and_a_late_one_is_late(material: Material) -> None:
+    found = synchrony_figure.synchrony_figure(material)
+    assert not found.missing
+    numbers = found.numbers
+    # Its picture moves by ten rows a frame, the sea trial's by seventy.
+    assert numbers["own_offset_frames"] == pytest.approx(0, abs=0.05)
+    assert numbers["shifted_offset_frames"] == pytest.approx(1, abs=0.08)
+    assert 0 < numbers["own_half_width_frames"] < 0.1
+    assert found.claims[0].agreement is Agreement.YES
+
+
+def rows_moved_by(offset: float, seed: int = 3) -> Rows:
+    """Points of ten frames that move by some rows a frame, the right camera late."""
+    rng = np.random.default_rng(seed)
+    frame = np.repeat(np.arange(10), 30)
+    moved, bent = (rng.normal(0, size, 10)[frame] for size in (12, 3))
+    place = rng.uniform(-0.5, 0.5, (300, 2))
+    here = rng.uniform(0, 500, 300)
+    left = np.column_stack([here - moved + bent, here, here + moved + bent])
+    right = here + offset * moved + offset**2 * bent + 0.3 + place @ [0.5, -1.0]
+    return Rows(frame, left, right + rng.normal(0, 0.3, 300), place)
+
+
+@pytest.mark.parametrize("true", [-1.0, -0.2, 0.0, 0.5])
+def test_an_offset_is_measured_and_one_that_is_large_is_told(true: float) -> None:
+    found = offset_of(rows_moved_by(true))
+    assert abs(found.frames - true) < max(2 * found.half_width, 0.01) < 0.05
+    control = replace(found, frames=found.frames + 1)
+    pair = {synchrony_figure.AS_IT_IS: found, synchrony_figure.ON_PURPOSE: control}
+    wanted = Agreement.YES if true == 0 else Agreement.NO
+    assert synchrony_figure.claim_of(pair).agreement is wanted
+
+
+def test_right_rows_of_other_frames_tell_no_offset() -> None:
+    rows = rows_moved_by(0.0)
+    mixed = replace(rows, right=np.random.default_rng(2).permutation(rows.right))
+    found = offset_of(mixed)
+    pair = dict.fromkeys((synchrony_figure.AS_IT_IS, synchrony_figure.ON_PURPOSE), found)
+    assert synchrony_figure.claim_of(pair).agreement is Agreement.UNCOMPARABLE
+    with pytest.raises(ToktError, match="3 frames have points"):
+        offset_of(rows.only(rows.frame < 3))
+
+
+def test_superpixels_and_grid_see_the_same_with_one_classifier(
+    material: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(superpixel_figure, "FEATURES", ("lbp_10_5",))
+    material.__dict__["structure"] = APART
+    material.__dict__["scored"] = [APART]
+    trained = []
+    train = SlicTexture.train
+
+    def kept(*arguments: Any) -> SlicTexture:
+        trained.append(train(*arguments))
+        return trained[-1]
+
+    monkeypatch.setattr(superpixel_figure.SlicTexture, "train", kept)
+    found = superpixel_figure.superpixel_figure(material)
+    assert found.numbers["lbp_10_5_frames"] == 1
+    assert 60 < found.numbers["lbp_10_5_segments_median"] < 150
+    assert found.numbers["lbp_10_5_slic_over_grid"] > 1
+    assert found.numbers["lbp_10_5_pixels_same"] > 0.85
+    assert found.numbers["lbp_10_5_overlap"] > 0.5
+    turned = SlicTexture(material.thesis["lbp_10_5"].describe, Opposite(trained[0]), "turned")
+    monkeypatch.setattr(superpixel_figure.SlicTexture, "train", lambda *_: turned)
+    wrong = superpixel_figure.superpixel_figure(material)
+    assert wrong.numbers["lbp_10_5_pixels_same"] < 0.5
+
+
+class Opposite:
+    """A classifier that says the opposite of a trained one."""
+
+    def __init__(self, texture: SlicTexture) -> None:
+        self._classifier = texture.classifier
+
+    def predict(self, rows: NDArray[np.float64]) -> NDArray[np.int64]:
+        return np.asarray(1 - self._classifier.predict(rows))
+
+
+FRAMES = list(range(1, 61))
+STEP_S = 0.35
+
+
+def approach() -> dict[int, float]:
+    """To 2.8 m at 0.5 m/s, a rest, and back."""
+    depths = np.concatenate(
+        [9.8 - 0.175 * np.arange(25), np.full(15, 5.425), 5.425 + 0.175 * np.arange(20)]
+    )
+    return dict(zip(FRAMES, depths.tolist(), strict=True))
+
+
+def means(depth_m: dict[int, float], power: float = -2.0) -> list[Seen]:
+    """An area that goes with a power of the depth."""
+    return [Seen(n, 20 * (z / 5) ** power, True) for n, z in depth_m.items()]
+
+
+def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time() -> None:
+    depth = approach()
+    found = score(held_against(means(depth), depth, STEP_S))
+    assert found.agreement == 1 and found.same > 25 and found.opposite == 0
+    assert found.rank_correlation == pytest.approx(-1, abs=1e-3)
+    assert len(found.ratios) > 10
+    assert np.median(found.ratios) == pytest.approx(1, abs=0.05)
+
+
+def test_a_turned_sign_and_shuffled_depths_are_found_out() -> None:
+    depth = approach()
+    turned = score(held_against(means(depth, 2.0), depth, STEP_S))
+    assert turned.agreement == 0 and turned.missed_approach > 10
+    assert turned.rank_correlation == pytest.approx(1, abs=1e-3)
+    order = np.random.default_rng(1).permutation(len(depth))
+    mixed = dict(zip(FRAMES, np.array(list(depth.values()))[order].tolist(), strict=True))
+    shuffled = score(held_against(means(depth), mixed, STEP_S))
+    assert shuffled.agreement is None or shuffled.agreement < 0.8
+    assert abs(shuffled.rank_correlation or 0) < 0.5
+
+
+def test_how_the_depth_changes() -> None:
+    t = np.arange(12) * STEP_S
+    for speed, trend in ((-0.5, GROWING), (0.5, SHRINKING), (0.02, STEADY)):
+        found = depth_trend(t, 5 + speed * (t - t[-1]))
+        assert found is not None and found.trend == trend
+        assert (found.contact_s is None) == (trend != GROWING)
+    falling = depth_trend(t, 5 - 0.5 * (t - t[-1]))
+    assert falling is not None and falling.contact_s == pytest.approx(10)
+    assert depth_trend(t, np.where(t == t[-1], np.nan, 5.0)) is None
+    assert depth_trend(t[-3:], np.full(3, 5.0)) is None
+
+
+def test_stereo_gives_the_true_depths_to_hold_against(material: Material, dive: Dive) -> None:
+    assert material.calibration is not None
+    frames = [OPEN[0], *ROW[:3]]
+    seen, depth = seen_by_stereo(material, material.calibration, frames)
+    assert [one.frame for one in seen] == frames and np.isnan(depth[OPEN[0]])
+    for number in ROW[:3]:
+        assert depth[number] == pytest.approx(dive.depth_m[number], rel=0.05)
+
+
+@pytest.fixture
+def followed(material: Material, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], Exhibit]:
+    """The trend's exhibit of a dive whose mean goes with a power of the depth."""
+    depth = approach()
+
+    def make(power: float) -> Exhibit:
+        nothing = pd.DataFrame(index=pd.Index(FRAMES, name="frame"))
+        material.__dict__["curves"] = Curves(
+            nothing, nothing, {}, distance_m=pd.Series(depth, dtype=float)
+        )
+        material.__dict__["pairs"] = FRAMES
+        given = means(depth, power), depth
+        monkeypatch.setattr(trend_figure, "seen_by_stereo", lambda *_: given)
+        return trend_figure.trend_exhibit(material)
+
+    return make
+
+
+def test_the_trend_s_exhibit(
+    followed: Callable[[float], Exhibit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    what = "a growing mean is a thing that comes nearer"
+    found = followed(-2.0)
+    assert found.numbers["disparity_sign_agreement"] == 1
+    assert found.numbers["disparity_contact_ratio_median"] == pytest.approx(1, abs=0.05)
+    assert agreement_of(found, what) is Agreement.YES
+    table = found.tables[1].frame
+    counts = table.set_index("by depth")
+    assert counts.loc[GROWING, GROWING] > 10 and counts.loc[GROWING, SHRINKING] == 0
+    monkeypatch.setattr(trend_figure, "_plots", lambda *_: ())
+    turned = followed(2.0)
+    assert turned.numbers["disparity_sign_agreement"] == 0
+    assert agreement_of(turned, what) is Agreement.NO
+    assert agreement_of(turned, "the mean value is a relative distance") is Agreement.NO
+
+
+def test_what_leaves_the_picture_has_no_time_to_contact() -> None:
+    depth = approach()
+    cut = [replace(one, whole=False) for one in means(depth)]
+    found = score(held_against(cut, depth, STEP_S))
+    assert not found.ratios and np.median(found.unchecked_ratios) == pytest.approx(1, abs=0.05)

@@ -1,0 +1,498 @@
+"""The texture figures of tokt reproduce on a small rendered mission, and what they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import BinaryIO
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tokt.features.errors import ToktError
+from tokt.inference.verdict import verdict_from_mask
+from tokt.training.baselines.baseline import BaselineJudged
+from tokt.training.bench.thesis_way import GRID
+from tokt.training.reproduce import dark_figures, training_images
+from tokt.training.reproduce.centre_figures import both_ways, centre_and_box
+from tokt.training.reproduce.curves import THESIS, Curves, Method
+from tokt.training.reproduce.dark_figures import bad_lighting
+from tokt.training.reproduce.dark_frame import DarkPair, DarkScene
+from tokt.training.reproduce.dot_figures import pooled_scores, prediction_dots
+from tokt.training.reproduce.exhibit import Exhibit
+from tokt.training.reproduce.held_out_texture import TOKT_TEXTURE
+from tokt.training.reproduce.material import Material, ReproduceRequest
+from tokt.training.reproduce.patch_figures import patch_histograms
+from tokt.training.reproduce.patch_scores import (
+    PatchScore,
+    PatchTruth,
+    patches_of_mask,
+    score_patches,
+    truth_by_mask,
+)
+from tokt.training.reproduce.slow_methods import SlowMethods
+from tokt.training.reproduce.texture_histograms import (
+    BinKind,
+    bin_kinds,
+    chi_square,
+    confused,
+    hellinger,
+    share_by_kind,
+)
+from tokt.training.reproduce.thesis_centre import leaves_frame, thesis_centre
+from tokt.training.reproduce.training_image_figures import training_images as training_image_exhibit
+from tokt.training.reproduce.whole_texture import learn_whole
+
+pytestmark = pytest.mark.xdist_group("reproduce")
+
+HEIGHT, WIDTH = 271, 360
+Described = dict[str, NDArray[np.float64]]
+
+
+def _curves(material: Material) -> Curves:
+    """What `measure_curves` would give of the thesis's models; ours sees what is labelled."""
+    patches: dict[str, dict[int, NDArray[np.bool_]]] = {key: {} for key in material.thesis}
+    patches[TOKT_TEXTURE] = {}
+    for number in material.scored:
+        rows = training_images.described(material.left(number))
+        for key, model in material.thesis.items():
+            patches[key][number] = model.classifier.predict(rows[key]) == 1
+        patches[TOKT_TEXTURE][number] = material.truth(number) == 1
+    methods = {key: Method(model.title, THESIS, "") for key, model in material.thesis.items()}
+    methods[TOKT_TEXTURE] = Method("ours", "tokt's", "held out")
+    return Curves(pd.DataFrame(), pd.DataFrame(), methods, patches)
+
+
+def _material(mission: Path, out: Path, curves: Curves | None = None, **asked: Path) -> Material:
+    request = ReproduceRequest(mission=mission, out=out, jobs=1, **asked)
+    material = Material(request, lambda line: None, lambda items, total, what: items)
+    if curves is not None:
+        material.__dict__["curves"] = curves
+    return material
+
+
+@pytest.fixture(scope="session")
+def material(reproduce_mission: Path, tmp_path_factory: pytest.TempPathFactory) -> Material:
+    """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
+    made = _material(reproduce_mission, tmp_path_factory.mktemp("out"))
+    made.__dict__["curves"] = _curves(made)
+    return made
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are put together, but not drawn: that takes most of their time."""
+    monkeypatch.setattr(Figure, "savefig", lambda figure, buffer, **_: buffer.write(b"undrawn"))
+
+
+@pytest.fixture
+def drawn(undrawn: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn, coarsely."""
+
+    def coarse(figure: Figure, buffer: BinaryIO, **_: object) -> None:
+        figure.set_layout_engine("none")
+        figure.set_dpi(20)
+        FigureCanvasAgg(figure).print_png(buffer)
+
+    monkeypatch.setattr(Figure, "savefig", coarse)
+
+
+@pytest.fixture(scope="session")
+def dark_scene() -> DarkScene:
+    """The scene of the rendered dark picture."""
+    return DarkScene(WIDTH)
+
+
+@pytest.fixture(scope="session")
+def dark_pair(dark_scene: DarkScene) -> DarkPair:
+    """A rendered pair in half the light."""
+    return dark_scene.at(0.5)
+
+
+def shuffled(picture: NDArray[np.uint8]) -> Described:
+    """Features as they are, but each patch has those of another one."""
+    order = np.random.default_rng(5).permutation(GRID.n_patches)
+    return {key: rows[order] for key, rows in training_images.described(picture).items()}
+
+
+class TopHalf:
+    """A method that is no part of the grid: it says that the upper half is an obstacle."""
+
+    name = title = source = "top half"
+
+    def judge(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
+    ) -> BaselineJudged:
+        """White down to the middle."""
+        mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+        mask[:135] = 255
+        return BaselineJudged(verdict_from_mask(mask, self.name), mask, "")
+
+    def reset(self) -> None:
+        """Nothing is kept."""
+
+
+def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example() -> None:
+    """P = 24: two points of the circle around none, a quarter, half, three quarters and all."""
+    kinds = bin_kinds(24)
+    assert len(kinds) == 26
+    places = {kind: [i for i, its in enumerate(kinds) if its == kind] for kind in BinKind}
+    assert places[BinKind.FLAT] == [0, 1, 2, 22, 23, 24]
+    assert places[BinKind.EDGE] == [10, 11, 12, 13, 14]
+    assert places[BinKind.CORNER] == [4, 5, 6, 7, 8, 16, 17, 18, 19, 20]
+    assert places[BinKind.NOT_UNIFORM] == [25]
+    assert bin_kinds(10).count(BinKind.EDGE) == 1
+    shares = share_by_kind(np.arange(12.0))
+    assert shares == {"flat": 10, "edge": 5, "corner": 20, "between": 20, "not uniform": 11}
+
+
+def test_distances_of_histograms() -> None:
+    """0 between equal ones, 1 between those that share no bin, and what lies between."""
+    left, right = np.array([[1.0, 0, 0]]), np.array([[0, 0.5, 0.5]])
+    assert hellinger(left, left)[0, 0] == 0
+    assert hellinger(left, right)[0, 0] == pytest.approx(1)
+    assert hellinger(left, np.array([[0.25, 0.75, 0]]))[0, 0] == pytest.approx(np.sqrt(0.5))
+    assert chi_square(left[0], left[0]) == 0
+    assert chi_square(left[0], right[0]) == pytest.approx(1)
+    apart = np.repeat(left, 5, axis=0), np.repeat(right, 5, axis=0)
+    assert confused(*apart) == 0
+    assert confused(apart[0], apart[0]) == 1
+    mixed = np.vstack([apart[0], right])
+    assert confused(mixed, apart[1]) == pytest.approx(1 / 11)
+
+
+def test_scores_of_patches_leave_out_what_is_not_sure() -> None:
+    """Precision, recall, F1 and IoU of counts; undefined is not zero."""
+    truth = PatchTruth(np.array([1, 1, 0, 0, 1], bool), np.array([1, 1, 1, 1, 0], bool))
+    score = score_patches(np.array([1, 0, 1, 0, 0], bool), truth)
+    assert score == PatchScore(1, 1, 1, 1)
+    assert (score.precision, score.recall, score.f1) == (0.5, 0.5, 0.5)
+    assert score.iou == pytest.approx(1 / 3)
+    nothing = PatchScore(0, 0, 0, 4)
+    assert (nothing.precision, nothing.recall, nothing.f1, nothing.iou) == (None,) * 4
+
+
+def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
+    """Patches are 36x27: 97.2 pixels are a tenth; less is not scored; a shifted mask differs."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[0:27, 0:4] = 255
+    mask[27:54, 0:3] = 255
+    truth = truth_by_mask(mask, GRID)
+    assert np.flatnonzero(truth.obstacle).tolist() == [0]
+    assert np.flatnonzero(~truth.sure).tolist() == [10]
+    assert np.flatnonzero(patches_of_mask(mask, GRID)).tolist() == [0]
+    shifted = truth_by_mask(np.roll(mask, 36, axis=1), GRID)
+    assert score_patches(shifted.obstacle, truth).hits == 0
+
+
+def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
+    """One block low on the right: both centres are right, and only one way up is."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[200:241, 250:291] = 255
+    both = both_ways(mask)
+    assert (both.thesis.cx, both.thesis.cy) == (270, 220)
+    assert (both.thesis.x, both.thesis.y) == (-(270 - 180), -(270 - 135))
+    assert (both.corrected.x, both.corrected.y) == (-(270 - 180), -(220 - 135))
+    assert both.ypos_off == -50
+    high = both_ways(mask[::-1])
+    assert high.ypos_opposite
+    assert not both.ypos_opposite
+
+
+def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union() -> None:
+    """Two blocks apart: the sum misses the second; three tall ones leave the frame."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[50:71, 40:61] = 255
+    mask[150:171, 240:261] = 255
+    apart = both_ways(mask)
+    assert apart.corrected.box == (40, 50, 221, 121)
+    assert apart.thesis.box == (38, 48, 50, 50)
+    assert apart.thesis_misses
+    assert not apart.thesis_leaves
+    mask[:] = 0
+    for x in (20, 120, 220):
+        mask[100:201, x : x + 21] = 255
+    tall = both_ways(mask)
+    assert tall.thesis.box == (18, 98, 75, 315)
+    assert tall.thesis_leaves
+    assert leaves_frame((0, 0, WIDTH, HEIGHT), HEIGHT, WIDTH) is False
+
+
+def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high() -> None:
+    """Its starting corner takes the height for the width."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[100:121, 320:341] = 255
+    assert thesis_centre(mask).box == (HEIGHT, 98, 25, 25)
+    corrected = verdict_from_mask(mask, "mask").box
+    assert corrected == (320, 100, 21, 21)
+    empty = thesis_centre(np.zeros_like(mask))
+    assert (empty.cx, empty.cy, empty.box, empty.contours) == (0, 0, None, 0)
+
+
+def test_contours_without_area_are_counted_before_the_dilation() -> None:
+    """A line one pixel wide has no area; the program's dilation gives it some."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[100, 50:90] = 255
+    assert both_ways(mask).without_area == 1
+    assert thesis_centre(mask).cy == 100
+
+
+@pytest.fixture
+def one_photo(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer images to choose from, for speed."""
+    monkeypatch.setattr(training_images, "_PHOTOS", ("brick",))
+
+
+def _sound(exhibit: Exhibit) -> None:
+    """What every exhibit has: pictures that decode, claims, numbers that are finite."""
+    assert not exhibit.missing
+    assert exhibit.claims
+    for plot in exhibit.plots:
+        picture = cv2.imdecode(np.frombuffer(plot.png, np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        assert picture.std() > 5
+        assert plot.caption
+    for value in exhibit.numbers.values():
+        assert not isinstance(value, float) or np.isfinite(value)
+
+
+def test_training_images(material: Material, one_photo: None, drawn: None) -> None:
+    """Another ocean frame is the nearest to ocean and the worst to learn from."""
+    exhibit = training_image_exhibit(material)
+    _sound(exhibit)
+    table = exhibit.tables[0].frame.set_index("image")
+    assert table["lbp_10_5 to ocean"].idxmin() == "ocean frame"
+    assert table.loc["ocean frame", "lbp_10_5 patches confused"] > 0.25
+    assert table.loc["other", "lbp_10_5 patches confused"] < 0.1
+    assert table.loc["ocean frame", "lbp_10_5 F1"] < table["lbp_10_5 F1"].max() / 2
+    assert exhibit.numbers["farthest_hellinger"] == table["lbp_10_5 to ocean"].max()
+    assert exhibit.numbers["best_f1"] == table["lbp_10_5 F1"].max() > 0.5
+    shown = f"{exhibit.numbers['best_f1']:.2f}"
+    assert any(shown in claim.found for claim in exhibit.claims)
+
+
+def test_training_images_without_labels(
+    material: Material, one_photo: None, tmp_path: Path
+) -> None:
+    """Distances remain; nothing is scored, and nothing is ranked."""
+    bare = _material(material.mission.path, tmp_path)
+    bare.__dict__["labels"] = None
+    bare.__dict__ |= {
+        "structure": material.structure,
+        "ocean": material.ocean,
+        "other": material.other,
+    }
+    exhibit = training_image_exhibit(bare)
+    assert exhibit.numbers["scored_frames"] == 0
+    assert exhibit.tables[0].frame["lbp_10_5 F1"].isna().all()
+    assert [plot.name for plot in exhibit.plots] == ["histograms"]
+    assert "ocean frame" not in set(exhibit.tables[0].frame["image"])
+
+
+def test_patch_histograms(material: Material, drawn: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The models tell the tower's patches from the water's, and not if features are shuffled."""
+    exhibit = patch_histograms(material)
+    _sound(exhibit)
+    assert exhibit.numbers["frame"] == material.structure
+    assert float(exhibit.numbers["lbp_10_5_model_roc_area"]) > 0.85
+    assert float(exhibit.numbers["haralick_model_roc_area"]) > 0.95
+    assert float(exhibit.numbers["lbp_10_5_hellinger"]) > 0.1
+    outside = int(exhibit.numbers["haralick_outside_structure"])
+    features = exhibit.tables[1].frame
+    assert outside == ((features["structure"] > 13) | (features["structure"] < 0)).sum()
+    monkeypatch.setattr("tokt.training.reproduce.patch_figures.described", shuffled)
+    broken = patch_histograms(material)
+    assert float(broken.numbers["lbp_10_5_model_roc_area"]) < 0.75
+    assert float(broken.numbers["haralick_model_roc_area"]) < 0.75
+
+
+def test_prediction_dots(material: Material, drawn: None) -> None:
+    """The dots agree with the labels, ours are the held-out ones, and the mission is pooled."""
+    exhibit = prediction_dots(material)
+    _sound(exhibit)
+    numbers = exhibit.numbers
+    assert float(numbers["frame_haralick_f1"]) > 0.7
+    assert numbers["frame_tokt_texture_iou"] == numbers["mission_tokt_texture_f1"] == 1.0
+    titles = list(exhibit.tables[0].frame["method"])
+    assert titles == ["LBP (10, 5)", "LBP (24, 8)", "Haralick", "ours", "tokt stereo"]
+    assert float(numbers["frame_tokt_stereo_recall"]) > 0.3
+    moved = {
+        TOKT_TEXTURE: {
+            number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
+            for number, said in material.curves.patches[TOKT_TEXTURE].items()
+        }
+    }
+    pooled, n_frames = pooled_scores(material, moved)
+    assert n_frames == numbers["labelled_frames"]
+    assert (pooled[TOKT_TEXTURE].f1 or 0.0) < 0.5
+
+
+def test_centre_and_box(material: Material, drawn: None) -> None:
+    """Every frame with status 1 is in the figures, and these follow from its masks."""
+    exhibit = centre_and_box(material)
+    _sound(exhibit)
+    size = GRID.resized(*material.left(material.structure).shape[:2])
+    ways = [
+        both_ways(GRID.paint(patches, *size))
+        for key in material.thesis
+        for patches in material.curves.patches[key].values()
+        if patches.any()
+    ]
+    assert exhibit.numbers["masks"] == len(ways) > 6
+    off = [abs(way.thesis.y - (way.corrected.y or 0)) for way in ways]
+    assert exhibit.numbers["ypos_off_median_px"] == np.median(off) > 0
+    assert exhibit.numbers["box_leaves_frame"] == sum(way.thesis_leaves for way in ways)
+    frame = exhibit.tables[0].frame
+    assert list(frame["mask of"])[-1] == "tokt stereo"
+
+
+def test_centre_and_box_of_nothing(
+    material: Material, reproduce_mission: Path, tmp_path: Path
+) -> None:
+    """A mission in which no method sees anything has nothing to show, and says why."""
+    made = _material(reproduce_mission, tmp_path, Curves(pd.DataFrame(), pd.DataFrame(), {}))
+    made.__dict__ |= {"structure": 1, "thesis": material.thesis}
+    exhibit = centre_and_box(made)
+    assert "frame 1" in exhibit.missing
+    assert not exhibit.plots
+
+
+def _write(folder: Path, pair: DarkPair, mask: NDArray[np.uint8]) -> dict[str, Path]:
+    files = {"dark": folder / "dark.png", "dark_mask": folder / "mask.png"}
+    cv2.imwrite(str(files["dark"]), pair.left)
+    cv2.imwrite(str(files["dark_mask"]), mask)
+    return files
+
+
+def _dark(material: Material, out: Path, **asked: Path) -> Exhibit:
+    made = _material(material.mission.path, out, material.curves, **asked)
+    slow = SlowMethods((), (TopHalf(),), 20, "", "knows nothing")  # type: ignore[arg-type]
+    made.__dict__ |= {
+        "thesis": material.thesis,
+        "slow": slow,
+        "ocean": material.ocean,
+        "other": material.other,
+        "labels": material.labels,
+    }
+    return bad_lighting(made)
+
+
+def test_bad_lighting_by_a_given_image(
+    material: Material, dark_pair: DarkPair, tmp_path: Path
+) -> None:
+    """Scored by the mask given: a mask that is shifted by three patches scores worse."""
+    exhibit = _dark(material, tmp_path, **_write(tmp_path, dark_pair, dark_pair.mask))
+    assert exhibit.numbers["rendered"] is False
+    truth = truth_by_mask(dark_pair.mask, GRID)
+    assert exhibit.numbers["obstacle_patches"] == truth.obstacle.sum() > 10
+    judged = material.thesis["haralick"].judge(dark_pair.left)
+    expected = score_patches(judged.obstacle, truth)
+    assert exhibit.numbers["haralick_iou"] == expected.iou
+    assert float(exhibit.numbers["haralick_f1"]) > 0.6
+    table = exhibit.tables[0].frame.set_index("method")
+    assert table.loc["top half", "obstacle patches"] == 50
+    assert table.loc["top half", "hits"] == truth.obstacle[:50].sum()
+    assert table.loc["tokt stereo", "status"] == "unknown"
+    assert np.isnan(table.loc["tokt stereo", "f1"])
+    shifted = np.roll(dark_pair.mask, 3 * 36, axis=1)
+    worse = _dark(material, tmp_path, **_write(tmp_path, dark_pair, shifted))
+    assert float(worse.numbers["haralick_f1"]) < 0.5 * float(exhibit.numbers["haralick_f1"])
+
+
+def test_bad_lighting_of_a_frame_of_the_mission(material: Material, tmp_path: Path) -> None:
+    """Its labels stand in for a mask, its right picture makes it a pair.
+
+    Our texture may not learn from the frames near it, which in so short a mission are all those
+    with the tower: then it does not judge.
+    """
+    number = material.structure
+    file = material.mission.path / "Left" / f"sim_L_{number}.jpg"
+    exhibit = _dark(material, tmp_path, dark=file)
+    assert f"frame {number}" in exhibit.words[0]
+    assert exhibit.numbers["obstacle_patches"] == (material.truth(number) == 1).sum()
+    assert float(exhibit.numbers["tokt_stereo_f1"]) > 0.4
+    table = exhibit.tables[0].frame.set_index("method")
+    assert table.loc["tokt texture", "status"] == "unknown"
+    assert "no labels of both" in table.loc["tokt texture", "not judged"]
+
+
+def test_bad_lighting_refuses_a_mask_of_another_size(
+    material: Material, dark_pair: DarkPair, tmp_path: Path
+) -> None:
+    """Which would be a mask of another picture."""
+    files = _write(tmp_path, dark_pair, dark_pair.mask[:, :-20])
+    with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*dark.png is 360x271"):
+        _dark(material, tmp_path, **files)
+
+
+def test_bad_lighting_without_a_mask_scores_nothing(
+    material: Material, dark_pair: DarkPair, tmp_path: Path
+) -> None:
+    """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
+    black = replace(dark_pair, left=np.zeros_like(dark_pair.left))
+    files = _write(tmp_path, black, dark_pair.mask)
+    exhibit = _dark(material, tmp_path, dark=files["dark"])
+    assert not any(name.endswith("_f1") for name in exhibit.numbers)
+    assert "no mask" in exhibit.claims[0].found
+    table = exhibit.tables[0].frame.set_index("method")
+    assert table.loc["tokt texture", "status"] == "unknown"
+    assert "too dark" in table.loc["tokt texture", "not judged"]
+
+
+def test_bad_lighting_rendered(
+    material: Material, tmp_path: Path, drawn: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without an image a rendered one with its exact mask, said so, and the lamp going down."""
+    monkeypatch.setattr(dark_figures, "_LIGHTS", (1.0, 0.03))
+    exhibit = _dark(material, tmp_path)
+    _sound(exhibit)
+    assert exhibit.numbers["rendered"] is True
+    assert "rendered" in exhibit.words[0]
+    sweep = exhibit.tables[1].frame
+    assert sweep["mean grey level"].is_monotonic_decreasing
+    assert sweep["Haralick"][0] > 0.7
+    assert np.isnan(sweep["tokt texture"][1])
+    assert np.isnan(sweep["tokt stereo"][1])
+    assert "tokt" not in sweep["say clear"][1]
+
+
+def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkPair) -> None:
+    """Less light changes the picture and what can be seen, never the mask."""
+    darker = dark_scene.at(0.05)
+    assert (darker.mask == dark_pair.mask).all()
+    assert 5 * darker.left.mean() < dark_pair.left.mean()
+    assert darker.visible.sum() < dark_pair.visible.sum()
+    again = DarkScene(WIDTH).at(0.5)
+    assert (again.left == dark_pair.left).all()
+    assert (again.right == dark_pair.right).all()
+    assert 1.5 < dark_pair.nearest_m < 6
+
+
+def test_our_model_learns_from_nothing_near_the_picture(
+    material: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A dark frame of the mission itself is held out with its embargo."""
+    read: list[int] = []
+    decoded: Callable[..., object] = material.decoded
+
+    def watched(numbers: list[int]) -> object:
+        read.extend(numbers)
+        return decoded(numbers)
+
+    monkeypatch.setattr(material, "decoded", watched)
+    learn_whole(material, near=10)
+    assert read
+    assert all(abs(number - 10) > 5 for number in read)
+
+
+def test_our_model_needs_labels_to_learn_from(reproduce_mission: Path, tmp_path: Path) -> None:
+    """Without them there is no model, and no word of clear."""
+    bare = _material(reproduce_mission, tmp_path)
+    bare.__dict__["labels"] = None
+    with pytest.raises(ToktError, match="no labels of both"):
+        learn_whole(bare)

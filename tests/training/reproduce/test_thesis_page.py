@@ -1,0 +1,212 @@
+"""The page from the thesis to this code: its figures come from results, and from nowhere else."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import jinja2.nodes
+import pytest
+from tokt.features.errors import ToktError
+from tokt.training.reproduce.run import EXHIBITS
+from tokt.training.reproduce.thesis_page import (
+    QUOTED_TABLES,
+    page_faults,
+    template_text,
+    thesis_page,
+    write_thesis_page,
+)
+
+ROOT = Path(__file__).parents[3]
+
+SETTINGS = {"360", "10x10", "v1", "v2"}
+"""What may have a digit in code: settings of the thesis, and the datagrams' formats."""
+CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
+PLACEHOLDER = re.compile(r"{{.*?}}|{%.*?%}", re.DOTALL)
+PLACE = r"\d+(?:\.\d+)*"
+REFERENCE = re.compile(
+    rf"\b(?:section|figure|table)s?\s+{PLACE}(?:(?:,\s+|\s+and\s+|\s+to\s+){PLACE})*\b"
+)
+EDITION = "NTNU 2016"
+
+
+def typed_figures(template: str) -> list[str]:
+    """Numbers of a template that are no place in the thesis and no setting."""
+    text = PLACEHOLDER.sub("", template)
+    in_code = [
+        token
+        for code in CODE.findall(text)
+        for token in re.findall(r"[\w.]*\d[\w.]*", code)
+        if token not in SETTINGS
+    ]
+    prose = REFERENCE.sub("", CODE.sub("", text)).replace(EDITION, "")
+    return in_code + re.findall(r"\S*\d\S*", prose)
+
+
+def asked(template: str) -> dict[str, list[str]]:
+    """By exhibit, the figures that a template asks for by name."""
+    found: dict[str, list[str]] = {}
+    for call in jinja2.Environment().parse(template).find_all(jinja2.nodes.Call):
+        names = [one.value for one in call.args if isinstance(one, jinja2.nodes.Const)]
+        if names and isinstance(call.node, jinja2.nodes.Name):
+            figures = found.setdefault(names[0], [])
+            if call.node.name == "number" and names[1] not in figures:
+                figures.append(names[1])
+    return found
+
+
+def results_for(template: str, missing: str = "") -> dict[str, Any]:
+    """Results with all that a template asks for, each figure a whole number of its own."""
+    counter = iter(range(70001, 80000))
+    wanted = asked(template)
+    asked_with_tables = wanted | {key: [] for key in QUOTED_TABLES if key not in wanted}
+    exhibits = [
+        {
+            "key": key,
+            "title": f"Title of {key}",
+            "section": "figure 1.1",
+            "words": ["Split by a | and <em>."],
+            "claims": [
+                {
+                    "what": "is it so",
+                    "printed": "yes, 12.5 %",
+                    "found": f"no, {next(counter)} px",
+                    "agreement": "does not agree",
+                    "why": "it\nis not so.",
+                }
+            ],
+            "numbers": {name: next(counter) for name in names},
+            "tables": [
+                {
+                    "name": QUOTED_TABLES.get(key, "other"),
+                    "caption": f"Caption of {key}.",
+                    "columns": ["method", "ms"],
+                    "rows": [["a|b", 0.123456], ["c", None]],
+                }
+            ],
+            "missing": missing,
+        }
+        for key, names in asked_with_tables.items()
+    ]
+    mission = {"name": "dive", "frames": 60001, "pairs": 60002}
+    return {
+        "format": 1,
+        "mission": mission,
+        "about": ["ocean is frame 60003"],
+        "exhibits": exhibits,
+    }
+
+
+def test_the_template_has_no_typed_figure() -> None:
+    assert typed_figures(template_text()) == []
+
+
+@pytest.mark.parametrize(
+    "slipped",
+    ["0.42 px off", "23 % of the view", "`0.42`", "figure 3.8 has 12 frames", "in 2026", "19.7x"],
+)
+def test_a_typed_figure_is_found(slipped: str) -> None:
+    assert typed_figures(template_text() + slipped)
+
+
+def test_every_figure_of_the_results_is_on_the_page() -> None:
+    results = results_for(template_text())
+    page = thesis_page(results)
+    for exhibit in results["exhibits"]:
+        assert exhibit["claims"][0]["found"] in page
+    for number in ("60001", "60002", "60003"):
+        assert number in page
+    # Whole numbers stay as they are; parts are shown in per cent, of which 100 times as much.
+    for exhibit in results["exhibits"]:
+        for value in exhibit["numbers"].values():
+            assert re.search(rf"\b{value}(00\.0+)?\b", page), value
+    assert r"Split by a \| and \<em>." in page
+    assert "Why so: it is not so.\n" in page
+
+
+def test_chosen_tables_are_on_the_page_and_no_others() -> None:
+    results = results_for(template_text())
+    page = thesis_page(results)
+    for exhibit in results["exhibits"]:
+        caption = exhibit["tables"][0]["caption"]
+        assert (caption in page) == (exhibit["key"] in QUOTED_TABLES)
+    assert "| method | ms |\n| --- | --- |\n| a\\|b | 0.123 |\n| c |  |\n" in page
+    next(one for one in results["exhibits"] if one["key"] in QUOTED_TABLES)["tables"].clear()
+    with pytest.raises(ToktError, match="which it has not"):
+        thesis_page(results)
+
+
+def test_what_the_page_asks_for_is_made() -> None:
+    made = {planned.key for planned in EXHIBITS}
+    assert set(asked(template_text())) | set(QUOTED_TABLES) <= made
+
+
+def test_a_figure_is_written_in_its_form() -> None:
+    results = results_for("{{ number('a', 'n') }}")
+    forms = (
+        "{{ number('a', 'n') }}; {{ number('a', 'n', '.2f') }}; {{ number('a', 'n', '.0f', 100) }}"
+    )
+    results["exhibits"][0]["numbers"]["n"] = 0.123456
+    assert thesis_page(results, forms).startswith("0.123; 0.12; 12\n")
+    results["exhibits"][0]["numbers"]["n"] = "frame 3"
+    assert thesis_page(results, forms).startswith("frame 3; frame 3; frame 3\n")
+
+
+@pytest.mark.parametrize(
+    ("template", "said"),
+    [
+        ("{{ number('a', 'gone') }}", "'gone'"),
+        ("{{ number('gone', 'n') }}", "'gone'"),
+        ("{{ claims('gone') }}", "'gone'"),
+        ("{% if shown('gone') %}x{% endif %}", "'gone'"),
+        ("{{ gone }}", "'gone' is undefined"),
+        ("{{ run.mission.gone }}", "gone"),
+        ("{{ number('a', 'n' }}", "cannot be made"),
+    ],
+)
+def test_an_unknown_placeholder_is_an_error(template: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ToktError, match=said):
+        thesis_page(results_for("{{ number('a', 'n') }}"), template)
+
+
+def test_a_figure_that_the_run_lacks_is_an_error_and_writes_nothing(tmp_path: Path) -> None:
+    results = results_for(template_text())
+    numbers = {one["key"]: one["numbers"] for one in results["exhibits"]}
+    del numbers["figure-3.22-3.24"]["masks"]
+    with pytest.raises(ToktError, match="which it has not"):
+        write_thesis_page(results, tmp_path / "thesis.md")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mission_without_pairs_or_labels_has_a_page_too() -> None:
+    page = thesis_page(results_for(template_text(), missing="needs two cameras"))
+    assert "Not made in this run: needs two cameras." in page
+    assert "A control shows" not in page
+
+
+def test_an_edited_page_is_found(tmp_path: Path) -> None:
+    write_thesis_page(results_for(template_text()), tmp_path / "thesis.md")
+    page = (tmp_path / "thesis.md").read_text(encoding="utf-8")
+    assert page_faults(page) == []
+    assert page_faults(page.replace("60001", "60009")) == ["it was edited after it was made"]
+    assert page_faults(page + "More.\n") == ["it has no seal"]
+    other = thesis_page(results_for("{{ number('a', 'n') }}"), "{{ number('a', 'n') }}")
+    assert page_faults(other) == ["it was made from another template"]
+
+
+def test_what_the_page_points_to_is_there() -> None:
+    text = template_text()
+    pages = set(re.findall(r"\]\((\w+\.md)\)", text))
+    assert pages >= {"udp.md", "stereo.md"}
+    paths = set(re.findall(r"`((?:features|labels|models|training|inference)/[\w./]*)`", text))
+    assert len(paths) > 15
+    gone = [name for name in sorted(paths) if not (ROOT / name).exists()]
+    gone += [name for name in sorted(pages) if not (ROOT / "docs" / name).exists()]
+    assert gone == []
+
+
+def test_the_committed_page_is_a_made_one() -> None:
+    page = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
+    assert page_faults(page) == []

@@ -1,0 +1,113 @@
+"""What one table or figure of the thesis came to: the pieces that a report is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import pandas as pd
+
+NOT_KNOWN = "not known here"
+"""What stands for a printed number that the sources at hand do not give."""
+
+
+class Agreement(StrEnum):
+    """Whether what came out is what the thesis printed."""
+
+    YES = "agrees"
+    PARTLY = "agrees in part"
+    NO = "does not agree"
+    UNCOMPARABLE = "cannot be compared"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One thing the thesis printed, beside what came out.
+
+    Parameters
+    ----------
+    what : str
+        What it is about, in words.
+    printed : str
+        As the thesis has it, with its place; `NOT_KNOWN` where that is not at hand.
+    found : str
+        What this run computed.
+    agreement : Agreement
+    why : str
+        One sentence: what the agreement was judged by, or why there is none.
+    """
+
+    what: str
+    printed: str
+    found: str
+    agreement: Agreement
+    why: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table, written as ``NAME.csv`` and shown in the report.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    caption : str
+        With units, and how its figures were split.
+    frame : pandas.DataFrame
+        Its rows; the index is not written.
+    """
+
+    name: str
+    caption: str
+    frame: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A picture, written as ``NAME.png`` and shown in the report.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    caption : str
+    png : bytes
+    """
+
+    name: str
+    caption: str
+    png: bytes
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """One table or figure of the thesis, or several that belong together.
+
+    Parameters
+    ----------
+    key : str
+        Name of its folder and its anchor, such as ``table-5.1-to-5.4``.
+    title : str
+    section : str
+        Where the thesis has it.
+    words : tuple of str
+        Paragraphs: what was done, and how figures were split.
+    claims : tuple of Claim
+    tables : tuple of Table
+    plots : tuple of Plot
+    numbers : dict
+        What other pages quote, by name: finite floats, ints, strings and booleans.
+    missing : str
+        Why there is nothing to show, where there is not: what it needs that this mission lacks.
+    """
+
+    key: str
+    title: str
+    section: str
+    words: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    tables: tuple[Table, ...] = ()
+    plots: tuple[Plot, ...] = ()
+    numbers: dict[str, float | int | str | bool] = field(default_factory=dict)
+    missing: str = ""

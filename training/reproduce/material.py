@@ -1,0 +1,323 @@
+"""What the exhibits share: frames, labels, the thesis's models, cameras, curves; each made once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.errors import FrameError, ToktError
+from ...features.image_file import read_image
+from ...features.mission import LEFT, RIGHT, Mission, open_mission
+from ...inference.calibration import StereoCalibration, describe, read_calibration
+from ...labels.merge import merge_annotators
+from ...labels.record import LabelRecord
+from ...labels.taxonomy import UNSURE, Taxonomy
+from ..bench.thesis_way import GRID
+from ..mission_source import labels_of_mission, read_labels
+from ..stereo.matlab_file import read_matlab_numbers
+from ..stereo.self_calibration import self_calibrate
+from ..stereo.start import BASELINE_MM, plain_start
+from ..thesis_images import rendered_other_image
+from .curves import Curves, measure_curves
+from .own_model import OwnModel, own_model
+from .slow_methods import SlowMethods, slow_methods
+from .thesis_models import DESCRIBE, ThesisModel, TrainingImage, thesis_model
+
+LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
+SAMPLE = 12
+"""Frames that the slow methods are run on, unless told otherwise."""
+
+Progress = Callable[..., Any]
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class ReproduceRequest:
+    """What ``tokt reproduce`` was asked for.
+
+    Parameters
+    ----------
+    mission, out : Path
+    ocean, other : Path or None
+        The thesis's two training images; by default an early frame of the mission, and a
+        rendered texture.
+    dark, dark_mask : Path or None
+        A badly lit image and a person's mask of what is in it (white: obstacle); by default a
+        rendered pair.
+    calibration, labels, model : Path or None
+        A calibration of the cameras, a label file of the mission, a bundle.
+    sample : int
+        Frames, spread over the mission, for what is too slow for all of them (SLIC).
+    jobs : int
+        Processes; -1 for one a core. No figure but a time depends on it.
+    """
+
+    mission: Path
+    out: Path
+    ocean: Path | None = None
+    other: Path | None = None
+    dark: Path | None = None
+    dark_mask: Path | None = None
+    calibration: Path | None = None
+    labels: Path | None = None
+    model: Path | None = None
+    sample: int = SAMPLE
+    jobs: int = -1
+
+
+class Material:
+    """What exhibits are made from; what costs time is computed when first asked for, and once.
+
+    Parameters
+    ----------
+    request : ReproduceRequest
+    say : callable
+        Takes a line for people.
+    progress : callable
+        ``progress(items, total, what)`` passes items on.
+
+    Attributes
+    ----------
+    mission : Mission
+    frames : list of int
+        Its left frames, in order.
+    taxonomy : Taxonomy
+        Tells which labels are obstacles.
+
+    Raises
+    ------
+    ToktError
+        If the mission or a file of the request cannot be used.
+    """
+
+    def __init__(self, request: ReproduceRequest, say: Say, progress: Progress) -> None:
+        self.request = request
+        self.say = say
+        self.progress = progress
+        self.mission: Mission = open_mission(request.mission)
+        self.frames = self.mission.frames(LEFT)
+        self.taxonomy = Taxonomy.load()
+        for file in (request.dark, request.dark_mask, request.model):
+            if file is not None and not file.is_file():
+                raise ToktError(f"{file} does not exist")
+        if request.sample < 1:
+            raise ToktError(f"--sample is a number of frames, 1 or more, not {request.sample}")
+
+    def left(self, number: int) -> NDArray[np.uint8]:
+        """A left frame as decoded: uint8, gray or BGR. Raises FrameError if it cannot be read."""
+        return self.mission.read(number, LEFT)
+
+    def right(self, number: int) -> NDArray[np.uint8] | None:
+        """A right frame as decoded, or None where there is none that can be read."""
+        if RIGHT not in self.mission.cameras:
+            return None
+        try:
+            return self.mission.read(number, RIGHT)
+        except FrameError:
+            return None
+
+    @cached_property
+    def pairs(self) -> list[int]:
+        """Numbers that both cameras have a frame of, in order."""
+        return sorted(set(self.frames) & set(self.mission.frames(RIGHT)))
+
+    @cached_property
+    def labels(self) -> list[LabelRecord] | None:
+        """What is known of the left frames' patches: one record a patch, annotators merged.
+
+        From the file of the request, or ``labels.csv`` in the mission's folder or beside it; None
+        where there is neither. Records of `unsure` are among them.
+        """
+        if not self.mission.path.is_dir() and self.request.labels is None:
+            return None
+        places = (self.mission.path, self.mission.path.parent)
+        beside = [at / LABEL_FILE for at in places if (at / LABEL_FILE).is_file()]
+        file = self.request.labels or next(iter(beside), None)
+        if file is None:
+            return None
+        try:
+            given = read_labels([file], self.taxonomy, GRID)
+            mine, remark = labels_of_mission(self.mission, given, GRID, only=True)
+        except ToktError:
+            # A file that lies beside the mission by chance is no reason to refuse it.
+            if self.request.labels is None and file.parent != self.mission.path:
+                return None
+            raise
+        if remark:
+            self.say(remark)
+        return [one for one in merge_annotators(mine).records if one.camera == LEFT]
+
+    @cached_property
+    def obstacle_patches(self) -> dict[int, int]:
+        """Patches labelled as an obstacle, by frame; only frames with a label that is sure."""
+        counts: dict[int, int] = {}
+        for one in self.labels or []:
+            if one.label not in (UNSURE, None):
+                sees = self.taxonomy.is_obstacle(str(one.label))
+                counts[one.frame] = counts.get(one.frame, 0) + sees
+        return dict(sorted(counts.items()))
+
+    def truth(self, number: int) -> NDArray[np.int8]:
+        """Labels of a frame's patches: int8, (n_patches,): 1 obstacle, 0 clear, -1 not known."""
+        found = np.full(GRID.n_patches, -1, np.int8)
+        for one in self._labels_by_frame.get(number, []):
+            if one.label not in (UNSURE, None):
+                found[one.row * GRID.cols + one.col] = self.taxonomy.is_obstacle(str(one.label))
+        return found
+
+    @cached_property
+    def _labels_by_frame(self) -> dict[int, list[LabelRecord]]:
+        found: dict[int, list[LabelRecord]] = {}
+        for one in self.labels or []:
+            found.setdefault(one.frame, []).append(one)
+        return found
+
+    @cached_property
+    def ocean_frames(self) -> list[int]:
+        """Frames of which every patch is labelled, as clear."""
+        whole = (n for n, count in self.obstacle_patches.items() if count == 0)
+        return [n for n in whole if (self.truth(n) == 0).all()]
+
+    @cached_property
+    def ocean(self) -> TrainingImage:
+        """The thesis's image of ocean: the one asked for, or an early frame of the mission."""
+        if self.request.ocean is not None:
+            file = self.request.ocean
+            image = read_image(file)
+            return TrainingImage(image, f"the image {file.name}", self.frame_with(file))
+        for number, image in self.decoded(self.ocean_frames or self.frames):
+            return TrainingImage(image, f"the mission's frame {number}", number)
+        raise ToktError(f"mission {self.mission.name}: no left frame can be read")
+
+    def frame_with(self, file: Path) -> int | None:
+        """The left frame that an image file is a copy of."""
+        if not self.mission.path.is_dir():
+            return None
+        data = file.read_bytes()
+        return next((n for n in self.frames if self.mission.encoded(n)[0] == data), None)
+
+    @cached_property
+    def other(self) -> TrainingImage:
+        """The thesis's image of anything else: the one asked for, or a rendered texture."""
+        if self.request.other is not None:
+            file = self.request.other
+            return TrainingImage(read_image(file), f"the image {file.name}", self.frame_with(file))
+        words = "a rendered texture, as the thesis's film still is not included"
+        return TrainingImage(rendered_other_image(), words)
+
+    @property
+    def two_images(self) -> str:
+        """What the thesis's way of training learnt from, for people."""
+        return f"learnt from two images: {self.ocean.words}, and {self.other.words}"
+
+    @cached_property
+    def scored(self) -> list[int]:
+        """The frames that figures are of: all but those that the thesis's models learn from.
+
+        Raises
+        ------
+        ToktError
+            If there is no other.
+        """
+        learnt = {self.ocean.frame, self.other.frame}
+        found = [number for number in self.frames if number not in learnt]
+        if not found:
+            raise ToktError(
+                f"mission {self.mission.name} has one frame, and the thesis's models learn from "
+                "it; give them another image of open water with --ocean"
+            )
+        return found
+
+    def spread(self, count: int | None = None) -> list[int]:
+        """At most `count` (by default the request's sample) of `scored`, evenly spaced."""
+        wanted = self.request.sample if count is None else count
+        if len(self.scored) <= wanted:
+            return list(self.scored)
+        places = np.linspace(0, len(self.scored) - 1, wanted).round().astype(int)
+        return [self.scored[place] for place in places]
+
+    @cached_property
+    def thesis(self) -> dict[str, ThesisModel]:
+        """The thesis's texture models: lbp_10_5, lbp_24_8, haralick."""
+        return {name: thesis_model(name, self.ocean, self.other) for name in DESCRIBE}
+
+    @cached_property
+    def slow(self) -> SlowMethods:
+        """SLIC and superpixel colours, trained for this mission."""
+        return slow_methods(self)
+
+    @cached_property
+    def own(self) -> OwnModel:
+        """A texture model of ours that learnt from all it may: nothing to be scored here."""
+        return own_model(self)
+
+    @cached_property
+    def calibration(self) -> StereoCalibration | None:
+        """The cameras; `calibration_words` says where from, or why there is none."""
+        return self._cameras[0]
+
+    @cached_property
+    def calibration_words(self) -> str:
+        """Where the calibration is from, or why there is none."""
+        return self._cameras[1]
+
+    @cached_property
+    def _cameras(self) -> tuple[StereoCalibration | None, str]:
+        file = self.request.calibration
+        inside = self.mission.path / CALIBRATION_FILE
+        if file is not None:
+            return _read_calibration(file), f"the calibration {file.name}"
+        if not self.pairs:
+            return None, "the mission has no stereo pairs"
+        if inside.is_file():
+            return _read_calibration(inside), f"the mission's own {CALIBRATION_FILE}"
+        self.say("no calibration given: calibrating from the mission's own frames")
+        try:
+            start = plain_start(self.mission, BASELINE_MM, None, None)
+            found = self_calibrate(self.mission, start, self.progress)
+        except ToktError as error:
+            return None, f"none was given, and the frames do not give one: {error}"
+        error_px = found.after.median_px
+        words = (
+            f"calibrated from the mission's own frames ({found.split_words()}; vertical error "
+            f"{error_px:.2f} px median on the tested ones; baseline {BASELINE_MM} mm as printed)"
+        )
+        return found.calibration, words
+
+    @cached_property
+    def structure(self) -> int:
+        """A frame that shows the structure well.
+
+        By labels the one with the most obstacle patches; without an obstacle labelled the one
+        whose mean values, each curve's as a share of its largest, are highest together.
+        """
+        counts = {n: c for n, c in self.obstacle_patches.items() if n in set(self.scored) and c}
+        if counts:
+            return max(counts, key=lambda number: counts[number])
+        return self.curves.highest()
+
+    @cached_property
+    def curves(self) -> Curves:
+        """Mean value and status of every frame by every method."""
+        return measure_curves(self)
+
+    def decoded(self, numbers: Sequence[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+        """Left frames one after the other; those that cannot be read are left out, and told."""
+        for number in numbers:
+            try:
+                yield number, self.left(number)
+            except FrameError as error:
+                self.say(str(error))
+
+
+def _read_calibration(file: Path) -> StereoCalibration:
+    """A calibration of any form. Raises ToktError if it cannot be used."""
+    if file.suffix.lower() == ".mat":
+        return describe(read_matlab_numbers(file)).usable()
+    return read_calibration(file).usable()

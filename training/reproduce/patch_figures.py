@@ -1,0 +1,315 @@
+"""Figures 3.16 and 3.19: what one patch on the structure and one of ocean look like as features."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+from sklearn.metrics import roc_auc_score
+
+from ...features.extractor import HARALICK_NAMES
+from ...features.grid import Grid
+from ..bench.thesis_way import GRID, resized_gray
+from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
+from .frame_drawing import OCEAN_COLOR, OTHER_COLOR, SHOWN, draw_grid, png_of, show_frame
+from .material import Material
+from .texture_histograms import Rows, hellinger
+from .thesis_models import TITLES
+from .training_image_figures import draw_histogram, kind_legend
+from .training_images import EXTRACTORS, LBP_KEYS, described
+
+_DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}
+"""Row and column of the two patches that the thesis's program draws, red and blue."""
+_WHOLE = Grid(1, 1, None)
+_BINS = len(HARALICK_NAMES)
+"""The thesis's program sorts the 13 features' *values* into 13 bins from 0 to 13."""
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """The two patches: numbers of the cells, and how they were chosen."""
+
+    structure: int
+    ocean: int
+    words: str
+
+
+def patch_histograms(material: Material) -> Exhibit:
+    """LBP histograms and Haralick features of two patches of one frame (figures 3.16, 3.19).
+
+    Raises
+    ------
+    ToktError
+        If the frame cannot be read.
+    """
+    number = material.structure
+    frame, labels = material.left(number), material.truth(number)
+    rows, water = described(frame), described(material.ocean.image)
+    chosen = _choose(labels)
+    away = {key: _away_from_ocean(key, rows[key], water[key]) for key in EXTRACTORS}
+    auc = _auc(away, labels)
+    model_auc = _auc(_decision_values(material, rows), labels)
+    patches = {"structure": chosen.structure, "ocean": chosen.ocean}
+    apart = {
+        key: float(hellinger(rows[key][[chosen.structure]], rows[key][[chosen.ocean]])[0, 0])
+        for key in LBP_KEYS
+    }
+    outside = {
+        name: int((rows["haralick"][cell] > _BINS).sum() + (rows["haralick"][cell] < 0).sum())
+        for name, cell in patches.items()
+    }
+    return Exhibit(
+        "figure-3.16-3.19",
+        "Histograms of a patch on the structure and of a patch of ocean",
+        "thesis sections 3.4 and 3.5, figures 3.16 and 3.19",
+        (
+            f"Frame {number}; {chosen.words}. The features are the thesis's, of the patch cut out "
+            "first.",
+            "How well the features tell the two kinds of patch apart is measured over all labelled "
+            "patches of the frame: the area under the ROC curve (0.5: not at all, 1: perfectly) "
+            "of a patch's distance from the ocean training image's mean (Hellinger's for the "
+            "histograms, in that image's standard deviations for Haralick's features), and of the "
+            "thesis's model's decision value.",
+        ),
+        _claims(frame, apart, model_auc, outside),
+        _tables(rows, patches, apart, (auc, model_auc), away, chosen),
+        _plots(frame, rows, patches, number),
+        _numbers(number, apart, (auc, model_auc), outside),
+    )
+
+
+def _choose(labels: NDArray[np.int8]) -> _Chosen:
+    """A patch amid the structure and one of ocean far from it; without labels the thesis's two."""
+    row, col = np.divmod(np.arange(GRID.n_patches), GRID.cols)
+    there, clear = np.flatnonzero(labels == 1), np.flatnonzero(labels == 0)
+    if not len(there) or not len(clear):
+        cells = [cell_row * GRID.cols + cell_col for cell_row, cell_col in _DRAWN_CELLS.values()]
+        words = "no labels of both kinds, so the patches are those that the thesis's program draws"
+        return _Chosen(cells[0], cells[1], words)
+    middle = np.hypot(row[there] - row[there].mean(), col[there] - col[there].mean()).argmin()
+    gap = np.hypot(
+        row[clear][:, None] - row[there][None], col[clear][:, None] - col[there][None]
+    ).min(axis=1)  # fmt: skip
+    # The border's patches have the lens's dark corner in them.
+    inner = (row[clear] % (GRID.rows - 1) > 0) & (col[clear] % (GRID.cols - 1) > 0)
+    farthest = np.where(inner, gap, gap - GRID.rows).argmax()
+    words = "labelled patches: one amid the structure, and the clear one farthest from all of it"
+    return _Chosen(int(there[middle]), int(clear[farthest]), words)
+
+
+def _away_from_ocean(key: str, rows: Rows, water: Rows) -> NDArray[np.float64]:
+    """How far each patch is from the ocean image's mean: float64, (n_patches,)."""
+    if key in LBP_KEYS:
+        return np.asarray(hellinger(rows, water.mean(axis=0)[None])[:, 0])
+    spread = water.std(axis=0)
+    varies = spread > 0
+    apart = (rows - water.mean(axis=0))[:, varies] / spread[varies]
+    return np.asarray(np.sqrt(np.square(apart).mean(axis=1)))
+
+
+def _decision_values(material: Material, rows: dict[str, Rows]) -> dict[str, NDArray[np.float64]]:
+    """What the thesis's models say of each patch, by extractor; above 0 is other than ocean."""
+    return {
+        key: np.asarray(model.classifier.decision_function(rows[key]), np.float64)
+        for key, model in material.thesis.items()
+    }
+
+
+def _auc(away: dict[str, NDArray[np.float64]], labels: NDArray[np.int8]) -> dict[str, float]:
+    """By extractor; empty where the frame has no labels of both kinds."""
+    sure = labels >= 0
+    if len(np.unique(labels[sure])) < 2:
+        return {}
+    return {key: float(roc_auc_score(labels[sure], value[sure])) for key, value in away.items()}
+
+
+def _claims(
+    frame: NDArray[np.uint8],
+    apart: dict[str, float],
+    auc: dict[str, float],
+    outside: dict[str, int],
+) -> tuple[Claim, ...]:
+    key = LBP_KEYS[0]
+    seen = f"the two are {apart[key]:.2f} apart (Hellinger, LBP (10, 5))"
+    if auc:
+        measured = ", ".join(f"{TITLES[name]} {value:.2f}" for name, value in auc.items())
+        seen += f"; area under the ROC curve of the models over the frame: {measured}"
+    drawn = _drawn_and_sliced(frame)
+    moved = "; ".join(f"{name}: {value:.2f}" for name, value in drawn.items())
+    return (
+        Claim(
+            "a patch on the structure has another histogram than one of ocean",
+            NOT_KNOWN,
+            seen,
+            Agreement.UNCOMPARABLE,
+            "The figures' bars are not at hand; what they are to show is measured over all "
+            "labelled patches of the frame."
+            if auc
+            else "The figures' bars are not at hand, and this frame has no labels of both kinds.",
+        ),
+        Claim(
+            "the histogram drawn is of the patch that is framed in the picture",
+            "figures 3.16 and 3.19 frame a patch and plot a histogram (the published notebooks)",
+            f"the notebooks slice rows by the patch's width and columns by its height, so that "
+            f"another place is described; Hellinger distance of the two, LBP (10, 5): {moved}",
+            Agreement.NO,
+            "Read from the published notebooks; here the framed patch is the one described.",
+        ),
+        Claim(
+            "the Haralick figure shows the 13 features",
+            "a histogram of 13 bins (the published notebooks)",
+            f"it sorts the features' values into bins from 0 to {_BINS}; outside of that range are "
+            f"{outside['structure']} of {_BINS} features on the structure and {outside['ocean']} "
+            "on ocean",
+            Agreement.NO,
+            "Read from the published notebooks; the features themselves are drawn here as well.",
+        ),
+    )
+
+
+def _drawn_and_sliced(frame: NDArray[np.uint8]) -> dict[str, float]:
+    """How far the histogram of a framed patch is from that of the place the notebooks slice."""
+    gray, key = resized_gray(frame), LBP_KEYS[0]
+    patch_height, patch_width = GRID.patch_size(*gray.shape)
+    rows = described(frame)[key]
+    found = {}
+    for name, (row, col) in _DRAWN_CELLS.items():
+        top, left = col * patch_width, row * patch_height
+        sliced = gray[top : top + patch_width, left : left + patch_height]
+        if sliced.shape != (patch_width, patch_height):
+            continue  # the frame is flatter than the mission's: the slice leaves it
+        other = EXTRACTORS[key].describe(np.ascontiguousarray(sliced), _WHOLE)
+        framed = rows[[row * GRID.cols + col]]
+        found[f"the {name}'s cell ({row}, {col})"] = float(hellinger(framed, other)[0, 0])
+    return found
+
+
+def _tables(
+    rows: dict[str, Rows],
+    patches: dict[str, int],
+    apart: dict[str, float],
+    auc: tuple[dict[str, float], dict[str, float]],
+    away: dict[str, NDArray[np.float64]],
+    chosen: _Chosen,
+) -> tuple[Table, ...]:
+    features = pd.DataFrame({"feature": HARALICK_NAMES})
+    for name, cell in patches.items():
+        features[name] = rows["haralick"][cell]
+    features["in the notebooks' histogram"] = [
+        sum(0 <= row[name] <= _BINS for name in patches) for row in features.to_dict("records")
+    ]
+    told = pd.DataFrame(
+        {
+            "features": [TITLES[key] for key in EXTRACTORS],
+            "distance between the two patches": [apart.get(key) for key in EXTRACTORS],
+            "structure patch from ocean's mean": [
+                away[key][chosen.structure] for key in EXTRACTORS
+            ],
+            "ocean patch from ocean's mean": [away[key][chosen.ocean] for key in EXTRACTORS],
+            "ROC area, distance from ocean": [auc[0].get(key) for key in EXTRACTORS],
+            "ROC area, the thesis's model": [auc[1].get(key) for key in EXTRACTORS],
+        }
+    )
+    return (
+        Table(
+            "apart",
+            "The two patches, and all labelled patches of the frame: distances are Hellinger's "
+            "for LBP and standard deviations of the ocean image for Haralick. Nothing is learnt "
+            "from this frame.",
+            told,
+        ),
+        Table(
+            "haralick-features",
+            "Haralick's features of the two patches (their units differ; grey levels squared for "
+            "contrast and variances), and for how many of the two the value lies in the 0 to "
+            f"{_BINS} that the notebooks' histogram shows.",
+            features,
+        ),
+    )
+
+
+def _plots(
+    frame: NDArray[np.uint8], rows: dict[str, Rows], patches: dict[str, int], number: int
+) -> tuple[Plot, ...]:
+    return (
+        Plot(
+            "lbp-patches",
+            f"Frame {number} with the two patches, and their LBP histograms (figure 3.16); a bar "
+            f"that is cut off has its value beside it. {SHOWN}",
+            png_of(_lbp_figure(frame, rows, patches)),
+        ),
+        Plot(
+            "haralick-patches",
+            f"Frame {number}: Haralick's 13 features of the two patches (left, size of each, "
+            "logarithmic), and the same values as the notebooks plot them (right): a histogram of "
+            f"values, in which what is larger than {_BINS} is lost (figure 3.19).",
+            png_of(_haralick_figure(rows["haralick"], patches)),
+        ),
+    )
+
+
+_COLORS = {"structure": OTHER_COLOR, "ocean": OCEAN_COLOR}
+
+
+def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: dict[str, int]) -> Figure:
+    figure = Figure(figsize=(10.5, 4.4), layout="constrained")
+    axes = figure.subplot_mosaic(
+        [["frame", "structure lbp_10_5", "structure lbp_24_8"],
+         ["frame", "ocean lbp_10_5", "ocean lbp_24_8"]],
+        width_ratios=(1.5, 1, 1.7),
+    )  # fmt: skip
+    height, width = show_frame(axes["frame"], frame, GRID)
+    draw_grid(axes["frame"], GRID, height, width)
+    boxes = GRID.boxes(height, width)
+    for name, cell in patches.items():
+        y0, y1, x0, x1 = boxes[cell]
+        axes["frame"].add_patch(
+            Rectangle((x0, y0), x1 - x0 - 1, y1 - y0 - 1, fill=False, ec=_COLORS[name], lw=2.2)
+        )
+    for key in LBP_KEYS:
+        shown = {name: rows[key][cell] for name, cell in patches.items()}
+        top = 1.15 * max(float(one[:-1].max()) for one in shown.values())
+        for name, histogram in shown.items():
+            place = axes[f"{name} {key}"]
+            draw_histogram(place, histogram, top)
+            place.set_title(f"{TITLES[key]}, {name}", fontsize=9, color=_COLORS[name])
+    kind_legend(figure)
+    return figure
+
+
+def _haralick_figure(rows: Rows, patches: dict[str, int]) -> Figure:
+    figure = Figure(figsize=(10.5, 4.2), layout="constrained")
+    features, values = figure.subplots(1, 2, width_ratios=(1.5, 1))
+    place = np.arange(_BINS)
+    for shift, (name, cell) in zip((-0.2, 0.2), patches.items(), strict=True):
+        features.barh(place + shift, np.abs(rows[cell]), 0.4, color=_COLORS[name], label=name)
+    features.set_yticks(place, [name.replace("_", " ") for name in HARALICK_NAMES], fontsize=8)
+    features.invert_yaxis()
+    features.set_xscale("log")
+    features.set_xlabel("absolute value (unscaled, as the thesis feeds it to the classifier)")
+    features.legend(fontsize=8)
+    features.axvline(_BINS, color="0.4", lw=0.8, ls=":")
+    shown = [rows[cell] for cell in patches.values()]
+    values.hist(shown, bins=_BINS, range=(0, _BINS), color=[_COLORS[name] for name in patches])
+    values.set(xlabel="value of a feature", ylabel="features", title="as the notebooks plot it")
+    features.set_title("the 13 features")
+    return figure
+
+
+def _numbers(
+    number: int,
+    apart: dict[str, float],
+    auc: tuple[dict[str, float], dict[str, float]],
+    outside: dict[str, int],
+) -> dict[str, Any]:
+    numbers: dict[str, Any] = {"frame": number}
+    numbers |= {f"{key}_hellinger": value for key, value in apart.items()}
+    numbers |= {f"{key}_distance_roc_area": value for key, value in auc[0].items()}
+    numbers |= {f"{key}_model_roc_area": value for key, value in auc[1].items()}
+    numbers |= {f"haralick_outside_{name}": count for name, count in outside.items()}
+    return numbers

@@ -1,0 +1,137 @@
+"""Obstacle patches said against obstacle patches that are there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.grid import Grid
+from ...labels.synthetic.patch_labels import LEAST_COVERAGE, coverage
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PatchTruth:
+    """What is in the patches of a frame.
+
+    Parameters
+    ----------
+    obstacle : array of bool, shape (n_patches,)
+    sure : array of bool, shape (n_patches,)
+        What is scored on; the others are `unsure` or not labelled.
+    """
+
+    obstacle: Flags
+    sure: Flags
+
+
+@dataclass(frozen=True)
+class PatchScore:
+    """Counts of patches, and the figures that follow from them.
+
+    Parameters
+    ----------
+    hits, false, missed, quiet : int
+        Said and there, said but not there, there but not said, neither.
+    """
+
+    hits: int
+    false: int
+    missed: int
+    quiet: int
+
+    @property
+    def precision(self) -> float | None:
+        """Of the patches said, the share that is there; None where none is said."""
+        return _share(self.hits, self.hits + self.false)
+
+    @property
+    def recall(self) -> float | None:
+        """Of the patches there, the share that is said; None where none is there."""
+        return _share(self.hits, self.hits + self.missed)
+
+    @property
+    def f1(self) -> float | None:
+        """Harmonic mean of precision and recall; None where nothing is there or said."""
+        return _share(2 * self.hits, 2 * self.hits + self.false + self.missed)
+
+    @property
+    def iou(self) -> float | None:
+        """Intersection over union of said and there; None where both are empty."""
+        return _share(self.hits, self.hits + self.false + self.missed)
+
+    def __add__(self, other: PatchScore) -> PatchScore:
+        return PatchScore(
+            self.hits + other.hits,
+            self.false + other.false,
+            self.missed + other.missed,
+            self.quiet + other.quiet,
+        )
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def score_patches(said: Flags, truth: PatchTruth) -> PatchScore:
+    """Count the sure patches.
+
+    Parameters
+    ----------
+    said : array of bool, shape (n_patches,)
+    truth : PatchTruth
+    """
+    there, sure = truth.obstacle, truth.sure
+    return PatchScore(
+        int((said & there & sure).sum()),
+        int((said & ~there & sure).sum()),
+        int((~said & there & sure).sum()),
+        int((~said & ~there & sure).sum()),
+    )
+
+
+def truth_by_labels(labels: NDArray[np.int8]) -> PatchTruth | None:
+    """What people said of one frame's patches; None without a sure one.
+
+    Parameters
+    ----------
+    labels : array of int8, shape (n_patches,)
+        1 obstacle, 0 clear, -1 not known.
+    """
+    sure = labels >= 0
+    return PatchTruth(labels == 1, sure) if sure.any() else None
+
+
+def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> PatchTruth:
+    """What a mask of a whole frame says of its patches, by the rule of the mission's labels.
+
+    Parameters
+    ----------
+    mask : array of uint8, shape (height, width)
+        Of the frame as the camera gave it; 128 and above is the obstacle.
+    grid : Grid
+
+    Returns
+    -------
+    PatchTruth
+        Obstacle from `LEAST_COVERAGE` on; a patch that less of it touches is not scored.
+    """
+    covered = coverage(mask >= 128, grid)
+    obstacle = covered >= LEAST_COVERAGE
+    return PatchTruth(obstacle, obstacle | (covered == 0))
+
+
+def patches_of_mask(mask: NDArray[np.uint8], grid: Grid) -> Flags:
+    """The patches that a method says are an obstacle whose mask is not made by patches.
+
+    By the rule of the labels: `LEAST_COVERAGE` of the patch is white.
+
+    Parameters
+    ----------
+    mask : array of uint8, shape (height, width)
+        0/255, of any size; it is resized to the grid's width.
+    """
+    return np.asarray(coverage(mask >= 128, grid) >= LEAST_COVERAGE)

@@ -1,0 +1,204 @@
+"""The whole of ``tokt reproduce``: every exhibit from one mission, its files, and the report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ... import __version__
+from ...features import atomic
+from ...features.errors import ToktError
+from ...features.machine import machine
+from .centre_figures import centre_and_box
+from .curve_figures import KEY as CURVES_KEY
+from .curve_figures import TITLE as CURVES_TITLE
+from .curve_figures import curve_figures
+from .dark_figures import bad_lighting
+from .disparity_figures import disparity_figures
+from .dot_figures import prediction_dots
+from .exhibit import Exhibit
+from .material import Material, Progress, ReproduceRequest, Say
+from .patch_figures import patch_histograms
+from .report import report_html
+from .results import results_json, results_text, table_csv
+from .runtime_tables import KEY as TIMES_KEY
+from .runtime_tables import TITLE as TIMES_TITLE
+from .runtime_tables import runtime_tables
+from .superpixel_figure import superpixel_figure
+from .synchrony_figure import synchrony_figure
+from .thesis_page import write_thesis_page
+from .training_image_figures import training_images
+from .trend_figure import trend_exhibit
+
+REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
+
+
+@dataclass(frozen=True)
+class Planned:
+    """An exhibit that is to be made.
+
+    Parameters
+    ----------
+    key, title, section : str
+        What it is called where it cannot be made.
+    make : callable
+        Makes it of a `Material`.
+    """
+
+    key: str
+    title: str
+    section: str
+    make: Callable[[Material], Exhibit]
+
+
+EXHIBITS: tuple[Planned, ...] = (
+    Planned("figure-3.8-to-3.10", "Disparity", "figures 3.8 to 3.10", disparity_figures),
+    Planned("figure-3.11-3.12", "Training images", "figures 3.11 and 3.12", training_images),
+    Planned("figure-3.16-3.19", "Patch histograms", "figures 3.16 and 3.19", patch_histograms),
+    Planned("figure-3.17-3.20", "Prediction dots", "figures 3.17 and 3.20", prediction_dots),
+    Planned("figure-3.22-3.24", "Centre and box", "figures 3.22 to 3.24", centre_and_box),
+    Planned(TIMES_KEY, TIMES_TITLE, "tables 5.1 to 5.4", runtime_tables),
+    Planned("figure-5.1", "SLIC against the grid", "figure 5.1", superpixel_figure),
+    Planned(CURVES_KEY, CURVES_TITLE, "figures 5.3 to 5.5", curve_figures),
+    Planned("figure-5.6-5.8", "Bad lighting", "figures 5.6 to 5.8", bad_lighting),
+    Planned("figure-6.1", "Synchrony", "figure 6.1", synchrony_figure),
+    Planned("trend", "Trend", "sections 5.2.1 and 7.2", trend_exhibit),
+)
+"""In the order of the report."""
+
+
+def run_reproduce(
+    request: ReproduceRequest,
+    say: Say,
+    progress: Progress,
+    exhibits: Sequence[Planned] = EXHIBITS,
+) -> dict[str, Any]:
+    """Make every exhibit and write them into the request's folder.
+
+    Writes ``KEY/*.csv`` and ``KEY/*.png`` of each exhibit, ``report.html``, which needs no other
+    file, then ``results.json``, and of all `EXHIBITS` ``thesis.md``, the page that docs/thesis.md
+    is. Files of these names are replaced, each as a whole.
+
+    Parameters
+    ----------
+    request : ReproduceRequest
+    say : callable
+        Takes a line for people.
+    progress : callable
+        ``progress(items, total, what)`` passes items on.
+    exhibits : sequence of Planned
+
+    Returns
+    -------
+    dict
+        What ``results.json`` holds.
+
+    Raises
+    ------
+    ToktError
+        If the mission or a file of the request cannot be used, or nothing can be written. An
+        exhibit that cannot be made says why, and the others are made.
+    """
+    began = time.monotonic()
+    _check_folder(request.out)
+    material = Material(request, say, progress)
+    _check_inputs(material)
+    made = [_made(planned, material) for planned in exhibits]
+    seconds = time.monotonic() - began
+    results = results_json(made, mission_of(material), about(material), machine(), seconds)
+    # Of an earlier run; without it nobody takes a half-replaced folder for a whole one.
+    (request.out / RESULTS).unlink(missing_ok=True)
+    for exhibit in made:
+        _write(exhibit, request.out)
+    atomic.write_text(request.out / REPORT, report_html(made, results))
+    atomic.write_text(request.out / RESULTS, results_text(results))
+    if exhibits is EXHIBITS:
+        _write_page(results, request.out, say)
+    return results
+
+
+def _write_page(results: dict[str, Any], out: Path, say: Say) -> None:
+    """The page from the thesis to this code; it quotes figures that not every mission has."""
+    try:
+        write_thesis_page(results, out / PAGE)
+    except ToktError as error:
+        say(f"no {PAGE}: {error}")
+
+
+def _check_folder(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise ToktError(f"{out} is not a folder; choose another with -o")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        atomic.write_text(out / ".writable", "")
+        (out / ".writable").unlink()
+    except OSError as error:
+        raise ToktError(f"cannot write in {out}: {error.strerror or error}") from None
+
+
+def _check_inputs(material: Material) -> None:
+    """Use everything that was given once: a mistake in it is said before minutes of work."""
+    material.spread()
+    if material.request.labels is not None and not material.labels:
+        raise ToktError(f"{material.request.labels} has no labels of left frames")
+    if material.request.calibration is not None:
+        _ = material.calibration
+    if material.request.model is not None:
+        _ = material.own
+    if material.request.sample > len(material.frames):
+        material.say(f"--sample: the mission has {len(material.frames)} frames, all are taken")
+
+
+def _made(planned: Planned, material: Material) -> Exhibit:
+    """An exhibit, or why there is none."""
+    material.say(f"-- {planned.section}: {planned.title}")
+    began = time.monotonic()
+    try:
+        exhibit = planned.make(material)
+    except ToktError as error:
+        exhibit = Exhibit(planned.key, planned.title, planned.section, missing=str(error))
+    if exhibit.missing:
+        material.say(f"   not made: {exhibit.missing}")
+    material.say(f"   {time.monotonic() - began:.1f} s")
+    return replace(exhibit, key=planned.key)
+
+
+def mission_of(material: Material) -> dict[str, Any]:
+    """The mission, for the results."""
+    return {
+        "name": material.mission.name,
+        "frames": len(material.frames),
+        "pairs": len(material.pairs),
+    }
+
+
+def about(material: Material) -> list[str]:
+    """What every figure of the run rests on, in lines for people."""
+    labels = "without labels"
+    if material.labels:
+        labels = (
+            f"labels of {len(material.obstacle_patches)} frames, "
+            f"{sum(count > 0 for count in material.obstacle_patches.values())} of them with an "
+            f"obstacle, {len(material.ocean_frames)} of open ocean all over"
+        )
+    stereo = "calibration: " + material.calibration_words
+    return [
+        f"mission {material.mission.name}: {len(material.frames)} left frames, "
+        f"{len(material.pairs)} stereo pairs; {labels}",
+        f"the thesis's models {material.two_images}",
+        stereo,
+        f"slow methods (SLIC, superpixel colours, run times) on a sample of "
+        f"{len(material.spread())} frames, evenly spaced",
+        f"made by tokt {__version__} reproduce, every figure computed in this run",
+    ]
+
+
+def _write(exhibit: Exhibit, out: Path) -> None:
+    folder = out / exhibit.key
+    for table in exhibit.tables:
+        atomic.write_text(folder / f"{table.name}.csv", table_csv(table))
+    for plot in exhibit.plots:
+        atomic.write_bytes(folder / f"{plot.name}.png", plot.png)

@@ -1,0 +1,314 @@
+"""Tables 5.1 to 5.4: where each method spends its time, stage by stage, and how they compare."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ...features.errors import FrameError
+from ...features.machine import machine
+from ...features.mission import LEFT, RIGHT
+from ..bench.measure import single_thread
+from ..bench.thesis_stereo import THESIS_FRAME_SIZE
+from ..bench.thesis_way import GRID
+from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
+from .frame_drawing import png_of
+from .material import Material
+from .slow_methods import SLIC
+from .stage_clock import STAGES, Encoded, StageTimes, Way, time_stages
+from .stage_ways import (
+    same_with_kernels,
+    slic_texture,
+    thesis_disparity,
+    thesis_texture,
+    tokt_stereo,
+    tokt_texture,
+)
+
+KEY, TITLE, SECTION = "table-5.1-to-5.4", "Run time by method", "Tables 5.1 to 5.4"
+ROUNDS = 3
+SPREAD = (10, 90)
+PRINTED = {"slic_lbp_10_5": 19.7, "disparity": 1.19, "haralick": 1.726}
+"""Times the run time of LBP: our reading of the thesis's three ratios, the only ones at hand."""
+NEAR, TWICE = 1.25, 2.0
+"""A ratio within a quarter of the printed one agrees; within twice it agrees in part."""
+REFERENCE = "lbp_10_5"
+_TABLES = {
+    "slic_lbp_10_5": "table_5_1_slic_lbp",
+    "lbp_10_5": "table_5_2_lbp",
+    "disparity": "table_5_3_disparity",
+    "haralick": "table_5_4_haralick",
+}
+
+Float = NDArray[np.float64]
+
+
+def runtime_tables(material: Material) -> Exhibit:
+    """Time the thesis's methods and ours on the same frames, in turns, in this one run."""
+    with single_thread():
+        ways = ways_of(material)
+        frames = _frames(material)
+        measured = time_stages(ways, frames, ROUNDS, material.progress)
+    found = {one.way.key: one for one in measured}
+    words = _words(material, frames)
+    return Exhibit(
+        KEY,
+        TITLE,
+        SECTION,
+        words,
+        tuple(_claims(found)),
+        tuple(_tables(found, len(frames))),
+        (
+            Plot(
+                "run_times",
+                "Median time of each stage, in ms, on one thread.",
+                png_of(_chart(found)),
+            ),
+        ),
+        _numbers(found, frames),
+    )
+
+
+def ways_of(material: Material) -> list[Way]:
+    """All ways that can judge this mission's frames."""
+    slic = material.slow.textures
+    titles = [material.thesis[name].title for name in SLIC]
+    ways = [slic_texture(one, title) for one, title in zip(slic, titles, strict=True)]
+    ways += [thesis_texture(model) for model in material.thesis.values()]
+    size = material.left(material.scored[0]).shape[1::-1]
+    if material.pairs and size == THESIS_FRAME_SIZE:
+        ways.append(thesis_disparity())
+    ways += [same_with_kernels(model) for model in material.thesis.values()]
+    own = material.own.bundle
+    if own.grid == GRID:
+        ways.append(tokt_texture(own.extractor, own.model))
+    if material.calibration is not None:
+        ways.append(tokt_stereo(material.calibration))
+    return ways
+
+
+def _frames(material: Material) -> list[Encoded]:
+    """Encoded frames spread over the mission; pairs where it has pairs."""
+    numbers = material.spread()
+    if material.pairs:
+        both = set(material.pairs)
+        numbers = [number for number in numbers if number in both] or material.pairs[:1]
+    found = []
+    for number in numbers:
+        try:
+            material.left(number)
+        except FrameError:
+            continue
+        right = material.mission.encoded(number, RIGHT)[0] if material.pairs else None
+        if material.pairs and material.right(number) is None:
+            continue
+        found.append(Encoded(number, material.mission.encoded(number, LEFT)[0], right))
+    if not found:
+        raise FrameError("none of the frames chosen for the run times can be read")
+    return found
+
+
+def _words(material: Material, frames: Sequence[Encoded]) -> tuple[str, ...]:
+    own = material.own.words
+    seen = ", ".join(str(frame.number) for frame in frames)
+    about = machine()
+    return (
+        f"Every method judges the same {len(frames)} frames ({seen}) {ROUNDS} times, in turns, in "
+        "one run on one thread, from the bytes of the image file to the verdict: processor time, "
+        "which on an idle machine is the time that passes. Medians, with the 10th and 90th "
+        "percentile of the single runs. For SLIC, the thesis's disparity and tokt's stereo the "
+        "parts of one call are split by doing them once more, outside the total.",
+        "The thesis's methods are its settings with today's scikit-image, mahotas, OpenCV and "
+        "scikit-learn. The rows of tokt's kernels judge with the very weights of the thesis's "
+        f"models. tokt texture is {own}. Times do not depend on what a model learnt.",
+        "Of the thesis's tables only the ratios 19.7, 1.19 and 1.726 are at hand, in the order "
+        "SLIC + LBP, disparity, Haralick; their seconds are not, and that the ratios are times the "
+        "run time of LBP is our reading.",
+        f"Machine: {about['cpu']}, Python {about['python']}.",
+    )
+
+
+def _ratio(found: dict[str, StageTimes], key: str, to: str = REFERENCE) -> Float:
+    """A way's time over another's, run by run: both of the same frame in the same round."""
+    return found[key].total_ms / found[to].total_ms
+
+
+def _middle(values: Float) -> tuple[float, float, float]:
+    """Median, 10th and 90th percentile."""
+    low, high = np.percentile(values, SPREAD)
+    return float(np.median(values)), float(low), float(high)
+
+
+def _tables(found: dict[str, StageTimes], n_frames: int) -> list[Table]:
+    compared = Table(
+        "run_times",
+        f"From an image file's bytes to a verdict: {n_frames} frames, {ROUNDS} rounds, one thread; "
+        "ms a frame (a pair for the disparities), and times the run time of the thesis's LBP on "
+        "the same frame in the same round. Median, 10th and 90th percentile.",
+        pd.DataFrame([_compared(found, key) for key in found]),
+    )
+    stages = Table(
+        "run_times_by_stage",
+        "Median ms of each stage. Undistort is rectification in tokt's stereo; contours is all "
+        "that is left: masks, outlines, the verdict, and in tokt's rows its checks of the frame.",
+        pd.DataFrame([_by_stage(one) for one in found.values()]),
+    )
+    own = [
+        Table(name, f"{found[key].way.title}: profile of one frame, ms.", _profile(found[key]))
+        for key, name in _TABLES.items()
+        if key in found
+    ]
+    return [*own, compared, stages]
+
+
+def _compared(found: dict[str, StageTimes], key: str) -> dict[str, Any]:
+    one = found[key]
+    median, low, high = _middle(one.total_ms)
+    ratio, ratio_low, ratio_high = _middle(_ratio(found, key))
+    return {
+        "method": one.way.title,
+        "whose": one.way.kind,
+        "median ms": median,
+        "p10 ms": low,
+        "p90 ms": high,
+        "times LBP": ratio,
+        "p10": ratio_low,
+        "p90": ratio_high,
+        "printed": PRINTED.get(key),
+    }
+
+
+def _by_stage(one: StageTimes) -> dict[str, Any]:
+    medians = np.median(one.seconds, axis=0) * 1e3
+    return {"method": one.way.title, **dict(zip(STAGES, medians.tolist(), strict=True))}
+
+
+def _profile(one: StageTimes) -> pd.DataFrame:
+    """The stages that a way has: median ms, spread, and the part of the whole."""
+    rows = []
+    whole = one.seconds.sum(axis=1)
+    for place, stage in enumerate(STAGES):
+        seconds = one.seconds[:, place]
+        if seconds.any():
+            median, low, high = _middle(seconds * 1e3)
+            share = float(np.median(seconds / whole))
+            row = {"stage": stage, "median ms": median, "p10 ms": low, "p90 ms": high}
+            rows.append({**row, "part of the whole": share})
+    median, low, high = _middle(one.total_ms)
+    total = {"stage": "whole frame", "median ms": median, "p10 ms": low, "p90 ms": high}
+    return pd.DataFrame([*rows, {**total, "part of the whole": 1.0}])
+
+
+def _claims(found: dict[str, StageTimes]) -> list[Claim]:
+    claims = []
+    for key, what in (
+        ("slic_lbp_10_5", "SLIC + LBP takes so many times as long as LBP on patches"),
+        ("disparity", "disparity takes so many times as long as LBP"),
+        ("haralick", "Haralick takes so many times as long as LBP"),
+    ):
+        printed = f"{PRINTED[key]:g} (tables 5.1 to 5.4; that it is times LBP is our reading)"
+        claims.append(_claim(found, key, what, printed))
+    claims.append(_grid_claim(found))
+    return claims
+
+
+def agreement_of(ratio: float, printed: float) -> Agreement:
+    """How near a ratio came to a printed one: see `NEAR` and `TWICE`."""
+    off = max(ratio / printed, printed / ratio)
+    if off <= NEAR:
+        return Agreement.YES
+    return Agreement.PARTLY if off <= TWICE else Agreement.NO
+
+
+def _claim(found: dict[str, StageTimes], key: str, what: str, printed: str) -> Claim:
+    if key not in found:
+        why = (
+            "the thesis's disparity is for pairs of "
+            f"{'x'.join(map(str, THESIS_FRAME_SIZE))}, which this mission does not have"
+        )
+        return Claim(what, printed, "not measured", Agreement.UNCOMPARABLE, why)
+    ratio, low, high = _middle(_ratio(found, key))
+    agreement = agreement_of(ratio, PRINTED[key])
+    why = f"judged by the median: {_judged_words(agreement)}; {_reason(found, key, agreement)}"
+    return Claim(what, printed, f"{ratio:.3g} ({low:.3g} to {high:.3g})", agreement, why)
+
+
+def _judged_words(agreement: Agreement) -> str:
+    return {
+        Agreement.YES: "within a quarter of the printed ratio",
+        Agreement.PARTLY: "within twice the printed ratio, but not within a quarter",
+    }.get(agreement, "more than twice off the printed ratio")
+
+
+def _reason(found: dict[str, StageTimes], key: str, agreement: Agreement) -> str:
+    """What stands behind a ratio that is not the printed one, from what was measured."""
+    if agreement is Agreement.YES:
+        return "other libraries and another machine, the same proportion"
+    one, lbp = found[key], found[REFERENCE]
+    own = dict(zip(STAGES, np.median(one.seconds, axis=0) * 1e3, strict=True))
+    base = dict(zip(STAGES, np.median(lbp.seconds, axis=0) * 1e3, strict=True))
+    largest = max(own, key=lambda stage: own[stage])
+    return (
+        f"the libraries of 2016 are not these: here the largest stage is {largest} with "
+        f"{own[largest]:.1f} of {np.median(one.total_ms):.1f} ms, and LBP on patches takes "
+        f"{np.median(lbp.total_ms):.1f} ms, {base['features']:.1f} of them features and "
+        f"{base['predict']:.1f} its 100 predict calls"
+    )
+
+
+def _grid_claim(found: dict[str, StageTimes]) -> Claim:
+    ratio, low, high = _middle(_ratio(found, "slic_haralick", "haralick"))
+    faster = Agreement.YES if low > 1 else Agreement.PARTLY if ratio > 1 else Agreement.NO
+    return Claim(
+        "10x10 patches instead of superpixels make the Haralick method faster",
+        f"much faster (a remark in the author's program; the number is {NOT_KNOWN})",
+        f"{ratio:.3g} times ({low:.3g} to {high:.3g})",
+        faster,
+        "agrees where even the 10th percentile of single runs is above 1",
+    )
+
+
+def _numbers(
+    found: dict[str, StageTimes], frames: Sequence[Encoded]
+) -> dict[str, float | int | str | bool]:
+    numbers: dict[str, float | int | str | bool] = {"frames": len(frames), "rounds": ROUNDS}
+    for key, one in found.items():
+        numbers[f"{key}_ms"], numbers[f"{key}_ms_p10"], numbers[f"{key}_ms_p90"] = _middle(
+            one.total_ms
+        )
+        ratio = _middle(_ratio(found, key))
+        numbers[f"{key}_times_lbp"] = ratio[0]
+        numbers[f"{key}_times_lbp_p10"], numbers[f"{key}_times_lbp_p90"] = ratio[1:]
+    for name in ("lbp_10_5", "lbp_24_8", "haralick"):
+        theirs, ours = found[name].verdicts, found[f"tokt_{name}"].verdicts
+        same = sum(
+            (a.status, a.mean, a.box) == (b.status, b.mean, b.box)
+            for a, b in zip(theirs, ours, strict=True)
+        )
+        numbers[f"tokt_{name}_same_verdicts"] = same
+        numbers[f"{name}_times_tokt_kernels"] = _middle(_ratio(found, name, f"tokt_{name}"))[0]
+    return numbers
+
+
+def _chart(found: dict[str, StageTimes]) -> Figure:
+    """Stacked bars of the stages' medians."""
+    figure = Figure(figsize=(10, 0.5 + 0.42 * len(found)), layout="constrained")
+    axes = figure.subplots()
+    names = [one.way.title for one in found.values()]
+    left = np.zeros(len(names))
+    for place, stage in enumerate(STAGES):
+        width = np.array([np.median(one.seconds[:, place]) * 1e3 for one in found.values()])
+        axes.barh(names, width, left=left, label=stage, color=f"C{place}")
+        left += width
+    for at, (total, one) in enumerate(zip(left, found.values(), strict=True)):
+        axes.text(total, at, f" {np.median(one.total_ms):.1f}", va="center", fontsize=8)
+    axes.invert_yaxis()
+    axes.set_xlabel("ms a frame, median")
+    axes.margins(x=0.08)
+    axes.legend(fontsize=8, ncols=4, loc="lower right")
+    return figure

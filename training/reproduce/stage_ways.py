@@ -1,0 +1,177 @@
+"""The ways of judging a frame that the run-time tables compare, each with its stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.svm import LinearSVC
+
+from ...features.extractor import Extractor, Haralick, Lbp
+from ...features.frame_pictures import FramePictures
+from ...features.image_file import decode_image
+from ...inference.calibration import StereoCalibration
+from ...inference.disparity import DisparityDetector
+from ...inference.frame_check import frame_fault
+from ...inference.policy import SinglePolicy
+from ...inference.sources import Frame
+from ...inference.verdict import Verdict, verdict_from_mask
+from ...models.linear import LinearModel
+from ..baselines.slic import SlicTexture
+from ..baselines.superpixels import resized_bgr, superpixels
+from ..bench.thesis_stereo import LEFT_CAMERA, RIGHT_CAMERA, disparity_map, judge_pair
+from ..bench.thesis_way import GRID, DescribePatch, resized_gray
+from .curves import OURS, THESIS
+from .stage_clock import REST, Encoded, Laps, Way
+from .thesis_models import ThesisModel
+
+Image = NDArray[np.uint8]
+_EXTRACTORS: dict[str, Extractor] = {
+    "lbp_10_5": Lbp(10, 5, "patch"),
+    "lbp_24_8": Lbp(24, 8, "patch"),
+    "haralick": Haralick(ignore_zeros=True),
+}
+
+
+def _decoded(data: bytes, laps: Laps) -> Image:
+    image = decode_image(data, "a frame")
+    laps.lap("decode")
+    return image
+
+
+def thesis_texture(model: ThesisModel) -> Way:
+    """The thesis's way on the grid: a library call and a predict call a patch."""
+
+    def run(item: Encoded, laps: Laps) -> Verdict:
+        frame = _decoded(item.left, laps)
+        gray = resized_gray(frame)
+        laps.lap("resize")
+        rows = [model.describe(patch) for patch in GRID.cells(gray)]
+        laps.lap("features")
+        white = [model.classifier.predict(row.reshape(1, -1))[0] == 1 for row in rows]
+        laps.lap("predict")
+        verdict = verdict_from_mask(GRID.paint(np.array(white), *gray.shape), "thesis")
+        laps.lap(REST)
+        return verdict
+
+    return Way(model.name, f"{model.title}, 10x10 patches", THESIS, run)
+
+
+class _Timed:
+    """A describe function and a classifier that count their time for the run that is on."""
+
+    def __init__(self, describe: DescribePatch, classifier: LinearSVC) -> None:
+        self.laps = Laps()
+        self._describe, self._classifier = describe, classifier
+
+    def describe(self, patch: Image) -> NDArray[np.float64]:
+        return self.laps.inside("features", lambda: self._describe(patch))
+
+    def predict(self, rows: NDArray[np.float64]) -> Any:
+        return self.laps.inside("predict", lambda: self._classifier.predict(rows))
+
+
+def slic_texture(method: SlicTexture, title: str) -> Way:
+    """The thesis's way on superpixels. Resize and superpixels are split off by doing them again."""
+    timed = _Timed(method.describe, method.classifier)
+    watched = SlicTexture(timed.describe, timed, method.name)
+
+    def run(item: Encoded, laps: Laps) -> Verdict:
+        timed.laps = laps
+        frame = _decoded(item.left, laps)
+        verdict = watched.judge(frame, None, 0.0).verdict
+        laps.lap(REST)
+        picture = laps.split_off("resize", lambda: resized_bgr(frame))
+        laps.split_off("superpixels", lambda: superpixels(picture))
+        return verdict
+
+    return Way(method.name, f"SLIC superpixels + {title}", THESIS, run)
+
+
+def thesis_disparity() -> Way:
+    """The thesis's disparity of a pair of 1360x1024; its parts are split off as for SLIC."""
+
+    def run(item: Encoded, laps: Laps) -> Verdict:
+        left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
+        verdict = judge_pair(left, right).verdict
+        laps.lap(REST)
+        _split_matching(laps, lambda: _undistort(left, right), lambda: disparity_map(left, right))
+        return verdict
+
+    return Way("disparity", "disparity, a pair", THESIS, run)
+
+
+def _undistort(left: Image, right: Image) -> None:
+    for frame, (fx, fy, distortion) in ((left, LEFT_CAMERA), (right, RIGHT_CAMERA)):
+        gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+        cv2.undistort(gray, np.diag([fx, fy, 1.0]), np.array(distortion))
+
+
+@dataclass(frozen=True)
+class _Texture:
+    """Features of tokt's kernels and one matrix product for all patches."""
+
+    extractor: Extractor
+    model: LinearModel
+
+    def run(self, item: Encoded, laps: Laps) -> Verdict:
+        frame = _decoded(item.left, laps)
+        pictures = FramePictures(frame, GRID)
+        gray = pictures.gray(self.extractor.images)
+        laps.lap("resize")
+        frame_fault(frame, gray, GRID)
+        laps.lap(REST)
+        features = self.extractor.describe_pictures(pictures)
+        laps.lap("features")
+        values = self.model.decision_values(features)
+        white = self.model.obstacle_patches(values)
+        laps.lap("predict")
+        verdict = verdict_from_mask(GRID.paint(white, *gray.shape), "texture")
+        laps.lap(REST)
+        return verdict
+
+
+def same_with_kernels(model: ThesisModel) -> Way:
+    """One of the thesis's models with tokt's kernels: the same weights, the same verdicts."""
+    weights = np.asarray(model.classifier.coef_, np.float64)
+    bias = np.asarray(model.classifier.intercept_, np.float64)
+    linear = LinearModel(weights, bias, np.zeros(1), ("ocean", "other"), (False, True))
+    ours = _Texture(_EXTRACTORS[model.name], linear)
+    return Way(f"tokt_{model.name}", f"{model.title}, tokt's kernels", OURS, ours.run)
+
+
+def tokt_texture(extractor: Extractor, model: LinearModel) -> Way:
+    """The texture model that tokt would deploy."""
+    return Way("tokt_texture", "tokt texture", OURS, _Texture(extractor, model).run)
+
+
+def tokt_stereo(calibration: StereoCalibration) -> Way:
+    """The disparity that tokt would run, of a pair; undistortion is rectification here."""
+    detector = DisparityDetector(calibration, GRID)
+    policy = SinglePolicy(detector)
+
+    def run(item: Encoded, laps: Laps) -> Verdict:
+        left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
+        verdict = policy.judge(Frame(item.number, float(item.number), left, right)).verdict
+        laps.lap(REST)
+        rectifier = detector.rectifier
+        _split_matching(
+            laps,
+            lambda: (rectifier.left(left), rectifier.right(right, detector.row_trim_px)),
+            lambda: detector.match(left, right, detector.row_trim_px),
+        )
+        return verdict
+
+    return Way("tokt_stereo", "tokt stereo, a pair", OURS, run)
+
+
+def _split_matching(
+    laps: Laps, rectify: Callable[[], object], rectify_and_match: Callable[[], object]
+) -> None:
+    """Split both off the rest; the second has the first in it once more."""
+    laps.split_off("undistort", rectify)
+    laps.split_off("match", rectify_and_match, less_s=laps.seconds["undistort"])

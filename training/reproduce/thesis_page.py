@@ -1,0 +1,175 @@
+"""docs/thesis.md: from the thesis to this code, with every figure taken from a run.
+
+The text is `TEMPLATE`, beside this file; its figures are placeholders that are filled in from what
+``tokt reproduce`` wrote into results.json. A page carries a seal: hashes of the template it was
+made from and of itself, so that a figure typed into it afterwards is found (`page_faults`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from ...features import atomic
+from ...features.errors import ToktError
+
+TEMPLATE = "thesis_page.md.in"
+QUOTED_TABLES = {
+    "table-5.1-to-5.4": "run_times",
+    "figure-5.3-to-5.5": "scores",
+    "figure-5.6-5.8": "scores",
+}
+"""By exhibit, the table that the page shows; the others are in the report."""
+_SEAL = re.compile(r"\n<!-- template ([0-9a-f]{64}), page ([0-9a-f]{64}) -->\n\Z")
+_SPECIAL = re.compile(r"([*|<])")
+
+
+class Results:
+    """What the template may ask of a run's results.
+
+    Parameters
+    ----------
+    results : dict
+        As ``tokt reproduce`` writes them into results.json.
+    """
+
+    def __init__(self, results: dict[str, Any]) -> None:
+        self._exhibits = {one["key"]: one for one in results["exhibits"]}
+
+    def _exhibit(self, key: str) -> dict[str, Any]:
+        if key not in self._exhibits:
+            known = ", ".join(self._exhibits)
+            raise ToktError(f"the page asks for {key!r}, which the run has not (it has {known})")
+        return dict(self._exhibits[key])
+
+    def shown(self, key: str) -> bool:
+        """Whether the run could make an exhibit."""
+        return not self._exhibit(key)["missing"]
+
+    def known(self, key: str, name: str) -> bool:
+        """Whether an exhibit that was made has a figure, for one that some missions lack."""
+        return name in self._exhibit(key)["numbers"]
+
+    def number(self, key: str, name: str, form: str = ".3g", times: float = 1) -> str:
+        """One figure of an exhibit; text and whole numbers as they are, others by `form`."""
+        numbers = self._exhibit(key)["numbers"]
+        if name not in numbers:
+            known = ", ".join(numbers) or "none"
+            raise ToktError(f"the page asks {key} for {name!r}, which it has not (it has {known})")
+        value = numbers[name]
+        if isinstance(value, str) or (isinstance(value, int) and times == 1):
+            return str(value)
+        return format(value * times, form)
+
+    def claims(self, key: str) -> str:
+        """A list of what the thesis printed, what came out, and whether it agrees."""
+        exhibit = self._exhibit(key)
+        if exhibit["missing"]:
+            return f"Not made in this run: {plain(exhibit['missing'])}."
+        lines = []
+        for claim in exhibit["claims"]:
+            what, printed, found, agreement, why = (
+                plain(claim[name]) for name in ("what", "printed", "found", "agreement", "why")
+            )
+            lines += [
+                f"- **{what}**: *{agreement}*.",
+                f"  - The thesis: {printed}.",
+                f"  - This run: {found}.",
+                f"  - Why so: {why}.",
+            ]
+        return "\n".join(lines)
+
+    def quoted_table(self, key: str) -> str:
+        """The table of an exhibit that is one of `QUOTED_TABLES`; nothing for the others."""
+        exhibit = self._exhibit(key)
+        name = QUOTED_TABLES.get(key)
+        if name is None or exhibit["missing"]:
+            return ""
+        table = next((one for one in exhibit["tables"] if one["name"] == name), None)
+        if table is None:
+            raise ToktError(f"the page shows the table {name!r} of {key}, which it has not")
+        rows = [table["columns"], ["---"] * len(table["columns"]), *table["rows"]]
+        lines = ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
+        return "\n".join([*lines, "", f"{plain(table['caption'])}."])
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return format(value, ".3g") if isinstance(value, float) else plain(str(value))
+
+
+def plain(text: str) -> str:
+    """A sentence in one line, without its full stop, and nothing in it taken for Markdown."""
+    return _SPECIAL.sub(r"\\\1", " ".join(text.split())).rstrip(".")
+
+
+def template_text() -> str:
+    """The page's text with its placeholders."""
+    return resources.files(__package__).joinpath(TEMPLATE).read_text(encoding="utf-8")
+
+
+def thesis_page(results: dict[str, Any], template: str | None = None) -> str:
+    """The page, in Markdown.
+
+    Parameters
+    ----------
+    results : dict
+        As ``tokt reproduce`` writes them into results.json.
+    template : str, optional
+        By default the one that comes with tokt.
+
+    Raises
+    ------
+    ToktError
+        If the template asks for what the results do not hold.
+    """
+    text = template_text() if template is None else template
+    environment = jinja2.Environment(
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    asked = Results(results)
+    try:
+        body = environment.from_string(text).render(
+            run=results,
+            plain=plain,
+            shown=asked.shown,
+            known=asked.known,
+            number=asked.number,
+            claims=asked.claims,
+            quoted_table=asked.quoted_table,
+        )
+    except jinja2.TemplateError as error:
+        raise ToktError(f"the page of the thesis cannot be made: {error}") from error
+    body = body.rstrip() + "\n"
+    return f"{body}\n<!-- template {_sha256(text)}, page {_sha256(body)} -->\n"
+
+
+def write_thesis_page(results: dict[str, Any], path: Path) -> None:
+    """Write `thesis_page` to a file, as a whole or not at all. Raises ToktError as that does."""
+    atomic.write_text(path, thesis_page(results))
+
+
+def page_faults(page: str) -> list[str]:
+    """What is wrong with a page that somebody has: not made from this template, or edited."""
+    seal = _SEAL.search(page)
+    if seal is None:
+        return ["it has no seal"]
+    faults = []
+    if seal[1] != _sha256(template_text()):
+        faults.append("it was made from another template")
+    if seal[2] != _sha256(page[: seal.start()]):
+        faults.append("it was edited after it was made")
+    return faults
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,256 @@
+"""Figures 3.11 and 3.12: LBP histograms of training images, and which of them separates best."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from scipy.stats import spearmanr
+
+from ..bench.thesis_way import GRID, resized_gray
+from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
+from .frame_drawing import SHOWN, png_of, show_frame
+from .material import Material
+from .texture_histograms import BinKind, Rows, bin_kinds, share_by_kind
+from .thesis_models import TITLES
+from .training_images import (
+    CONFUSED,
+    CONTROL,
+    F1,
+    LBP_KEYS,
+    STRUCTURE,
+    TO_OCEAN,
+    TO_STRUCTURE,
+    Image,
+    candidate_table,
+    candidates,
+    means_apart,
+    ocean_image,
+    structure_rows,
+    tested_frames,
+)
+
+KIND_COLORS = {
+    BinKind.FLAT: "#4da3ff",
+    BinKind.EDGE: "#ff7043",
+    BinKind.CORNER: "#8e5bd0",
+    BinKind.BETWEEN: "#c4c8cc",
+    BinKind.NOT_UNIFORM: "#6b7075",
+}
+_KEY = LBP_KEYS[0]
+_CRITERIA = {
+    TO_OCEAN: "Hellinger distance from ocean's histogram",
+    CONFUSED: "share of patches confused with ocean's",
+    TO_STRUCTURE: "Hellinger distance from the structure's histogram",
+}
+"""What an image could be chosen by; only the first and second need no look at the structure."""
+
+
+def training_images(material: Material) -> Exhibit:
+    """Histograms of the images the thesis's models could learn from (figures 3.11, 3.12).
+
+    Raises
+    ------
+    ToktError
+        If a frame cannot be read.
+    """
+    ocean, images = ocean_image(material), candidates(material)
+    frame = next(image for image in images if image.name == STRUCTURE)
+    structure, structure_words = structure_rows(material, frame)
+    tested = tested_frames(material)
+    table = candidate_table(ocean, images, structure, tested)
+    n_tested, rank = len(tested.truths), _rank(table)
+    plots = [_histogram_plot(ocean, images, table, structure, structure_words)]
+    if rank:
+        plots.append(_promise_plot(table, n_tested))
+    caption = (
+        "Distance of each image's mean histogram from ocean's and from the structure's (0 equal, 1 "
+        "disjoint), the share of patches confused with ocean's, and F1 by patch of a model that "
+        f"learnt from ocean and this image, pooled over {n_tested} labelled frames (empty without "
+        "labels). No frame is both learnt from and scored."
+    )
+    return Exhibit(
+        "figure-3.11-3.12",
+        "Histograms of the training images: flat, edge and corner bins",
+        "thesis section 3.4, figures 3.11 and 3.12",
+        (
+            "Bins are coloured by the share of the circle that is brighter than its centre: none "
+            "or all of it is flat, half of it an edge, a quarter or three quarters a corner, each "
+            "within a twelfth. Patterns of several runs, which noise makes, are the last bin.",
+            f"Distances are Hellinger's; the structure is {structure_words}. A patch is confused "
+            "when it is nearer to the other image's mean histogram than to its own image's. "
+            f"Ocean is {ocean.words}.",
+        ),
+        _claims(table, n_tested, rank),
+        (Table("candidates", caption, table),),
+        tuple(plots),
+        _numbers(ocean, table, rank, n_tested, structure[_KEY]),
+    )
+
+
+def _rank(table: pd.DataFrame) -> dict[str, float]:
+    """Spearman's rank correlation of F1 with each criterion, for LBP (10, 5).
+
+    Empty without labels, and where all F1 are the same: there is nothing to rank.
+    """
+    f1 = table[f"{_KEY} {F1}"]
+    if f1.isna().any() or f1.nunique() < 2:
+        return {}
+    return {
+        name: float(spearmanr(table[f"{_KEY} {name}"], f1).statistic)
+        for name in _CRITERIA
+        if table[f"{_KEY} {name}"].nunique() > 1
+    }
+
+
+def _claims(table: pd.DataFrame, n_tested: int, rank: dict[str, float]) -> tuple[Claim, ...]:
+    farthest, control = table.iloc[0], table[table["image"] == CONTROL]
+    found = f"{farthest['image']}, {farthest[f'{_KEY} {TO_OCEAN}']:.2f} from ocean's"
+    if len(control):
+        found += f"; another ocean frame {control.iloc[0][f'{_KEY} {TO_OCEAN}']:.2f}"
+    claims = [
+        Claim(
+            "the image whose LBP (10, 5) histogram is farthest from ocean's",
+            NOT_KNOWN,
+            found,
+            Agreement.UNCOMPARABLE,
+            "The thesis's other images are not at hand; those compared here are not the same.",
+        )
+    ]
+    if rank:
+        best = table.loc[table[f"{_KEY} {F1}"].idxmax()]
+        ranks = ", ".join(f"{name} {value:+.2f}" for name, value in rank.items())
+        claims.append(
+            Claim(
+                "the farther its histogram is from ocean's, the better an image is to learn from",
+                NOT_KNOWN,
+                f"best F1 {best[f'{_KEY} {F1}']:.2f} with {best['image']}; the farthest, "
+                f"{farthest['image']}, gives {farthest[f'{_KEY} {F1}']:.2f}; rank correlation "
+                f"with F1: {ranks}",
+                Agreement.UNCOMPARABLE,
+                "It is what choosing by histograms presumes, not a printed figure; judged on "
+                f"{n_tested} labelled frames that no model here learnt from.",
+            )
+        )
+    return tuple(claims)
+
+
+def _numbers(
+    ocean: Image, table: pd.DataFrame, rank: dict[str, float], n_tested: int, structure: Rows
+) -> dict[str, float | int | str | bool]:
+    farthest = table.iloc[0]
+    water = share_by_kind(ocean.rows[_KEY].mean(axis=0))
+    solid = share_by_kind(structure.mean(axis=0))
+    numbers: dict[str, float | int | str | bool] = {
+        "farthest_image": str(farthest["image"]),
+        "farthest_hellinger": float(farthest[f"{_KEY} {TO_OCEAN}"]),
+        "ocean_to_structure_hellinger": means_apart(ocean.rows[_KEY], structure),
+        "ocean_not_uniform_share": water[BinKind.NOT_UNIFORM],
+        "structure_not_uniform_share": solid[BinKind.NOT_UNIFORM],
+        "scored_frames": n_tested,
+    }
+    for row in table[table["image"] == CONTROL].to_dict("records"):
+        numbers["control_hellinger"] = float(row[f"{_KEY} {TO_OCEAN}"])
+        numbers["control_patches_confused"] = float(row[f"{_KEY} {CONFUSED}"])
+    if rank:
+        best = table.loc[table[f"{_KEY} {F1}"].idxmax()]
+        numbers["best_f1_image"] = str(best["image"])
+        numbers["best_f1"] = float(best[f"{_KEY} {F1}"])
+        numbers["farthest_f1"] = float(farthest[f"{_KEY} {F1}"])
+        for name, value in rank.items():
+            numbers[f"rank_correlation_f1_{name.replace(' ', '_')}"] = value
+    return numbers
+
+
+def _histogram_plot(
+    ocean: Image,
+    images: list[Image],
+    table: pd.DataFrame,
+    structure: dict[str, Rows],
+    structure_words: str,
+) -> Plot:
+    by_name = {image.name: image for image in images}
+    frame = by_name[STRUCTURE]
+    own = Image("structure", structure_words, frame.picture, structure, bright=False)
+    shown = [ocean, own, *(by_name[name] for name in table["image"])]
+    caption = (
+        "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut off has "
+        f"its value beside it. First ocean and {structure_words}, then what could be learnt from, "
+        f"the image farthest from ocean first. {SHOWN}"
+    )
+    return Plot("histograms", caption, png_of(_histograms(shown)))
+
+
+def _histograms(shown: list[Image]) -> Figure:
+    """A row an image: the picture, and its mean histogram with the kinds of bins in colour."""
+    figure = Figure(figsize=(10.5, 1.5 * len(shown) + 0.6), layout="constrained")
+    axes = figure.subplots(len(shown), 3, width_ratios=(1.1, 1.6, 2.6), squeeze=False)
+    for line, image in zip(axes, shown, strict=True):
+        _thumbnail(line[0], image)
+    for column, key in enumerate(LBP_KEYS, 1):
+        means = [image.rows[key].mean(axis=0) for image in shown]
+        top = 1.15 * max(float(mean[:-1].max()) for mean in means)
+        for line, mean in zip(axes, means, strict=True):
+            draw_histogram(line[column], mean, top)
+        axes[0, column].set_title(TITLES[key], fontsize=9)
+        axes[-1, column].set_xlabel("points brighter than the centre; last: several runs",
+                                    fontsize=8)  # fmt: skip
+    kind_legend(figure)
+    return figure
+
+
+def draw_histogram(axes: Any, histogram: Rows, top: float) -> None:
+    """An LBP histogram with the kinds of its bins in colour, cut off at `top`."""
+    last = len(histogram) - 1
+    axes.bar(range(last + 1), histogram, color=[KIND_COLORS[k] for k in bin_kinds(last - 1)])
+    if histogram[last] > top:
+        value = axes.text(last - 0.7, 0.94 * top, f"{histogram[last]:.2f}", ha="right", va="top")
+        value.set(fontsize=8, bbox={"facecolor": "white", "pad": 1, "edgecolor": "none"})
+    axes.set(ylim=(0, top), xlim=(-0.7, last + 0.7))
+    axes.tick_params(labelsize=7)
+
+
+def kind_legend(figure: Figure) -> None:
+    """What the colours of the bins are, under a figure."""
+    handles = [Patch(color=color, label=str(kind)) for kind, color in KIND_COLORS.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+
+
+def _thumbnail(axes: Any, image: Image) -> None:
+    if image.bright:
+        axes.imshow(resized_gray(image.picture), cmap="gray", vmin=0, vmax=255)
+        axes.set(xticks=[], yticks=[])
+    else:
+        show_frame(axes, image.picture, GRID)
+    axes.set_ylabel(image.name, fontsize=9)
+
+
+def _promise_plot(table: pd.DataFrame, n_tested: int) -> Plot:
+    """What a model trained on an image finds, against what the image could be chosen by."""
+    figure = Figure(figsize=(10.5, 3.7), layout="constrained")
+    f1 = table[f"{_KEY} {F1}"]
+    for axes, (name, words) in zip(
+        figure.subplots(1, 3, sharey=True), _CRITERIA.items(), strict=True
+    ):
+        value = table[f"{_KEY} {name}"]
+        axes.plot(value, f1, "o", color="#3b75af")
+        above = np.argsort(np.argsort(value)) % 2
+        for label, x, y, up in zip(table["image"], value, f1, above, strict=True):
+            axes.annotate(
+                label, (x, y), (0, 7 if up else -13), textcoords="offset points", fontsize=8,
+                ha="center",
+            )  # fmt: skip
+        room = 0.22 * float(np.ptp(value)) or 0.05
+        axes.set(xlim=(value.min() - room, value.max() + room), ylim=(-0.1, 1.0))
+        axes.set_xlabel(words, fontsize=8)
+        axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel(f"F1 by patch, {n_tested} labelled frames", fontsize=8)
+    caption = (
+        "Is the image that is farthest from ocean the best to learn from? F1 by patch of a model "
+        "on LBP (10, 5) that learnt from ocean and each image, against what the image could be "
+        f"chosen by. Scored on {n_tested} labelled frames that no model here learnt from."
+    )
+    return Plot("chosen-by", caption, png_of(figure))
