@@ -32,6 +32,10 @@ STREAM = "stream:"
 LONGEST_HEADER = 4096
 LARGEST_SIDE = 16_384
 """Bytes of a header's line, and pixels along a picture's side, that are not refused."""
+LARGEST_NUMBER = 2**53
+LARGEST_TIME_S = 1e11
+"""Of a frame's number and of its time, either way: beyond it readers of JSON lose digits, and the
+year is 5138."""
 CONNECT_S = 10.0
 _STOP_CHECK_S = 0.05
 _READ = 1 << 20
@@ -197,10 +201,11 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise refused
     number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
-    whole = type(number) is int and type(missed) is int and 0 <= missed <= MANY_MISSED
+    whole = type(number) is int and abs(number) <= LARGEST_NUMBER
+    whole = whole and type(missed) is int and 0 <= missed <= MANY_MISSED
     if not whole or isinstance(t, bool) or not isinstance(t, int | float):
         raise refused
-    if not abs(t) < math.inf:
+    if not abs(t) <= LARGEST_TIME_S:
         raise refused
     sides = {side: header.get(side) for side in ("left", "right")}
     if not all(shape is None or _is_shape(shape) for shape in sides.values()):

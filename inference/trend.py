@@ -113,9 +113,9 @@ class TrendWatch:
 
     Notes
     -----
-    Times need not be regular. A time that is not later than the last one, or is no number, starts
-    anew, as a clock that was set does. Memory is `SLOTS` slots; what is older than `HORIZON_S` has
-    no influence to the last bit.
+    Times need not be regular; a clock may tick so coarsely that two are the same. A time before the
+    last one, or that is no number, starts anew, as a clock that was set back does. Memory is
+    `SLOTS` slots; what is older than `HORIZON_S` has no influence to the last bit.
     """
 
     def __init__(self) -> None:
@@ -142,7 +142,7 @@ class TrendWatch:
         """
         # Written so that what is not a number is no time, and no mean that was seen.
         timed = abs(t_s) < END_S
-        if not (timed and t_s > self._last_s):
+        if not (timed and t_s >= self._last_s):
             self._slots.clear()
         self._last_s = t_s if timed else -math.inf
         if mean is None or not STATUS_MEAN_THRESHOLD < mean <= 255 or not timed:

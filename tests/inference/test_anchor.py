@@ -131,6 +131,16 @@ def test_the_page_s_controller_holds_the_object(start: tuple[float, float, float
     assert abs(x) < 0.12 and abs(y) < 0.12 and z == pytest.approx(wanted_m, rel=0.15)
 
 
+def test_the_page_s_pid_blocks_act_the_same_way() -> None:
+    """A PID block's output is its gain times setpoint (0) less process variable."""
+    axes = dict(map(reversed, re.findall(r"`(-?anchor_\w+)` for (\w+)", LABVIEW)))
+    told = {"status": 1, "anchor_x": 0.11, "anchor_y": -0.23, "anchor_size": 0.37}
+    named = [axes[axis] for axis in ("surge", "sway", "heave")]
+    variables = [told[name.lstrip("-")] * (-1 if name[0] == "-" else 1) for name in named]
+    outputs = [0.3 * (0 - variable) for variable in variables]
+    assert outputs == pytest.approx(commands_of_the_page()(told))
+
+
 def test_with_a_wrong_sign_it_would_not() -> None:
     right = commands_of_the_page()
 

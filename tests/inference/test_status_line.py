@@ -90,8 +90,12 @@ def tell(counts: RunCounts, verdict: Verdict, seq: int = 1, **more: Any) -> None
 
 def test_a_trend_that_is_sure_and_a_time_to_contact_are_shown(hand_clock: Any) -> None:
     counts = RunCounts(hand_clock)
-    tell(counts, replace(OBSTACLE, trend="growing", trend_confidence=0.95, expansion_contact_s=7.6))
-    assert "obstacle 2.3 m growing, contact in 8 s" in text_of(counts, hand_clock)
+    growing = replace(OBSTACLE, trend="growing", trend_confidence=0.95, expansion_contact_s=7.6)
+    tell(counts, replace(growing, distance_m=None))
+    assert "obstacle growing, contact in 8 s" in text_of(counts, hand_clock)
+    tell(counts, growing)  # the distance is measured: the time from the picture alone is not told
+    shown = text_of(counts, hand_clock)
+    assert "obstacle 2.3 m growing" in shown and "contact" not in shown
     tell(counts, replace(OBSTACLE, trend="growing", trend_confidence=0.85))
     assert "growing" not in text_of(counts, hand_clock)
 

@@ -110,6 +110,16 @@ def test_a_long_time_without_anything_starts_anew() -> None:
     assert after([*means, *[0.0] * missed, 41.0]) == Trend()
 
 
+def test_two_frames_of_one_tick_of_the_clock_leave_the_means() -> None:
+    watch = TrendWatch()
+    for index, mean in enumerate(approach(20, 5.0)):
+        found = [watch.add(LATER + index * STEP_S, mean) for _ in range(2)]
+    assert [each.trend for each in found] == [GROWING] * 2
+    # A clock that stands still says nothing, and takes no memory.
+    stuck = [watch.add(LATER + 100, 40.0) for _ in range(50)]
+    assert stuck == [Trend()] * 50 and len(watch._slots) == 1
+
+
 @pytest.mark.parametrize("t_s", [LATER, LATER + 3.0, math.nan, -math.inf, math.inf, 1e308])
 def test_time_that_does_not_go_on_starts_anew(t_s: float) -> None:
     watch = TrendWatch()
