@@ -8,10 +8,10 @@ least 1.2 fits clearly better than none: its difference is less than 0.8 of that
 Ours, because the paper's text is not at hand (of others' programs of the method two have the same
 1.2, one has 0.8 and one 0.7, and some compare frames that lie apart, too): SIFT in place of SURF,
 which free builds of OpenCV do not have; the local contrast is made even first, as the frames are
-nearly black; a frame is held against the one `BACK` judged frames before, because a slow vehicle's frames change by
-a few per cent from one to the next; and `LEAST` keypoints are needed. A thing that keeps its size,
-or shrinks, is no obstacle to this method: it says nothing of a tower that the vehicle backs away
-from, and a frame with none before is unknown.
+nearly black; a frame is held against the one `BACK` judged frames before, because a slow vehicle's
+frames change by a few per cent from one to the next; and `LEAST` keypoints are needed. A thing that
+keeps its size, or shrinks, is no obstacle to this method: it says nothing of a tower that the
+vehicle backs away from, and a frame with none before is unknown.
 
 References
 ----------

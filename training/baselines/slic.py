@@ -29,9 +29,8 @@ from ...inference.verdict import verdict_from_mask
 from ..bench.thesis_way import DescribePatch
 from .baseline import BaselineJudged
 from .superpixels import Box, outline_boxes, resized_bgr, superpixels
+from .thesis_classifier import thesis_classifier
 
-PENALTY, SEED = 100.0, 42
-"""C and random_state of the thesis's LinearSVC."""
 _ERODED, _DILATED = 2, 4
 SOURCE = "Brusletto 2016"
 
@@ -91,8 +90,7 @@ class SlicTexture:
                 raise ToktError(f"no superpixel of the {which} image has features to learn from")
             rows += described
             labels += [label] * len(described)
-        classifier = LinearSVC(C=PENALTY, random_state=SEED)
-        classifier.fit(np.array(rows), np.array(labels))
+        classifier = thesis_classifier(np.array(rows), np.array(labels))
         return cls(describe, classifier, name)
 
     def segments(self, frame: NDArray[np.uint8]) -> NDArray[np.int64]:

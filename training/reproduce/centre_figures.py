@@ -130,9 +130,9 @@ def centre_and_box(material: Material) -> Exhibit:
         (
             Table("frame", f"Frame {number}: positions in pixels at the grid's width; Xpos and "
                   "Ypos are the direction to steer, positive right and down.",
-                  _frame_table(shown, ways)),
+                  _frame_table(shown, ways), "This frame"),
             Table("mission", "All frames with status 1, by the thesis's texture methods.",
-                  _mission_table(material, mission)),
+                  _mission_table(material, mission), "The whole mission"),
         ),
         (
             Plot(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...inference.verdict import OBSTACLE, UNKNOWN
 from ..metrics import obstacle_metrics
 from .curves import Curves
+from .exhibit import Agreement
 
 if TYPE_CHECKING:
     from .material import Material
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 IN_A_ROW = 3
 LEAST_FRAMES = 8
 """Of fewer frames that both curves have no correlation is told."""
+NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
+"""Rank correlations of mean value and nearness from which the one tells the other, and from which
+it does so with exceptions."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,20 @@ def scores_table(curves: Curves, scores: Mapping[str, MethodScore]) -> pd.DataFr
         ]
     ).astype({name: "Int64" for name in ("first detection", "false status", "of ocean frames",
                                          "detected", "of obstacle frames")})  # fmt: skip
+
+
+def agreement_with_distance(ranks: Iterable[float]) -> Agreement:
+    """Whether the mean value is a relative distance: judged by the worst of some correlations.
+
+    Parameters
+    ----------
+    ranks : iterable of float
+        With 1 / distance, so 1 where it is; one and more.
+    """
+    worst = min(ranks)
+    if worst >= NEARLY_ALWAYS:
+        return Agreement.YES
+    return Agreement.PARTLY if worst >= GOES_WITH else Agreement.NO
 
 
 def correlations(curves: Curves, names: Sequence[str]) -> pd.DataFrame:

@@ -280,14 +280,15 @@ def _model_method(material: Material) -> Method:
     """The bundle that was given; it is said where it learnt from these very frames."""
     bundle = read_bundle(str(material.request.model))
     known = set(bundle.content.trained_on.tolist())
-    there = material.decoded(material.spread())
+    # All of them: a model that learnt from a few has seen near copies of the others.
+    there = material.decoded(material.frames)
     learnt = sum(int(frame_id(pixel_sha256(image))) in known for _, image in there)
     title = f"tokt model {bundle.label}"
-    split = (
-        "NOT held out: it learnt from frames of this mission"
-        if learnt
-        else "it learnt from none of the frames looked up"
-    )
+    split = "it learnt from none of these frames"
+    if learnt:
+        split = f"NOT held out: it learnt from {learnt} of these frames"
+    elif not known:
+        split = "it does not say what it learnt from, so it may not be held out"
     return Method(title, OURS, f"the model {bundle.label} as given; {split}")
 
 

@@ -375,7 +375,8 @@ def _table(rows: Sequence[Exchanged]) -> Table:
         "right frame."
     )
     ordered = sorted(rows, key=lambda row: (row.frame, KINDS.index(row.right)))
-    return Table("exchanged_right_frame", caption, pd.DataFrame([row.to_row() for row in ordered]))
+    table = pd.DataFrame([row.to_row() for row in ordered])
+    return Table("exchanged_right_frame", caption, table, "Three right frames for each left one")
 
 
 def _cloud_table(shown: _Shown) -> Table:

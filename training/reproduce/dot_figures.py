@@ -25,6 +25,7 @@ from .frame_drawing import (
 from .material import Material
 from .patch_scores import Flags, PatchScore, PatchTruth, score_patches, truth_by_labels
 from .picture_judging import Said, by_bundle, by_held_out, by_stereo, by_thesis, learnt_words
+from .run_judging import TOKT_MODEL
 
 _MASK_RULE = "the patches of which its mask has a tenth or more white, as for labels"
 
@@ -45,7 +46,7 @@ def prediction_dots(material: Material) -> Exhibit:
     said = [
         *by_thesis(material, frame),
         *by_held_out(material, number, frame),
-        *by_bundle(material, frame, material.curves.words.get("tokt_model", "")),
+        *by_bundle(material, frame, material.curves.words.get(TOKT_MODEL, "")),
         stereo,
     ]
     scores = {
@@ -132,12 +133,15 @@ def _tables(
         }
         for one in said
     )
+    given = any(one.name == TOKT_MODEL for one in said)
     tables = [
         Table(
             "frame",
             f"Patches of frame {number} against its labels (unsure ones are not scored); counts "
-            "of patches. Our texture model is held out; the others did not learn from this frame.",
+            "of patches. Our texture model is held out; the others did not learn from this frame"
+            + ("; the model that was given may have." if given else "."),
             whole_counts(frame),
+            "This frame",
         )
     ]
     if n_labelled:
@@ -152,6 +156,7 @@ def _tables(
                 "counts of patches. Our texture model: each frame by a model that did not learn "
                 "from it or from frames near it.",
                 mission,
+                "The whole mission",
             )
         )
     return tuple(tables)

@@ -56,11 +56,20 @@ class Table:
         With units, and how its figures were split.
     frame : pandas.DataFrame
         Its rows; the index is not written.
+    title : str
+        For people; by default `name` in words.
     """
 
     name: str
     caption: str
     frame: pd.DataFrame
+    title: str = ""
+
+    @property
+    def heading(self) -> str:
+        """What stands above it in the report."""
+        words = self.name.replace("_", " ").replace("-", " ")
+        return self.title or words[:1].upper() + words[1:]
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,12 @@ class Material:
         """A left frame as decoded: uint8, gray or BGR. Raises FrameError if it cannot be read."""
         return self.mission.read(number, LEFT)
 
+    def any_left(self) -> NDArray[np.uint8]:
+        """The first left frame that can be read. Raises ToktError if none can."""
+        for _, image in self.decoded(self.frames):
+            return image
+        raise ToktError(f"mission {self.mission.name}: no left frame can be read")
+
     def right(self, number: int) -> NDArray[np.uint8] | None:
         """A right frame as decoded, or None where there is none that can be read."""
         if RIGHT not in self.mission.cameras:

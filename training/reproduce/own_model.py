@@ -41,7 +41,7 @@ def own_model(material: Material) -> OwnModel:
         bundle = read_bundle(str(material.request.model))
         return OwnModel(bundle, f"the model {bundle.label} as given")
     lesson = _lesson(material)
-    golden = material.left(material.frames[0])
+    golden = material.any_left()
     extractor = extractor_for(DEFAULT_EXTRACTOR, _PRESET)
     models = learn_features(_PRESET, extractor, lesson, golden)
     return OwnModel(models.bundle, f"the features of preset {_PRESET}, {lesson.words}")

@@ -222,6 +222,7 @@ def _tables(
             "for LBP and standard deviations of the ocean image for Haralick. Nothing is learnt "
             "from this frame.",
             told,
+            "How far apart they are",
         ),
         Table(
             "haralick-features",

@@ -16,7 +16,7 @@ from ...inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
 from ...models.bundle import read_bundle
 from ..baselines.slic import SlicTexture
 from ..bench.thesis_way import GRID
-from .curves import COMPARED, OURS, THESIS
+from .curves import COMPARED, OURS, SLIC_TITLES, THESIS
 from .held_out_texture import TOKT_TEXTURE
 from .material import Material
 from .patch_scores import Flags, patches_of_mask
@@ -167,8 +167,6 @@ def by_superpixels(material: Material, number: int, frame: NDArray[np.uint8]) ->
         kind = THESIS if isinstance(method, SlicTexture) else COMPARED
         patches = None if judged.mask is None else patches_of_mask(judged.mask, GRID)
         fault = judged.words if judged.mask is None else ""
-        words = material.slow.words(method)
-        found.append(
-            Said(method.name, method.title, kind, words, patches, judged.mask, fault)
-        )  # fmt: skip
+        words, title = material.slow.words(method), SLIC_TITLES.get(method.name, method.title)
+        found.append(Said(method.name, title, kind, words, patches, judged.mask, fault))
     return found

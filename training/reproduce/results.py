@@ -96,6 +96,7 @@ def _table(exhibit: Exhibit, table: Table) -> dict[str, Any]:
     shown = table.frame.head(SHOWN_ROWS)
     return {
         "name": table.name,
+        "title": table.heading,
         "caption": table.caption,
         "file": f"{exhibit.key}/{table.name}.csv",
         "columns": [str(name) for name in table.frame.columns],

@@ -17,6 +17,7 @@ from .curve_figures import KEY as CURVES_KEY
 from .curve_figures import TITLE as CURVES_TITLE
 from .curve_figures import curve_figures
 from .dark_figures import bad_lighting
+from .dark_picture import given_picture
 from .disparity_figures import disparity_figures
 from .dot_figures import prediction_dots
 from .exhibit import Exhibit
@@ -148,6 +149,7 @@ def _check_inputs(material: Material) -> None:
         _ = material.calibration
     if material.request.model is not None:
         _ = material.own
+    _ = given_picture(material)
     if material.request.sample > len(material.frames):
         material.say(f"--sample: the mission has {len(material.frames)} frames, all are taken")
 

@@ -160,7 +160,7 @@ def _table(found: dict[str, Offset]) -> Table:
         for words, one in found.items()
     ]
     caption = "Offset between the cameras, in frames; positive: the right one is later."
-    return Table("offset", caption, pd.DataFrame(rows))
+    return Table("offset", caption, pd.DataFrame(rows), "Offset between the cameras")
 
 
 def _plot(found: dict[str, Offset]) -> Plot:

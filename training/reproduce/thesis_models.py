@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import LinearSVC
 
+from ..baselines.thesis_classifier import thesis_classifier
 from ..bench.thesis_way import (
     GRID,
     DescribePatch,
@@ -72,25 +71,6 @@ class ThesisModel:
     def judge(self, frame: NDArray[np.uint8]) -> Judged:
         """Judge a decoded frame as the thesis does, patch by patch."""
         return judge(frame, self.describe, self.classifier)
-
-
-def thesis_classifier(rows: NDArray[np.float64], obstacle: NDArray[np.int64]) -> LinearSVC:
-    """A LinearSVC as the thesis fits it: C = 100, seed 42, unscaled features.
-
-    What it leaves to scikit-learn is written out as its release of 2016 had it: the dual problem,
-    at most 1000 iterations. Unscaled Haralick features do not converge in these.
-
-    Parameters
-    ----------
-    rows : array of float64, shape (n, dim)
-    obstacle : array of int, shape (n,)
-        1 for an obstacle, 0 for ocean.
-    """
-    classifier = LinearSVC(C=100.0, random_state=42, dual=True, max_iter=1000)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        classifier.fit(rows, obstacle)
-    return classifier
 
 
 def thesis_model(name: str, ocean: TrainingImage, other: TrainingImage) -> ThesisModel:

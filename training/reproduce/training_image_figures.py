@@ -85,7 +85,7 @@ def training_images(material: Material) -> Exhibit:
             f"Ocean is {ocean.words}.",
         ),
         _claims(table, n_tested, rank),
-        (Table("candidates", caption, table),),
+        (Table("candidates", caption, table, "Images to learn from"),),
         tuple(plots),
         _numbers(ocean, table, rank, n_tested, structure[_KEY]),
     )

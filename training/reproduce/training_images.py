@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from skimage import data
 
 from ...features.extractor import NAMED, Haralick
+from ..baselines.thesis_classifier import thesis_classifier
 from ..bench.thesis_way import GRID
 from ..thesis_images import rendered_other_image
 from .material import Material
 from .patch_scores import PatchScore, PatchTruth, score_patches, truth_by_labels
 from .texture_histograms import Rows, chi_square, confused, hellinger
-from .thesis_models import thesis_classifier
 
 LBP_KEYS = ("lbp_10_5", "lbp_24_8")
 EXTRACTORS = {

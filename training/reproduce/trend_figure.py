@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ...inference.trend import HORIZON_S, STEADY_PER_S, TRENDS
+from .curve_scores import agreement_with_distance
 from .exhibit import Agreement, Claim, Exhibit, Plot, Table
 from .held_out_texture import TOKT_TEXTURE
 from .material import Material
@@ -75,7 +76,9 @@ def _missing(what: str) -> Exhibit:
 
 def _words(material: Material, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
     curves = material.curves
-    learnt = "; ".join(f"{curves.methods[name].title}: {curves.words[name]}" for name in texture)
+    learnt = "; ".join(
+        f"{curves.methods[name].title}: {curves.words[name].rstrip('.')}" for name in texture
+    )
     return (
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
         f"something in. The trend is the runtime's ({HORIZON_S:g} s of means), with "
@@ -112,13 +115,13 @@ def _distance_claim(scores: dict[str, TrendScore], titles: dict[str, str]) -> Cl
     known = [value for value in ranks.values() if value is not None]
     if not known:
         agreement, why = Agreement.UNCOMPARABLE, "too few frames have a mean and a depth"
-    elif max(known) <= -_AGREES:
-        agreement, why = Agreement.YES, "every method's mean falls with depth, nearly without fail"
-    elif max(known) <= -_PARTLY:
-        agreement = Agreement.PARTLY
-        why = "the nearer, the larger, with exceptions: what is near is cut off by the picture"
     else:
-        agreement, why = Agreement.NO, "of at least one method the mean does not follow depth"
+        agreement = agreement_with_distance(-value for value in known)
+        why = {
+            Agreement.YES: "every method's mean falls with depth, nearly without fail",
+            Agreement.PARTLY: "the nearer, the larger, with exceptions: what is near is cut off "
+            "by the picture",
+        }.get(agreement, "of at least one method the mean does not follow depth")
     found = "; ".join(
         f"{titles[name]} " + ("not known" if value is None else f"{value:.2f}")
         for name, value in ranks.items()
@@ -232,7 +235,8 @@ def _confusion_table(held: dict[str, list[Held]], titles: dict[str, str]) -> Tab
         f"Frames by what the depth does (rows) and what was said (columns), {SECONDS_A_FRAME} s "
         "from frame to frame."
     )
-    return Table("trend_confusion", caption, pd.concat(parts, ignore_index=True))
+    title = "Trend: what the depth does, and what was said"
+    return Table("trend_confusion", caption, pd.concat(parts, ignore_index=True), title)
 
 
 def _frame_table(held: dict[str, list[Held]]) -> Table:
@@ -253,7 +257,7 @@ def _frame_table(held: dict[str, list[Held]]) -> Table:
             row[f"{name}_confidence"] = one.said.confidence
             row[f"{name}_contact_s"] = one.said.contact_s
     caption = "Frame by frame; empty where it is not known or not said."
-    return Table("trend_frames", caption, pd.DataFrame(list(rows.values())))
+    return Table("trend_frames", caption, pd.DataFrame(list(rows.values())), "Trend by frame")
 
 
 def _rounded(value: float | None) -> float | None:

@@ -11,7 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from tokt.features.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.labels.synthetic.mission import simulate_mission
+from tokt.training.baselines import lab_colour, slic
 from tokt.training.baselines.baseline import Baseline
+from tokt.training.baselines.superpixels import superpixels
 
 N_FRAMES = 20
 
@@ -40,6 +42,26 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
     folder = tmp_path_factory.mktemp("baselines") / "dive"
     simulate_mission(folder, seed=1, n_frames=N_FRAMES, width=360, jobs=1)
     return Dive(folder)
+
+
+@pytest.fixture(autouse=True)
+def cut_once(cuts: dict[bytes, NDArray[np.int64]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures that several tests cut into superpixels are cut once."""
+
+    def cut(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
+        key = picture.tobytes()
+        if key not in cuts:
+            cuts[key] = superpixels(picture)
+        return cuts[key]
+
+    for module in (slic, lab_colour):
+        monkeypatch.setattr(module, "superpixels", cut)
+
+
+@pytest.fixture(scope="session")
+def cuts() -> dict[bytes, NDArray[np.int64]]:
+    """Superpixels by picture."""
+    return {}
 
 
 @pytest.fixture(scope="session")

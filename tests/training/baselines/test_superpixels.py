@@ -16,6 +16,7 @@ from tokt.training.baselines.baseline import Baseline
 from tokt.training.baselines.lab_colour import Example, LabColour, labelled_example
 from tokt.training.baselines.slic import SlicTexture
 from tokt.training.baselines.superpixels import outline_boxes, resized_bgr, superpixels
+from tokt.training.baselines.thesis_classifier import thesis_classifier
 from tokt.training.bench.thesis_way import GRID, describe_haralick, describe_lbp_10_5
 from tokt.training.thesis_images import rendered_other_image
 
@@ -108,6 +109,21 @@ def test_a_rectangle_without_features_is_ocean() -> None:
     assert slic_module._features(np.zeros((1, 1), np.uint8), describe_haralick) is None
     with pytest.raises(ToktError, match="no superpixel of the ocean image"):
         SlicTexture.train(frame, frame, nothing, "none")
+
+
+def test_the_classifier_is_fitted_as_the_grids() -> None:
+    """By the dual problem, as the library of 2016 did: another solver gives other weights."""
+    images = [np.random.default_rng(n).integers(0, 9 * n, SMALL, np.uint8) for n in (1, 2)]
+    rows: list[NDArray[np.float64]] = []
+
+    def describe(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
+        rows.append(np.array([patch.mean(), patch.std(), patch.size]))
+        return rows[-1]
+
+    found = SlicTexture.train(images[0], images[1], describe, "few").classifier
+    n_ocean = len(slic_module._training_patches(images[0]))
+    targets = (np.arange(len(rows)) >= n_ocean).astype(np.int64)
+    assert (found.coef_ == thesis_classifier(np.array(rows), targets).coef_).all()
 
 
 def shuffled_lbp() -> Callable[[NDArray[np.uint8]], NDArray[np.float64]]:

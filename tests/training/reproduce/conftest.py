@@ -1,11 +1,14 @@
-"""What the tests of tokt reproduce's curves, times and report share: one small rendered mission."""
+"""What the tests of tokt reproduce share: one small rendered mission, and coarse figures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from tokt.labels.synthetic.mission import simulate_mission
 from tokt.training.reproduce.material import Material, ReproduceRequest
 
@@ -37,3 +40,15 @@ def material_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Mater
 def reproduced(reproduce_mission: Path, material_of: Callable[..., Material]) -> Material:
     """The rendered mission's material; not to be changed."""
     return material_of(reproduce_mission)
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn, coarsely: fine ones take most of the time of what makes them."""
+
+    def save(figure: Figure, buffer: BinaryIO, **_: object) -> None:
+        figure.set_layout_engine("none")
+        figure.set_dpi(20)
+        FigureCanvasAgg(figure).print_png(buffer)
+
+    monkeypatch.setattr(Figure, "savefig", save)

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -14,39 +15,49 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from tokt.features.errors import ToktError
+from tokt.features.image_file import pixel_sha256
+from tokt.inference.verdict import verdict_from_mask
 from tokt.training.baselines.lab_colour import LabColour
 from tokt.training.bench.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt.training.bench.thesis_way import GRID, Judged
 from tokt.training.presets import settings_named
 from tokt.training.reproduce import curve_figures as curve_exhibit
 from tokt.training.reproduce import frame_judging, held_out_texture, slow_methods
 from tokt.training.reproduce.curve_figures import curve_figures
 from tokt.training.reproduce.curve_scores import (
+    agreement_with_distance,
     first_in_a_row,
     patch_f1,
     score_methods,
     with_nearness,
 )
-from tokt.training.reproduce.curves import Curves, Method
+from tokt.training.reproduce.curves import Curves, Method, _model_method
 from tokt.training.reproduce.exhibit import Agreement
 from tokt.training.reproduce.frame_judging import FrameJudged, Judges, judge_frames
 from tokt.training.reproduce.held_out_texture import TOKT_TEXTURE
 from tokt.training.reproduce.material import Material
 from tokt.training.reproduce.run_judging import TOKT_STEREO
+from tokt.training.reproduce.thesis_models import ThesisModel, thesis_model
+from tokt.training.reproduce.training_images import EXTRACTORS
+from tokt.training.train import frame_id
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 
+BEST = settings_named("best")
+SETTINGS = replace(BEST, penalties=(0.1,), changes=BEST.changes[:1])
+"""The preset with little to search for and little to learn from: for time."""
+
+
+def judged_by_kernels(model: ThesisModel, frame: NDArray[np.uint8]) -> Judged:
+    """What `ThesisModel.judge` says, by tokt's kernels of the same features, for time."""
+    obstacle = model.classifier.predict(EXTRACTORS[model.name].describe(frame, GRID)) == 1
+    mask = GRID.paint(obstacle, *GRID.resized(*frame.shape[:2]))
+    return Judged(obstacle, verdict_from_mask(mask, "thesis"))
+
 
 @pytest.fixture(scope="module")
-def patched_slow() -> Iterable[pytest.MonkeyPatch]:
-    with pytest.MonkeyPatch.context() as patch:
-        yield patch
-
-
-@pytest.fixture(scope="module")
-def judged(reproduced: Material, patched_slow: pytest.MonkeyPatch) -> list[FrameJudged]:
+def judged(reproduced: Material) -> list[FrameJudged]:
     """What was found frame by frame on the way to the curves, which are made here."""
-    # The colours of two images take a fifth of the time that those of labels do.
-    patched_slow.setattr(slow_methods, "EXAMPLES", 2)
     kept: list[FrameJudged] = []
     own = held_out_texture.held_out_texture
 
@@ -54,8 +65,12 @@ def judged(reproduced: Material, patched_slow: pytest.MonkeyPatch) -> list[Frame
         kept.extend(frames)
         return own(material, frames, settings)
 
-    patched_slow.setattr("tokt.training.reproduce.curves.held_out_texture", keep)
-    assert len(reproduced.curves.mean) == len(reproduced.frames) - 1
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(slow_methods, "EXAMPLES", 2)
+        patch.setattr("tokt.training.reproduce.curves.settings_named", lambda _: SETTINGS)
+        patch.setattr("tokt.training.reproduce.curves.held_out_texture", keep)
+        patch.setattr(ThesisModel, "judge", judged_by_kernels)
+        assert len(reproduced.curves.mean) == len(reproduced.frames) - 1
     return kept
 
 
@@ -115,8 +130,7 @@ def test_shuffled_features_lose(
     mixed = [
         replace(one, features=[rng.permutation(table) for table in one.features]) for one in judged
     ]
-    settings = replace(settings_named("best"), penalties=(0.1,))
-    broken = held_out_texture.held_out_texture(reproduced, mixed, settings)
+    broken = held_out_texture.held_out_texture(reproduced, mixed, SETTINGS)
     assert found is not None and found > 0.8
     assert (patch_f1(broken.patches, truth) or 0.0) < found / 2
 
@@ -150,8 +164,7 @@ def test_no_model_judges_what_it_learnt_from(
     monkeypatch.setattr(held_out_texture, "_dataset", dataset)
     monkeypatch.setattr(held_out_texture, "learn", learn)
     monkeypatch.setattr(held_out_texture, "decision_values", decide)
-    settings = replace(settings_named("best"), penalties=(0.1,))
-    held_out_texture.held_out_texture(reproduced, judged, settings)
+    held_out_texture.held_out_texture(reproduced, judged, SETTINGS)
     assert sorted(checked) == reproduced.scored
 
 
@@ -216,12 +229,15 @@ def test_a_left_camera_alone_in_gray_without_labels(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
+    monkeypatch.setattr(slow_methods, "SLIC", ())
     (tmp_path / "gray").mkdir()
     for number in (2, 12, 13):
         frame = cv2.imread(str(reproduce_mission / "Left" / f"sim_L_{number}.jpg"), 0)
         cv2.imwrite(str(tmp_path / "gray" / f"{number}.png"), frame)
     (tmp_path / "gray" / "14.png").write_bytes(b"no picture")
     material = material_of(tmp_path / "gray")
+    name = "haralick"
+    material.__dict__["thesis"] = {name: thesis_model(name, material.ocean, material.other)}
     exhibit = curve_figures(material)
     assert material.curves.unreadable == (14,)
     assert list(material.curves.mean.index) == [12, 13]
@@ -233,6 +249,19 @@ def test_a_left_camera_alone_in_gray_without_labels(
     assert len(exhibit.plots) >= 3
 
 
+def test_a_first_frame_that_cannot_be_read_is_passed_over(
+    reproduce_mission: Path, material_of: Callable[..., Material], tmp_path: Path
+) -> None:
+    """Where any frame of the mission will do: its size, a model's golden frame."""
+    (tmp_path / "1.jpg").write_bytes(b"no picture")
+    shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "12.jpg")
+    material = material_of(tmp_path)
+    assert np.array_equal(material.any_left(), material.left(12))
+    (tmp_path / "12.jpg").write_bytes(b"no picture")
+    with pytest.raises(ToktError, match="no left frame can be read"):
+        material_of(tmp_path).any_left()
+
+
 def test_one_frame_alone_needs_another_ocean_image(
     reproduce_mission: Path, material_of: Callable[..., Material], tmp_path: Path
 ) -> None:
@@ -242,15 +271,17 @@ def test_one_frame_alone_needs_another_ocean_image(
         _ = material_of(tmp_path / "one").scored
     ocean = reproduce_mission / "Left" / "sim_L_2.jpg"
     material = material_of(tmp_path / "one", ocean=ocean)
-    (found,) = judge_frames(material.mission, [12], Judges([material.thesis["haralick"]]), 1)
+    model = thesis_model("haralick", material.ocean, material.other)
+    (found,) = judge_frames(material.mission, [12], Judges([model]), 1)
     assert found.status["haralick"] == 1
 
 
 def test_the_exhibit_tells_of_each_method(reproduced: Material, curves: Curves) -> None:
     exhibit = curve_figures(reproduced)
+    assert not any(".." in words for words in exhibit.words)
     truth = {number: reproduced.truth(number) for number in reproduced.obstacle_patches}
     for name, model in reproduced.thesis.items():
-        said = {number: model.judge(reproduced.left(number)).obstacle for number in (9, 11, 13)}
+        said = {number: model.judge(reproduced.left(number)).obstacle for number in (11,)}
         for number, patches in said.items():
             assert np.array_equal(curves.patches[name][number], patches)
         assert exhibit.numbers[f"{name}_f1"] == patch_f1(curves.patches[name], truth)
@@ -306,6 +337,32 @@ def test_nearness_follows_the_distance_and_not_another_order() -> None:
     assert with_nearness(curves, "follows") == pytest.approx(1)
     assert with_nearness(curves, "against") == pytest.approx(-1)
     assert with_nearness(curves, "flat") is None
+
+
+@pytest.mark.parametrize(
+    ("ranks", "agreement"),
+    [((0.99, 0.95), "YES"), ((0.99, 0.9), "PARTLY"), ((0.99, 0.5), "NO"), ((-0.99,), "NO")],
+)
+def test_the_worst_correlation_decides(ranks: tuple[float, ...], agreement: str) -> None:
+    assert agreement_with_distance(ranks) is Agreement[agreement]
+
+
+def test_a_model_that_learnt_from_any_frame_is_told(
+    reproduced: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From one that is not in the sample, too; and one that says nothing is not held out."""
+    number = 9
+    assert number not in reproduced.spread()
+    learnt = frame_id(pixel_sha256(reproduced.left(number)))
+    for known, words in (
+        ([learnt], "NOT held out: it learnt from 1 of these frames"),
+        ([learnt + np.uint64(1)], "none of these frames"),
+        ([], "may not be held out"),
+    ):
+        content = SimpleNamespace(trained_on=np.array(known, np.uint64))
+        bundle = SimpleNamespace(label="m/1", content=content)
+        monkeypatch.setattr("tokt.training.reproduce.curves.read_bundle", lambda _, b=bundle: b)
+        assert words in _model_method(reproduced).words
 
 
 def test_highest_is_where_the_curves_are_high_together() -> None:

@@ -10,6 +10,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pandas as pd
 import pytest
 from tokt.features.errors import ToktError
@@ -105,6 +107,7 @@ def test_the_report_needs_no_other_file(reproduced_files: tuple[Path, dict[str, 
     assert [link[1:] for link in page.links if link.startswith("#")] == ["counted", "moon"]
     assert {"counted", "moon"} <= set(page.ids)
     assert "Not made: it needs a second moon" in text
+    assert "<h3>Halves</h3>" in text
     assert "so &lt;many&gt; frames" in text and "9 &amp; more" in text
     assert re.search(r'class="partly">agrees in part</td><td>as counted', text)
 
@@ -150,12 +153,16 @@ def test_mistakes_are_one_line(
     (tmp_path / "one").mkdir()
     shutil.copy(reproduce_mission / "Left" / "sim_L_2.jpg", tmp_path / "one" / "2.jpg")
     (tmp_path / "file").write_text("", "utf-8")
-    missing = tmp_path / "missing"
+    missing, frame = tmp_path / "missing", reproduce_mission / "Left" / "sim_L_2.jpg"
+    small = tmp_path / "small.png"
+    cv2.imwrite(str(small), np.zeros((9, 16), np.uint8))
     for arguments, words in (
         ((missing, "-o", tmp_path / "a"), "does not exist"),
         ((tmp_path / "one", "-o", tmp_path / "a"), "--ocean"),
         ((reproduce_mission, "-o", tmp_path / "file"), "is not a folder"),
         ((reproduce_mission, "-o", tmp_path / "a", "--dark-mask", missing), "--dark"),
+        ((reproduce_mission, "-o", tmp_path / "a", "--dark", tmp_path / "file"), "file"),
+        ((reproduce_mission, "-o", tmp_path / "a", "--dark", frame, "--dark-mask", small), "16x9"),
         ((reproduce_mission, "-o", tmp_path / "a", "--other", missing), "missing"),
         ((reproduce_mission, "-o", tmp_path / "a", "--calibration", missing), "missing"),
         ((reproduce_mission, "-o", tmp_path / "a", "--labels", missing), "missing"),

@@ -32,6 +32,7 @@ from tokt.training.reproduce.exhibit import Agreement, Exhibit
 from tokt.training.reproduce.material import Material
 from tokt.training.reproduce.synchrony import Rows, offset_of
 from tokt.training.reproduce.thesis_disparity import margin_of, thesis_cloud
+from tokt.training.reproduce.thesis_models import thesis_model
 from tokt.training.reproduce.trend_scores import Seen, depth_trend, held_against, score
 from tokt.training.reproduce.trend_seen import seen_by_stereo
 
@@ -217,8 +218,9 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
     material: Material, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(superpixel_figure, "FEATURES", ("lbp_10_5",))
-    material.__dict__["structure"] = APART
-    material.__dict__["scored"] = [APART]
+    material.__dict__ |= {"structure": APART, "scored": [APART]}
+    model = thesis_model("lbp_10_5", material.ocean, material.other)
+    material.__dict__["thesis"] = {"lbp_10_5": model}
     trained = []
     train = SlicTexture.train
 
@@ -233,10 +235,21 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
     assert found.numbers["lbp_10_5_slic_over_grid"] > 1
     assert found.numbers["lbp_10_5_pixels_same"] > 0.85
     assert found.numbers["lbp_10_5_overlap"] > 0.5
-    turned = SlicTexture(material.thesis["lbp_10_5"].describe, Opposite(trained[0]), "turned")
+    turned = SlicTexture(model.describe, Opposite(trained[0]), "turned")
     monkeypatch.setattr(superpixel_figure.SlicTexture, "train", lambda *_: turned)
+    monkeypatch.setattr(superpixel_figure, "_plot", lambda *_: None)
     wrong = superpixel_figure.superpixel_figure(material)
     assert wrong.numbers["lbp_10_5_pixels_same"] < 0.5
+
+
+@pytest.mark.parametrize(
+    ("ratio", "agreement"), [(18.0, "YES"), (12.0, "PARTLY"), (2.7, "NO"), (0.9, "NO")]
+)
+def test_superpixels_are_as_much_slower_as_printed_or_not(ratio: float, agreement: str) -> None:
+    summaries = {name: {"slic_over_grid": ratio} for name in superpixel_figure.FEATURES}
+    claim = superpixel_figure._time_claim(summaries)
+    assert claim.agreement is Agreement[agreement]
+    assert ("not slower at all" in claim.why) == (ratio < 1)
 
 
 class Opposite:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO
 
 import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tokt.features.errors import ToktError
@@ -85,21 +83,15 @@ def material(reproduce_mission: Path, tmp_path_factory: pytest.TempPathFactory) 
 
 
 @pytest.fixture(autouse=True)
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are put together, but not drawn: that takes most of their time."""
-    monkeypatch.setattr(Figure, "savefig", lambda figure, buffer, **_: buffer.write(b"undrawn"))
+def undrawn(coarse: None, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are put together, but not even coarsely drawn where a test does not ask for it."""
+    if "drawn" not in request.fixturenames:
+        monkeypatch.setattr(Figure, "savefig", lambda figure, buffer, **_: buffer.write(b"none"))
 
 
 @pytest.fixture
-def drawn(undrawn: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def drawn() -> None:
     """Figures are drawn, coarsely."""
-
-    def coarse(figure: Figure, buffer: BinaryIO, **_: object) -> None:
-        figure.set_layout_engine("none")
-        figure.set_dpi(20)
-        FigureCanvasAgg(figure).print_png(buffer)
-
-    monkeypatch.setattr(Figure, "savefig", coarse)
 
 
 @pytest.fixture(scope="session")
@@ -306,6 +298,7 @@ def test_patch_histograms(material: Material, drawn: None, monkeypatch: pytest.M
     features = exhibit.tables[1].frame
     assert outside == ((features["structure"] > 13) | (features["structure"] < 0)).sum()
     monkeypatch.setattr("tokt.training.reproduce.patch_figures.described", shuffled)
+    monkeypatch.setattr("tokt.training.reproduce.patch_figures._plots", lambda *_: ())
     broken = patch_histograms(material)
     assert float(broken.numbers["lbp_10_5_model_roc_area"]) < 0.75
     assert float(broken.numbers["haralick_model_roc_area"]) < 0.75
