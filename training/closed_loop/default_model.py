@@ -1,7 +1,9 @@
 """The model that flies in the closed loop where none is given: trained on rendered missions.
 
-Their seeds are none of the closed loop's, and their rendering is `tokt simulate`'s, not the
-loop's: every frame that the vehicle sees is one that the model has not learnt from.
+Their seeds are none of the closed loop's: every frame that the vehicle sees is one that the model
+has not learnt from. Obstacles it knows from `tokt simulate`'s renderer alone, open water from the
+loop's own as well (`drifts`); both draw water, lamp, snow, noise and towers from the same
+distributions.
 """
 
 from __future__ import annotations
@@ -25,12 +27,16 @@ from ..presets import extractor_for, settings_named
 from ..splits import EMBARGO_FRAMES, FOLDS
 from ..tracking import log_and_register
 from ..train import TrainRequest, train
+from .drifts import write_drift
 
 NAME = "closed-loop"
 EXTRACTOR, PRESET = "haralick", "best"
 SEEDS = (900_001, 900_002, 900_003, 900_004, 900_005, 900_006)
 """Of the missions learnt from; the closed loop's runs are numbered below."""
 FRAMES = 100
+DRIFT_SEEDS = (900_101, 900_102, 900_103, 900_104, 900_105, 900_106, 900_107, 900_108)
+DRIFT_FRAMES = 60
+"""Of the open water learnt from."""
 FALSE_STATUS_RATE = 1e-5
 """An ocean frame's: a run in empty water has some 120 frames, and one in a hundred may alarm."""
 
@@ -58,13 +64,17 @@ def train_default_model(
     -------
     Bundle
     """
-    say(f"-- train a model on {len(SEEDS)} rendered missions (--model FILE spares it)")
+    count = len(SEEDS) + len(DRIFT_SEEDS)
+    say(f"-- train a model on {count} rendered missions (--model FILE spares it)")
     taxonomy = Taxonomy.load()
     with tempfile.TemporaryDirectory(prefix="tokt-closed-loop-") as name:
         folder = Path(name)
         missions = [folder / f"rendered-{seed}" for seed in SEEDS]
         for mission, seed in zip(missions, SEEDS, strict=True):
             simulate_mission(mission, seed=seed, n_frames=FRAMES, width=width)
+        for seed in DRIFT_SEEDS:
+            missions.append(folder / f"open-water-{seed}")
+            write_drift(missions[-1], seed, DRIFT_FRAMES, width)
         records = [
             record
             for mission in missions

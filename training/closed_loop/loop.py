@@ -7,7 +7,8 @@
        └──────────────── forces ── autopilot <───────────────────────────────┘
 
 Time is simulated: no frame is rendered before the verdict on the one before has come, so that a
-run is the same on any machine, however busy. What a verdict's way takes at sea is put in as
+run is the same however busy the machine is; but `fallback` goes by the wall clock where the model
+takes more than `tokt.inference.policy.LATE_S`. What a verdict's way takes at sea is put in as
 `LATENCY_S`.
 """
 
@@ -28,7 +29,7 @@ from .autopilot import STEP_S, Autopilot
 from .planner import Planner, PlannerSettings
 from .runtime_process import RuntimeProcess
 from .scenes import KINDS, Scene
-from .track import Recorder, Track
+from .track import IN_VIEW_M, Recorder, Track
 from .vehicle import HULL_RADIUS_M, Vehicle
 
 NONE = "none"
@@ -48,7 +49,6 @@ STEREO_SCALE = "1.0"
 """Of the views matched: frames are rendered as wide as the grid's picture, and are not halved."""
 EPOCH_S = 1_461_149_301.0
 """The simulated clock's time at the start, UTC: the sea trial's day."""
-IN_VIEW_M = 10.0
 
 Float = NDArray[np.float64]
 

@@ -41,9 +41,12 @@ class Outcome:
         That over the straight line between the way's ends, less 1; NaN where it did not arrive.
     time_s : float
     avoidances, false_avoidances : int
-        How often the planner began to avoid, and how often while nothing solid had been in view.
+        How often the planner began to avoid, and how often while nothing solid had been in view
+        for `FRESH_S`. What else it may have avoided while something solid was in view, is not
+        told apart.
     false_statuses : int
-        Frames judged to show an obstacle while nothing solid was in view.
+        Frames judged to show an obstacle while nothing solid was in view; with a frame rule also
+        those just after it left the view.
     frames, unknown_frames : int
     """
 

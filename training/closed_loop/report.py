@@ -20,7 +20,7 @@ from .film import animation
 from .map import still
 from .outcome import CONFIDENCE, FRESH_S, Outcome, table
 from .overview import overview
-from .track import Track
+from .track import IN_VIEW_M, Track
 from .vehicle import HULL_RADIUS_M
 
 
@@ -137,6 +137,7 @@ def _page(rows: pd.DataFrame, sections: Sequence[_Section], words: Sequence[str]
         hull_m=HULL_RADIUS_M,
         confidence=CONFIDENCE,
         fresh_s=FRESH_S,
+        in_view_m=IN_VIEW_M,
     )
 
 

@@ -61,10 +61,10 @@ class RuntimeProcess:
             try:
                 self._wait_for(server, "connect")
                 self._frames, _ = server.accept()
+                self._frames.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             except BaseException:
                 self._end()
                 raise
-        self._frames.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return self
 
     def __exit__(

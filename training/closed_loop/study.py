@@ -20,7 +20,7 @@ from .loop import METHODS, NONE, WIDTH
 from .outcome import Outcome, judge, table
 from .outlines import outlines
 from .report import Flown, write_report
-from .runs import FIRST_TUNING_SEED, RunsRequest, fly_all
+from .runs import FIRST_TUNING_SEED, RunsRequest, fly_all, uses_model
 from .scenes import KINDS, draw_scene
 
 RESULTS_FORMAT = 1
@@ -45,7 +45,7 @@ class Study:
     width : int
         Of the frames, in pixels.
     model : Path or None
-        The bundle; None trains one.
+        The bundle; None trains one, if one of the methods uses it.
     jobs : int
         Runs at a time; -1 for one a core.
     """
@@ -67,13 +67,13 @@ class Studied:
     ----------
     outcomes : list of Outcome
         By scene, method and seed, as asked.
-    model : str
-        ``name/version`` of the bundle that was flown, with its hash.
+    model : str or None
+        ``name/version`` of the bundle that was flown, with its hash; None where no method uses one.
     """
 
     study: Study
     outcomes: list[Outcome]
-    model: str
+    model: str | None
 
     @property
     def table(self) -> pd.DataFrame:
@@ -93,18 +93,29 @@ class Studied:
             "runs": [outcome.to_json() for outcome in self.outcomes],
         }
 
+    def split_words(self) -> str:
+        """Which seeds these are, and which ones were looked at before."""
+        first, last = min(self.study.seeds), max(self.study.seeds)
+        words = (
+            f"Seeds {first} to {last}; planner and scenes were worked out on seeds from "
+            f"{FIRST_TUNING_SEED} on."
+        )
+        if last >= FIRST_TUNING_SEED:
+            words += " Some of these are among them: no test."
+        return words
+
     def words(self) -> list[str]:
-        """Lines for people: one for each scene and method, and where the report is."""
+        """Lines for people: one for each scene and method, the seeds, and where the report is."""
         lines = [
             f"{row.scene:8} {row.method:10} collisions {row.collided:3d} of {row.runs}, "
             f"arrived {row.reached:3d}, false avoidance in {row.false_avoidance:3d}"
             for row in self.table.itertuples(index=False)
         ]
-        return [*lines, f"report: {self.study.out / 'report.html'}"]
+        return [*lines, self.split_words(), f"report: {self.study.out / 'report.html'}"]
 
 
 def fly_study(study: Study, progress: Progress, say: Say) -> Studied:
-    """Fly all runs and write ``report.html``, ``results.json`` and ``runs.csv``.
+    """Fly all runs and write ``model.tokt``, ``results.json`` and what `write_report` writes.
 
     Raises
     ------
@@ -116,7 +127,8 @@ def fly_study(study: Study, progress: Progress, say: Say) -> Studied:
         bundle = _bundle(study, folder, progress, say)
         tracks = fly_all(request(folder / MODEL_FILE), progress)
         outcomes = [judge(track) for track in tracks]
-        studied = Studied(study, outcomes, f"{bundle.label}, sha256 {bundle.sha256}")
+        model = None if bundle is None else f"{bundle.label}, sha256 {bundle.sha256}"
+        studied = Studied(study, outcomes, model)
         results = json.dumps(studied.to_json(), indent=1, allow_nan=False)
         (folder / "results.json").write_text(results + "\n", encoding="utf-8")
         charts = {
@@ -137,6 +149,8 @@ def _checked(study: Study) -> Callable[[Path], RunsRequest]:
     if study.out.exists():
         raise ToktError(f"{study.out} is there already; give the name of a new folder")
     check_width(study.width)
+    if study.model is not None and not any(map(uses_model, study.methods)):
+        raise ToktError(f"no model is used by {', '.join(study.methods)}: leave it out")
     if study.jobs == 0:
         raise ToktError("jobs: a number of processes, or -1 for one a core; not 0")
 
@@ -147,8 +161,10 @@ def _checked(study: Study) -> Callable[[Path], RunsRequest]:
     return request
 
 
-def _bundle(study: Study, folder: Path, progress: Progress, say: Say) -> Bundle:
-    """The model that flies, also in the study's folder."""
+def _bundle(study: Study, folder: Path, progress: Progress, say: Say) -> Bundle | None:
+    """The model that flies, also in the study's folder; none is trained that nobody uses."""
+    if not any(map(uses_model, study.methods)):
+        return None
     path = folder / MODEL_FILE
     if study.model is None:
         return train_default_model(path, study.width, progress, say, study.jobs)
@@ -164,17 +180,13 @@ def _chart(name: str, seed: int, width: int) -> Chart:
 
 def _about(studied: Studied) -> list[str]:
     """What stands over the report's table."""
-    study, seeds = studied.study, studied.study.seeds
-    trained = "trained on rendered missions, none of these scenes" if study.model is None else ""
-    tuned = (
-        f"Seeds {min(seeds)} to {max(seeds)}; planner and scenes were worked out on seeds from "
-        f"{FIRST_TUNING_SEED} on."
-    )
-    if max(seeds) >= FIRST_TUNING_SEED:
-        tuned += " Some of these are among them: no test."
+    study = studied.study
+    trained = "; trained on rendered missions of other seeds" if study.model is None else ""
+    model = "No model." if studied.model is None else f"Model {studied.model}{trained}."
     return [
-        f"Model {studied.model}{'; ' if trained else ''}{trained}. Frames {study.width} px wide.",
-        tuned,
+        f"{model} Frames {study.width} px wide.",
+        studied.split_words(),
         f"Each verdict comes from a process of tokt run by UDP v2; {NONE} is a planner that does "
-        "not listen. Time is simulated: the same seed is the same run on any machine.",
+        "not listen. Time is simulated: however busy the machine is, a seed is the same run.",
+        "The water is rendered, and the vehicle knows exactly where it is: neither holds at sea.",
     ]

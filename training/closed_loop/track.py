@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from .target import Mode
 from .vehicle import Float, State
 
+IN_VIEW_M = 10.0
+"""What is solid and farther off, along the camera's axis, counts as nothing to see."""
+
 
 @dataclass(frozen=True)
 class Track:
@@ -36,7 +39,7 @@ class Track:
     frame_status : (m,) int64
         What was said of each: 1 obstacle, 0 clear, -1 unknown or nothing.
     frame_in_view : (m,) bool
-        Whether something solid was before the camera, near enough to be seen.
+        Whether something solid was before the camera, nearer than `IN_VIEW_M`.
     avoidances_s : (k,) float64
         When the planner began to avoid.
     reached : bool

@@ -2,7 +2,7 @@
 
 The stand-in (conftest.py) is a cone of view with a likelihood of seeing by distance, a frame rule
 of three in five, and a verdict that arrives a frame late. The planner was worked out on its seeds
-from 1000 on; these are others.
+from 1000 on, and looked at once on 1 to 20: the ones here guard its rules, and measure nothing.
 """
 
 from __future__ import annotations

@@ -103,6 +103,7 @@ def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(
     assert "Flown for &lt;this&gt; test." in page and "one &lt;tower&gt;" in page
     assert "http" not in page and page.count("data:image/") == 5
     assert "0 (0.0 to 84.2 %)" in page and "1 (2.5 to 100.0 %)" in page
+    assert "than 10 m had been in the left picture for 2.5 s" in page
     assert "Seed 5: of these runs the one that came nearest" in page
     names = sorted(path.name for path in (tmp_path / "maps").iterdir())
     assert names == [

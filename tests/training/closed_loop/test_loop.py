@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tokt.features.errors import ToktError
+from tokt.labels.synthetic import tower, walls
 from tokt.labels.synthetic.eyes import Eyes
 from tokt.training.closed_loop import loop
 from tokt.training.closed_loop.loop import NONE, Flight, fly
@@ -19,13 +20,22 @@ from tokt.training.closed_loop.track import Track
 from tokt.training.closed_loop.vehicle import HULL_RADIUS_M
 
 WIDTH = 360
-SEED = 1001  # of those that were tuned on: 1 to 100 are for what is reported
+SEED = 1005  # of those that were tuned on: 1 to 100 are for what is reported
+BEGINS_S = 5.0  # long enough to begin to avoid
 
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
-def flown(name: str, method: str, seed: int = SEED) -> Track:
-    return fly(Flight(draw_scene(name, seed, WIDTH), method, None))
+def near(name: str, start_m: float = -8.0, goal_m: float = 3.0) -> Scene:
+    """A scene with less water before and behind what is there: a third of the time to fly."""
+    scene = draw_scene(name, SEED, WIDTH)
+    (east, down, _), (to_east, to_down, _) = scene.start.position, scene.goal
+    start = replace(scene.start, position=np.array([east, down, start_m]))
+    return replace(scene, start=start, goal=np.array([to_east, to_down, goal_m]))
+
+
+def flown(name: str, method: str) -> Track:
+    return fly(Flight(near(name), method, None))
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +53,7 @@ def test_a_tower_is_hit_by_who_does_not_listen_and_passed_by_who_does(avoided: T
 
 
 def test_the_same_seed_is_the_same_run(avoided: Track, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loop, "LONGEST_S", 15.0)  # long enough to begin to avoid
+    monkeypatch.setattr(loop, "LONGEST_S", BEGINS_S)
     again = flown("tower", "disparity")
     assert len(again.avoidances_s) >= 1
     for name in ("t_s", "position", "heading", "clearance_m", "frame_status", "mode"):
@@ -51,8 +61,10 @@ def test_the_same_seed_is_the_same_run(avoided: Track, monkeypatch: pytest.Monke
         assert np.array_equal(one, other[: len(one)]), name
 
 
-def test_views_that_do_not_fit_together_avoid_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The method broken on purpose: with pairs of two moments nothing may be called clear."""
+def test_views_that_do_not_fit_together_avoid_nothing(
+    avoided: Track, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The method broken on purpose: with views that show no common point nothing is avoided."""
     look = Eyes.pair
 
     def shuffled(self: Eyes, t_s: float, *pose: Any) -> Any:
@@ -60,18 +72,19 @@ def test_views_that_do_not_fit_together_avoid_nothing(monkeypatch: pytest.Monkey
         return left, np.ascontiguousarray(right[::-1])
 
     monkeypatch.setattr(Eyes, "pair", shuffled)
-    monkeypatch.setattr(loop, "LONGEST_S", 15.0)
+    monkeypatch.setattr(loop, "LONGEST_S", BEGINS_S)
     track = flown("tower", "disparity")
     assert len(track.avoidances_s) == 0 and not (track.frame_status == 1).any()
+    assert avoided.avoidances_s[0] < BEGINS_S - 1.0, "too short to say anything"
 
 
 def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = replace(draw_scene("blind", SEED, WIDTH), blind_s=(3.0, 9.0))
-    monkeypatch.setattr(loop, "LONGEST_S", 11.0)
+    start, end = 1.5, 6.5
+    scene = replace(draw_scene("blind", SEED, WIDTH), blind_s=(start, end))
+    monkeypatch.setattr(loop, "LONGEST_S", end + 1.5)
     track = fly(Flight(scene, "disparity", None))
-    start, end = 3.0, 9.0
     blind = (track.frame_t_s >= start) & (track.frame_t_s < end)
-    assert blind.sum() == 24 and (track.frame_status[blind] == -1).all()
+    assert blind.sum() == 20 and (track.frame_status[blind] == -1).all()
     held = (track.t_s > start + 0.5) & (track.t_s < end)
     assert (track.mode[held] == Mode.HOLD).all()
     stands = (track.t_s > end - 2.0) & (track.t_s < end)  # it has stopped, in the current
@@ -80,6 +93,15 @@ def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) 
     assert (track.mode[track.t_s > end + 1.0] != Mode.HOLD).any()
 
 
+@pytest.fixture
+def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solids without growth and texture, which are nothing to hit and take 0.2 s to draw."""
+    for module, names in ((tower, ("_growth", "surface_textures")), (walls, ("surface_textures",))):
+        for name in names:
+            monkeypatch.setattr(module, name, lambda *_: ())
+
+
+@pytest.mark.usefixtures("unpainted")
 @pytest.mark.parametrize("name", KINDS)
 def test_scenes_are_drawn_by_their_seed(name: str) -> None:
     first, again, other = (draw_scene(name, seed, WIDTH) for seed in (5, 5, 6))
@@ -115,7 +137,9 @@ def test_a_runtime_that_cannot_start_says_why(tmp_path: Path) -> None:
         RuntimeProcess(options) as runtime,
     ):
         runtime.judge(1, 1e9, left, None)
-    with pytest.raises(
-        ToktError, match=r"the runtime did not connect: tokt: error: unknown policy"
+    unasked = ["--policy", "texture", "--rate", "5"]
+    with (
+        pytest.raises(ToktError, match=r"did not connect: tokt: error: --rate is for recorded"),
+        RuntimeProcess(unasked),
     ):
-        RuntimeProcess(["--policy", "guess"]).__enter__()
+        pass

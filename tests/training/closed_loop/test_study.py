@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from tokt.training.closed_loop import default_model, loop
+from tokt.training.closed_loop import default_model, loop, scenes, study
 from tokt.training.closed_loop.default_model import train_default_model
 
 pytestmark = pytest.mark.xdist_group("closed_loop")
@@ -17,23 +17,29 @@ pytestmark = pytest.mark.xdist_group("closed_loop")
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The default model's own way, on one short mission."""
+    """The default model's own way, on short missions."""
     path = tmp_path_factory.mktemp("model") / "small.tokt"
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(default_model, "SEEDS", (900_001, 900_002))
-        patch.setattr(default_model, "FRAMES", 60)
+        patch.setattr(default_model, "FRAMES", 30)
+        patch.setattr(default_model, "DRIFT_SEEDS", (900_101,))
+        patch.setattr(default_model, "DRIFT_FRAMES", 8)
+        patch.setattr(default_model, "FOLDS", 2)
+        patch.setattr(default_model, "EMBARGO_FRAMES", 2)
         patch.setattr(default_model, "PRESET", "plain")
         bundle = train_default_model(path, 360, lambda items, *_: items, said.append, jobs=1)
-    assert said == ["-- train a model on 2 rendered missions (--model FILE spares it)"]
+    assert said == ["-- train a model on 3 rendered missions (--model FILE spares it)"]
     assert bundle.data == path.read_bytes() and bundle.name == default_model.NAME
+    assert "open-water-900101 8" in bundle.content.card
     return path
 
 
 def test_a_study(
     model: Path, tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop, "LONGEST_S", 20.0)  # into the tower, or beside it by then
+    monkeypatch.setattr(scenes, "START_M", -7.0)
+    monkeypatch.setattr(loop, "LONGEST_S", 13.0)  # into the tower, or beside it by then
     out = tmp_path / "out"
     command = ["simulate", out, "--closed-loop", "--scenes", "tower", "--methods", "texture,none"]
     ran = run_tokt(*command, "--seed", 1001, "--runs", 1, "--model", model, "--jobs", 1, "--json")
@@ -48,14 +54,33 @@ def test_a_study(
     assert deaf["clearance_m"] < 0 < avoided["clearance_m"]
     assert (out / "model.tokt").read_bytes() == model.read_bytes()
     assert list(pd.read_csv(out / "runs.csv").collided) == [False, True]
+    assert said["tuned_on_seeds_from"] == 1000
     page = (out / "report.html").read_text()
     assert "Some of these are among them: no test." in page
     assert 'src="http' not in page and (out / "maps" / "tower-texture.png").is_file()
 
 
+def test_methods_without_a_model_need_none_and_the_seeds_are_said(
+    tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "LONGEST_S", 0.5)
+    monkeypatch.setattr(study, "train_default_model", None)
+    about: list[str] = []
+    monkeypatch.setattr(study, "write_report", lambda *given: about.extend(given[-1]))
+    out = tmp_path / "out"
+    command = ["simulate", out, "--closed-loop", "--scenes", "empty", "--methods", "none"]
+    ran = run_tokt(*command, "--runs", 2, "--seed", 999, "--jobs", 1)
+    assert ran.code == 0, ran.err
+    split = "Seeds 999 to 1000; planner and scenes were worked out on seeds from 1000 on. Some of"
+    assert split in ran.out and about[0].startswith("No model.") and about[1].startswith(split)
+    assert json.loads((out / "results.json").read_text())["model"] is None
+    assert not (out / "model.tokt").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--methods", "disparity,none", "--model", "x.tokt"], "is used by disparity, none"),
         (["--scenes", "reef"], "unknown scene 'reef' (choose from tower,"),
         (["--scenes", "tower,tower"], "name each scene once"),
         (["--scenes", ","], "name each scene once, and at least one"),
