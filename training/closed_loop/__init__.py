@@ -1,1 +1,1 @@
-"""A vehicle, its world and its planner around the real runtime: what a verdict comes to at sea."""
+"""A vehicle, its world and its planner around the real runtime: where verdicts lead, simulated."""
