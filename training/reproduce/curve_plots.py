@@ -32,6 +32,13 @@ def _draw(axes: Any, values: pd.Series, sampled: bool, label: str, color: str) -
     axes.plot(numbers, values.reindex(numbers), lw=1.3, color=color, label=label)
 
 
+def _finish(axes: Any, kind: str, curves: Curves, labels: Mapping[int, int]) -> None:
+    """Whose curves these are, where the labels have an obstacle, and which curve is which."""
+    axes.set_title(kind, loc="left", fontsize=9)
+    _shade(axes, [n for n, count in labels.items() if count], list(labels), curves.mean.index)
+    axes.legend(loc="upper left", fontsize=7)
+
+
 def _shade(axes: Any, obstacle: Sequence[int], labelled: Sequence[int], every: pd.Index) -> None:
     """Gray where an obstacle is labelled, hatched where nothing is."""
     top = axes.get_ylim()[1]
@@ -72,9 +79,7 @@ def sequence(curves: Curves, labels: Mapping[int, int], firsts: Mapping[str, int
         axes.axhline(STATUS_MEAN_THRESHOLD, color="crimson", lw=0.8)
         axes.set_ylim(0, 255)
         axes.set_ylabel("mean of the mask")
-        axes.set_title(kind, loc="left", fontsize=9)
-        _shade(axes, [n for n, count in labels.items() if count], list(labels), curves.mean.index)
-        axes.legend(loc="upper left", fontsize=7)
+        _finish(axes, kind, curves, labels)
     all_axes[-1].set_xlabel("frame (dotted: first detection; red: status threshold 0.345)")
     return figure
 
@@ -94,9 +99,7 @@ def normalised(curves: Curves, labels: Mapping[int, int]) -> Figure:
             _draw(axes, near / near.max(), False, "1 / distance (stereo)", "black")
         axes.set_ylim(0, 1.05)
         axes.set_ylabel("share of the largest")
-        axes.set_title(kind, loc="left", fontsize=9)
-        _shade(axes, [n for n, count in labels.items() if count], list(labels), curves.mean.index)
-        axes.legend(loc="upper left", fontsize=7)
+        _finish(axes, kind, curves, labels)
     all_axes[-1].set_xlabel("frame")
     return figure
 
@@ -123,9 +126,7 @@ def zoomed(
         axes.set_ylim(0, _ZOOM_TOP)
         axes.set_xlim(max(begin, curves.mean.index.min()), min(end, curves.mean.index.max()))
         axes.set_ylabel("mean of the mask")
-        axes.set_title(kind, loc="left", fontsize=9)
-        _shade(axes, [n for n, count in labels.items() if count], list(labels), curves.mean.index)
-        axes.legend(loc="upper left", fontsize=7)
+        _finish(axes, kind, curves, labels)
     all_axes[-1].set_xlabel("frame (dotted, and in the legend: first detection)")
     return figure
 
