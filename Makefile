@@ -6,19 +6,35 @@ READY := $(VENV)/ready
 # mypy and import-linter do not see through an editable install's name mapping: they are shown
 # the same files under the names they are imported by.
 TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
-	ln -s $(CURDIR)/tokt/* $(VENV)/tree/tokt/ && \
+	ln -s $(CURDIR)/src/tokt/* $(VENV)/tree/tokt/ && \
 	for part in features labels training models inference; do \
 	ln -s $(CURDIR)/$$part $(VENV)/tree/tokt/$$part; done
 
-.PHONY: demo test check sanitize fuzz soak format clean
+.PHONY: demo test test-rest test-all check sanitize fuzz soak scale page-times effort fingerprint format clean
 
 demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
 
+# What a change needs: by tests/tiers.py all but these tiers, and the proof whatever its tier.
+QUICK := proof or not (browser or process or study or load or fuzz)
 # Some hundred processes are started: without bytecode on disk each compiles everything anew.
-test: export PYTHONDONTWRITEBYTECODE =
+PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 2 --dist loadgroup
+# `quick` tries a quarter of the examples of tests of properties, the same ones each time.
+EXAMPLES ?= quick
+
 test: $(READY)
-	$(BIN)/python -m pytest -q -n 2 --dist loadgroup
+	$(PYTEST) --hypothesis-profile=$(EXAMPLES) -m "$(QUICK)"
+
+# What `make test` left out.
+test-rest: $(READY)
+	$(PYTEST) -m "not ($(QUICK))"
+
+test-all: $(READY)
+	$(PYTEST)
+
+# One tier: make test-browser, test-core, test-fuzz, test-load, test-process, test-study.
+test-%: $(READY)
+	$(PYTEST) -m "$*"
 
 check: $(READY)
 	$(BIN)/ruff check .
@@ -32,41 +48,58 @@ check: $(READY)
 # until it ends is no leak.
 SANITIZED := $(VENV)/sanitized
 sanitize: $(READY)
-	rm -rf $(SANITIZED) && mkdir -p $(SANITIZED)/tokt/features
-	ln -s $(CURDIR)/tokt/* $(SANITIZED)/tokt/
+	rm -rf $(SANITIZED) && mkdir -p $(SANITIZED)/tokt/features/kernels
+	ln -s $(CURDIR)/src/tokt/* $(SANITIZED)/tokt/
 	for part in labels training models inference; do \
 		ln -s $(CURDIR)/$$part $(SANITIZED)/tokt/$$part; done
-	ln -s $(CURDIR)/features/*.py $(SANITIZED)/tokt/features/
-	$(BIN)/cython -3 --module-name tokt.features._native features/native/kernels.pyx \
+	for part in __init__.py common frames extractors; do \
+		ln -s $(CURDIR)/features/$$part $(SANITIZED)/tokt/features/$$part; done
+	ln -s $(CURDIR)/features/kernels/*.py $(SANITIZED)/tokt/features/kernels/
+	$(BIN)/cython -3 --module-name tokt.features.kernels._native features/kernels/native/kernels.pyx \
 		-o $(SANITIZED)/_native.c
-	gcc -shared -fPIC -O1 -g -ffp-contract=off -fno-omit-frame-pointer -Ifeatures/native \
+	gcc -shared -fPIC -O1 -g -ffp-contract=off -fno-omit-frame-pointer -Ifeatures/kernels/native \
 		-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all \
 		-I$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("include"))') \
-		$(SANITIZED)/_native.c -lm -o $(SANITIZED)/tokt/features/_native$$($(BIN)/python \
+		$(SANITIZED)/_native.c -lm -o $(SANITIZED)/tokt/features/kernels/_native$$($(BIN)/python \
 		-c 'import sysconfig; print(sysconfig.get_config_var("EXT_SUFFIX"))')
 	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so)" \
 		ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONMALLOC=malloc \
 		PYTHONPATH=$(CURDIR)/$(SANITIZED) PYTHONSAFEPATH=1 TOKT_KERNELS=compiled \
-		$(BIN)/python -m pytest -q tests/features/test_kernels.py tests/features/test_area.py \
-		tests/features/test_pictures.py tests/features/test_textures.py \
-		tests/features/test_block_matching.py
+		$(BIN)/python -m pytest -q tests/features/kernels
 
-# Half an hour and more: 10^5 changed bundles, 10^5 changed calibrations, labels and settings.
+# Half an hour and more: 10^5 changed bundles, 10^5 changed calibrations, labels and settings. An
+# input that failed, crashed or hung lies in build/fuzz, in cwd/case of its kind's folder.
 fuzz: $(READY)
-	$(BIN)/python -m tests.fuzz
+	mkdir -p build
+	TOKT_FUZZ_EXAMPLES=$${TOKT_FUZZ_EXAMPLES:-100000} $(BIN)/python -m pytest -q tests/fuzz -n 2 \
+		--dist worksteal --timeout=0 --show-capture=no --basetemp=build/fuzz
 
 # 10^6 frames through the whole loop, with everything around it; on a machine that does nothing else.
 soak: $(READY)
-	$(BIN)/tokt bench --soak
+	$(BIN)/python -m tests.load soak
+
+# What training costs on 10^4 to 10^6 patches; the labelling page's waiting times; its effort.
+scale: $(READY)
+	$(BIN)/python -m tests.load scale
+
+page-times: $(READY)
+	$(BIN)/python -m tests.load page
+
+effort: $(READY)
+	$(BIN)/python -m tests.load page --no-times --effort
+
+# Whether a restructuring left what users and files see as it was: four minutes, on the real mission.
+fingerprint: $(READY)
+	$(BIN)/python -m tests.fingerprint $(ARGS)
 
 format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-$(READY): pyproject.toml constraints.txt $(wildcard features/native/*.h features/native/*.pyx)
+$(READY): pyproject.toml setup.py constraints.txt $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo-out bench-out build *.egg-info features/_native.*.so features/native/*.c
+	rm -rf $(VENV) demo-out bench-out build src/*.egg-info features/kernels/_native.*.so features/kernels/native/*.c

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tokt.features.mission import open_mission
-from tokt.labels.label_csv import read_label_csv
+
+from tokt.features.frames.mission import open_mission
+from tokt.inference.policy.policy import judge_image
+from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
-from tokt.models.store import Store
-from tokt.training.pictures import draw, judge
+from tokt.models.store.store import Store
+from tokt.training.evaluation.pictures import beside_labels, draw
 
 
 def main(out: Path) -> None:
@@ -26,7 +28,9 @@ def main(out: Path) -> None:
     for entry in (seen[len(seen) // 4], seen[-len(seen) // 3]):
         image = mission.read(entry["frame"])
         said = [record for record in records if record.frame == entry["frame"]]
-        views.append(draw(judge(bundle, image, said, taxonomy), bundle.grid))
+        judged = judge_image(bundle, image)
+        shown = beside_labels(bundle, image, judged.decision_values, judged.verdict, said, taxonomy)
+        views.append(draw(shown, bundle.grid))
     picture = cv2.resize(np.vstack(views), None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(Path(__file__).parent / "demo.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 82])
 

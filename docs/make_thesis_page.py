@@ -9,7 +9,7 @@ import json
 import sys
 from pathlib import Path
 
-from tokt.training.reproduce.thesis_page import write_thesis_page
+from tokt.studies.thesis.page import write_thesis_page
 
 RESULTS = "results.json"
 

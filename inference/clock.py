@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+Result = TypeVar("Result")
 
 
 class Clock(Protocol):
@@ -20,3 +23,31 @@ class Clock(Protocol):
 
 
 SYSTEM_CLOCK: Clock = time
+
+
+class Stopwatch(Protocol):
+    """Times calls."""
+
+    def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
+        """Call it; what it gave, and the seconds to go by."""
+
+
+class ClockStopwatch:
+    """Times calls by a clock.
+
+    Parameters
+    ----------
+    clock : Clock
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
+        """Call it; what it gave, and how many seconds it took."""
+        start = self._clock.monotonic()
+        result = call()
+        return result, self._clock.monotonic() - start
+
+
+SYSTEM_STOPWATCH = ClockStopwatch(SYSTEM_CLOCK)

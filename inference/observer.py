@@ -1,37 +1,15 @@
-"""Observers: what looks on while the runtime works, and never has a say in it."""
+"""Observers receive every report and cannot affect verdicts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from .events import Event
 
 if TYPE_CHECKING:
-    from .policy import Judgement
+    from .frame import Frame
+    from .policy.policy import Judgement
     from .report import Report
-    from .sources import Frame
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened besides frames, such as a new model.
-
-    Parameters
-    ----------
-    t : float
-        Seconds since 1970 (UTC).
-    name : str
-        What kind, for programs: ``start``, ``model``, ``camera_lost``, ...
-    words : str
-        One line for people.
-    fields : mapping
-        JSON: the figures that belong to it.
-    """
-
-    t: float
-    name: str
-    words: str
-    fields: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Observer:

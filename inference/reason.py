@@ -1,4 +1,4 @@
-"""Why a verdict is what it is: one code of a short list, and the words that go with it."""
+"""Reasons: the codes that say why a verdict is unknown or doubtful, and the words with them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """What was not as it should be; datagrams, logs and counters carry it (docs/failsafe.md)."""
+    """Codes of what was not as it should be, as datagrams, logs and counters carry them.
+
+    docs/failsafe.md has them all.
+    """
 
     OK = "ok"
 

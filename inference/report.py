@@ -1,11 +1,13 @@
-"""One frame's report: the verdict with its number and times, as datagrams and logs carry it."""
+"""One frame's report, and the table of its fields: what datagrams, logs and metrics have of it."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
+from typing import Any, ClassVar
 
 from .verdict import Verdict
 
@@ -13,6 +15,132 @@ V2 = 2
 HEALTH_BYTES, MODEL_BYTES = 300, 420
 """Longest health text and model name that are sent or logged, in the bytes that JSON takes for
 them: any datagram fits one Ethernet frame (1472), and every model's name of ASCII is whole."""
+
+FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR = 1, 2, 3, 4
+"""Versions of the table: the first datagrams, the first logs that can be replayed, and those since
+a trend and an anchor. A new field gets a new version and stands at the end of its datagram or log
+line, where every older reader leaves it out."""
+
+
+@dataclass(frozen=True)
+class ReportField:
+    """One field of what is said about a frame; docs/udp.md and docs/observability.md explain it.
+
+    Parameters
+    ----------
+    name : str
+    kind : type
+        Its JSON type: int, float, str, bool, or list for a box of four ints.
+    filled : str
+        Where a `Report` has its value; one of log lines only, where
+        `tokt.inference.recording.frame_line` has it.
+    nullable : bool
+    unit : str
+    since : int
+        `FIRST` or later: older datagrams and logs do not have it.
+    v1, v2 : bool
+        Whether datagrams of that version have it. Logs have every field.
+    metric : str
+        What tells it among the metrics, without ``tokt_``.
+    replayed : bool
+        Whether it says what was judged, and not when: a replay compares it.
+    max_bytes : int
+        Where its text is cut, if it is.
+    """
+
+    name: str
+    kind: type
+    filled: str
+    nullable: bool = True
+    unit: str = ""
+    since: int = FIRST
+    v1: bool = False
+    v2: bool = True
+    metric: str = ""
+    replayed: bool = False
+    max_bytes: int = 0
+
+    def as_json(self, value: Any) -> Any:
+        """A value as JSON has it: not a number that is not finite, of a long text the beginning."""
+        if value is None:
+            return None
+        if self.kind is float:
+            return value if math.isfinite(value) else None
+        if self.kind is list:
+            return list(value)
+        return _cut(value, self.max_bytes) if self.max_bytes else value
+
+
+def _verdict(name: str, kind: type, **more: Any) -> ReportField:
+    """What a replay compares."""
+    return ReportField(name, kind, more.pop("filled", f"verdict.{name}"), replayed=True, **more)
+
+
+def _log(name: str, kind: type, filled: str, **more: Any) -> ReportField:
+    """What only log lines have."""
+    return ReportField(name, kind, filled, since=REPLAYABLE, v2=False, **more)
+
+
+FIELDS = (
+    ReportField("v", int, "v", nullable=False),
+    ReportField("seq", int, "seq", nullable=False),
+    ReportField("t", float, "t", unit="s"),
+    _verdict("status", int, nullable=False, v1=True, metric="status"),
+    _verdict("x", int, unit="px", v1=True),
+    _verdict("y", int, unit="px", v1=True),
+    _verdict("box", list, unit="px"),
+    _verdict("mean", float, v1=True),
+    _verdict("distance_m", float, unit="m"),
+    _verdict("method", str, nullable=False),
+    _verdict("model", str, metric="model_info", max_bytes=MODEL_BYTES),
+    ReportField("latency_ms", float, "latency_ms", unit="ms", metric="verdict_latency_seconds"),
+    _verdict("health", str, nullable=False, max_bytes=HEALTH_BYTES),
+    _verdict("closing_m_s", float, unit="m/s", since=REPLAYABLE),
+    _verdict("contact_s", float, unit="s", since=REPLAYABLE),
+    _verdict(
+        "reason",
+        str,
+        filled="verdict.reason.value",
+        nullable=False,
+        since=REPLAYABLE,
+        metric="verdicts_total",
+    ),
+    ReportField(
+        "age_ms", float, "age_ms", unit="ms", since=REPLAYABLE, metric="datagram_age_seconds"
+    ),
+    _verdict("trend", str, since=WITH_TREND),
+    _verdict("trend_confidence", float, since=WITH_TREND),
+    _verdict("expansion_contact_s", float, unit="s", since=WITH_TREND),
+    _verdict("anchor_x", float, since=WITH_ANCHOR),
+    _verdict("anchor_y", float, since=WITH_ANCHOR),
+    _verdict("anchor_size", float, since=WITH_ANCHOR),
+    _log("run", str, "run", nullable=False),
+    _log("frame", int, "report.frame"),
+    _log("missed", int, "frame.missed", nullable=False, metric="frames_missed_total"),
+    _log("left_out", int, "report.left_out", nullable=False, metric="frames_left_out_total"),
+    _log("timed", bool, "frame.timed", nullable=False),
+    _log("texture_s", float, "judgement.texture_s", unit="s"),
+    _log("left", str, "left", nullable=False),
+    _log("right", str, "right", nullable=False),
+)
+"""All of them, in the order in which they are written."""
+V1_FIELDS = tuple(each for each in FIELDS if each.v1)
+V2_FIELDS = tuple(each for each in FIELDS if each.v2)
+LOG_ONLY = tuple(each for each in FIELDS if not each.v2)
+
+
+def filler(of: Sequence[ReportField]) -> Callable[[Any], dict[str, Any]]:
+    """What turns an object that has the values of some fields into these, JSON."""
+    values_of = attrgetter(*(each.filled for each in of))
+
+    def fill(told: Any) -> dict[str, Any]:
+        values = zip(of, values_of(told), strict=True)
+        return {each.name: each.as_json(value) for each, value in values}
+
+    return fill
+
+
+_v2 = filler(V2_FIELDS)
 
 
 @dataclass(frozen=True)
@@ -45,39 +173,11 @@ class Report:
     verdict: Verdict
     age_ms: float | None = None
     left_out: int = 0
+    v: ClassVar[int] = V2
 
     def fields(self) -> dict[str, Any]:
-        """The fields of UDP v2 (docs/udp.md); a number that is not finite becomes None."""
-        verdict = self.verdict
-        return {
-            "v": V2,
-            "seq": self.seq,
-            "t": _finite(self.t),
-            "status": verdict.status,
-            "x": verdict.x,
-            "y": verdict.y,
-            "box": None if verdict.box is None else list(verdict.box),
-            "mean": _finite(verdict.mean),
-            "distance_m": _finite(verdict.distance_m),
-            "method": verdict.method,
-            "model": None if verdict.model is None else _cut(verdict.model, MODEL_BYTES),
-            "latency_ms": _finite(self.latency_ms),
-            "health": _cut(verdict.health, HEALTH_BYTES),
-            "closing_m_s": _finite(verdict.closing_m_s),
-            "contact_s": _finite(verdict.contact_s),
-            "reason": verdict.reason.value,
-            "age_ms": _finite(self.age_ms),
-            "trend": verdict.trend,
-            "trend_confidence": _finite(verdict.trend_confidence),
-            "expansion_contact_s": _finite(verdict.expansion_contact_s),
-            "anchor_x": _finite(verdict.anchor_x),
-            "anchor_y": _finite(verdict.anchor_y),
-            "anchor_size": _finite(verdict.anchor_size),
-        }
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+        """The fields of UDP v2 (docs/udp.md)."""
+        return _v2(self)
 
 
 def _cut(text: str, most: int) -> str:

@@ -1,4 +1,4 @@
-"""The loop: a frame in, a verdict out to every receiver, then to whoever looks on.
+"""The loop: a frame in, a verdict out to every receiver, then to the observers.
 
 docs/failsafe.md has the states it can be in, and what each fault comes to.
 """
@@ -12,17 +12,17 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from .announcer import Announcer
+from tokt.inference.frame_checks.stuck_frame import StuckFrameDetector
+from tokt.inference.policy.policy import Policy
+from tokt.inference.sources.latest_frame import FrameBuffer, frame_buffer_for
+
 from .clock import Clock
-from .event_queue import EventQueue
-from .frozen import FrozenWatch
-from .intake import Intake, intake_of
-from .limits import Limits
-from .observer import Event, Observer
-from .policy import Policy
+from .config import Limits
+from .events import Event, EventQueue
+from .frame import Frame, Source
+from .observer import Observer
+from .publisher import ReportPublisher, Sender
 from .report import Report
-from .sources import Frame, Source
-from .udp import Sender
 from .verdict import STATUS_WORDS
 
 POLL_S = 0.1
@@ -34,7 +34,7 @@ TICK_S = 0.05
 
 @dataclass
 class Summary:
-    """What a run came to.
+    """A run in numbers, as it ends.
 
     Parameters
     ----------
@@ -137,9 +137,9 @@ class Runtime:
         self._events = EventQueue() if events is None else events
         self._between = between
         self._alive = alive
-        self._frozen = FrozenWatch(self.limits)
-        self._announcer = Announcer(senders, clock, self.limits, source.live)
-        self._heart_beats: Callable[[], bool] = lambda: True
+        self._stuck_frames = StuckFrameDetector(self.limits)
+        self._publisher = ReportPublisher(senders, clock, self.limits, source.live)
+        self._heartbeat_alive: Callable[[], bool] = lambda: True
 
     def run(self) -> Summary:
         """Go on until the source ends or is stopped.
@@ -152,55 +152,55 @@ class Runtime:
         """
         summary = Summary()
         start = self.clock.monotonic()
-        intake = intake_of(self.source)
+        buffer = frame_buffer_for(self.source)
         try:
-            with self._heart():
-                while not intake.ended:
-                    self._round(intake, summary)
+            with self._heartbeat_thread():
+                while not buffer.ended:
+                    self._round(buffer, summary)
                     summary.seconds = self.clock.monotonic() - start
-            self._pass_heartbeats(summary)
+            self._tell_heartbeats(summary)
         finally:
-            intake.close()
-            self._tell(self._events.take())
-        summary.dropped = intake.dropped
+            buffer.close()
+            self._tell_events(self._events.take())
+        summary.dropped = buffer.dropped
         summary.sent = sum(sender.sent for sender in self.senders)
         summary.send_failures = sum(sender.failed for sender in self.senders)
         return summary
 
-    def _tell(self, events: Sequence[Event]) -> None:
+    def _tell_events(self, events: Sequence[Event]) -> None:
         for event in events:
             for observer in self.observers:
                 observer.event(event)
 
-    def _round(self, intake: Intake, summary: Summary) -> None:
-        if not self._heart_beats():
+    def _round(self, buffer: FrameBuffer, summary: Summary) -> None:
+        if not self._heartbeat_alive():
             raise RuntimeError("the heartbeat has failed: nobody would say that the loop hangs")
         self._alive()
-        self._tell(self._events.take())
-        self._tell(self._between())
-        frame = intake.take(POLL_S)
-        self._pass_heartbeats(summary)
+        self._tell_events(self._events.take())
+        self._tell_events(self._between())
+        frame = buffer.take(POLL_S)
+        self._tell_heartbeats(summary)
         if frame is not None:
-            self._judge(frame, intake.left_out, summary)
+            self._judge(frame, buffer.left_out, summary)
 
     def _judge(self, frame: Frame, left_out: int, summary: Summary) -> None:
-        self._announcer.take_up(frame)
-        frame = self._frozen.look(frame)
+        self._publisher.begin(frame)
+        frame = self._stuck_frames.remove(frame)
         judgement = self.policy.judge(frame)
-        report = self._announcer.say(frame, judgement, left_out)
+        report = self._publisher.publish(frame, judgement, left_out)
         summary.add(report)
-        self._pass_heartbeats(summary)
+        self._tell_heartbeats(summary)
         for observer in self.observers:
             observer.judged(frame, judgement, report)
 
-    def _pass_heartbeats(self, summary: Summary) -> None:
-        for report in self._announcer.heartbeats():
+    def _tell_heartbeats(self, summary: Summary) -> None:
+        for report in self._publisher.heartbeats():
             summary.heartbeats += 1
             for observer in self.observers:
                 observer.heartbeat(report)
 
     @contextmanager
-    def _heart(self) -> Iterator[None]:
+    def _heartbeat_thread(self) -> Iterator[None]:
         """Let a thread say unknown where the loop says nothing for too long, in real time."""
         if not self.source.live:
             yield
@@ -209,11 +209,11 @@ class Runtime:
 
         def beat() -> None:
             while not stopped.wait(TICK_S):
-                self._announcer.heartbeat()
+                self._publisher.heartbeat()
 
         thread = threading.Thread(target=beat, name="tokt heartbeat", daemon=True)
         thread.start()
-        self._heart_beats = thread.is_alive
+        self._heartbeat_alive = thread.is_alive
         try:
             yield
         finally:

@@ -23,7 +23,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models import operating_point
+from tokt.models import operating_point
+
 from .reason import Fault, Reason
 
 OBSTACLE, CLEAR, UNKNOWN = operating_point.OBSTACLE, operating_point.CLEAR, operating_point.UNKNOWN
@@ -76,9 +77,10 @@ class Verdict:
     trend_confidence : float or None
         How sure that is, 0.5..1.
     expansion_contact_s : float or None
-        Seconds until what is seen is reached, from how the mean grows (`tokt.inference.trend`).
+        Seconds until what is seen is reached, from how the mean grows
+        (`tokt.inference.policy.trend`).
     anchor_x, anchor_y, anchor_size : float or None
-        How far what is seen is from where it is to be held (`tokt.inference.anchor`).
+        How far what is seen is from where it is to be held (`tokt.inference.policy.anchor`).
     """
 
     status: int
@@ -103,7 +105,7 @@ class Verdict:
 
 
 def health_of(*words: str) -> str:
-    """What is not as it should be, one thing after the other; `HEALTHY` where nothing is."""
+    """The health text: what is not as it should be, joined by semicolons; `HEALTHY` if nothing."""
     return "; ".join(part for part in words if part not in ("", HEALTHY)) or HEALTHY
 
 

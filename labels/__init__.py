@@ -1,1 +1,1 @@
-"""What people say about patches: taxonomy, label store and files, agreement, synthetic missions."""
+"""Labels of patches: taxonomy, records, the label store, file formats, agreement, and the page."""

@@ -1,4 +1,4 @@
-"""How well two annotators agree on the patches that both labelled."""
+"""Agreement of two annotators on the patches that both labelled."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
+
 from .record import HUMAN, Cell, LabelRecord
 from .taxonomy import UNSURE, Taxonomy
 

@@ -1,4 +1,4 @@
-"""One label a patch out of several annotators' labels, as a dataset needs it."""
+"""Merging several annotators' labels into one label a patch, as a dataset needs it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from .taxonomy import UNSURE
 
 
 @dataclass(frozen=True)
-class Merged:
-    """What `merge_annotators` found.
+class MergeResult:
+    """The result of `merge_annotators`.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Merged:
     conflicts: list[Cell]
 
 
-def merge_annotators(records: Iterable[LabelRecord]) -> Merged:
+def merge_annotators(records: Iterable[LabelRecord]) -> MergeResult:
     """Merge the labels in force of any number of annotators.
 
     A patch that one annotator labelled keeps that record. Where all who are sure agree, their
@@ -56,7 +56,7 @@ def merge_annotators(records: Iterable[LabelRecord]) -> Merged:
             conflicts.append(cell)
         label = sure.pop() if len(sure) == 1 else UNSURE
         merged.append(_merge(settled + [r for r in said if r.source != SETTLED], label))
-    return Merged(merged, conflicts)
+    return MergeResult(merged, conflicts)
 
 
 def _merge(said: list[LabelRecord], label: str | None) -> LabelRecord:

@@ -1,4 +1,4 @@
-"""One thing said about one patch: the label record."""
+"""The label record: one thing said about one patch."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from typing import NamedTuple
 
-from ..features.errors import ToktError
-from ..features.grid import Grid
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 
 HUMAN, MODEL, SETTLED = "human", "model", "settled"
 SOURCES = (HUMAN, MODEL, SETTLED)

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 FORMAT = 1
 """Format of taxonomy files. Raise it when an older `tokt` would misread a newer file."""

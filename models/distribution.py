@@ -1,4 +1,4 @@
-"""How a model's training features were distributed, and how far the frames of a run may be from it.
+"""The distribution of a model's training features, and the distance a run's frames may have to it.
 
 The distance of a feature is Kolmogorov and Smirnov's: the largest difference between two
 cumulative distributions, here at `BINS` - 1 quantiles of the training patches, which is at most
@@ -32,12 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 BINS = 32
-LEAST_TYPICAL = 1 / BINS
+MIN_TYPICAL = 1 / BINS
 """A feature's typical distance counts as at least what `BINS` - 1 quantiles resolve."""
-LARGEST_WINDOW_FRAMES = 60
-LEAST_STRETCHES = 3
+MAX_WINDOW_FRAMES = 60
+MIN_STRETCHES = 3
 """With fewer stretches held back, the largest distance seen says next to nothing."""
-_MOST = 2**53  # counts that a float64 holds exactly
+_MAX_EXACT = 2**53  # counts that a float64 holds exactly
 _SAME = 1e-9
 """Values this close are one value: other kernels may differ in the last digits."""
 
@@ -53,7 +53,7 @@ class Distribution:
     counts : array of int64, shape (dim, BINS)
         Training patches in each bin; bin k ends with, and holds, edge k.
     typical : array of float64, shape (dim,)
-        Mean distance of the held-back windows, at least `LEAST_TYPICAL`.
+        Mean distance of the held-back windows, at least `MIN_TYPICAL`.
     factor : float
         The largest distance of any feature in any held-back window, as a multiple of that
         feature's typical one.
@@ -87,18 +87,18 @@ class Distribution:
             raise ValueError("a distribution's values are float64, its counts int64")
         if not np.isfinite(self.edges).all() or (self.edges[:, 1:] < self.edges[:, :-1]).any():
             raise ValueError("a distribution's edges are finite and rise")
-        if (self.counts < 0).any() or (self.counts > _MOST // BINS).any():
+        if (self.counts < 0).any() or (self.counts > _MAX_EXACT // BINS).any():
             raise ValueError("a distribution's counts are out of their bounds")
         sums = self.counts.sum(axis=1)
         if sums[0] < 1 or (sums != sums[0]).any():
             raise ValueError("a distribution counts the same patches for each feature")
-        if not ((self.typical >= LEAST_TYPICAL) & (self.typical <= 1)).all():
-            raise ValueError(f"typical distances are {LEAST_TYPICAL} to 1")
+        if not ((self.typical >= MIN_TYPICAL) & (self.typical <= 1)).all():
+            raise ValueError(f"typical distances are {MIN_TYPICAL} to 1")
         if not 1 <= self.factor <= BINS:
             raise ValueError(f"the factor of a distribution's limits is 1 to {BINS}")
-        if not 1 <= self.window_frames <= LARGEST_WINDOW_FRAMES:
-            raise ValueError(f"a window spans 1 to {LARGEST_WINDOW_FRAMES} frames")
-        if not LEAST_STRETCHES <= self.stretches <= self.windows <= _MOST:
+        if not 1 <= self.window_frames <= MAX_WINDOW_FRAMES:
+            raise ValueError(f"a window spans 1 to {MAX_WINDOW_FRAMES} frames")
+        if not MIN_STRETCHES <= self.stretches <= self.windows <= _MAX_EXACT:
             raise ValueError("a distribution's windows and stretches are out of their bounds")
 
     @property

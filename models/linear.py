@@ -1,8 +1,9 @@
-"""The linear model: one matrix product from features to decision values, and what they mean."""
+"""The linear model: one matrix product from features to decision values."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +76,36 @@ class LinearModel:
         weights = np.asarray(coef / scale, np.float64)
         bias = np.asarray(intercept - weights @ mean, np.float64)
         return cls(weights, bias, np.asarray(thresholds, np.float64), classes, obstacle)
+
+    @classmethod
+    def from_pipeline(
+        cls,
+        pipeline: Any,
+        thresholds: NDArray[np.float64],
+        classes: tuple[str, ...],
+        obstacle: tuple[bool, ...],
+    ) -> LinearModel:
+        """A fitted scikit-learn pipeline, its scaler folded into its classifier.
+
+        Parameters
+        ----------
+        pipeline : sklearn.pipeline.Pipeline
+            With a step ``svc`` and, where features are scaled, a step ``scaler``. Only its fitted
+            arrays are read: scikit-learn need not be there.
+        thresholds, classes, obstacle
+            As in `LinearModel`.
+        """
+        svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
+        dim = svc.coef_.shape[1]
+        return cls.fold(
+            svc.coef_,
+            svc.intercept_,
+            np.zeros(dim) if scaler is None else scaler.mean_,
+            np.ones(dim) if scaler is None else scaler.scale_,
+            thresholds,
+            classes,
+            obstacle,
+        )
 
     @property
     def dim(self) -> int:

@@ -6,6 +6,7 @@ import csv
 import io
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
@@ -26,25 +27,63 @@ import numpy as np
 import pandas as pd
 import pytest
 import typer.main
+from _pytest.mark.expression import Expression
+from hypothesis import settings
 from numpy.typing import NDArray
-from tokt.features.grid import Grid
-from tokt.labels.taxonomy import Taxonomy
-from tokt.training.dataset import DatasetPlan, DatasetVersion, FrameSource, build_dataset
 
+from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.cli import main
+from tokt.features.frames.grid import Grid
+from tokt.labels.taxonomy import Taxonomy
+from tokt.training.datasets.dataset import DatasetPlan, DatasetVersion, FrameSource, build_dataset
 
 # Hundreds of tests call the command line in this process: it is put together once.
 typer.main.get_command = cache(typer.main.get_command)
 
-MISSION = Path(
-    os.environ.get(
-        "TOKT_MISSION", Path(__file__).parents[1] / ".." / "shared" / "mission" / "approach"
-    )
-)
+ROOT = Path(__file__).resolve().parents[1]
+MISSION = Path(os.environ.get("TOKT_MISSION", ROOT / ".." / "shared" / "mission" / "approach"))
 PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x272 frame
 TINY_FRAMES = 40
 TINY_BLOCK = 4
 LABEL_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """One Hypothesis profile a tier; all examples unless the command line wants few."""
+    register_profiles(config.getoption("--hypothesis-profile") or "full")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out what a run of some tiers has no test of: importing it takes longer than most tests.
+
+    A file of the core may hold tests that are marked with another tier.
+    """
+    chosen = config.option.markexpr
+    if not chosen or collection_path.suffix != ".py" or tier_of(collection_path) is CORE:
+        return None
+    names = {tier_of(collection_path).name, *(["proof"] if is_proof(collection_path) else [])}
+    kept = Expression.compile(chosen).evaluate(lambda name, **_: name in names)
+    return None if kept else True
+
+
+def pytest_collectstart(collector: pytest.Collector) -> None:
+    """A module's own settings are made as it is imported: of its tier's profile."""
+    if isinstance(collector, pytest.Module):
+        settings.load_profile(tier_of(collector.path).name)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark each test with the tier of its folder, unless it is marked with another one."""
+    for item in items:
+        if not any(item.get_closest_marker(tier.name) for tier in TIERS):
+            item.add_marker(tier_of(item.path).name)
+        if is_proof(item.path):
+            item.add_marker("proof")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """What a test does not set itself comes from its tier's profile too."""
+    settings.load_profile(tier_of(item.path).name)
 
 
 @pytest.fixture(scope="session")
@@ -53,6 +92,33 @@ def mission_dir() -> Path:
     if not (MISSION / "Left").is_dir():
         pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
     return MISSION
+
+
+@pytest.fixture(scope="session")
+def git_files() -> list[str]:
+    """What git holds of the checkout, or would once all is added; empty without git."""
+    git = shutil.which("git")
+    if git is None:
+        return []
+    words = (git, "ls-files", "-z", "--cached", "--others", "--exclude-standard")
+    listed = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    return sorted({name for name in listed.stdout.split("\0") if (ROOT / name).is_file()})
+
+
+@pytest.fixture(scope="session")
+def wheel(git_files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """tokt as a wheel, built from a copy: what an older build left behind would come along."""
+    source, built = ROOT, tmp_path_factory.mktemp("wheel")
+    if git_files:
+        source = tmp_path_factory.mktemp("copy")
+    for name in git_files:
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, source / name)
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
+    options = ("--no-build-isolation", "--no-deps", "--wheel-dir", built, source)
+    done = subprocess.run([*pip, *options], capture_output=True, text=True, check=False, cwd=built)
+    assert done.returncode == 0, done.stderr
+    return next(built.glob("tokt-*.whl"))
 
 
 def tower_cells(frame: int) -> list[tuple[int, int]]:
@@ -134,13 +200,13 @@ class Ran:
     err: str
 
 
-def call_tokt(*arguments: object) -> Ran:
+def call_tokt(*arguments: object, program: Callable[[], None] = main) -> Ran:
     """Run the command line in this process."""
     out, err, before = io.StringIO(), io.StringIO(), sys.argv
     sys.argv = ["tokt", *map(str, arguments)]
     try:
         with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as ended:
-            main()
+            program()
     finally:
         sys.argv = before
     code = ended.value.code
@@ -163,8 +229,9 @@ import mlflow.store.model_registry.sqlalchemy_store, mlflow.store.tracking.sqlal
 import mlflow.store.model_registry.sqlalchemy_workspace_store
 import mlflow.store.tracking.sqlalchemy_workspace_store
 import pyarrow.dataset, pyarrow.parquet, sqlalchemy.dialects.sqlite
-import tokt.labels.store, tokt.models.load, tokt.training.evaluate
-import tokt.training.mission_source, tokt.training.search.search, tokt.training.tracking
+import tokt.labels.store.store, tokt.models.registry.load, tokt.training.evaluation.evaluate
+import tokt.training.datasets.mission_source, tokt.training.fitting.tracking
+import tokt.training.search.search
 """
 
 

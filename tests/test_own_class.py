@@ -17,8 +17,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.labels.label_csv import read_label_csv
+
+from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import load_taxonomy
+
+pytestmark = pytest.mark.xdist_group("own_class")  # what they share is made once
 
 GRID, WIDTH, HEIGHT, CELLS = "4x4@96", 96, 72, 4
 WATER, KELP, PIPELINE = "water", "kelp", "pipeline"

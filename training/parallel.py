@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import joblib
 from threadpoolctl import ThreadpoolController
 
-from .. import __version__
-from ..features.errors import ToktError
-from ..features.kernels import KERNELS
+from tokt import __version__
+from tokt.features.common.errors import ToktError
+from tokt.features.kernels.dispatch import KERNELS
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -35,7 +35,7 @@ _REACHED_S = 5.0
 _WORKER_S = 10.0
 _BATCHES_A_THREAD = 4  # in flight: enough to hide the way to a worker, few enough to hold
 _BATCH_S = 0.2  # a batch worth the way, which is some 10 ms
-_LARGEST_BATCH = 64
+_MAX_BATCH = 64
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "scipy")
 
 
@@ -194,7 +194,7 @@ def _in_order(
                 return
             results, seconds = waiting.popleft().result()
             if seconds < _BATCH_S / 2:
-                size = min(2 * size, _LARGEST_BATCH)
+                size = min(2 * size, _MAX_BATCH)
             yield from results
     finally:
         for future in waiting:

@@ -1,4 +1,4 @@
-"""One spelling of a JSON value, so that equal values have equal hashes."""
+"""Canonical JSON and its SHA-256: equal values have equal text and equal hashes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The one error type that a user's own input can cause."""
+"""ToktError, the one error that a user's own input can cause."""
 
 from __future__ import annotations
 
-LONGEST_MESSAGE = 800
+MAX_MESSAGE = 800
 """Characters. Files may hold names of any length: of a longer message the middle is left out."""
 _CUT = " ... "
 
@@ -34,10 +34,10 @@ def _one_line(text: str) -> str:
 
 
 def _cut(text: str) -> str:
-    if len(text) <= LONGEST_MESSAGE:
+    if len(text) <= MAX_MESSAGE:
         return text
-    head = LONGEST_MESSAGE * 3 // 4
-    return text[:head] + _CUT + text[len(text) - (LONGEST_MESSAGE - head - len(_CUT)) :]
+    head = MAX_MESSAGE * 3 // 4
+    return text[:head] + _CUT + text[len(text) - (MAX_MESSAGE - head - len(_CUT)) :]
 
 
 def _printable(sign: str) -> str:

@@ -1,4 +1,4 @@
-"""What an examination of an installation, a store or a file found, for `tokt doctor`."""
+"""Findings: the lines of `tokt doctor` about an installation, a store or a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a program runs on: processor, system, and versions of the libraries that compute."""
+"""Facts of the machine: processor, system, and versions of the libraries that compute."""
 
 from __future__ import annotations
 

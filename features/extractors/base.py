@@ -1,4 +1,4 @@
-"""What every extractor is: a frame and a grid in, one feature row a patch out."""
+"""The interface of all extractors: a frame and a grid in, one feature row a patch out."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.quantization import Quantization
+
 from .frame_pictures import FramePictures
-from .grid import Grid
-from .levels import Levels
 
 SPEC_VERSION = 1
 PLAIN_IMAGE = {"resize": "area", "gray": "bt601"}
 
 
 class Extractor(Protocol):
-    """What turns a frame into features."""
+    """Turns a frame into features, one row a patch."""
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -32,11 +33,11 @@ class Extractor(Protocol):
         """Number of features of one patch."""
 
     @property
-    def images(self) -> tuple[Levels | None, ...]:
+    def images(self) -> tuple[Quantization | None, ...]:
         """The distinct pictures it looks at; None is the plain one."""
 
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
-        """`describe` of a frame some pictures of which are there already."""
+        """`describe`, of a frame whose prepared pictures are shared with others."""
 
     def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
         """Features of every patch: float64, shape (grid.n_patches, dim), row by row.
@@ -50,11 +51,11 @@ class Extractor(Protocol):
 
 
 class Texture(ABC):
-    """An extractor that sees a frame as pictures prepared of it."""
+    """An extractor that works on pictures prepared from the frame."""
 
     dim: int
     names: tuple[str, ...]
-    images: tuple[Levels | None, ...]
+    images: tuple[Quantization | None, ...]
     """The distinct pictures it looks at; None is the plain one."""
 
     @property
@@ -72,17 +73,17 @@ class Texture(ABC):
 
 
 class OnePicture(Texture):
-    """A texture of one picture's patches, each by itself.
+    """An extractor that works on one picture, each patch by itself.
 
     Parameters
     ----------
-    image : Levels, optional
+    image : Quantization, optional
         How that picture is prepared; the plain one if not given.
     names : sequence of str
         Of the features; another image than the plain one goes before them.
     """
 
-    def __init__(self, image: Levels | None, names: tuple[str, ...]) -> None:
+    def __init__(self, image: Quantization | None, names: tuple[str, ...]) -> None:
         self.image = image
         self.images = (image,)
         self.names = names if image is None else tuple(f"{image.label}.{name}" for name in names)

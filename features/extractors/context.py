@@ -1,4 +1,4 @@
-"""Extractor ``context``: a patch's features, and what the patches around it have."""
+"""Extractor ``context``: a patch's features beside a statistic of its neighbours' features."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.frames.grid import Grid
+
+from .base import SPEC_VERSION, Texture
 from .frame_pictures import FramePictures
-from .grid import Grid
-from .texture import SPEC_VERSION, Texture
 
 Floats = NDArray[np.float64]
 

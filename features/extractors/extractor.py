@@ -25,25 +25,27 @@ A join takes contexts and a context may be of a join, but nothing stands inside 
      "flatten": {"window": 61, "by": "frame"}, "gain": 8, "levels": 256}
 
 The first, plain one is OpenCV's INTER_AREA to the grid's width, then BGR to gray, each rounded to
-whole grey levels. The second keeps 1/256 grey level until the end: see `tokt.features.levels`.
+whole grey levels. The second keeps 1/256 grey level until the end: see
+`tokt.features.kernels.quantization`.
 """
 
 from __future__ import annotations
 
+from tokt.features.kernels.quantization import Quantization as Quantization
+
+from .base import PLAIN_IMAGE as PLAIN_IMAGE
+from .base import SPEC_VERSION as SPEC_VERSION
+from .base import Extractor as Extractor
 from .context import Context as Context
-from .extractor_names import NAMED as NAMED
-from .extractor_names import extractor_named as extractor_named
-from .extractor_spec import Spec as Spec
-from .extractor_spec import build_extractor as build_extractor
 from .frame_pictures import gray_picture as gray_picture
 from .haralick import HARALICK_NAMES as HARALICK_NAMES
 from .haralick import Haralick as Haralick
 from .join import Join as Join
 from .lbp import Lbp as Lbp
-from .levels import Levels as Levels
 from .lines import Lines as Lines
 from .moments import Moments as Moments
+from .named_extractors import NAMED as NAMED
+from .named_extractors import extractor_named as extractor_named
+from .spec import Spec as Spec
+from .spec import build_extractor as build_extractor
 from .structure import Structure as Structure
-from .texture import PLAIN_IMAGE as PLAIN_IMAGE
-from .texture import SPEC_VERSION as SPEC_VERSION
-from .texture import Extractor as Extractor

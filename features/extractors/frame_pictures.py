@@ -7,17 +7,17 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import check_frame
-from .grid import Grid
-from .kernels import KERNELS
-from .levels import DEPTH, Levels
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.checks import check_frame
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import STEPS_PER_LEVEL, Quantization
 
-_LARGEST_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
+_MAX_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
 
 
 def _picture_size(frame: NDArray[np.uint8], grid: Grid) -> tuple[int, int]:
     height, width = grid.resized(*frame.shape[:2])
-    if not 1 <= height * width <= _LARGEST_PICTURE:
+    if not 1 <= height * width <= _MAX_PICTURE:
         raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
     return height, width
 
@@ -43,10 +43,10 @@ def gray_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDAr
     return KERNELS.resized_gray(frame, *_picture_size(frame, grid), threads)
 
 
-def deep_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.uint16]:
-    """The frame resized and gray in 1/256 grey level; takes and raises what `gray_picture` does."""
+def gray16_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.uint16]:
+    """The frame resized and gray in 1/256 grey level; arguments and errors as in `gray_picture`."""
     frame = check_frame(frame, threads)
-    return KERNELS.deep_gray(frame, *_picture_size(frame, grid), threads)
+    return KERNELS.resized_gray16(frame, *_picture_size(frame, grid), threads)
 
 
 class FramePictures:
@@ -64,20 +64,20 @@ class FramePictures:
         self.grid = grid
         self.threads = threads
         self._frame = frame
-        self._deep: NDArray[np.uint16] | None = None
-        self._made: dict[Levels | None, NDArray[np.uint8]] = {}
+        self._gray16: NDArray[np.uint16] | None = None
+        self._made: dict[Quantization | None, NDArray[np.uint8]] = {}
 
-    def picture(self, image: Levels | None) -> NDArray[np.uint8]:
+    def picture(self, image: Quantization | None) -> NDArray[np.uint8]:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""
         made = self._made.get(image)
         if made is None:
             made = self._made[image] = self._prepared(image)
         return made
 
-    def gray(self, images: Collection[Levels | None]) -> NDArray[np.uint8]:
-        """A gray picture for checks, of what extractors that look at `images` need anyway.
+    def gray(self, images: Collection[Quantization | None]) -> NDArray[np.uint8]:
+        """A gray picture for frame checks, made from what extractors of `images` need anyway.
 
-        The plain one, or where no image is plain the deep one rounded to whole grey levels: at
+        The plain one, or where no image is plain the 16-bit one rounded to whole grey levels: at
         most a level apart, and not the cost of another resize.
 
         Raises
@@ -87,16 +87,16 @@ class FramePictures:
         """
         if None in images or None in self._made or not images:
             return self.picture(None)
-        rounded = self._deep_picture() + np.uint16(DEPTH // 2)
-        rounded >>= np.uint16(DEPTH.bit_length() - 1)
+        rounded = self._gray16_picture() + np.uint16(STEPS_PER_LEVEL // 2)
+        rounded >>= np.uint16(STEPS_PER_LEVEL.bit_length() - 1)
         return rounded.astype(np.uint8)
 
-    def _deep_picture(self) -> NDArray[np.uint16]:
-        if self._deep is None:
-            self._deep = deep_picture(self._frame, self.grid, self.threads)
-        return self._deep
+    def _gray16_picture(self) -> NDArray[np.uint16]:
+        if self._gray16 is None:
+            self._gray16 = gray16_picture(self._frame, self.grid, self.threads)
+        return self._gray16
 
-    def _prepared(self, image: Levels | None) -> NDArray[np.uint8]:
+    def _prepared(self, image: Quantization | None) -> NDArray[np.uint8]:
         if image is None:
             return gray_picture(self._frame, self.grid, self.threads)
-        return KERNELS.to_levels(self._deep_picture(), image, self.threads)
+        return KERNELS.quantize(self._gray16_picture(), image, self.threads)

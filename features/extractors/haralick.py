@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import Quantization
+
+from .base import SPEC_VERSION, OnePicture
 from .frame_pictures import FramePictures
-from .kernels import KERNELS
-from .levels import Levels
-from .texture import SPEC_VERSION, OnePicture
 
 HARALICK_NAMES = (
     "angular_second_moment",
@@ -39,7 +40,7 @@ class Haralick(OnePicture):
     """Haralick's first 13 features, mean over 4 directions (thesis section 3.5)."""
 
     def __init__(
-        self, ignore_zeros: bool, image: Levels | None = None, scale: str | None = None
+        self, ignore_zeros: bool, image: Quantization | None = None, scale: str | None = None
     ) -> None:
         shown = _LOG_NAMES if scale == LOG else {}
         names = (f"haralick_{name}{shown.get(name, '')}" for name in HARALICK_NAMES)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .base import SPEC_VERSION, Texture
 from .frame_pictures import FramePictures
-from .texture import SPEC_VERSION, Texture
 
 
 class Join(Texture):

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import Quantization
+
+from .base import SPEC_VERSION, OnePicture
 from .frame_pictures import FramePictures
-from .kernels import KERNELS
-from .levels import Levels
-from .texture import SPEC_VERSION, OnePicture
 
 BILINEAR, NEAREST = "bilinear", "nearest"
 
@@ -24,7 +25,7 @@ class Lbp(OnePicture):
         P sampling points on a circle of R pixels.
     border : {"patch", "frame"}
         Whether a point beyond the patch is 0 or the neighbour's pixel.
-    image : Levels, optional
+    image : Quantization, optional
     sampling : {"bilinear", "nearest"}, optional
         Between pixels, or at the nearest one; not given, bilinear by a spec of version 1.
     """
@@ -34,7 +35,7 @@ class Lbp(OnePicture):
         points: int,
         radius: int,
         border: str,
-        image: Levels | None = None,
+        image: Quantization | None = None,
         sampling: str | None = None,
     ) -> None:
         bins = [*range(points + 1), "other"]

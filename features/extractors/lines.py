@@ -1,4 +1,4 @@
-"""Extractor ``lines``: whether long, faint lines run through a patch.
+"""Extractor ``lines``: strength of long, faint lines through a patch.
 
 The legs of a tower are long lines before they are anything else, while what drifts in the water
 are dots: a mean along a line keeps the one and loses the other.
@@ -12,26 +12,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import Quantization
+
+from .base import SPEC_VERSION, OnePicture
 from .frame_pictures import FramePictures
-from .kernels import KERNELS
-from .levels import Levels
-from .texture import SPEC_VERSION, OnePicture
 
 _NOTHING = 0.25
 """Levels that count as no line at all: the logarithm of less says nothing."""
 
 
 class Lines(OnePicture):
-    """For each number of samples: how far the brightest line stands out, and of which energy.
+    """For each number of samples: ridge contrast, energy of the strongest line, and its lead.
 
     Parameters
     ----------
     samples : sequence of int
         Samples a line has; increasing powers of 2, 2 to 64.
-    image : Levels, optional
+    image : Quantization, optional
     """
 
-    def __init__(self, samples: Sequence[int], image: Levels | None = None) -> None:
+    def __init__(self, samples: Sequence[int], image: Quantization | None = None) -> None:
         kinds = ("ridge", "strongest", "one_way")
         super().__init__(image, tuple(f"lines_{n}_{kind}" for n in samples for kind in kinds))
         self.samples = tuple(samples)

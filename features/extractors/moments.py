@@ -1,4 +1,4 @@
-"""Extractor ``moments``: what a patch's histogram of levels alone says."""
+"""Extractor ``moments``: moments and percentiles of a patch's histogram."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import Quantization
+
+from .base import SPEC_VERSION, OnePicture
 from .frame_pictures import FramePictures
-from .kernels import KERNELS
-from .levels import Levels
-from .texture import SPEC_VERSION, OnePicture
 
 PERCENTS = (2, 10, 50, 90, 98)
 
@@ -18,7 +19,7 @@ PERCENTS = (2, 10, 50, 90, 98)
 class Moments(OnePicture):
     """Mean, standard deviation, extremes and percentiles of a patch's levels."""
 
-    def __init__(self, image: Levels | None = None) -> None:
+    def __init__(self, image: Quantization | None = None) -> None:
         names = ("mean", "std", "min", "max", *(f"percentile_{part}" for part in PERCENTS))
         super().__init__(image, tuple(f"moments_{name}" for name in names))
 

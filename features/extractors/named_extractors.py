@@ -1,4 +1,4 @@
-"""Extractors that have a name of their own, joins of them, and specs in files."""
+"""The named extractors, joins of them by ``+``, and extractors from spec files."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from .errors import ToktError
-from .extractor_spec import build_extractor
+from tokt.features.common.errors import ToktError
+from tokt.features.kernels.quantization import FRAME, Quantization
+
+from .base import Texture
 from .haralick import LOG, Haralick
 from .join import Join
 from .lbp import NEAREST, Lbp
-from .levels import FRAME, Levels
 from .lines import Lines
+from .spec import build_extractor
 from .structure import Structure
-from .texture import Texture
 
 _FILE = "spec:"
 
 # Chosen by blocked cross-validation on the sea-trial mission, as CHOSEN_ON of the presets says.
-_GRAINS = Levels(gain=8, smooth=3, window=121, by=FRAME)
-_PATTERNS = Levels(gain=8, smooth=5, window=61, by=FRAME)
-_STROKES = Levels(gain=24, smooth=3, window=31, by=FRAME)
+_GRAINS = Quantization(gain=8, smooth=3, window=121, by=FRAME)
+_PATTERNS = Quantization(gain=8, smooth=5, window=61, by=FRAME)
+_STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 
 NAMED: dict[str, Texture] = {
     "lbp": Lbp(10, 5, "patch"),
@@ -37,14 +38,18 @@ NAMED: dict[str, Texture] = {
     "lines": Lines((8, 16, 32), _STROKES),
     "lines_fine": Lines((2, 4), replace(_STROKES, smooth=1)),
     "structure_3": Structure(_GRAINS),
-    "structure_7": Structure(Levels(gain=24, smooth=7, window=121, by=FRAME)),
-    "structure_11": Structure(Levels(gain=24, smooth=11, window=121, by=FRAME)),
+    "structure_7": Structure(Quantization(gain=24, smooth=7, window=121, by=FRAME)),
+    "structure_11": Structure(Quantization(gain=24, smooth=11, window=121, by=FRAME)),
     "lbp_8_1": Lbp(8, 1, "patch"),
     "lbp_8_2": Lbp(8, 2, "patch"),
     "lbp_12_3": Lbp(12, 3, "patch"),
     "haralick_log": Haralick(ignore_zeros=False, scale=LOG),
-    "haralick_log_64": Haralick(ignore_zeros=False, image=Levels(gain=1, levels=64), scale=LOG),
-    "haralick_log_16": Haralick(ignore_zeros=False, image=Levels(gain=1, levels=16), scale=LOG),
+    "haralick_log_64": Haralick(
+        ignore_zeros=False, image=Quantization(gain=1, levels=64), scale=LOG
+    ),
+    "haralick_log_16": Haralick(
+        ignore_zeros=False, image=Quantization(gain=1, levels=16), scale=LOG
+    ),
 }
 
 

@@ -1,31 +1,32 @@
-"""JSON specs become extractors, whole or not at all."""
+"""Building extractors from JSON specs, whole or not at all."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .checks import check_samples
+from tokt.features.common.errors import ToktError
+from tokt.features.kernels.checks import check_samples
+from tokt.features.kernels.quantization import Quantization
+
+from .base import PLAIN_IMAGE, Texture
 from .context import STATISTICS, Context
-from .errors import ToktError
 from .haralick import LINEAR, LOG, Haralick
 from .join import Join
 from .lbp import BILINEAR, NEAREST, Lbp
-from .levels import Levels
 from .lines import Lines
 from .moments import Moments
 from .structure import Structure
-from .texture import PLAIN_IMAGE, Texture
 
 Spec = Mapping[str, Any]
 Outer = frozenset[str]
 
 
-def _image_from(spec: Spec) -> Levels | None:
+def _image_from(spec: Spec) -> Quantization | None:
     if spec["image"] == PLAIN_IMAGE:
         return None
     try:
-        return Levels.from_json(spec["image"])
+        return Quantization.from_json(spec["image"])
     except ToktError as error:
         raise ToktError(f"extractor {spec['name']}: {error}") from None
 

@@ -1,4 +1,4 @@
-"""Extractor ``structure``: how strong the edges of a patch are, and whether they run one way."""
+"""Extractor ``structure``: strength and coherence of a patch's edges (structure tensor)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import Quantization
+
+from .base import SPEC_VERSION, OnePicture
 from .frame_pictures import FramePictures
-from .kernels import KERNELS
-from .levels import Levels
-from .texture import SPEC_VERSION, OnePicture
 
 _NOTHING = 0.25
 """Squared levels that count as no edge at all: the logarithm of less says nothing."""
@@ -24,7 +25,7 @@ class Structure(OnePicture):
     Bigun, Granlund (1987), "Optimal orientation detection of linear symmetry", ICCV.
     """
 
-    def __init__(self, image: Levels | None = None) -> None:
+    def __init__(self, image: Quantization | None = None) -> None:
         super().__init__(image, ("structure_strong", "structure_weak", "structure_coherence"))
 
     @property

@@ -1,4 +1,4 @@
-"""An extractor's spec in words, for cards and reports."""
+"""Extractor specs summed up in one line, for model cards and reports."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from .base import PLAIN_IMAGE
+
 _BORDERS = {"patch": "within each patch", "frame": "across patch edges"}
-_PLAIN = {"resize": "area", "gray": "bt601"}
 
 
-def extractor_words(spec: Mapping[str, Any]) -> str:
-    """Say what an extractor looks at.
+def extractor_summary(spec: Mapping[str, Any]) -> str:
+    """Say what an extractor computes, of which picture.
 
     Parameters
     ----------
@@ -21,7 +22,7 @@ def extractor_words(spec: Mapping[str, Any]) -> str:
     parts = spec["parts"] if spec.get("name") == "join" else [spec]
     by_picture: dict[str, list[str]] = {}
     for part in parts:
-        by_picture.setdefault(_picture(part.get("image", _PLAIN)), []).append(_texture(part))
+        by_picture.setdefault(_picture(part.get("image", PLAIN_IMAGE)), []).append(_texture(part))
     return "; ".join(f"{' + '.join(textures)}{on}" for on, textures in by_picture.items())
 
 
@@ -42,13 +43,13 @@ def _texture(part: Mapping[str, Any]) -> str:
             return f"lines of {', '.join(map(str, part['samples']))} samples"
         case "context":
             around = f"of each patch and the {part['statistic']} of its neighbours"
-            return f"{extractor_words(part['part'])}, {around}"
+            return f"{extractor_summary(part['part'])}, {around}"
     return json.dumps(dict(part), sort_keys=True)
 
 
 def _picture(image: Mapping[str, Any]) -> str:
     """How the picture is prepared; empty where it is the plain one."""
-    if image == _PLAIN:
+    if image == PLAIN_IMAGE:
         return ""
     flatten = image.get("flatten")
     done = []

@@ -26,7 +26,7 @@ MOSAIC_FORMATS = ("Mono8", *_BAYER)
 PIXEL_FORMATS = (*MOSAIC_FORMATS, *_COLOUR)
 """All formats that are known; ``Packed`` is how older cameras spell the same."""
 
-_LEAST_MOSAIC_PX = 3
+_MIN_MOSAIC_PX = 3
 """Height and width below which OpenCV gives black instead of colours."""
 
 
@@ -67,7 +67,7 @@ def frame_from_camera(
     if pixel_format not in PIXEL_FORMATS:
         known = ", ".join(PIXEL_FORMATS)
         raise ValueError(f"unknown pixel format {pixel_format!r} (known: {known})")
-    least = _LEAST_MOSAIC_PX if pixel_format in _BAYER else 1
+    least = _MIN_MOSAIC_PX if pixel_format in _BAYER else 1
     if min(height, width) < least:
         raise ValueError(f"a {pixel_format} frame of {width}x{height} is too small ({least} px)")
     raw = _pixels(data, height, width, pixel_format)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ToktError
+from tokt.features.common.errors import ToktError
 
 _TEXT = re.compile(r"(\d{1,9})x(\d{1,9})(?:@(\d{1,9}|native))?")
 _WIDEST = 10_000  # pixels; no camera here gives more, and a resize to more only fills memory

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import FrameError
+from tokt.features.common.errors import FrameError
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"})
 
@@ -24,7 +24,7 @@ _JPEG_END = 0xD9
 # In entropy-coded data FF 00 is a stuffed byte, FF D0..D7 a restart and FF FF a fill byte.
 _JPEG_MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")
 _PNG_START = b"\x89PNG\r\n\x1a\n"
-_MOST_PIXELS = 100_000_000
+_MAX_PIXELS = 100_000_000
 """No camera gives more, and a PNG of some kilobytes can say that it does."""
 
 
@@ -90,7 +90,7 @@ def decode_image(data: bytes, name: str) -> NDArray[np.uint8]:
         raise FrameError(f"{name}: the JPEG is truncated")
     if data.startswith(_PNG_START) and not _png_is_whole(data):
         raise FrameError(f"{name}: the PNG is truncated")
-    if data.startswith(_PNG_START) and _png_pixels(data) > _MOST_PIXELS:
+    if data.startswith(_PNG_START) and _png_pixels(data) > _MAX_PIXELS:
         raise FrameError(f"{name}: the PNG says that it has {_png_pixels(data)} pixels")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)

@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError, ToktError
+
 from .image_file import SUFFIXES, decode_image
 
 LEFT, RIGHT = "left", "right"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".m4v", ".webm"})
-_LONGEST_RANGE = 10_000_000  # frames; four days at 30 a second
+_MAX_RANGE = 10_000_000  # frames; four days at 30 a second
 _NUMBER = re.compile(r"(\d+)$")
 
 
@@ -186,7 +187,7 @@ def parse_frames(text: str) -> list[int]:
         if match is None or (match[2] and int(match[2]) < int(match[1])):
             raise ToktError(f"not a list of frames: {text!r} (write for example 1-99,132-246)")
         first, last = int(match[1]), int(match[2] or match[1])
-        if last - first >= _LONGEST_RANGE:
+        if last - first >= _MAX_RANGE:
             raise ToktError(f"frames {part.strip()}: too long a range for one mission")
         frames.update(range(first, last + 1))
     return sorted(frames)

@@ -1,4 +1,4 @@
-"""Types of the compiled extension (features/native/kernels.pyx)."""
+"""Types of the compiled extension (features/kernels/native/kernels.pyx)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,39 +75,39 @@ def area_gray(
     out: NDArray[np.uint8],
 ) -> None: ...
 
-class DeepTables:
+class Gray16Tables:
     def __init__(
         self, first: NDArray[np.int32], source: NDArray[np.int32], weight: NDArray[np.int32]
     ) -> None: ...
 
-def deep_scratch_size(frame: NDArray[np.uint8], width: int) -> int: ...
-def deep_gray(
+def gray16_scratch_size(frame: NDArray[np.uint8], width: int) -> int: ...
+def resized_gray16(
     frame: NDArray[np.uint8],
-    rows: DeepTables,
-    columns: DeepTables,
+    rows: Gray16Tables,
+    columns: Gray16Tables,
     first: int,
     last: int,
     step: float,
     scratch: NDArray[np.int32],
     out: NDArray[np.uint16],
 ) -> None: ...
-def deep_total(deep: NDArray[np.uint16]) -> int: ...
+def gray16_total(gray16: NDArray[np.uint16]) -> int: ...
 
-class LevelsKernel:
+class Quantizer:
     def __init__(
         self,
         smooth: int,
         window: int,
         ratio: bool,
         ratio_of: float,
-        least_around: float,
+        min_around: float,
         offset: float,
         top: float,
     ) -> None: ...
     def scratch_size(self, width: int) -> int: ...
     def rows(
         self,
-        deep: NDArray[np.uint16],
+        gray16: NDArray[np.uint16],
         scale: float,
         first: int,
         last: int,

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 PER_PIXEL = 16
 """Disparities are whole numbers of 1/16 pixel."""
-LARGEST_DISPARITY_PX = ((1 << 15) - 1) // PER_PIXEL
+MAX_DISPARITY_PX = ((1 << 15) - 1) // PER_PIXEL
 """They are kept in 16 bits with a sign."""
 PADDING = 128
 _LANES = 16
-_LARGEST_SUM = (1 << 15) - 1
+_MAX_SUM = (1 << 15) - 1
 """Of a block: OpenCV sums 16 bits with a sign."""
 
 
@@ -59,11 +59,11 @@ class BlockMatching:
     def __post_init__(self) -> None:
         if self.min_disparity < 0 or self.n_disparities < _LANES or self.n_disparities % _LANES:
             raise ValueError("disparities are 0 or more, and a multiple of 16 of them")
-        if self.margin > LARGEST_DISPARITY_PX:
-            raise ValueError(f"disparities are at most {LARGEST_DISPARITY_PX} pixels")
+        if self.margin > MAX_DISPARITY_PX:
+            raise ValueError(f"disparities are at most {MAX_DISPARITY_PX} pixels")
         if self.block < 5 or self.block % 2 == 0 or not 1 <= self.cap <= 31:
             raise ValueError("a block is odd, from 5 pixels, and gradients are clipped at 1 to 31")
-        if 2 * self.cap * self.block * self.block > _LARGEST_SUM:
+        if 2 * self.cap * self.block * self.block > _MAX_SUM:
             raise ValueError(f"sums over blocks of {self.block} pixels do not fit 16 bits")
         if min(self.texture, self.uniqueness) < 0:
             raise ValueError("texture and uniqueness are 0 or more")

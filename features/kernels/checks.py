@@ -1,4 +1,4 @@
-"""What the kernels take: arrays and options they can work on, or a clear error."""
+"""Checks of the arrays and options that the kernels are given, with a clear error."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_SAMPLES = 64  # on a line; the sum of as many levels fits 16 bits
-MOST_POINTS = 64  # a pattern is one machine word
-LARGEST_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
+MAX_SAMPLES = 64  # on a line; the sum of as many levels fits 16 bits
+MAX_POINTS = 64  # a pattern is one machine word
+MAX_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
 
 
 def _check_array(array: Any, threads: int, dtype: type = np.uint8) -> None:
@@ -56,8 +56,8 @@ def check_frame(frame: Any, threads: int = 1) -> NDArray[np.uint8]:
     return np.ascontiguousarray(frame)
 
 
-def check_deep(deep: Any, threads: int = 1) -> NDArray[np.uint16]:
-    """A deep picture in C order, copied only if it is not in C order yet.
+def check_gray16(gray16: Any, threads: int = 1) -> NDArray[np.uint16]:
+    """A 16-bit gray picture in C order, copied only if it is not in C order yet.
 
     Raises
     ------
@@ -66,20 +66,20 @@ def check_deep(deep: Any, threads: int = 1) -> NDArray[np.uint16]:
     ValueError
         If it does not have two dimensions or no pixel, or `threads` is not a number of threads.
     """
-    _check_array(deep, threads, np.uint16)
-    if deep.ndim != 2 or not deep.size:
-        raise ValueError(f"a deep picture is (height, width), not {deep.shape}")
-    return np.ascontiguousarray(deep)
+    _check_array(gray16, threads, np.uint16)
+    if gray16.ndim != 2 or not gray16.size:
+        raise ValueError(f"a 16-bit gray picture is (height, width), not {gray16.shape}")
+    return np.ascontiguousarray(gray16)
 
 
 def check_size(height: int, width: int) -> None:
-    """Whether a picture of that size can be made; ValueError if not."""
+    """Check that a picture of that size can be made; ValueError if not."""
     if min(height, width) < 1:
         raise ValueError(f"a picture has at least one pixel, not {width}x{height}")
 
 
 def check_samples(samples: Sequence[int], middle: int) -> None:
-    """Whether numbers of samples, and the middle level, are ones the kernels know.
+    """Check that the kernels know these numbers of samples and this middle level.
 
     Raises
     ------
@@ -88,13 +88,13 @@ def check_samples(samples: Sequence[int], middle: int) -> None:
     """
     powers = [n for n in (2, 4, 8, 16, 32, 64) if n in samples]
     if not powers or list(samples) != powers or any(type(n) is not int for n in samples):
-        raise ValueError(f"samples are increasing powers of 2, 2 to {MOST_SAMPLES}, not {samples}")
+        raise ValueError(f"samples are increasing powers of 2, 2 to {MAX_SAMPLES}, not {samples}")
     if type(middle) is not int or not 0 <= middle <= 255:
         raise ValueError(f"the middle is a level, not {middle!r}")
 
 
 def check_lbp(points: int, radius: float, border: str) -> None:
-    """Whether LBP options are ones the kernels know.
+    """Check that the kernels know these LBP options.
 
     Raises
     ------
@@ -103,9 +103,9 @@ def check_lbp(points: int, radius: float, border: str) -> None:
     """
     if type(points) is not int or type(radius) not in (int, float):
         raise TypeError(f"points and radius are numbers, not {points!r} and {radius!r}")
-    if not 1 <= points <= MOST_POINTS:
-        raise ValueError(f"{points} points: 1 to {MOST_POINTS} are possible")
-    if not 0 < radius <= LARGEST_RADIUS:
-        raise ValueError(f"radius {radius} px: more than 0 and at most {LARGEST_RADIUS:g}")
+    if not 1 <= points <= MAX_POINTS:
+        raise ValueError(f"{points} points: 1 to {MAX_POINTS} are possible")
+    if not 0 < radius <= MAX_RADIUS:
+        raise ValueError(f"radius {radius} px: more than 0 and at most {MAX_RADIUS:g}")
     if border not in ("patch", "frame"):
         raise ValueError(f"border is 'patch' or 'frame', not {border!r}")

@@ -1,7 +1,7 @@
 """The kernels as a compiled extension: checked arrays, tables, scratch memory and threads.
 
-The arithmetic is in ``features/native``. Tables that depend only on sizes are made once and kept;
-scratch memory belongs to a thread.
+The arithmetic is in ``features/kernels/native``. Tables that depend only on sizes are made once and
+kept; scratch memory belongs to a thread.
 """
 
 from __future__ import annotations
@@ -13,30 +13,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.frames.grid import Grid
+
 from . import _native, area
 from .checks import check_frame, check_gray, check_lbp, check_size
 from .compiled_matching import block_disparity as block_disparity
-from .compiled_pictures import deep_gray as deep_gray
 from .compiled_pictures import level_counts as level_counts
-from .compiled_pictures import to_levels as to_levels
+from .compiled_pictures import quantize as quantize
+from .compiled_pictures import resized_gray16 as resized_gray16
 from .compiled_scratch import SCRATCH
 from .compiled_textures import lbp_nearest_counts as lbp_nearest_counts
 from .compiled_textures import line_sums as line_sums
 from .compiled_textures import structure_sums as structure_sums
-from .grid import Grid
 from .lbp_points import LbpPoints, lbp_points, pattern_codes
 from .threads import over_rows
 
-_INTERFACE = 3
+_INTERFACE = 4
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
 DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
-_MOST_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
+_MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
-_LARGEST_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
+_MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
 # OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
 _OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
 
@@ -52,7 +53,7 @@ def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
         made.row_fraction,
         made.column_floor,
         made.column_fraction,
-        pattern_codes(points) if points <= _MOST_POINTS_IN_TABLE else None,
+        pattern_codes(points) if points <= _MAX_POINTS_IN_TABLE else None,
     )
 
 
@@ -66,7 +67,7 @@ def lbp_counts(
 ) -> NDArray[np.int64]:
     """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
-    Takes and gives what `tokt.features.reference.lbp_counts` does, to the last integer.
+    Takes and gives what `tokt.features.kernels.reference.lbp_counts` does, to the last integer.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def haralick_features(
 ) -> NDArray[np.float64]:
     """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
 
-    Takes and gives what `tokt.features.reference.haralick_features` does, up to rounding.
+    Takes and gives what `tokt.features.kernels.reference.haralick_features` does, up to rounding.
 
     Raises
     ------
@@ -163,7 +164,7 @@ def _is_own_area(shape: tuple[int, ...], height: int, width: int) -> bool:
     """Whether this is a reduction by area that OpenCV has no shorter way for."""
     down = shape[0] / height, shape[1] / width
     whole = all(scale.is_integer() for scale in down)
-    return _OWN_RESIZE and min(down) >= 1 and max(down) <= _LARGEST_REDUCTION and not whole
+    return _OWN_RESIZE and min(down) >= 1 and max(down) <= _MAX_REDUCTION and not whole
 
 
 def _near_tie(shape: tuple[int, ...], height: int, width: int) -> float:
@@ -181,7 +182,7 @@ def resized_gray(
 ) -> NDArray[np.uint8]:
     """A frame resized by area, then gray, in one pass over it.
 
-    Takes and gives what `tokt.features.area.resized_gray` does, to the last bit.
+    Takes and gives what `tokt.features.kernels.area.resized_gray` does, to the last bit.
 
     Raises
     ------
@@ -194,12 +195,12 @@ def resized_gray(
         return area.resized_gray(frame, height, width)
     rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
     near_tie = _near_tie(frame.shape, height, width)
-    deep = frame.reshape(*frame.shape[:2], -1)
+    pixels = frame.reshape(*frame.shape[:2], -1)
     picture = np.empty((height, width), np.uint8)
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("area", _native.area_scratch_size(deep, width), np.float32)
-        _native.area_gray(deep, rows, columns, first, last, near_tie, scratch, picture)
+        scratch = SCRATCH.array("area", _native.area_scratch_size(pixels, width), np.float32)
+        _native.area_gray(pixels, rows, columns, first, last, near_tie, scratch, picture)
 
     over_rows(work, height, threads)
     return picture

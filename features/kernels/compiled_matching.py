@@ -19,8 +19,8 @@ def block_disparity(
 ) -> NDArray[np.int16]:
     """Disparity of the wanted pixels of the left view, in 1/16 pixel.
 
-    Takes and gives what `tokt.features.numpy_matching.block_disparity` does, to the last bit; the
-    fewer and the closer together the wanted pixels are, the less it costs.
+    Takes and gives what `tokt.features.kernels.numpy_matching.block_disparity` does, to the last
+    bit; the fewer and the closer together the wanted pixels are, the less it costs.
 
     Raises
     ------

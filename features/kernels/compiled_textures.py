@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.frames.grid import Grid
+
 from . import _native
 from .checks import check_gray, check_lbp, check_samples
 from .compiled_scratch import SCRATCH
-from .grid import Grid
 from .lbp_points import nearest_points
 from .threads import over_rows
 
@@ -25,7 +26,7 @@ def lbp_nearest_counts(
 ) -> NDArray[np.int64]:
     """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
 
-    Takes and gives what `tokt.features.numpy_textures.lbp_nearest_counts` does.
+    Takes and gives what `tokt.features.kernels.numpy_textures.lbp_nearest_counts` does.
 
     Raises
     ------
@@ -51,9 +52,9 @@ def lbp_nearest_counts(
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """How strongly levels change across and down, and both together, in each patch.
+    """Sums of the structure tensor over each patch: changes across, down, and both together.
 
-    Takes and gives what `tokt.features.numpy_textures.structure_sums` does.
+    Takes and gives what `tokt.features.kernels.numpy_textures.structure_sums` does.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def line_sums(
 ) -> NDArray[np.int64]:
     """Sums along lines in 8 directions, over each patch's pixels.
 
-    Takes and gives what `tokt.features.numpy_textures.line_sums` does.
+    Takes and gives what `tokt.features.kernels.numpy_textures.line_sums` does.
 
     Raises
     ------

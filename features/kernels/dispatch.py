@@ -1,4 +1,4 @@
-"""Which kernels compute the texture features: compiled, numpy, or the reference libraries.
+"""The kernels that compute the texture features: compiled, numpy, or the reference libraries.
 
 All three give the same: identical pictures and counts, Haralick features equal to rounding. The
 choice is made once, when this module is imported: the compiled extension if it was built,
@@ -17,10 +17,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+
 from .block_matching import BlockMatching
-from .errors import ToktError
-from .grid import Grid
-from .levels import Levels
+from .quantization import Quantization
 
 VARIABLE = "TOKT_KERNELS"
 COMPILED, NUMPY, LIBRARY = "compiled", "numpy", "library"
@@ -60,20 +61,20 @@ class ResizedGray(Protocol):
         """Gray picture, uint8, shape (height, width)."""
 
 
-class DeepGray(Protocol):
+class ResizedGray16(Protocol):
     """Area resize and BGR to gray (ITU-R BT.601) in 1/256 grey level, rounded once."""
 
     def __call__(
         self, frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
     ) -> NDArray[np.uint16]:
-        """Deep picture, uint16, shape (height, width)."""
+        """16-bit gray picture, uint16, shape (height, width)."""
 
 
-class ToLevels(Protocol):
-    """A deep picture flattened and spread over a number of levels."""
+class Quantize(Protocol):
+    """A 16-bit gray picture flattened and quantized to a number of levels."""
 
     def __call__(
-        self, deep: NDArray[np.uint16], levels: Levels, threads: int = 1
+        self, gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
     ) -> NDArray[np.uint8]:
         """Picture, uint8, shape (height, width)."""
 
@@ -133,8 +134,8 @@ class Kernels:
     lbp_counts, lbp_nearest_counts : LbpCounts
     haralick_features : HaralickFeatures
     resized_gray : ResizedGray
-    deep_gray : DeepGray
-    to_levels : ToLevels
+    resized_gray16 : ResizedGray16
+    quantize : Quantize
     level_counts : LevelCounts
     structure_sums : StructureSums
     line_sums : LineSums
@@ -148,8 +149,8 @@ class Kernels:
     lbp_nearest_counts: LbpCounts
     haralick_features: HaralickFeatures
     resized_gray: ResizedGray
-    deep_gray: DeepGray
-    to_levels: ToLevels
+    resized_gray16: ResizedGray16
+    quantize: Quantize
     level_counts: LevelCounts
     structure_sums: StructureSums
     line_sums: LineSums
@@ -192,8 +193,8 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
         module.lbp_nearest_counts,
         module.haralick_features,
         module.resized_gray,
-        module.deep_gray,
-        module.to_levels,
+        module.resized_gray16,
+        module.quantize,
         module.level_counts,
         module.structure_sums,
         module.line_sums,

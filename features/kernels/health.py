@@ -1,4 +1,4 @@
-"""Which kernels this process uses, and whether all that this machine has compute the same."""
+"""The kernels this process uses, compared with every other implementation on this machine."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.errors import ToktError
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.frames.grid import Grid
+
 from .block_matching import BlockMatching
-from .errors import ToktError
-from .finding import FAULT, NOTE, OK, Finding
-from .grid import Grid
-from .levels import FRAME, RATIO, Levels
+from .quantization import FRAME, RATIO, Quantization
 
 if TYPE_CHECKING:
-    from .kernels import Kernels
+    from .dispatch import Kernels
 
-# kernels.py has this name too, but cannot be imported while the variable's value is wrong.
+# dispatch.py has this name too, but cannot be imported while the variable's value is wrong.
 _VARIABLE = "TOKT_KERNELS"
-_KERNELS = f"{__package__}.kernels"
+_KERNELS = f"{__package__}.dispatch"
 _RELATIVE = 1e-9
 _GRID = Grid(2, 2, 72)
 _HEIGHT = 54
@@ -30,8 +31,8 @@ _HEIGHT = 54
 def kernel_findings() -> Iterator[Finding]:
     """The kernels in use, then each other implementation compared with them.
 
-    Afterwards `tokt.features.kernels` can be imported, also where ``TOKT_KERNELS`` asks for
-    kernels that are not there: the default ones then, so that what needs any can be examined.
+    Afterwards `tokt.features.kernels.dispatch` can be imported, also where ``TOKT_KERNELS`` asks
+    for kernels that are not there: the default ones then, so that what needs any can be examined.
 
     Raises
     ------
@@ -39,7 +40,7 @@ def kernel_findings() -> Iterator[Finding]:
         If this machine has no kernels at all.
     """
     fault = _load_default_on_fault()
-    from .kernels import COMPILED, KERNELS, NAMES, load_kernels
+    from .dispatch import COMPILED, KERNELS, NAMES, load_kernels
 
     wanted = os.environ.get(_VARIABLE, "")
     setting = f"{_VARIABLE}={wanted}" if wanted else f"{_VARIABLE} is not set"
@@ -97,7 +98,7 @@ def compared(active: Kernels, other: Kernels) -> Finding:
     frame = _frame()
     gray = active.resized_gray(frame, _HEIGHT, 72)
     pixels = int(np.count_nonzero(gray != other.resized_gray(frame, _HEIGHT, 72)))
-    deep = _deep_difference(active, other, frame, gray)
+    gray16 = _gray16_difference(active, other, frame, gray)
     counts = sum(
         _count_difference(active, other, gray, points, radius, border)
         for points, radius in ((10, 5), (24, 8))
@@ -110,9 +111,9 @@ def compared(active: Kernels, other: Kernels) -> Finding:
         )
         for zeros in (False, True)
     )
-    same = pixels == 0 and deep == 0 and counts == 0 and relative <= _RELATIVE
+    same = pixels == 0 and gray16 == 0 and counts == 0 and relative <= _RELATIVE
     text = (
-        f"gray pixels that differ from {active.name}: {pixels}, deep ones: {deep}, "
+        f"gray pixels that differ from {active.name}: {pixels}, 16-bit gray ones: {gray16}, "
         f"LBP counts: {counts}, largest relative difference of Haralick features: {relative:.1e}"
     )
     if same:
@@ -120,30 +121,30 @@ def compared(active: Kernels, other: Kernels) -> Finding:
     figures = {
         "compared_with": active.name,
         "gray_difference": pixels,
-        "deep_difference": deep,
+        "deep_difference": gray16,
         "lbp_difference": counts,
         "haralick_relative_difference": relative if np.isfinite(relative) else None,
     }
     return Finding(f"{other.name} kernels", OK if same else FAULT, text, figures)
 
 
-def _deep_difference(
+def _gray16_difference(
     one: Kernels, two: Kernels, frame: NDArray[np.uint8], gray: NDArray[np.uint8]
 ) -> int:
-    """Values that differ in deep pictures, in their levels, and in whole sums over patches."""
-    deep = one.deep_gray(frame, _HEIGHT, 72)
+    """Values that differ in 16-bit gray, once quantized, and in whole sums over patches."""
+    gray16 = one.resized_gray16(frame, _HEIGHT, 72)
     pairs: list[tuple[NDArray[np.integer], NDArray[np.integer]]] = [
-        (deep, two.deep_gray(frame, _HEIGHT, 72)),
+        (gray16, two.resized_gray16(frame, _HEIGHT, 72)),
         (one.level_counts(gray, _GRID), two.level_counts(gray, _GRID)),
         (one.structure_sums(gray, _GRID), two.structure_sums(gray, _GRID)),
         (one.line_sums(gray, _GRID, 128, (4, 16)), two.line_sums(gray, _GRID, 128, (4, 16))),
     ]
-    for levels in (
-        Levels(8.0, 64, 3, 21),
-        Levels(2.0, 256, 1, 33, RATIO),
-        Levels(9.0, 32, 1, 9, FRAME),
+    for quantization in (
+        Quantization(8.0, 64, 3, 21),
+        Quantization(2.0, 256, 1, 33, RATIO),
+        Quantization(9.0, 32, 1, 9, FRAME),
     ):
-        pairs.append((one.to_levels(deep, levels), two.to_levels(deep, levels)))
+        pairs.append((one.quantize(gray16, quantization), two.quantize(gray16, quantization)))
     pairs.append((_matched(one, gray), _matched(two, gray)))
     for border in ("patch", "frame"):
         options = gray, _GRID, 8, 5, border

@@ -1,4 +1,4 @@
-"""Where local binary patterns (LBP) are sampled, rounded as scikit-image rounds."""
+"""Sampling points of local binary patterns (LBP), rounded as scikit-image rounds."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The kernels in numpy alone, for machines without a compiler.
 
-The same arithmetic as in ``features/native``, a whole row of patches at a time: identical LBP
-counts, Haralick features equal to rounding.
+The same arithmetic as in ``features/kernels/native``, a whole row of patches at a time: identical
+LBP counts, Haralick features equal to rounding.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.frames.grid import Grid
+
 from .area import resized_gray as resized_gray
 from .checks import check_gray, check_lbp
-from .grid import Grid
 from .lbp_points import lbp_points
 from .numpy_matching import block_disparity as block_disparity
-from .numpy_pictures import deep_gray as deep_gray
 from .numpy_pictures import level_counts as level_counts
-from .numpy_pictures import to_levels as to_levels
+from .numpy_pictures import quantize as quantize
+from .numpy_pictures import resized_gray16 as resized_gray16
 from .numpy_textures import lbp_nearest_counts as lbp_nearest_counts
 from .numpy_textures import line_sums as line_sums
 from .numpy_textures import structure_sums as structure_sums
@@ -47,7 +48,7 @@ def lbp_counts(
 ) -> Counts:
     """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
-    Takes and gives what `tokt.features.reference.lbp_counts` does, to the last integer.
+    Takes and gives what `tokt.features.kernels.reference.lbp_counts` does, to the last integer.
 
     Raises
     ------
@@ -208,19 +209,19 @@ def _weigh(across: Floats, down: int, runs: list[tuple[int, int, float]], out: F
             np.multiply(across[begin + down : end + down], weight, out=out[begin:end])
 
 
-class _Kept(threading.local):
+class _SamplerCache(threading.local):
     """One thread's arrays: asked for anew with every frame they would cost page faults."""
 
     def __init__(self) -> None:
-        self.sampler = lru_cache(maxsize=4)(_Sampler)
+        self.get = lru_cache(maxsize=4)(_Sampler)
 
 
-_kept = _Kept()
+_samplers = _SamplerCache()
 
 
 def _sampler(points: int, radius: float, height: int, n: int, width: int) -> _Sampler:
     """One with arrays that are there already, unless they are too large to be kept."""
-    make = _kept.sampler if height * n * width <= _KEPT_VALUES else _Sampler
+    make = _samplers.get if height * n * width <= _KEPT_VALUES else _Sampler
     return make(points, radius, height, n, width)
 
 
@@ -229,7 +230,7 @@ def haralick_features(
 ) -> Floats:
     """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
 
-    Takes and gives what `tokt.features.reference.haralick_features` does, up to rounding.
+    Takes and gives what `tokt.features.kernels.reference.haralick_features` does, up to rounding.
 
     Raises
     ------

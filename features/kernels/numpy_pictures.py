@@ -1,4 +1,4 @@
-"""Deep pictures and their levels in numpy and OpenCV, in whole numbers up to the last steps."""
+"""16-bit gray pictures and their quantization in numpy and OpenCV, exact up to the last steps."""
 
 from __future__ import annotations
 
@@ -8,28 +8,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import check_deep, check_frame, check_gray, check_size
-from .grid import Grid
-from .levels import DEPTH, LEAST_AROUND, RATIO, RATIO_OF, Levels
+from tokt.features.frames.grid import Grid
+
+from .checks import check_frame, check_gray, check_gray16, check_size
+from .quantization import MIN_AROUND, RATIO, RATIO_OF, STEPS_PER_LEVEL, Quantization
 
 Floats = NDArray[np.float64]
 
 BGR_WEIGHTS = (1868, 9617, 4899)
 """ITU-R BT.601 in parts of 2**14, as OpenCV has them."""
 WHOLE_WEIGHT = sum(BGR_WEIGHTS)
-MOST_PIXELS = 1 << 31
+MAX_PIXELS = 1 << 31
 """Pixels of a frame; of more, a sum could pass 2**53, up to which double precision is exact."""
 
 
-def check_deep_size(shape: tuple[int, ...], height: int, width: int) -> None:
-    """Whether a deep picture of that size can be made of a frame; ValueError if not."""
+def check_gray16_size(shape: tuple[int, ...], height: int, width: int) -> None:
+    """Check that a 16-bit gray picture of that size can be made of a frame; ValueError if not."""
     check_size(height, width)
-    if shape[0] * shape[1] >= MOST_PIXELS:
+    if shape[0] * shape[1] >= MAX_PIXELS:
         raise ValueError(f"a frame of {shape[1]}x{shape[0]} pixels has too many")
 
 
-def deep_step(shape: tuple[int, ...]) -> float:
-    """What the whole number summed for a pixel of a deep picture is multiplied by."""
+def gray16_step(shape: tuple[int, ...]) -> float:
+    """The factor from the whole number summed for a pixel to 1/256 grey levels."""
     return 256.0 / (WHOLE_WEIGHT * shape[0] * shape[1])
 
 
@@ -64,7 +65,7 @@ def _shrunk(rows: Floats, target: int) -> Floats:
     return sums
 
 
-def deep_gray(
+def resized_gray16(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint16]:
     """A frame resized by area and gray, in 1/256 grey level, rounded once.
@@ -96,14 +97,14 @@ def deep_gray(
     ITU-R BT.601, weights 4899, 9617, 1868 of 16384 as in OpenCV.
     """
     frame = check_frame(frame, threads)
-    check_deep_size(frame.shape, height, width)
+    check_gray16_size(frame.shape, height, width)
     # Up to 2**22, so single precision is exact.
     if frame.ndim == 3:
         gray = frame.astype(np.float32) @ np.array(BGR_WEIGHTS, np.float32)
     else:
         gray = frame * np.float32(WHOLE_WEIGHT)
     sums = _shrunk(_shrunk(gray.astype(np.float64), height).T, width).T
-    return np.ascontiguousarray(np.floor(sums * deep_step(frame.shape) + 0.5), np.uint16)
+    return np.ascontiguousarray(np.floor(sums * gray16_step(frame.shape) + 0.5), np.uint16)
 
 
 @lru_cache(maxsize=32)
@@ -113,9 +114,9 @@ def shares(length: int, side: int) -> Floats:
     return 1.0 / (np.minimum(at + side // 2, length - 1) - np.maximum(at - side // 2, 0) + 1)
 
 
-def _box_mean(deep: NDArray[np.uint16], side: int) -> Floats:
+def _box_mean(gray16: NDArray[np.uint16], side: int) -> Floats:
     """Mean of the pixels of a box that lie in the picture."""
-    whole = deep.astype(np.float64)
+    whole = gray16.astype(np.float64)
     if side == 1:
         return whole
     # Sums of whole numbers in double precision, exact in any order; from 16 bits OpenCV would
@@ -123,46 +124,48 @@ def _box_mean(deep: NDArray[np.uint16], side: int) -> Floats:
     sums = cv2.boxFilter(
         whole, cv2.CV_64F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
     )
-    height, width = deep.shape
+    height, width = gray16.shape
     return np.asarray(sums * shares(width, side) * shares(height, side)[:, None])
 
 
-def to_levels(deep: NDArray[np.uint16], levels: Levels, threads: int = 1) -> NDArray[np.uint8]:
-    """A deep picture as levels; what they are says `tokt.features.levels.Levels`.
+def quantize(
+    gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
+) -> NDArray[np.uint8]:
+    """A 16-bit gray picture quantized, as `.quantization.Quantization` says.
 
     Parameters
     ----------
-    deep : array of uint16, shape (height, width)
+    gray16 : array of uint16, shape (height, width)
         In 1/256 grey level.
-    levels : Levels
+    quantization : Quantization
     threads : int
         Taken so that all kernels are called alike.
 
     Returns
     -------
     numpy.ndarray
-        uint8, shape (height, width), 0 to ``levels.levels - 1``.
+        uint8, shape (height, width), 0 to ``quantization.levels - 1``.
 
     Raises
     ------
     TypeError, ValueError
-        If `deep` is not a two-dimensional array of uint16.
+        If `gray16` is not a two-dimensional array of uint16.
     """
-    deep = check_deep(deep, threads)
-    value = _box_mean(deep, levels.smooth)
-    if levels.window:
-        around = _box_mean(deep, levels.window)
+    gray16 = check_gray16(gray16, threads)
+    value = _box_mean(gray16, quantization.smooth)
+    if quantization.window:
+        around = _box_mean(gray16, quantization.window)
         value -= around
-        if levels.by == RATIO:
-            value *= RATIO_OF * DEPTH
-            value /= np.maximum(around, LEAST_AROUND * DEPTH)
-    value *= levels.scale(int(deep.sum(dtype=np.int64)), deep.size)
-    value += levels.offset
-    return np.floor(value).clip(0, levels.levels - 1).astype(np.uint8)
+        if quantization.by == RATIO:
+            value *= RATIO_OF * STEPS_PER_LEVEL
+            value /= np.maximum(around, MIN_AROUND * STEPS_PER_LEVEL)
+    value *= quantization.scale(int(gray16.sum(dtype=np.int64)), gray16.size)
+    value += quantization.offset
+    return np.floor(value).clip(0, quantization.levels - 1).astype(np.uint8)
 
 
 def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """How many pixels of each patch have each of 256 levels, int64, shape (n_patches, 256).
+    """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256).
 
     Raises
     ------

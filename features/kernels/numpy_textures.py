@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.frames.grid import Grid
+
 from .checks import check_gray, check_lbp, check_samples
-from .grid import Grid
 from .lbp_points import nearest_points
 
 Counts = NDArray[np.int64]
@@ -32,7 +33,7 @@ def lbp_nearest_counts(
 ) -> Counts:
     """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
 
-    Patterns are those of `tokt.features.reference.lbp_counts` but for that.
+    Patterns are those of `tokt.features.kernels.reference.lbp_counts` but for that.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def lbp_nearest_counts(
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> Counts:
-    """How strongly levels change across and down, and both together, in each patch.
+    """Sums of the structure tensor over each patch: changes across, down, and both together.
 
     With gx the pixel to the right less the one to the left and gy the one below less the one
     above, 0 where the picture ends: the sums of gx gx, gy gy and gx gy over a patch's pixels.

@@ -1,8 +1,8 @@
-"""How a deep picture becomes the grey levels that textures are counted in.
+"""Quantization of a 16-bit gray picture to the grey levels that textures are counted in.
 
 A faint obstacle lies within one grey level of the water around it, under a fall of light of tens
-of levels. So the picture is kept deep (1/256 grey level), what lies around each pixel is taken
-away, and what is left is spread over the levels.
+of levels. So the picture is kept in 16 bits (1/256 grey level), what lies around each pixel is
+taken away, and what is left is spread over the levels.
 """
 
 from __future__ import annotations
@@ -11,33 +11,33 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .errors import ToktError
+from tokt.features.common.errors import ToktError
 
-DEPTH = 256
-"""Steps of a deep picture in one grey level."""
+STEPS_PER_LEVEL = 256
+"""Steps of a 16-bit gray picture in one grey level."""
 
-MOST_PIXELS_AROUND = 255
-"""Largest side of a box whose sum of deep pixels fits 32 bits."""
+MAX_PIXELS_AROUND = 255
+"""Largest side of a box whose sum of 16-bit pixels fits 32 bits."""
 
 DIFFERENCE, RATIO, FRAME = "difference", "ratio", "frame"
 _WAYS = (DIFFERENCE, RATIO, FRAME)
 RATIO_OF = 32.0
 """A ratio to the surroundings is that to surroundings of this many grey levels."""
-LEAST_AROUND = 4.0
+MIN_AROUND = 4.0
 """Grey levels: darker surroundings count as these, or noise in the dark would be a large ratio."""
 FRAME_OF = 20.0
 """A difference in relation to the whole frame is that in a frame of this mean grey level."""
-LEAST_FRAME = 1.0
+MIN_FRAME = 1.0
 """Grey levels: the mean of a darker frame counts as this."""
 
 _BASE = {"resize": "area_deep", "gray": "bt601"}
 _KEYS = {*_BASE, "smooth", "flatten", "gain", "levels"}
-_LEAST_LEVELS, _MOST_LEVELS = 8, 256
-_LARGEST_GAIN = 1024.0
+_MIN_LEVELS, _MAX_LEVELS = 8, 256
+_MAX_GAIN = 1024.0
 
 
 @dataclass(frozen=True)
-class Levels:
+class Quantization:
     """A spec's ``image`` that is not the plain one.
 
     A pixel's level is ``floor(x * gain * levels / 256 + middle + 1/2)``, at least 0 and at most
@@ -69,21 +69,21 @@ class Levels:
     by: str = DIFFERENCE
 
     def scale(self, total: int, pixels: int) -> float:
-        """Levels that one step of a deep picture (or of its ratio) becomes.
+        """Levels that one step of a 16-bit gray picture (or of its ratio) becomes.
 
         Parameters
         ----------
         total, pixels : int
             The picture's sum of steps, and its size.
         """
-        scale = self.gain * self.levels / (256.0 * DEPTH)
+        scale = self.gain * self.levels / (256.0 * STEPS_PER_LEVEL)
         if self.window and self.by == FRAME:
-            scale *= FRAME_OF * DEPTH / max(total / pixels, LEAST_FRAME * DEPTH)
+            scale *= FRAME_OF * STEPS_PER_LEVEL / max(total / pixels, MIN_FRAME * STEPS_PER_LEVEL)
         return scale
 
     @property
     def offset(self) -> float:
-        """What is added before the rounding down: one half, and where zero difference lies."""
+        """The level added before rounding down: one half, and the middle level if flattened."""
         return (self.levels / 2.0 if self.window else 0.0) + 0.5
 
     @property
@@ -106,7 +106,7 @@ class Levels:
         }
 
     @classmethod
-    def from_json(cls, value: Any) -> Levels:
+    def from_json(cls, value: Any) -> Quantization:
         """Read what `to_json` wrote.
 
         Raises
@@ -118,12 +118,11 @@ class Levels:
             raise ToktError(f"image {value!r} is not known here")
         _check_keys(value, _KEYS, "image")
         gain, levels = value["gain"], value["levels"]
-        if type(gain) not in (int, float) or not 0 < gain <= _LARGEST_GAIN:
-            raise ToktError(f"image: gain is above 0 and at most {_LARGEST_GAIN:g}, not {gain!r}")
-        if type(levels) is not int or not _LEAST_LEVELS <= levels <= _MOST_LEVELS:
+        if type(gain) not in (int, float) or not 0 < gain <= _MAX_GAIN:
+            raise ToktError(f"image: gain is above 0 and at most {_MAX_GAIN:g}, not {gain!r}")
+        if type(levels) is not int or not _MIN_LEVELS <= levels <= _MAX_LEVELS:
             raise ToktError(
-                f"image: levels is a whole number, {_LEAST_LEVELS} to {_MOST_LEVELS}, "
-                f"not {levels!r}"
+                f"image: levels is a whole number, {_MIN_LEVELS} to {_MAX_LEVELS}, not {levels!r}"
             )
         smooth = _odd(value["smooth"], 1, "smooth")
         flatten = value["flatten"]
@@ -144,9 +143,9 @@ def _check_keys(value: Mapping[str, Any], keys: set[str], what: str) -> None:
 
 
 def _odd(value: Any, least: int, name: str) -> int:
-    if type(value) is not int or not least <= value <= MOST_PIXELS_AROUND or value % 2 == 0:
+    if type(value) is not int or not least <= value <= MAX_PIXELS_AROUND or value % 2 == 0:
         raise ToktError(
-            f"image: {name} is an odd number of pixels, {least} to {MOST_PIXELS_AROUND}, "
+            f"image: {name} is an odd number of pixels, {least} to {MAX_PIXELS_AROUND}, "
             f"not {value!r}"
         )
     return value

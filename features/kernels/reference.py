@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.feature import local_binary_pattern
 
+from tokt.features.frames.grid import Grid
+
 from .area import resized_gray as resized_gray
-from .grid import Grid
-from .levels import Levels
 from .numpy_matching import block_disparity as block_disparity
+from .quantization import Quantization
 
 DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahotas"))
 
@@ -114,13 +115,13 @@ def _covered(source: int, target: int) -> NDArray[np.float64]:
     return np.asarray((end - np.maximum(*begin)).clip(0), np.float64)
 
 
-def deep_gray(
+def resized_gray16(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint16]:
     """A frame resized by area and gray, in 1/256 grey level, rounded once.
 
-    Takes and gives what `tokt.features.numpy_pictures.deep_gray` does. Two matrix products, exact
-    in double precision as all sums are of whole numbers below 2**53.
+    Takes and gives what `numpy_pictures.resized_gray16` does. Two matrix products, exact in double
+    precision as all sums are of whole numbers below 2**53.
     """
     rows, columns = _covered(frame.shape[0], height), _covered(frame.shape[1], width)
     if frame.ndim == 2:
@@ -137,35 +138,37 @@ def _around(length: int, side: int) -> NDArray[np.float64]:
     return np.asarray(np.abs(at[:, None] - at) <= side // 2, np.float64)
 
 
-def _mean_around(deep: NDArray[np.uint16], side: int) -> NDArray[np.float64]:
-    down, across = _around(len(deep), side), _around(deep.shape[1], side)
+def _mean_around(gray16: NDArray[np.uint16], side: int) -> NDArray[np.float64]:
+    down, across = _around(len(gray16), side), _around(gray16.shape[1], side)
     return np.asarray(
-        down @ deep @ across * (1 / across.sum(axis=0)) * (1 / down.sum(axis=1))[:, None]
+        down @ gray16 @ across * (1 / across.sum(axis=0)) * (1 / down.sum(axis=1))[:, None]
     )
 
 
-def to_levels(deep: NDArray[np.uint16], levels: Levels, threads: int = 1) -> NDArray[np.uint8]:
-    """A deep picture as levels, as `tokt.features.levels.Levels` defines them.
+def quantize(
+    gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
+) -> NDArray[np.uint8]:
+    """A 16-bit gray picture quantized, as `.quantization.Quantization` defines it.
 
     The means' sums are matrix products, exact in double precision.
     """
-    x, middle = _mean_around(deep, levels.smooth), 0.0
-    if levels.window:
-        around = _mean_around(deep, levels.window)
-        x, middle = x - around, levels.levels / 2
-        if levels.by == "ratio":
+    x, middle = _mean_around(gray16, quantization.smooth), 0.0
+    if quantization.window:
+        around = _mean_around(gray16, quantization.window)
+        x, middle = x - around, quantization.levels / 2
+        if quantization.by == "ratio":
             x = x * (32 * 256) / np.where(around < 4 * 256, 4 * 256, around)
-    scale = levels.gain * levels.levels / 65536
-    if levels.window and levels.by == "frame":
-        scale *= 20 * 256 / max(sum(map(int, deep.ravel())) / deep.size, 256)
+    scale = quantization.gain * quantization.levels / 65536
+    if quantization.window and quantization.by == "frame":
+        scale *= 20 * 256 / max(sum(map(int, gray16.ravel())) / gray16.size, 256)
     level = np.floor(x * scale + (middle + 0.5))
     return np.where(
-        level < 0, 0, np.where(level >= levels.levels, levels.levels - 1, level)
+        level < 0, 0, np.where(level >= quantization.levels, quantization.levels - 1, level)
     ).astype(np.uint8)
 
 
 def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """How many pixels of each patch have each of 256 levels, int64, shape (n_patches, 256)."""
+    """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256)."""
     return np.stack([np.bincount(patch.ravel(), minlength=256) for patch in grid.cells(gray)])
 
 
@@ -195,9 +198,9 @@ def lbp_nearest_counts(
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """How strongly levels change across and down, and both together, in each patch.
+    """Sums of the structure tensor over each patch: changes across, down, and both together.
 
-    Takes and gives what `tokt.features.numpy_textures.structure_sums` does.
+    Takes and gives what `tokt.features.kernels.numpy_textures.structure_sums` does.
     """
     slopes = []
     for axis in (1, 0):
@@ -216,7 +219,7 @@ def line_sums(
 ) -> NDArray[np.int64]:
     """Sums along lines in 8 directions, over each patch's pixels.
 
-    Takes and gives what `tokt.features.numpy_textures.line_sums` does, sample by sample.
+    Takes and gives what `tokt.features.kernels.numpy_textures.line_sums` does, sample by sample.
     """
     height, width = gray.shape
     out = []

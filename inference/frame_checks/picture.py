@@ -1,4 +1,4 @@
-"""Whether a picture can be judged at all: not black, blank, saturated, damaged or covered.
+"""Checks that a picture can be judged: not black, blank, saturated, damaged or covered.
 
 Most is seen on one gray picture, `PATCH_GRID`'s: the frame resized to width 360, or the frame as
 it is when it is narrower, as interpolation makes no new noise. Darkness and saturation are looked
@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.extractor import gray_picture
-from ..features.grid import DEFAULT_GRID, Grid
-from .reason import NO_FAULT, Fault, Reason
+from tokt.features.extractors.extractor import gray_picture
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.inference.frame import Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 
 # The measured values below are of the gray pictures of the 492 frames, 246 of each camera, of the
 # sea trial of 20 April 2016: one dive. A resized picture has less noise than its frame: these
@@ -49,7 +50,7 @@ much smaller ones (40x40 at width 360) a real frame does have some blank."""
 _NATIVE_PATCH_GRID = Grid(PATCH_GRID.rows, PATCH_GRID.cols, None)
 
 _STEP_ROWS = 32
-_LEAST_PATCH_PX = 8
+_MIN_PATCH_PX = 8
 """Height and width in pixels below which one grey level in a patch proves nothing."""
 
 
@@ -65,6 +66,33 @@ def shape_fault(frame: NDArray[np.uint8]) -> Fault:
     if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
         words = f"the frame is {frame.dtype} of shape {frame.shape}, not an 8-bit picture"
         return Fault(Reason.WRONG_SIZE, words)
+    return NO_FAULT
+
+
+def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
+    """Why a pair cannot be matched: a picture is missing, or not of the calibration's size.
+
+    Empty where it can.
+
+    Parameters
+    ----------
+    frame : Frame
+    frame_size : (width, height) of int
+        Of the calibration, in pixels.
+    """
+    if frame.left is None:
+        return frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
+    if frame.right is None:
+        return frame.right_fault or Fault(Reason.MISSING, "there is no right frame")
+    for side, picture in (("left", frame.left), ("right", frame.right)):
+        fault = shape_fault(picture)
+        if fault:
+            return fault.about(side)
+        height, width = picture.shape[:2]
+        if (width, height) != frame_size:
+            expected = "x".join(map(str, frame_size))
+            words = f"the {side} frame is {width}x{height}, the calibration is for {expected}"
+            return Fault(Reason.WRONG_SIZE, words)
     return NO_FAULT
 
 
@@ -133,7 +161,7 @@ def _by_patch(extreme: np.ufunc, gray: NDArray[np.uint8], grid: Grid) -> NDArray
 
 def _blank_patches_fault(gray: NDArray[np.uint8], grid: Grid) -> Fault:
     """Why a picture is damaged or covered, or an empty string; small ones are not looked at."""
-    if min(gray.shape[0] // grid.rows, gray.shape[1] // grid.cols) < _LEAST_PATCH_PX:
+    if min(gray.shape[0] // grid.rows, gray.shape[1] // grid.cols) < _MIN_PATCH_PX:
         return NO_FAULT
     darkest, brightest = _by_patch(np.minimum, gray, grid), _by_patch(np.maximum, gray, grid)
     blank = int(np.sum((darkest == brightest) & (brightest < SATURATED_GREY)))

@@ -1,4 +1,4 @@
-"""A camera that repeats its picture: an old picture in a new frame."""
+"""A check for stuck frames: a camera that repeats its last picture exactly."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .limits import Limits
-from .reason import NO_FAULT, Fault, Reason
-from .sources import Frame
+from tokt.inference.config import Limits
+from tokt.inference.frame import Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 
 _STEP_ROWS = 32
 
@@ -37,8 +37,8 @@ class _Camera:
         return Fault(Reason.FROZEN, words)
 
 
-class FrozenWatch:
-    """Take away the pictures that a camera repeats, so that no detector judges them.
+class StuckFrameDetector:
+    """Remove the pictures that a camera repeats, so that no detector judges them.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class FrozenWatch:
         self._left = _Camera()
         self._right = _Camera()
 
-    def look(self, frame: Frame) -> Frame:
+    def remove(self, frame: Frame) -> Frame:
         """The same frame, without a picture where a camera has frozen.
 
         Parameters

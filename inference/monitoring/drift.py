@@ -19,24 +19,25 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.distribution import BINS, Distribution
-from .observer import Event, Observer
+from tokt.inference.events import Event
+from tokt.inference.observer import Observer
+from tokt.models.distribution import BINS, Distribution
 
 if TYPE_CHECKING:
-    from .policy import Judgement
-    from .report import Report
-    from .sources import Frame
+    from tokt.inference.frame import Frame
+    from tokt.inference.policy.policy import Judgement
+    from tokt.inference.report import Report
 
 BACK_RATIO = 0.9
 """Part of its limit that every distance must come back under before drift is over: what lies on
 the limit does not tell again and again."""
 LOOKS_A_WINDOW = 4
 """How often distances are computed while a window's frames are exchanged."""
-LARGEST_WORST = 5
+MAX_WORST = 5
 """Features that an event names."""
 
 
-class Described(Protocol):
+class NamedFeatures(Protocol):
     """The part of an extractor that names its features."""
 
     @property
@@ -44,8 +45,11 @@ class Described(Protocol):
         """One name a feature."""
 
 
-class Learnt(Protocol):
-    """What the monitor needs of a bundle (`tokt.models.bundle.Bundle` is one)."""
+class MonitoredModel(Protocol):
+    """The part of a bundle that the drift monitor needs.
+
+    `tokt.models.bundle.bundle.Bundle` is one.
+    """
 
     @property
     def label(self) -> str:
@@ -56,13 +60,13 @@ class Learnt(Protocol):
         """How its training features were distributed, if that is known."""
 
     @property
-    def extractor(self) -> Described:
+    def extractor(self) -> NamedFeatures:
         """Names its features."""
 
 
 @dataclass(frozen=True)
 class DriftState:
-    """What is known at this moment.
+    """The drift at this moment.
 
     Parameters
     ----------
@@ -104,7 +108,7 @@ class DriftMonitor(Observer):
         self.state = DriftState()
         self.set_model(None)
 
-    def set_model(self, model: Learnt | None) -> None:
+    def set_model(self, model: MonitoredModel | None) -> None:
         """Begin anew with another model, or with none; what was told of the last one is over."""
         if self.state.out:
             words = "another model: whether frames are like its training is not known yet"
@@ -165,7 +169,7 @@ class DriftMonitor(Observer):
     def _event(
         self, out: bool, distances: NDArray[np.float64], ratios: NDArray[np.float64]
     ) -> Event:
-        order = np.argsort(-ratios, kind="stable")[:LARGEST_WORST]
+        order = np.argsort(-ratios, kind="stable")[:MAX_WORST]
         worst = [
             {
                 "feature": self._names[index],

@@ -1,4 +1,4 @@
-"""What Prometheus asks for: counters, histograms and states of a run.
+"""Prometheus metrics: counters, histograms and states of a run.
 
 A scrape reads what the loop has counted without any lock that the loop could wait for, and asks
 each part for its own counters: nothing is counted twice.
@@ -12,18 +12,21 @@ from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
-from ..features.errors import ToktError
-from .clock import Clock
+from tokt.features.common.address import parse_address
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import Clock
+from tokt.inference.publisher import Sender
+
 from .run_counts import BOUNDS_S, Histogram, RunCounts
-from .udp import Sender, parse_address
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
-    from .cameras.live_source import CameraSource
+    from tokt.inference.recording.recorder import Recorder
+    from tokt.inference.recording.run_log import RunLog
+    from tokt.inference.sources.cameras.live_source import CameraSource
+
     from .drift import DriftMonitor
-    from .recorder import Recorder
-    from .run_log import RunLog
 
 LOOPBACK = "127.0.0.1"
 _PREFIX = "tokt_"
@@ -44,8 +47,8 @@ Values = float | Mapping[tuple[str, ...], float]
 
 
 @dataclass(frozen=True)
-class Watched:
-    """What counts by itself.
+class MetricSources:
+    """The parts of a run that count by themselves.
 
     Parameters
     ----------
@@ -85,7 +88,7 @@ class Metrics:
         0 takes any that is free.
     counts : RunCounts
         An observer of the run.
-    watched : Watched
+    sources : MetricSources
     clock : Clock
 
     Attributes
@@ -99,7 +102,7 @@ class Metrics:
     """
 
     def __init__(
-        self, host: str, port: int, counts: RunCounts, watched: Watched, clock: Clock
+        self, host: str, port: int, counts: RunCounts, sources: MetricSources, clock: Clock
     ) -> None:
         from .metrics_server import MetricsServer  # Python's own server takes a while to import
 
@@ -110,7 +113,7 @@ class Metrics:
                 "metrics need the extra 'metrics': pip install 'tokt[metrics]'"
             ) from None
         registry = CollectorRegistry()
-        registry.register(RunCollector(counts, watched, clock))
+        registry.register(RunCollector(counts, sources, clock))
         ProcessCollector(registry=registry)
         self._server = MetricsServer(host, port, make_wsgi_app(registry))
         self.port = self._server.port
@@ -126,13 +129,13 @@ class RunCollector:
     Parameters
     ----------
     counts : RunCounts
-    watched : Watched
+    sources : MetricSources
     clock : Clock
     """
 
-    def __init__(self, counts: RunCounts, watched: Watched, clock: Clock) -> None:
+    def __init__(self, counts: RunCounts, sources: MetricSources, clock: Clock) -> None:
         self._counts = counts
-        self._watched = watched
+        self._sources = sources
         self._clock = clock
 
     def collect(self) -> Iterator[Metric]:
@@ -152,9 +155,9 @@ class RunCollector:
 
     def _said(self) -> Iterator[Metric]:
         counts = self._counts
-        verdicts, silences = dict(counts.verdicts), _by_name(counts.silences)
+        verdicts, heartbeats = dict(counts.verdicts), _by_name(counts.heartbeat_reasons)
         yield _counter("verdicts", "Frames judged.", verdicts, "status", "reason")
-        yield _counter("heartbeats", "Unknown, said without a frame.", silences, "reason")
+        yield _counter("heartbeats", "Unknown, said without a frame.", heartbeats, "reason")
         yield _counter("frames_missed", "Frames that were not judged.", counts.missed)
         yield _counter("frames_left_out", "Those there was no time for.", counts.left_out)
         words = "From when a frame was taken up to its verdict."
@@ -169,39 +172,40 @@ class RunCollector:
 
     def _state(self) -> Iterator[Metric]:
         counts = self._counts
-        model, newest = counts.model, counts.newest
+        model, last = counts.model, counts.last_report
         if model is not None:
             name, _, version = model.label.rpartition("/")
             info: Values = {(name, version, model.sha256): 1.0}
             yield _gauge("model_info", "The model that runs.", info, "name", "version", "sha256")
-        if newest is not None:
+        if last is not None:
             words = "What was said last: 1 obstacle, 0 clear, -1 unknown."
-            yield _gauge("status", words, newest.verdict.status)
+            yield _gauge("status", words, last.verdict.status)
         words = "Since something was last said, or since the start."
-        said_s = counts.said_s  # before the clock is looked at: another may be said meanwhile
+        # Before the clock is looked at: another may be published meanwhile.
+        last_report_s = counts.last_report_s
         now = self._clock.monotonic()
-        yield _gauge("last_verdict_age_seconds", words, now - said_s)
+        yield _gauge("last_verdict_age_seconds", words, now - last_report_s)
         yield _gauge("up_seconds", "Since the start.", now - counts.started_s)
         words = "The start, in seconds since 1970."
         yield _gauge("start_time_seconds", words, counts.started_t)
 
     def _senders(self) -> Iterator[Metric]:
-        senders = self._watched.senders.items()
+        senders = self._sources.senders.items()
         sent = _by_name({name: sender.sent for name, sender in senders})
         failed = _by_name({name: sender.failed for name, sender in senders})
         yield _counter("datagrams_sent", "Datagrams the system took.", sent, "receiver")
         yield _counter("datagrams_failed", "Datagrams it refused.", failed, "receiver")
 
     def _log(self) -> Iterator[Metric]:
-        log = self._watched.log
+        log = self._sources.log
         if log is not None:
             yield _counter("log_lines_failed", "Lines that could not be logged.", log.failed)
 
     def _recorder(self) -> Iterator[Metric]:
-        recorder = self._watched.recorder
+        recorder = self._sources.recorder
         if recorder is None:
             return
-        yield _counter("recorder_moments", "Moments opened.", recorder.moments)
+        yield _counter("recorder_moments", "Moments opened.", recorder.clips)
         yield _counter("recorder_frames", "Frames recorded.", recorder.frames)
         yield _counter("recorder_frames_dropped", "Frames that could not be.", recorder.dropped)
         yield _counter("recorder_bytes", "Bytes recorded.", recorder.written_bytes)
@@ -210,9 +214,9 @@ class RunCollector:
         yield _gauge("recorder_failing", "Frames are being left out.", bool(recorder.fault))
 
     def _cameras(self) -> Iterator[Metric]:
-        if self._watched.cameras is None:
+        if self._sources.cameras is None:
             return
-        sides = list(zip(("left", "right"), self._watched.cameras.counts, strict=False))
+        sides = list(zip(("left", "right"), self._sources.cameras.counts, strict=False))
         for name, words in _CAMERA_COUNTS.items():
             values = _by_name({side: getattr(counts, name) for side, counts in sides})
             yield _counter(f"camera_{name}", words, values, "camera")
@@ -220,7 +224,7 @@ class RunCollector:
         yield _counter("camera_reconnects", "Lost cameras that came back.", back)
 
     def _drift(self) -> Iterator[Metric]:
-        drift = self._watched.drift
+        drift = self._sources.drift
         if drift is None:
             return
         state, distances = drift.state, _by_name(drift.distances)

@@ -13,8 +13,8 @@ from socketserver import TCPServer
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
-from ..features.errors import ToktError
-from .udp import resolve
+from tokt.features.common.address import resolve
+from tokt.features.common.errors import ToktError
 
 _REQUEST_S = 2.0
 """Longest silence of a client within its request, in seconds."""
@@ -47,7 +47,7 @@ class MetricsServer:
     def __init__(self, host: str, port: int, application: Callable[..., Any]) -> None:
         family, address = resolve(host, port)
         try:
-            self._server = _Server(family, address)
+            self._server = _QuietServer(family, address)
         except OSError as error:
             why = error.strerror or error
             raise ToktError(f"metrics cannot be served on {host}:{port}: {why}") from None
@@ -75,7 +75,7 @@ class _Handler(WSGIRequestHandler):
         """Say nothing: standard error is for people."""
 
 
-class _Server(WSGIServer):
+class _QuietServer(WSGIServer):
     timeout = _STOP_CHECK_S
 
     def __init__(self, family: socket.AddressFamily, address: Any) -> None:

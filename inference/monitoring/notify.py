@@ -1,4 +1,4 @@
-"""Tell whoever watches over this process that it is ready, and that it still works.
+"""Signs of life of this process, for systemd or `watchdog`: ready, alive, stopping.
 
 The words are those of systemd's ``sd_notify`` (READY=1, WATCHDOG=1, STOPPING=1): one datagram each
 to the socket that ``NOTIFY_SOCKET`` names, or, from ``tokt run --watchdog``, which runs where there
@@ -11,7 +11,7 @@ import os
 import socket
 from collections.abc import Mapping
 
-from .clock import Clock
+from tokt.inference.clock import Clock
 
 SYSTEMD_VARIABLE = "NOTIFY_SOCKET"
 WATCHDOG_VARIABLE = "TOKT_WATCHDOG"

@@ -1,4 +1,4 @@
-"""Notice a store's new active model and make it ready beside the running one.
+"""Reloading: a store's new active model is made ready beside the running one, then exchanged.
 
 ::
 
@@ -20,12 +20,12 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from ..features.errors import ToktError
-from ..models.bundle import Bundle
-from ..models.last_good import remember_good
-from ..models.store import Store
-from .clock import Clock
-from .observer import Event
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import Clock
+from tokt.inference.events import Event
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.store.last_good import remember_good
+from tokt.models.store.store import Store
 
 POLL_S = 1.0
 CHECK_S = 60.0
@@ -35,8 +35,8 @@ RETRY_S = 30.0
 
 
 @dataclass(frozen=True)
-class Checked:
-    """What the child process says of the active bundle.
+class BundleCheck:
+    """The child process's answer on the active bundle.
 
     Parameters
     ----------
@@ -50,24 +50,24 @@ class Checked:
     fault: str
 
 
-def check_in_child(store: Store) -> Checked:
+def check_in_child(store: Store) -> BundleCheck:
     """Load a store's active bundle in another process, with every check."""
-    command = [sys.executable, "-P", "-m", "tokt.models.check_bundle", str(store.path)]
+    command = [sys.executable, "-P", "-m", "tokt.models.store.check_active", str(store.path)]
     try:
         done = subprocess.run(
             command, capture_output=True, timeout=CHECK_S, check=False, stdin=subprocess.DEVNULL
         )
         answer = json.loads(done.stdout.splitlines()[-1])
-        return Checked(str(answer["sha256"] or ""), str(answer["fault"]))
+        return BundleCheck(str(answer["sha256"] or ""), str(answer["fault"]))
     except subprocess.TimeoutExpired:
-        return Checked("", f"its checks did not end in {CHECK_S:g} s")
+        return BundleCheck("", f"its checks did not end in {CHECK_S:g} s")
     except OSError as error:
-        return Checked("", f"its checks cannot be run: {error.strerror or error}")
+        return BundleCheck("", f"its checks cannot be run: {error.strerror or error}")
     except (ValueError, LookupError, TypeError):
-        return Checked("", f"its checks died with exit code {done.returncode}")
+        return BundleCheck("", f"its checks died with exit code {done.returncode}")
 
 
-class ModelWatch:
+class ModelReloader:
     """Keep the running model the store's active one.
 
     Parameters
@@ -93,7 +93,7 @@ class ModelWatch:
         misfit: Callable[[Bundle], str],
         put: Callable[[Bundle], None],
         clock: Clock,
-        check: Callable[[Store], Checked] = check_in_child,
+        check: Callable[[Store], BundleCheck] = check_in_child,
         is_active: bool = True,
     ) -> None:
         self._store = store

@@ -1,4 +1,4 @@
-"""What a run has come to so far: kept by the loop, looked at from other threads.
+"""The counts of a run so far: kept by the loop, read from other threads.
 
 No lock: one thread writes, and whoever reads takes whole values (a number, a copy of a list). Two
 values read one after the other may be one frame apart.
@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from bisect import bisect_left
 
-from .clock import Clock
-from .observer import Event, Observer
-from .policy import Judgement
-from .report import Report
-from .run_start import MODEL, START, ModelName
-from .sources import MANY_MISSED, Frame
-from .verdict import STATUS_WORDS
+from tokt.inference.clock import Clock
+from tokt.inference.events import Event
+from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.observer import Observer
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.recording.run_start import MODEL, START, ModelName
+from tokt.inference.report import Report
+from tokt.inference.verdict import STATUS_WORDS
 
 BOUNDS_S = (
     *(0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.075),
@@ -24,7 +25,7 @@ BOUNDS_S = (
 
 
 class Histogram:
-    """How often a duration was how long.
+    """A histogram of durations over fixed buckets.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class RunCounts(Observer):
     frames, heartbeats : int
     verdicts : dict
         Frames by (status, reason), in words.
-    silences : dict
+    heartbeat_reasons : dict
         Heartbeats by reason.
     events : dict
         Events by name.
@@ -65,9 +66,9 @@ class RunCounts(Observer):
         Those of them that the loop had no time for.
     latency, age : Histogram
         From when a frame was taken up to its verdict; from its arrival to its datagram.
-    newest : Report or None
-        The last thing said.
-    said_s, started_s : float
+    last_report : Report or None
+        Of a frame, or a heartbeat.
+    last_report_s, started_s : float
         The clock's `monotonic` when that was, and at the start.
     started_t : float
         Seconds since 1970 (UTC) at the start.
@@ -80,12 +81,12 @@ class RunCounts(Observer):
         self._clock = clock
         self.frames = self.heartbeats = self.missed = self.left_out = 0
         self.verdicts: dict[tuple[str, ...], int] = {}
-        self.silences: dict[str, int] = {}
+        self.heartbeat_reasons: dict[str, int] = {}
         self.events: dict[str, int] = {}
         self.latency, self.age = Histogram(), Histogram()
-        self.newest: Report | None = None
+        self.last_report: Report | None = None
         self.started_t = clock.time()
-        self.said_s = self.started_s = clock.monotonic()
+        self.last_report_s = self.started_s = clock.monotonic()
         self.model: ModelName | None = None
         self.warnings: dict[str, str] = {}
 
@@ -102,14 +103,14 @@ class RunCounts(Observer):
             self.latency.add(report.latency_ms / 1000)
         if report.age_ms is not None:
             self.age.add(report.age_ms / 1000)
-        self._said(report)
+        self._note(report)
 
     def heartbeat(self, report: Report) -> None:
         """Count a heartbeat."""
         self.heartbeats += 1
         reason = report.verdict.reason.value
-        self.silences[reason] = self.silences.get(reason, 0) + 1
-        self._said(report)
+        self.heartbeat_reasons[reason] = self.heartbeat_reasons.get(reason, 0) + 1
+        self._note(report)
 
     def event(self, event: Event) -> None:
         """Count an event, and note what it changes."""
@@ -127,5 +128,5 @@ class RunCounts(Observer):
         elif event.name == "drift_over":
             self.warnings.pop("drift", None)
 
-    def _said(self, report: Report) -> None:
-        self.newest, self.said_s = report, self._clock.monotonic()
+    def _note(self, report: Report) -> None:
+        self.last_report, self.last_report_s = report, self._clock.monotonic()

@@ -1,4 +1,4 @@
-"""What people see of a run: one line on a terminal that tells how it goes, and events as lines.
+"""The status line of a run on a terminal, and its events as lines.
 
 A thread of its own writes, straight to the file descriptor: a terminal that is held (Ctrl-S) or a
 pipe that nobody reads keeps this thread waiting, and neither the loop nor Python's own standard
@@ -15,17 +15,19 @@ from collections import deque
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, TextIO
 
-from .clock import Clock
-from .observer import Event, Observer
-from .reason import Reason
+from tokt.inference.clock import Clock
+from tokt.inference.events import Event
+from tokt.inference.observer import Observer
+from tokt.inference.reason import Reason
+from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
+
 from .run_counts import RunCounts
-from .verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
-    from .recorder import Recorder
+    from tokt.inference.recording.recorder import Recorder
 
 PERIOD_S = 0.2
 """Between two updates."""
@@ -33,7 +35,7 @@ SURE = 0.9
 """Least confidence of a trend that is shown: the line is read at a glance."""
 
 _RATE_OVER_S = 2.0
-_MOST_WAITING = 200
+_MAX_WAITING = 200
 _JOIN_S = 1.0
 _COLUMNS = 80
 _STYLES = {OBSTACLE: "bold red", CLEAR: "bold green", UNKNOWN: "bold yellow"}
@@ -66,7 +68,7 @@ class StatusLine(Observer):
         self._recorder = recorder
         self._out = _Out(stream)
         self._console = _console() if _has_cursor(stream) else None
-        self._lines: deque[str] = deque(maxlen=_MOST_WAITING)
+        self._lines: deque[str] = deque(maxlen=_MAX_WAITING)
         self._seen: deque[tuple[float, int]] = deque()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._show, name="tokt status", daemon=True)
@@ -113,20 +115,20 @@ class StatusLine(Observer):
         from rich.text import Text
 
         counts, now = self._counts, self._clock.monotonic()
-        newest = counts.newest
-        if newest is None:
+        last = counts.last_report
+        if last is None:
             return Text("waiting for the first frame")
-        verdict = newest.verdict
+        verdict = last.verdict
         line = Text(STATUS_WORDS[verdict.status], _STYLES[verdict.status])
         line.append(_nearness(verdict))
         if verdict.reason is not Reason.OK:
             line.append(f" ({verdict.reason.value})")
         for words in list(counts.warnings.values()):
             line.append(f"  {words}", "yellow")
-        if newest.age_ms is not None:
-            line.append(f"  age {newest.age_ms + 1000 * (now - counts.said_s):.0f} ms")
-        if newest.latency_ms is not None:
-            line.append(f"  latency {newest.latency_ms:.0f} ms")
+        if last.age_ms is not None:
+            line.append(f"  age {last.age_ms + 1000 * (now - counts.last_report_s):.0f} ms")
+        if last.latency_ms is not None:
+            line.append(f"  latency {last.latency_ms:.0f} ms")
         line.append(f"  {self._rate(now):.1f} fps  {self._tally()}")
         line.append(f"  {'no model' if counts.model is None else counts.model.label}")
         if self._recorder is not None:

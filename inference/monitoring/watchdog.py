@@ -1,4 +1,4 @@
-"""A process that starts the runtime, and starts it again whenever it dies or hangs.
+"""A watchdog: a process that starts the runtime, and starts it again when it dies or hangs.
 
 What systemd does with docs/tokt.service, for a PC without systemd.
 """
@@ -20,13 +20,13 @@ RESTARTS_VARIABLE = "TOKT_RESTARTS"
 
 _FAILED, _USER_ERROR = 1, 2
 _POLL_S = 0.02
-_LONGEST_PAUSE_S = 2.0
-_LARGEST_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked for
+_MAX_PAUSE_S = 2.0
+_MAX_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked for
 
 
 @dataclass(frozen=True)
-class Patience:
-    """How long the runtime may take.
+class WatchdogTimeouts:
+    """Seconds that the runtime may take, to start, between signs of life and to stop.
 
     Parameters
     ----------
@@ -52,12 +52,13 @@ class Watchdog:
     Parameters
     ----------
     command : sequence of str
-        Program and arguments; it tells its signs of life as `tokt.inference.notify` does.
+        Program and arguments; it tells its signs of life as `tokt.inference.monitoring.notify`
+        does.
     say : callable
         Given one line for people each time something happens.
     notifier : Notifier
         Passes the runtime's signs of life on.
-    patience : Patience
+    timeouts : WatchdogTimeouts
     """
 
     def __init__(
@@ -65,13 +66,13 @@ class Watchdog:
         command: Sequence[str],
         say: Callable[[str], None],
         notifier: Notifier,
-        patience: Patience | None = None,
+        timeouts: WatchdogTimeouts | None = None,
     ) -> None:
         self.restarts = 0
         self._command = list(command)
         self._say = say
         self._notifier = notifier
-        self._patience = Patience() if patience is None else patience
+        self._patience = WatchdogTimeouts() if timeouts is None else timeouts
         self._asked_to_stop = False
         self._was_ready = False
         self._finished = False
@@ -128,28 +129,28 @@ class Watchdog:
     def _pause(self, quick: int) -> None:
         """None the first time, then longer ones for a runtime that cannot stay up."""
         if quick > 1:
-            until = time.monotonic() + min(0.1 * 2**quick, _LONGEST_PAUSE_S)
+            until = time.monotonic() + min(0.1 * 2**quick, _MAX_PAUSE_S)
             while time.monotonic() < until and not self._asked_to_stop:
                 time.sleep(_POLL_S)
 
     def _watch(self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes) -> str:
         """Wait until the runtime has ended, or is to be killed; why."""
-        patience = self._patience
+        timeouts = self._patience
         ready = False
-        until = time.monotonic() + patience.start_s
+        until = time.monotonic() + timeouts.start_s
         asked = False
         while child.poll() is None:
             sign = _next_sign(signs, token)
             if self._asked_to_stop and not asked:
                 child.terminate()
-                asked, until = True, time.monotonic() + patience.stop_s
+                asked, until = True, time.monotonic() + timeouts.stop_s
             elif sign in (READY, ALIVE) and not asked:
                 ready = ready or sign == READY
                 self._pass_on(sign)
-                until = time.monotonic() + (patience.hang_s if ready else patience.start_s)
+                until = time.monotonic() + (timeouts.hang_s if ready else timeouts.start_s)
             elif sign == STOPPING and not asked:
                 self._finished = asked = True
-                until = time.monotonic() + patience.stop_s
+                until = time.monotonic() + timeouts.stop_s
             elif time.monotonic() > until:
                 what = "does not answer" if ready else "did not get ready"
                 return f"the runtime {what} and was killed"
@@ -168,7 +169,7 @@ class Watchdog:
 def _next_sign(signs: socket.socket, token: bytes) -> bytes:
     """What the runtime said within the next moment, or nothing; others' datagrams are no signs."""
     try:
-        data = signs.recv(_LARGEST_DATAGRAM)
+        data = signs.recv(_MAX_DATAGRAM)
     except TimeoutError:
         return b""
     except ConnectionResetError:

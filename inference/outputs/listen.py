@@ -12,24 +12,26 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from ..features.errors import ToktError
-from .clock import Clock
-from .udp import decode, resolve
-from .verdict import STATUS_WORDS
+from tokt.features.common.address import resolve
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import Clock
+from tokt.inference.verdict import STATUS_WORDS
 
-_LARGEST_DATAGRAM = 65535
+from .udp import decode
+
+_MAX_DATAGRAM = 65535
 _STOP_CHECK_S = 0.2
 
 RESTART_BEHIND = 1000
 """A number that is so far behind the last is of another run, whose first ones are lost; one less
 far behind was overtaken on its way."""
-MOST_SENDERS = 256
+MAX_SENDERS = 256
 """Senders that are kept in mind; of more, the one that was heard longest ago is forgotten."""
 
 
 @dataclass(frozen=True)
-class Heard:
-    """A datagram that came.
+class ReceivedDatagram:
+    """A datagram that came, and what its number and time tell of its sender.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ class _Sender:
     silent: bool = False
 
 
-class Watch:
+class SenderMonitor:
     """Keep an account of each sender's numbers and silences.
 
     Parameters
@@ -103,7 +105,7 @@ class Watch:
         # Silence before anybody was heard is told, too: most often the address is wrong.
         self._nobody: _Sender | None = _Sender(now)
 
-    def heard(self, sender: str, data: bytes, now: float) -> Heard:
+    def heard(self, sender: str, data: bytes, now: float) -> ReceivedDatagram:
         """Take a datagram in."""
         known = self._senders.pop(sender, None)
         after_s = now - known.heard if known is not None and known.silent else None
@@ -111,17 +113,19 @@ class Watch:
         self._nobody = None
         # Put in anew: the first of them is always the one heard longest ago.
         self._senders[sender] = kept = _Sender(now, seq)
-        if len(self._senders) > MOST_SENDERS:
+        if len(self._senders) > MAX_SENDERS:
             del self._senders[next(iter(self._senders))]
         try:
             fields = decode(data)
         except ToktError as error:
-            return Heard(sender, {"error": str(error), "bytes": len(data)}, after_s=after_s)
+            return ReceivedDatagram(
+                sender, {"error": str(error), "bytes": len(data)}, after_s=after_s
+            )
         if "seq" not in fields:
-            return Heard(sender, fields, after_s=after_s)
-        return self._numbered(kept, Heard(sender, fields, after_s=after_s))
+            return ReceivedDatagram(sender, fields, after_s=after_s)
+        return self._numbered(kept, ReceivedDatagram(sender, fields, after_s=after_s))
 
-    def _numbered(self, kept: _Sender, heard: Heard) -> Heard:
+    def _numbered(self, kept: _Sender, heard: ReceivedDatagram) -> ReceivedDatagram:
         """The same with what its number tells."""
         seq, last = heard.fields["seq"], kept.seq
         restarted = last is not None and seq <= last and (seq == 1 or last - seq >= RESTART_BEHIND)
@@ -134,7 +138,9 @@ class Watch:
         if not overtaken:
             kept.seq = seq
         self.lost += lost
-        return Heard(heard.sender, heard.fields, lost, restarted, overtaken, heard.after_s)
+        return ReceivedDatagram(
+            heard.sender, heard.fields, lost, restarted, overtaken, heard.after_s
+        )
 
     def silences(self, now: float) -> list[Silence]:
         """Who has been silent for longer than the time-out; each silence is told once."""
@@ -154,11 +160,11 @@ class Watch:
 def listen(
     host: str,
     port: int,
-    watch: Watch,
+    watch: SenderMonitor,
     clock: Clock,
     stopped: Callable[[], bool],
     ready: Callable[[], None],
-) -> Iterator[Heard | Silence]:
+) -> Iterator[ReceivedDatagram | Silence]:
     """Yield what comes, and when nothing does, until `stopped` says so.
 
     Parameters
@@ -189,7 +195,7 @@ def listen(
         while not stopped():
             yield from watch.silences(clock.monotonic())
             try:
-                data, sender = receiver.recvfrom(_LARGEST_DATAGRAM)
+                data, sender = receiver.recvfrom(_MAX_DATAGRAM)
             except TimeoutError:
                 continue
             except ConnectionResetError:
@@ -197,7 +203,7 @@ def listen(
             yield watch.heard(f"{sender[0]}:{sender[1]}", data, clock.monotonic())
 
 
-def as_json(event: Heard | Silence) -> str:
+def as_json(event: ReceivedDatagram | Silence) -> str:
     """One line for programs."""
     if isinstance(event, Silence):
         told: dict[str, Any] = {"from": event.sender, "silent_s": round(event.seconds, 3)}
@@ -212,7 +218,7 @@ def as_json(event: Heard | Silence) -> str:
     return json.dumps(told, allow_nan=False)
 
 
-def as_words(event: Heard | Silence) -> str:
+def as_words(event: ReceivedDatagram | Silence) -> str:
     """One line for people; what came over the network cannot move the cursor."""
     if isinstance(event, Silence):
         sender = event.sender or "nobody yet"
@@ -231,7 +237,7 @@ def as_words(event: Heard | Silence) -> str:
     return "".join(char if char.isprintable() else "?" for char in line)
 
 
-def _account(heard: Heard) -> list[str]:
+def _account(heard: ReceivedDatagram) -> list[str]:
     """What was odd about a datagram's coming."""
     return [
         words

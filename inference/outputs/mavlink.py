@@ -14,14 +14,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import ModuleType
 
-from ..features.errors import ToktError
-from .clock import Clock
-from .lens import SECTOR_DEG, Lens
+from tokt.features.common.address import parse_address
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import Clock
+from tokt.inference.reason import Reason
+from tokt.inference.report import Report
+from tokt.inference.stereo.lens import SECTOR_DEG, Lens
+from tokt.inference.verdict import UNKNOWN
+
 from .ranges import NEAREST_CM, NOTHING_KNOWN, Ranges, ranges_of
-from .reason import Reason
-from .report import Report
-from .udp import Outlet, parse_address
-from .verdict import UNKNOWN
+from .udp import DatagramSocket
 
 HEARTBEAT_S = 1.0
 ASSUMED_M = 1.0
@@ -36,7 +38,7 @@ _DEVICE = re.compile(r"udpout:(.+)")
 
 
 class Messages(StrEnum):
-    """Which messages carry the distances."""
+    """The MAVLink messages that carry the distances."""
 
     BOTH = "both"
     OBSTACLE_DISTANCE = "obstacle_distance"
@@ -44,7 +46,7 @@ class Messages(StrEnum):
 
 
 class WhenUnknown(StrEnum):
-    """What is sent for an unknown verdict, besides the heartbeat."""
+    """Choices of what is sent for an unknown verdict, besides the heartbeat."""
 
     SILENCE = "silence"
     MESSAGE = "message"
@@ -53,7 +55,7 @@ class WhenUnknown(StrEnum):
 
 @dataclass(frozen=True)
 class MavlinkOptions:
-    """How a verdict becomes distances, and who says so.
+    """Settings by which verdicts become distances, and the MAVLink ids of their sender.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def _dialect() -> ModuleType:
     return dialect
 
 
-class MavlinkSender(Outlet):
+class MavlinkSender(DatagramSocket):
     """Send verdicts as MAVLink messages to one address, one message a datagram.
 
     A heartbeat goes out with the first report a second after the one before. It is no thread's
@@ -124,7 +126,7 @@ class MavlinkSender(Outlet):
     Parameters
     ----------
     host, port
-        As of `Outlet`.
+        As of `DatagramSocket`.
     options : MavlinkOptions
     clock : Clock
         Its `monotonic` stamps the messages, as time since boot; what day it is does not matter.

@@ -1,4 +1,4 @@
-"""What a verdict comes to in distances: clear up to where, an obstacle how far away and where.
+"""A verdict in distances: clear up to where, an obstacle how far away and in which sectors.
 
 A receiver that thinks in distances cannot be told "obstacle" or "clear" without one. Where the
 verdict measured none, one has to be assumed, and the same figure serves both: an obstacle without
@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .detector import DISPARITY, PUSHBROOM
-from .lens import SECTORS, Lens, sectors_touching, sectors_within
-from .matching import FARTHEST_M
-from .pushbroom import DISTANCES_M
-from .verdict import CLEAR, OBSTACLE, Verdict
+from tokt.inference.detector import DISPARITY, PUSHBROOM
+from tokt.inference.stereo.lens import SECTORS, Lens, sectors_touching, sectors_within
+from tokt.inference.stereo.matching import FARTHEST_M
+from tokt.inference.stereo.pushbroom import DISTANCES_M
+from tokt.inference.verdict import CLEAR, OBSTACLE, Verdict
 
 UNKNOWN_CM = 65535
 """OBSTACLE_DISTANCE's word for unknown, or not used (UINT16_MAX)."""

@@ -11,11 +11,12 @@ import math
 import re
 import socket
 import sys
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from ..features.errors import ToktError
-from .report import V2, Report
-from .verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
+from tokt.features.common.address import parse_address, resolve
+from tokt.features.common.errors import ToktError
+from tokt.inference.report import FIRST, V1_FIELDS, V2, V2_FIELDS, Report
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 1130
@@ -27,8 +28,6 @@ _V1 = re.compile(
 )
 FORMATS = {"v1": 1, "v2": 2}
 """The formats by the names they have on the command line."""
-
-_ADDRESS = re.compile(r"(?:\[([^\]]+)\]|([^:\s]+)):(\d{1,5})")
 
 
 def encode_v1(verdict: Verdict) -> bytes | None:
@@ -71,11 +70,10 @@ def decode(data: bytes) -> dict[str, Any]:
     """
     match = _V1.fullmatch(data)
     if match is not None:
-        status, x, y = (int(match[group]) for group in (1, 2, 3))
-        mean = float(match[4])
-        if not math.isfinite(mean):
+        values = [each.kind(text) for each, text in zip(V1_FIELDS, match.groups(), strict=True)]
+        if not all(map(math.isfinite, values)):
             raise ToktError("not a tokt datagram: v1 with a mean value that is not finite")
-        return {"v": 1, "status": status, "x": x, "y": y, "mean": mean}
+        return {"v": 1, **{each.name: value for each, value in zip(V1_FIELDS, values, strict=True)}}
     try:
         value = json.loads(data.decode("utf-8"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError):
@@ -91,41 +89,15 @@ def _contract_fields(value: Any) -> dict[str, Any]:
     """Hold a JSON value against the contract of v2; only what the contract names is passed on."""
     if not isinstance(value, dict) or type(value.get("v")) is not int or value["v"] != V2:
         raise ToktError("not a tokt datagram: JSON, but not version 2")
-    whole, number, text = (int,), (int, float), (str,)
-    contract: dict[str, tuple[tuple[type, ...], bool]] = {
-        "seq": (whole, False),
-        "t": (number, True),
-        "status": (whole, False),
-        "x": (whole, True),
-        "y": (whole, True),
-        "box": ((list,), True),
-        "mean": (number, True),
-        "distance_m": (number, True),
-        "method": (text, False),
-        "model": (text, True),
-        "latency_ms": (number, True),
-        "health": (text, False),
-    }
-    # What was added later is not in the datagrams of older senders.
-    added: dict[str, tuple[tuple[type, ...], bool]] = {
-        "closing_m_s": (number, True),
-        "contact_s": (number, True),
-        "reason": (text, False),
-        "age_ms": (number, True),
-        "trend": (text, True),
-        "trend_confidence": (number, True),
-        "expansion_contact_s": (number, True),
-        "anchor_x": (number, True),
-        "anchor_y": (number, True),
-        "anchor_size": (number, True),
-    }
-    for name, (types, optional) in {**contract, **added}.items():
-        fits = _fits(value[name], types, optional) if name in value else name in added
-        if not fits:
-            raise ToktError(f"not a tokt datagram: v2 with a wrong or missing {name!r}")
+    for each in V2_FIELDS:
+        kinds = (int, float) if each.kind is float else (each.kind,)
+        # What was added later is not in the datagrams of older senders.
+        late = each.since > FIRST and each.name not in value
+        if not (late or _fits(value.get(each.name), kinds, each.nullable and each.name in value)):
+            raise ToktError(f"not a tokt datagram: v2 with a wrong or missing {each.name!r}")
     if value["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
         raise ToktError(f"not a tokt datagram: status {value['status']}")
-    return {name: value.get(name) for name in ("v", *contract, *added)}
+    return {each.name: value.get(each.name) for each in V2_FIELDS}
 
 
 def _fits(field: Any, types: tuple[type, ...], optional: bool) -> bool:
@@ -139,20 +111,6 @@ def _fits(field: Any, types: tuple[type, ...], optional: bool) -> bool:
         # Neither NaN, nor infinite (1e999 is, to a JSON parser), nor whole but beyond any float.
         return abs(field) <= sys.float_info.max
     return True
-
-
-def parse_address(text: str) -> tuple[str, int]:
-    """Read ``HOST:PORT`` (or ``[IPV6]:PORT``).
-
-    Raises
-    ------
-    ToktError
-        If it is neither, or the port is not 1..65535.
-    """
-    match = _ADDRESS.fullmatch(text.strip())
-    if match is None or not 1 <= int(match[3]) <= 65535:
-        raise ToktError(f"not an address: {text!r} (write HOST:PORT, for example 127.0.0.1:1130)")
-    return match[1] or match[2], int(match[3])
 
 
 class Receiver(NamedTuple):
@@ -196,37 +154,7 @@ def version_of(format_: str) -> int:
     return FORMATS[format_.strip()]
 
 
-def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
-    """Look a host name up once: (address family, socket address).
-
-    Raises
-    ------
-    ToktError
-        If the name is not known.
-    """
-    try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-    except (OSError, UnicodeError) as error:
-        raise ToktError(f"host {host!r} cannot be found: {error}") from None
-    family, _, _, _, address = found[0]
-    return family, address
-
-
-class Sender(Protocol):
-    """Where reports go, besides the log."""
-
-    sent: int
-    failed: int
-    last_error: str
-
-    def send(self, report: Report) -> None:
-        """Pass a report on; never waits and never raises for what the network does."""
-
-    def close(self) -> None:
-        """Send nothing more."""
-
-
-class Outlet:
+class DatagramSocket:
     """A socket for datagrams to one address, which never waits for the network.
 
     It does not block and is not connected: an unreachable host, a cable that is out or a receiver
@@ -278,13 +206,13 @@ class Outlet:
         self._socket.close()
 
 
-class UdpSender(Outlet):
+class UdpSender(DatagramSocket):
     """Send every report to one address, in one of the formats.
 
     Parameters
     ----------
     host, port
-        As of `Outlet`.
+        As of `DatagramSocket`.
     version : {1, 2}
 
     Attributes

@@ -1,4 +1,4 @@
-r"""Hold an object in the centre: how far a picture is from the one that is wanted.
+r"""An anchor: the errors of an object from where it is to be held in the picture.
 
 Three errors for a control system that keeps the vehicle before an object, such as one that is
 looked at from all sides (L. S. Brusletto, NTNU 2016, section 7.2). They say where the object is,
@@ -23,16 +23,16 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..features.errors import ToktError
-from .verdict import OBSTACLE, Verdict
+from tokt.features.common.errors import ToktError
+from tokt.inference.verdict import OBSTACLE, Verdict
 
-LEAST_SIZE, LARGEST_SIZE = 0.01, 0.9
+MIN_SIZE, MAX_SIZE = 0.01, 0.9
 """Wanted shares of the picture that can be held: from one patch of a 10x10 grid, smaller than which
 nothing is seen, up to a picture that is full."""
 
 
 class AnchorErrors(NamedTuple):
-    """How far the object is from where it is wanted; None where none is seen.
+    """Errors of the object from where it is wanted; None where none is seen.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class AnchorErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class Anchor:
-    """What is to be held.
+    """The object's wanted size in the picture's centre.
 
     Parameters
     ----------
@@ -60,16 +60,16 @@ class Anchor:
     Raises
     ------
     ToktError
-        If that is not `LEAST_SIZE` to `LARGEST_SIZE`.
+        If that is not `MIN_SIZE` to `MAX_SIZE`.
     """
 
     size: float
 
     def __post_init__(self) -> None:
-        if not LEAST_SIZE <= self.size <= LARGEST_SIZE:
+        if not MIN_SIZE <= self.size <= MAX_SIZE:
             raise ToktError(
                 f"an anchor is the share of the frame that the object is to cover, "
-                f"{LEAST_SIZE:g} to {LARGEST_SIZE:g}, not {self.size:g} (--anchor SIZE)"
+                f"{MIN_SIZE:g} to {MAX_SIZE:g}, not {self.size:g} (--anchor SIZE)"
             )
 
     def errors(self, verdict: Verdict) -> AnchorErrors:

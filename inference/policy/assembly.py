@@ -1,4 +1,4 @@
-"""Put a policy together from what there is: a model, a calibration, or both."""
+"""Assembly of a policy from a model, a stereo calibration, or both."""
 
 from __future__ import annotations
 
@@ -8,34 +8,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..features.errors import ToktError
-from ..features.grid import DEFAULT_GRID, Grid
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
+from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS
+from tokt.inference.detector import PUSHBROOM, Detector
+from tokt.inference.texture.detector import PatchScorer, ReloadableTextureDetector, TextureDetector
+
 from .anchor import Anchor
-from .detector import PUSHBROOM, Detector, GridDetector, PatchScorer
-from .followed import FollowedPolicy
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
-from .stereo_ways import BM, HALF, MATCHERS
-from .stopwatch import SYSTEM_STOPWATCH, Stopwatch
-from .texture_slot import TextureSlot
+from .temporal_cues import TemporalCues
 
 if TYPE_CHECKING:
-    from .calibration import StereoCalibration
-    from .odometry import Odometry
+    from tokt.inference.stereo.calibration import StereoCalibration
+    from tokt.inference.stereo.odometry import Odometry
 
 LoadModel = Callable[[], PatchScorer]
 
-STEREO = (*MATCHERS, PUSHBROOM)
-"""Ways to look at a stereo pair."""
+STEREO_ALGORITHMS = (*MATCHERS, PUSHBROOM)
+"""What ``--stereo`` can be."""
 
 
 @dataclass(frozen=True)
-class Stereo:
-    """How pairs are looked at.
+class StereoSetup:
+    """A calibration, and how its pairs are matched.
 
     Parameters
     ----------
     calibration : StereoCalibration
-    way : {"bm", "sgbm", "pushbroom"}
+    algorithm : {"bm", "sgbm", "pushbroom"}
         Matching at all distances, or looking at a few of them only, for speed.
     scale : float
         Of the views that are matched over the frames' size; pushbroom has its own.
@@ -45,20 +46,22 @@ class Stereo:
     Raises
     ------
     ToktError
-        If the way is not known, or has no use for odometry or a scale.
+        If the algorithm is not known, or has no use for odometry or a scale.
     """
 
     calibration: StereoCalibration
-    way: str = BM
-    scale: float = HALF
+    algorithm: str = BM
+    scale: float = DEFAULT_SCALE
     odometry: Odometry | None = None
 
     def __post_init__(self) -> None:
-        if self.way not in STEREO:
-            raise ToktError(f"unknown stereo {self.way!r} (choose from {', '.join(STEREO)})")
-        if self.way == PUSHBROOM and self.scale != HALF:
+        if self.algorithm not in STEREO_ALGORITHMS:
+            raise ToktError(
+                f"unknown stereo {self.algorithm!r} (choose from {', '.join(STEREO_ALGORITHMS)})"
+            )
+        if self.algorithm == PUSHBROOM and self.scale != DEFAULT_SCALE:
             raise ToktError("pushbroom has a scale of its own: leave out --stereo-scale")
-        if self.way != PUSHBROOM and self.odometry is not None:
+        if self.algorithm != PUSHBROOM and self.odometry is not None:
             raise ToktError("odometry is for pushbroom only (--stereo pushbroom)")
 
     @property
@@ -73,32 +76,32 @@ class Stereo:
     def detector(self, grid: Grid) -> Detector:
         """The detector, its mask as wide as the grid wants it."""
         # Imported where there are pairs: a runtime without is started sooner.
-        if self.way == PUSHBROOM:
-            from .pushbroom import PushbroomDetector
+        if self.algorithm == PUSHBROOM:
+            from tokt.inference.stereo.pushbroom import PushbroomDetector
 
             return PushbroomDetector(self.calibration, grid, odometry=self.odometry)
-        from .disparity import DisparityDetector
+        from tokt.inference.stereo.disparity import DisparityDetector
 
-        return DisparityDetector(self.calibration, grid, self.way, self.scale)
+        return DisparityDetector(self.calibration, grid, self.algorithm, self.scale)
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """A policy, and the place in it where a model can be exchanged.
+    """A policy, and the texture detector in it whose model can be exchanged.
 
     Parameters
     ----------
     policy : Policy
-    texture : TextureSlot or None
+    texture : ReloadableTextureDetector or None
         None where the policy has no model.
-    stereo : Stereo or None
+    stereo : StereoSetup or None
     grid : Grid
         Which disparity's mask is as wide as.
     """
 
     policy: Policy
-    texture: TextureSlot | None
-    stereo: Stereo | None
+    texture: ReloadableTextureDetector | None
+    stereo: StereoSetup | None
     grid: Grid
 
     def misfit(self, model: PatchScorer) -> str:
@@ -116,22 +119,22 @@ class Assembly:
 def build_policy(
     name: str,
     load_model: LoadModel | None,
-    stereo: Stereo | None,
+    stereo: StereoSetup | None,
     threads: int = 1,
 ) -> Policy:
-    """`assemble`, for those who exchange no model."""
+    """The policy of that name, for callers that never exchange its model; see `assemble`."""
     return assemble(name, load_model, stereo, threads).policy
 
 
 def assemble(
     name: str,
     load_model: LoadModel | None,
-    stereo: Stereo | None,
+    stereo: StereoSetup | None,
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
 ) -> Assembly:
-    """Put the policy of that name together.
+    """Assemble the policy of that name.
 
     Parameters
     ----------
@@ -139,7 +142,7 @@ def assemble(
     load_model : callable, optional
         Loads the model, or raises ToktError. Only policy ``fallback`` goes on when it does, and
         only with a calibration: every verdict's health then says why there is no model.
-    stereo : Stereo, optional
+    stereo : StereoSetup, optional
         What disparity needs.
     threads : int
         How many threads share one frame's rows of patches; verdicts do not depend on it.
@@ -160,9 +163,11 @@ def assemble(
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     if name == "disparity" and disparity is not None:
-        policy: Policy = FollowedPolicy(SinglePolicy(disparity), None, anchor, blind_m)
+        policy: Policy = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m)
         return Assembly(policy, None, stereo, grid)
-    texture = TextureSlot(None if model is None else GridDetector(model, threads), fault)
+    texture = ReloadableTextureDetector(
+        None if model is None else TextureDetector(model, threads), fault
+    )
     if name == "texture":
         policy = SinglePolicy(texture)
     elif disparity is None:
@@ -171,7 +176,7 @@ def assemble(
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
-    return Assembly(FollowedPolicy(policy, texture, anchor, blind_m), texture, stereo, grid)
+    return Assembly(TemporalCues(policy, texture, anchor, blind_m), texture, stereo, grid)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

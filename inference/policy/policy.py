@@ -1,4 +1,4 @@
-"""Policies: which detectors judge a frame, and what their answers come to.
+"""Policies: one verdict from the answers of one or two detectors.
 
 A detector that raises is taken for one that could not judge. Unknown never becomes clear: a
 frame is clear only where at least one detector judged it and none saw an obstacle, and whatever
@@ -14,11 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .detector import Detection, Detector, GridDetector, PatchScorer
-from .reason import Fault, Reason
-from .sources import Frame
-from .stopwatch import SYSTEM_STOPWATCH, Stopwatch
-from .verdict import (
+from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
+from tokt.inference.detector import Detection, Detector
+from tokt.inference.frame import Frame
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.texture.detector import PatchScorer, TextureDetector
+from tokt.inference.verdict import (
     CLEAR,
     STATUS_MEAN_THRESHOLD,
     Verdict,
@@ -118,7 +119,7 @@ def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
     """Judge one picture in memory exactly as policy ``texture`` judges a source's only frame.
 
     A frame rule that needs several alarms calls a picture that alarms unknown: for the frames of
-    a mission use one `GridDetector` for all of them.
+    a mission use one `TextureDetector` for all of them.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
         Unknown, with the reason in its health, where the picture cannot be judged or the scorer
         fails; never raises for either.
     """
-    return SinglePolicy(GridDetector(scorer)).judge(Frame(0, 0.0, image, None))
+    return SinglePolicy(TextureDetector(scorer)).judge(Frame(0, 0.0, image, None))
 
 
 LATE_S = 0.5
@@ -146,7 +147,7 @@ class FallbackPolicy:
     A late obstacle is an obstacle all the same; a late clear is not believed.
 
     Where texture alarmed and only its frame rule keeps it from a status, disparity's *clear* is
-    unknown (`Detection.against_clear`).
+    unknown (`Detection.vetoes_clear`).
 
     Parameters
     ----------
@@ -179,7 +180,7 @@ class FallbackPolicy:
         health = health_of(_unable(first), _unable(second))
         judgement = _judgement(second, health, _reason(first, second))
         judgement = replace(judgement, features=found.features, texture_s=took_s)
-        return _not_clear(judgement) if first.against_clear else judgement
+        return _not_clear(judgement) if first.vetoes_clear else judgement
 
     def _in_time(self, found: Detection, took_s: float) -> Detection:
         """Texture's answer, or why there is none in time."""
@@ -197,7 +198,7 @@ class EitherPolicy:
     The masks of those that judged are joined, and the verdict is that of the joined mask: its
     mean is at least that of each, so it is an obstacle whenever one of them is. Where one could
     not judge, the other's answer stands, and health says so; but a clear one is unknown when the
-    first's reason is itself a sign of danger (`Detection.against_clear`).
+    first's reason is itself a sign of danger (`Detection.vetoes_clear`).
 
     Parameters
     ----------
@@ -217,7 +218,7 @@ class EitherPolicy:
             able = second if first.mask is None else first
             judgement = _judgement(able, health, _reason(first, second))
             judgement = replace(judgement, features=first.features)
-            warned = first.against_clear or second.against_clear
+            warned = first.vetoes_clear or second.vetoes_clear
             return _not_clear(judgement) if warned else judgement
         joined = replace(
             first,

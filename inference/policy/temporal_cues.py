@@ -1,4 +1,4 @@
-"""A policy's verdicts, and what follows from them over time: the trend, and the anchor's errors.
+"""Temporal cues: the trend of a policy's verdicts over time, and the anchor's errors.
 
 ::
 
@@ -10,19 +10,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from tokt.inference.frame import Frame
+from tokt.inference.texture.detector import ReloadableTextureDetector
+from tokt.inference.verdict import UNKNOWN, Verdict
+
 from .anchor import Anchor, AnchorErrors
 from .policy import Judgement, Policy
-from .sources import Frame
-from .texture_slot import TextureSlot
-from .trend import Trend, TrendWatch
-from .verdict import UNKNOWN, Verdict
+from .trend import Trend, TrendEstimator
 
 EDGE = 0.04
 """What comes nearer to the picture's edge than this share of its length may be cut off by it: more
 than the rows and columns that a grid leaves over, less than one of its patches."""
 
 
-def in_whole(verdict: Verdict, blind_m: float = 0.0) -> bool:
+def wholly_in_view(verdict: Verdict, blind_m: float = 0.0) -> bool:
     """Whether what was seen lies wholly in the picture.
 
     Parameters
@@ -47,8 +48,8 @@ def in_whole(verdict: Verdict, blind_m: float = 0.0) -> bool:
     )
 
 
-class FollowedPolicy:
-    """Judge as another policy does, and tell what its verdicts come to over time.
+class TemporalCues:
+    """Another policy's verdicts, with their trend over time and the anchor's errors.
 
     A trend is that of one method and one model: where another one judges, it begins anew. It
     needs frames with times (`Frame.timed`).
@@ -56,18 +57,18 @@ class FollowedPolicy:
     Parameters
     ----------
     policy : Policy
-    texture : TextureSlot or None
+    texture : ReloadableTextureDetector or None
         Where the policy's model may be exchanged.
     anchor : Anchor or None
         What is to be held, if anything is.
     blind_m : float
-        As in `in_whole`.
+        As in `wholly_in_view`.
     """
 
     def __init__(
         self,
         policy: Policy,
-        texture: TextureSlot | None = None,
+        texture: ReloadableTextureDetector | None = None,
         anchor: Anchor | None = None,
         blind_m: float = 0.0,
     ) -> None:
@@ -75,7 +76,7 @@ class FollowedPolicy:
         self.anchor = anchor
         self._texture = texture
         self._blind_m = blind_m
-        self._watch = TrendWatch()
+        self._watch = TrendEstimator()
         self._detector = None if texture is None else texture.detector
         self._method = ""
 
@@ -87,7 +88,7 @@ class FollowedPolicy:
         errors = AnchorErrors() if self.anchor is None else self.anchor.errors(verdict)
         if trend.trend is None and errors.x is None:
             return judgement
-        followed = replace(
+        with_cues = replace(
             verdict,
             trend=trend.trend,
             trend_confidence=trend.confidence,
@@ -96,7 +97,7 @@ class FollowedPolicy:
             anchor_y=errors.y,
             anchor_size=errors.size,
         )
-        return replace(judgement, verdict=followed)
+        return replace(judgement, verdict=with_cues)
 
     def _trend(self, frame: Frame, verdict: Verdict) -> Trend:
         if not frame.timed:
@@ -104,9 +105,9 @@ class FollowedPolicy:
         detector = None if self._texture is None else self._texture.detector
         judged = verdict.status != UNKNOWN
         if detector is not self._detector or (judged and verdict.method != self._method):
-            self._watch = TrendWatch()
+            self._watch = TrendEstimator()
             self._detector = detector
         if not judged:
             return self._watch.add(frame.t, None)
         self._method = verdict.method
-        return self._watch.add(frame.t, verdict.mean, in_whole(verdict, self._blind_m))
+        return self._watch.add(frame.t, verdict.mean, wholly_in_view(verdict, self._blind_m))

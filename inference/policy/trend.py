@@ -1,4 +1,4 @@
-r"""Whether what is seen grows in the picture, and how long until it is reached.
+r"""The trend of what is seen, growing or shrinking in the picture, and the time to contact.
 
 The mean value of the mask over time as a relative distance (L. S. Brusletto, NTNU 2016, sections
 5.2.1 and 7.2): what comes nearer covers more of the picture. No calibration is needed, and no
@@ -32,7 +32,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from .verdict import STATUS_MEAN_THRESHOLD
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
 
 GROWING, STEADY, SHRINKING = "growing", "steady", "shrinking"
 TRENDS = (GROWING, STEADY, SHRINKING)
@@ -41,8 +41,8 @@ SLOT_S = 0.25
 SLOTS = 16
 """The means of a quarter of a second count as one, the newest 16 count. A model's errors in frames
 that follow each other fast are alike, so that more frames a second tell little more."""
-LEAST_SLOTS = 5
-LEAST_SPAN_S = 1.5
+MIN_SLOTS = 5
+MIN_SPAN_S = 1.5
 """Fewest slots, and least seconds from the first to the last, that give a trend."""
 GAP_S = 1.5
 """After so long without anything seen it is another thing that is seen: the means start anew."""
@@ -56,19 +56,19 @@ STEADY_PER_S = 0.05
 then more than 40 s away."""
 PATCH_MEAN = 2.55
 """Mean of one patch of a 10x10 grid. No mean is taken to be truer than a patch's rounding."""
-MOST_ALIKE = 0.7
+MAX_ALIKE = 0.7
 """Most that errors of neighbouring slots are taken to be alike (their correlation)."""
-LEAST_CONFIDENCE = 0.5
+MIN_CONFIDENCE = 0.5
 """Less is not said: no trend is known."""
 CONTACT_CONFIDENCE = 0.9
 """Least confidence of *growing* with which a time to contact is given."""
 SATURATED_MEAN = 0.9 * 255
 """Over it the picture is full, and what comes nearer cannot grow: no trend."""
-_LEAST_INVERSE = 255**-0.5
+_MIN_INVERSE = 255**-0.5
 
 
 class Trend(NamedTuple):
-    """What the last means come to.
+    """The trend of the last means.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class _Slot:
         self.cut = self.cut or not whole
 
 
-class TrendWatch:
+class TrendEstimator:
     """Follow one mean value over time.
 
     Notes
@@ -167,12 +167,12 @@ class TrendWatch:
 
     def _fitted(self, t_s: float) -> Trend:
         slots = self._slots
-        if len(slots) < LEAST_SLOTS or slots[-1].t_s - slots[0].t_s < LEAST_SPAN_S:
+        if len(slots) < MIN_SLOTS or slots[-1].t_s - slots[0].t_s < MIN_SPAN_S:
             return Trend()
         times = [slot.t_s - t_s for slot in slots]
         means = [slot.mean for slot in slots]
         trend, confidence = _judged(*_line(times, means))
-        if confidence < LEAST_CONFIDENCE:
+        if confidence < MIN_CONFIDENCE:
             return Trend()
         contact_s = None
         growing = trend == GROWING and confidence >= CONTACT_CONFIDENCE
@@ -212,7 +212,7 @@ def _line(times: list[float], means: list[float]) -> tuple[float, float, int]:
     worth = 1.0
     if squares > 0:
         alike = neighbours / squares
-        alike = min(max(alike + (1 + 4 * alike) / n, 0.0), MOST_ALIKE)
+        alike = min(max(alike + (1 + 4 * alike) / n, 0.0), MAX_ALIKE)
         worth = (1 - alike) / (1 + alike)
     variance = squares / (n - 2) / worth + PATCH_MEAN**2 / 12
     return slope / level, math.sqrt(variance / spread) / level, n - 2
@@ -244,7 +244,7 @@ def _contact_s(times: list[float], means: list[float]) -> float | None:
     value, slope = _weighted_line(times, inverse, means)
     # An error of the mean is one of mean**-1.5 / 2 in its inverse root. Weighed by the line's
     # means and not by the points': a mean that is too high by chance would weigh more.
-    on_line = [max(value + slope * time, _LEAST_INVERSE) for time in times]
+    on_line = [max(value + slope * time, _MIN_INVERSE) for time in times]
     weights = [1 / (y * y * y * y * y * y) for y in on_line]
     value, slope = _weighted_line(times, inverse, weights)
     if slope >= 0 or value <= 0:

@@ -1,30 +1,31 @@
-"""Which frames are worth keeping: those around a detection, and where the runtime had doubts.
+"""A trigger for clips: the frames around a detection, and where the runtime had doubts.
 
 ::
 
     verdicts   . . . . . O O O . . . . . .      O obstacle, or another cause
     kept           b b b O O O a a a            b within before_s, a within after_s
 
-An obstacle keeps a moment open. What makes a frame unknown though there is a picture is a cause
-when it begins, and once a minute at most; so is what the observers warn of (drift, a challenger
-that sees something else): a dark hour on deck is one moment. After `LONGEST_S` at full rate, one
-frame a second is kept: an ROV can stand before a wall for hours.
+A clip is what logs, metrics and ``recording.jsonl`` call a moment. An obstacle keeps it open. What
+makes a frame unknown though there is a picture is a cause when it begins, and once a minute at
+most; so is what the observers warn of (drift, a challenger that sees something else): a dark hour
+on deck is one clip. After `MAX_S` at full rate, one frame a second is kept: an ROV can stand before
+a wall for hours.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..features.errors import ToktError
-from .reason import Reason
-from .verdict import OBSTACLE, UNKNOWN, Verdict
+from tokt.features.common.errors import ToktError
+from tokt.inference.reason import Reason
+from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict
 
 BEFORE_S = AFTER_S = 2.0
-LONGEST_S = 30.0
+MAX_S = 30.0
 THIN_S = 1.0
-"""Seconds between frames that are kept of a moment longer than `LONGEST_S`."""
+"""Seconds between frames that are kept of a clip longer than `MAX_S`."""
 REST_S = 60.0
-"""Seconds between moments of the same cause other than an obstacle."""
+"""Seconds between clips of the same cause other than an obstacle."""
 
 OBSTACLE_CAUSE = "obstacle"
 
@@ -46,8 +47,8 @@ DOUBTS = frozenset(
 
 
 @dataclass(frozen=True)
-class Around:
-    """How much is kept around a cause.
+class ClipPadding:
+    """Seconds of frames that are kept before and after a cause.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ class Around:
     Raises
     ------
     ToktError
-        If a time is negative or longer than `LONGEST_S`.
+        If a time is negative or longer than `MAX_S`.
     """
 
     before_s: float = BEFORE_S
@@ -65,37 +66,37 @@ class Around:
     def __post_init__(self) -> None:
         for name in ("before_s", "after_s"):
             value = getattr(self, name)
-            if not 0 <= value <= LONGEST_S:
+            if not 0 <= value <= MAX_S:
                 raise ToktError(
-                    f"frames are recorded for 0 to {LONGEST_S:g} s {name[:-2]} a detection, "
+                    f"frames are recorded for 0 to {MAX_S:g} s {name[:-2]} a detection, "
                     f"not {value:g}"
                 )
 
 
-class Moments:
-    """Decide frame by frame.
+class ClipTrigger:
+    """Decide frame by frame which ones belong to a clip.
 
     Parameters
     ----------
-    around : Around
+    padding : ClipPadding
 
     Attributes
     ----------
-    moment : int
-        Number of the present moment, or of the last one; 0 before the first. One that goes on for
-        longer than `LONGEST_S` becomes the next.
+    clip : int
+        Number of the present clip, or of the last one; 0 before the first. One that goes on for
+        longer than `MAX_S` becomes the next.
     cause : str
-        Of that moment.
+        Of that clip.
     opened : bool
         Whether it was the last frame looked at that opened it.
     """
 
-    def __init__(self, around: Around) -> None:
-        self.moment = 0
+    def __init__(self, padding: ClipPadding) -> None:
+        self.clip = 0
         self.cause = ""
         self.opened = False
-        self._around = around
-        self._asked = ""
+        self._padding = padding
+        self._requested = ""
         self._until_s = -float("inf")
         self._began_s = -float("inf")
         self._kept_s = -float("inf")
@@ -103,12 +104,12 @@ class Moments:
         self._doubt: Reason | None = None
         self._last_s: dict[str, float] = {}
 
-    def ask(self, cause: str) -> None:
-        """Open a moment at the next frame, if this cause has rested."""
-        self._asked = cause
+    def request(self, cause: str) -> None:
+        """Open a clip at the next frame, if this cause has rested."""
+        self._requested = cause
 
-    def look(self, now_s: float, verdict: Verdict) -> bool:
-        """Whether to keep a frame.
+    def should_keep(self, now_s: float, verdict: Verdict) -> bool:
+        """Whether to keep this frame; called for each frame in its turn.
 
         Parameters
         ----------
@@ -120,12 +121,12 @@ class Moments:
         within = now_s <= self._until_s
         self.opened = bool(cause) and not within
         if cause:
-            self._until_s = max(self._until_s, now_s + self._around.after_s)
+            self._until_s = max(self._until_s, now_s + self._padding.after_s)
         if not within and not cause:
             return False
         if self.opened:
             self._begin(now_s, cause, thin=False)
-        elif now_s - self._began_s > LONGEST_S:
+        elif now_s - self._began_s > MAX_S:
             self._begin(now_s, self.cause, thin=True)
         if self._thin and now_s - self._kept_s < THIN_S:
             return False
@@ -133,20 +134,20 @@ class Moments:
         return True
 
     def _begin(self, now_s: float, cause: str, thin: bool) -> None:
-        self.moment += 1
+        self.clip += 1
         self.cause, self._began_s, self._thin = cause, now_s, thin
 
     def _cause(self, now_s: float, verdict: Verdict) -> str:
-        """Why this frame opens a moment, or keeps it open; empty where it does not."""
+        """Why this frame opens a clip, or keeps it open; empty where it does not."""
         before, self._doubt = self._doubt, None
-        asked, self._asked = self._asked, ""
+        requested, self._requested = self._requested, ""
         if verdict.status == OBSTACLE:
             return OBSTACLE_CAUSE
         if verdict.status == UNKNOWN and verdict.reason in DOUBTS:
             self._doubt = verdict.reason
-            if verdict.reason is not before and not asked:
-                asked = verdict.reason.value
-        if not asked or now_s - self._last_s.get(asked, -float("inf")) < REST_S:
+            if verdict.reason is not before and not requested:
+                requested = verdict.reason.value
+        if not requested or now_s - self._last_s.get(requested, -float("inf")) < REST_S:
             return ""
-        self._last_s[asked] = now_s
-        return asked
+        self._last_s[requested] = now_s
+        return requested

@@ -1,4 +1,4 @@
-"""How much a folder may hold, and what it leaves free on its disk."""
+"""A disk budget: the most that a folder may hold, and the reserve it leaves free on its disk."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 BLOCK_BYTES = 4096
 _MARGIN_BYTES = 8 * BLOCK_BYTES

@@ -7,17 +7,30 @@ policy saw of it, and how long the texture detector took.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .observer import Event
-from .pixel_mark import pixel_mark
-from .policy import Judgement
-from .reason import Fault
-from .report import Report
-from .sources import Frame
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame, pixel_mark
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.reason import Fault
+from tokt.inference.report import LOG_ONLY, Report, filler
+
+
+class _LineValues(NamedTuple):
+    """Where a line's own fields are found."""
+
+    run: str
+    frame: Frame
+    judgement: Judgement
+    report: Report
+    left: str | dict[str, str]
+    right: str | dict[str, str]
+
+
+_log_only = filler(LOG_ONLY)
 
 
 def frame_line(run: str, frame: Frame, judgement: Judgement, report: Report) -> dict[str, Any]:
@@ -26,21 +39,11 @@ def frame_line(run: str, frame: Frame, judgement: Judgement, report: Report) -> 
     Returns
     -------
     dict
-        The fields of v2; ``run``; ``frame``, its number; ``missed`` and ``timed`` as in `Frame`;
-        ``left_out`` as in `Report`; ``texture_s`` as in `Judgement`; ``left`` and ``right``: the
-        `pixel_mark` of a picture, or ``{"reason", "words"}`` where there is none.
+        Every one of `tokt.inference.report.FIELDS`; ``left`` and ``right`` are the `pixel_mark` of
+        a picture, or ``{"reason", "words"}`` where there is none.
     """
-    return {
-        **report.fields(),
-        "run": run,
-        "frame": frame.number,
-        "missed": frame.missed,
-        "left_out": report.left_out,
-        "timed": frame.timed,
-        "texture_s": judgement.texture_s,
-        "left": _side(frame.left, frame.left_fault),
-        "right": _side(frame.right, frame.right_fault),
-    }
+    left, right = _side(frame.left, frame.left_fault), _side(frame.right, frame.right_fault)
+    return {**report.fields(), **_log_only(_LineValues(run, frame, judgement, report, left, right))}
 
 
 def heartbeat_line(run: str, report: Report) -> dict[str, Any]:

@@ -1,4 +1,14 @@
-"""Logs of JSON lines: on disk as soon as they are said, bounded in size, read over all files."""
+"""Logs of JSON lines: on disk as soon as they are written, bounded in size, read over all files.
+
+::
+
+    run.jsonl     written now             run.jsonl    (new)
+    run.1.jsonl   before it        ──>    run.1.jsonl  was run.jsonl
+    run.2.jsonl   oldest                  run.2.jsonl  was run.1.jsonl; what was run.2.jsonl is gone
+
+Each step of a rotation is a rename, the oldest first: a process that is killed between two of them
+leaves a number that no file has, and every line where it was.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +23,12 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ..features.errors import ToktError
-from .log_rotation import MOST_KEPT, every_name, step
+from tokt.features.common.errors import ToktError
 
 MAX_MB = 100.0
 """Size of a log file at which the next one is begun: some 7 hours at 10 frames a second."""
+MAX_KEPT = 99
+"""Older files; their numbers have no more digits, so that ``run.2016.jsonl`` is none of them."""
 KEEP = 20
 """Older files kept: with `MAX_MB`, 2.1 GB, some 6 days at 10 frames a second."""
 
@@ -27,8 +38,8 @@ _LOST = {"lost_lines", "why"}
 
 
 @dataclass(frozen=True)
-class Rotation:
-    """How large a log may become.
+class LogRotation:
+    """Limits of a log: the size of a file, and how many older ones are kept.
 
     Parameters
     ----------
@@ -49,8 +60,8 @@ class Rotation:
     def __post_init__(self) -> None:
         if not 0 < self.max_mb < math.inf:
             raise ToktError(f"a log file's size is a positive number of MB, not {self.max_mb}")
-        if not 1 <= self.keep <= MOST_KEPT:
-            raise ToktError(f"1 to {MOST_KEPT} older log files can be kept, not {self.keep}")
+        if not 1 <= self.keep <= MAX_KEPT:
+            raise ToktError(f"1 to {MAX_KEPT} older log files can be kept, not {self.keep}")
 
 
 class JsonLines:
@@ -63,7 +74,7 @@ class JsonLines:
     ----------
     path : Path
         One process at a time writes it.
-    rotation : Rotation, optional
+    rotation : LogRotation, optional
         Without one the file grows without end.
 
     Attributes
@@ -79,7 +90,7 @@ class JsonLines:
         If the file cannot be opened.
     """
 
-    def __init__(self, path: Path | str, rotation: Rotation | None = None) -> None:
+    def __init__(self, path: Path | str, rotation: LogRotation | None = None) -> None:
         self.failed = 0
         self.last_error = ""
         self._path = Path(path)
@@ -137,12 +148,12 @@ class JsonLines:
         self._lost += 1
         self.last_error = why
 
-    def _rotate(self, rotation: Rotation) -> FileIO:
+    def _rotate(self, rotation: LogRotation) -> FileIO:
         """Begin the next file, or go on in this one if that cannot be."""
         self.close()  # Windows renames no open file
         fault = ""
         try:
-            step(self._path, rotation.keep)
+            rotate_files(self._path, rotation.keep)
         except OSError as error:
             fault = f"the next file cannot be begun: {error.strerror or error}"
         file = self._open()
@@ -167,6 +178,33 @@ def _ends_inside_a_line(path: Path) -> bool:
     with path.open("rb") as handle:
         handle.seek(-1, 2)
         return handle.read(1) != b"\n"
+
+
+def older_file(path: Path, number: int) -> Path:
+    """The `number`-th file before `path`, from 1."""
+    return path.with_name(f"{path.stem}.{number}{path.suffix}")
+
+
+def every_name(path: Path) -> list[Path]:
+    """All names that files of a log can have, newest first."""
+    return [path, *(older_file(path, number) for number in range(1, MAX_KEPT + 1))]
+
+
+def rotate_files(path: Path, keep: int) -> None:
+    """Make `path` the newest of at most `keep` older files, so that it is free.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be renamed. Then no line is lost, and the next call goes on.
+    """
+    if not path.exists():
+        return
+    numbers = range(1, keep + 1)
+    free = next((n for n in numbers if not older_file(path, n).exists()), keep)
+    for number in range(free, 1, -1):
+        older_file(path, number - 1).replace(older_file(path, number))
+    path.replace(older_file(path, 1))
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@
               recording.jsonl          {"recording": 1, "run": ...}, then a line a frame, and events
 
 A frame's line is that of the log (`frame_line`), and ``judged``: how many frames the run had judged
-with it, so that consecutive numbers tell that none is left out between; ``moment``: which frames
-were kept together; ``files``: its pictures' names by side.
+with it, so that consecutive numbers tell that none is left out between; ``moment``: the number of
+its clip, whose frames were kept together; ``files``: its pictures' names by side.
 
 Whatever happens to the process, each line's pictures are there and whole: pictures are written
 before their line, and removed after it. Pictures without a line are those of a frame that was cut
@@ -28,8 +28,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.atomic import write_bytes
-from ..features.errors import ToktError
+from tokt.features.common.atomic import write_bytes
+from tokt.features.common.errors import ToktError
+
 from .disk_budget import whole_blocks
 from .log import LogGap, read_log
 
@@ -48,8 +49,8 @@ class RecordedFrame:
     ----------
     number : int
         Each frame of a recording has its own.
-    moment : int
-        Rising; frames of one moment are removed together.
+    clip : int
+        Rising; frames of one clip are removed together.
     pictures : mapping of str to array of uint8
         By side, ``"left"`` and ``"right"``, those that are there.
     line : mapping
@@ -57,18 +58,18 @@ class RecordedFrame:
     """
 
     number: int
-    moment: int
+    clip: int
     pictures: Mapping[str, NDArray[np.uint8]]
     line: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Encoded:
+class EncodedFrame:
     """A frame as files.
 
     Parameters
     ----------
-    moment : int
+    clip : int
     files : mapping of str to bytes
         PNGs by their names within the folder.
     lines : bytes
@@ -77,7 +78,7 @@ class Encoded:
         How many events were told before these.
     """
 
-    moment: int
+    clip: int
     files: Mapping[str, bytes]
     lines: bytes
     told: int
@@ -85,14 +86,14 @@ class Encoded:
     @property
     def disk_bytes(self) -> int:
         """What it takes of the disk at most: lines count twice, as they are written anew beside
-        the old ones when a moment is removed.
+        the old ones when a clip is removed.
         """
         return sum(whole_blocks(len(data)) for data in self.files.values()) + 2 * len(self.lines)
 
 
 @dataclass(frozen=True)
-class _Kept:
-    moment: int
+class _WrittenFrame:
+    clip: int
     files: tuple[str, ...]
     lines_bytes: int
     told: int
@@ -100,7 +101,7 @@ class _Kept:
 
 
 class RecordingFolder:
-    """One run's recording, as it grows and as its oldest moments make room.
+    """One run's recording, as it grows and as its oldest clips make room.
 
     The folder appears with the first frame.
 
@@ -118,7 +119,7 @@ class RecordingFolder:
         self._head = _json_line({"recording": RECORDING_FORMAT, "run": run})
         self._events: list[bytes] = []
         self._written_events = 0
-        self._kept: list[_Kept] = []
+        self._kept: list[_WrittenFrame] = []
         self._size = 0
 
     @property
@@ -130,7 +131,7 @@ class RecordingFolder:
         """Write an event's line before the next frame's."""
         self._events.append(_json_line(line))
 
-    def encode(self, frame: RecordedFrame) -> Encoded:
+    def encode(self, frame: RecordedFrame) -> EncodedFrame:
         """A frame as files, in memory.
 
         Raises
@@ -144,11 +145,11 @@ class RecordingFolder:
             folder, letter = SIDES[side]
             files[f"{folder}/{self._run}_{letter}_{frame.number}.png"] = _png(picture)
         names = {Path(name).parent.name.lower(): name for name in files}
-        line = _json_line({**frame.line, "moment": frame.moment, "files": names})
+        line = _json_line({**frame.line, "moment": frame.clip, "files": names})
         told = self._written_events
-        return Encoded(frame.moment, files, b"".join([*self._events[told:], line]), told)
+        return EncodedFrame(frame.clip, files, b"".join([*self._events[told:], line]), told)
 
-    def write(self, encoded: Encoded) -> None:
+    def write(self, encoded: EncodedFrame) -> None:
         """Put a frame on disk, whole or not at all.
 
         Raises
@@ -165,10 +166,10 @@ class RecordingFolder:
             raise
         self._written_events = len(self._events)
         kept = (tuple(encoded.files), len(encoded.lines), encoded.told, encoded.disk_bytes)
-        self._kept.append(_Kept(encoded.moment, *kept))
+        self._kept.append(_WrittenFrame(encoded.clip, *kept))
 
-    def remove_oldest(self, wanted_bytes: float, moment: int) -> int:
-        """Remove the oldest moments before `moment` until so much is free; what became free.
+    def remove_oldest(self, wanted_bytes: float, clip: int) -> int:
+        """Remove the oldest clips before `clip` until so much is free; what became free.
 
         Raises
         ------
@@ -177,8 +178,8 @@ class RecordingFolder:
         """
         count = freed = 0
         for index, kept in enumerate(self._kept):
-            begins = index == 0 or kept.moment != self._kept[index - 1].moment
-            if begins and (freed >= wanted_bytes or kept.moment >= moment):
+            begins = index == 0 or kept.clip != self._kept[index - 1].clip
+            if begins and (freed >= wanted_bytes or kept.clip >= clip):
                 break
             count, freed = index + 1, freed + kept.disk_bytes
         if count == 0:

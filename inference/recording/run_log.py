@@ -6,13 +6,15 @@ import uuid
 from datetime import UTC, datetime
 from pathlib import Path
 
-from .clock import Clock
+from tokt.inference.clock import Clock
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame
+from tokt.inference.observer import Observer
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.report import Report
+
 from .frame_line import event_line, frame_line, heartbeat_line, json_values
-from .log import JsonLines, Rotation
-from .observer import Event, Observer
-from .policy import Judgement
-from .report import Report
-from .sources import Frame
+from .log import JsonLines, LogRotation
 
 
 def new_run_id(clock: Clock) -> str:
@@ -37,7 +39,7 @@ class RunLog(Observer):
         Added to; its events go to `events_path`.
     run : str
         The run's id, in every line.
-    rotation : Rotation
+    rotation : LogRotation
         Of either file.
     values : bool
         Whether frames' lines carry each patch's decision values, exact to the last bit: what
@@ -50,9 +52,9 @@ class RunLog(Observer):
     """
 
     def __init__(
-        self, path: Path, run: str, rotation: Rotation | None = None, values: bool = False
+        self, path: Path, run: str, rotation: LogRotation | None = None, values: bool = False
     ) -> None:
-        rotation = Rotation() if rotation is None else rotation
+        rotation = LogRotation() if rotation is None else rotation
         self._run = run
         self._values = values
         self._seq = 0

@@ -1,20 +1,20 @@
-"""How a run began: what a log's ``start`` event says, and what a replay needs to begin alike."""
+"""A run's beginning: the fields of a log's ``start`` event, from which a replay begins alike."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
 
-from ..features.errors import ToktError
-from ..features.kernels import KERNELS
-from .limits import Limits
+from tokt.features.common.errors import ToktError
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.inference.config import Limits, RunConfig
 
 FORMAT_VERSION = 1
 """Of the event's fields. To change them: raise this, keep reading the older ones, and prove it with
@@ -105,7 +105,7 @@ class RunStart:
         The bundle file or the store that models come from; empty without.
     stereo_way : str or None
     stereo_scale : float or None
-        As in `tokt.inference.assemble.Stereo`; None without a calibration.
+        As in `tokt.inference.policy.assembly.StereoSetup`; None without a calibration.
     calibration, odometry : UsedFile or None
     pixel_format : str or None
     threads : int
@@ -138,6 +138,24 @@ class RunStart:
     anchor: float | None = None
     software: Mapping[str, str] = field(default_factory=software)
 
+    @classmethod
+    def of(cls, config: RunConfig, **found: Any) -> Self:
+        """How a run of these options begins; `found` is what they do not say.
+
+        Raises
+        ------
+        ToktError
+            If a file that it uses cannot be read.
+        """
+        said, place = config.logged(), config.model.store or config.model.bundle
+        for name in ("calibration", "odometry"):
+            said[name] = None if said[name] is None else used_file(said[name])
+        if said["calibration"] is None:
+            said |= {"stereo_way": None, "stereo_scale": None}
+        said["record"] = None if said["record"] is None else str(said["record"])
+        models_from = "" if place is None else str(place.absolute())
+        return cls(**{**said, "limits": config.limits, "models_from": models_from, **found})
+
     def fields(self) -> dict[str, Any]:
         """The event's fields, JSON."""
         return {"format_version": FORMAT_VERSION, **asdict(self)}
@@ -161,39 +179,32 @@ class RunStart:
             raise ToktError(f"{where}: its start event cannot be read ({detail})") from None
 
 
-def _read(value: Mapping[str, Any]) -> RunStart:
-    texts = {
-        name: _text(value[name]) for name in ("source", "policy", "model_fault", "models_from")
-    }
-    texts["model_note"] = _text(value.get("model_note", ""))  # not in the first logs
-    optional = {name: value[name] for name in ("stereo_way", "pixel_format", "record")}
-    for text in optional.values():
-        if text is not None:
-            _text(text)
-    scale = value["stereo_scale"]
-    anchor = value.get("anchor")  # not in the first logs
-    model, calibration, odometry = (value[name] for name in ("model", "calibration", "odometry"))
-    return RunStart(
-        **texts,
-        **optional,
-        live=bool(value["live"]),
-        limits=Limits(**value["limits"]),
-        model=None if model is None else ModelName(_text(model["label"]), _text(model["sha256"])),
-        stereo_scale=None if scale is None else float(scale),
-        calibration=_file(calibration),
-        odometry=_file(odometry),
-        threads=int(value["threads"]),
-        frame_rule=value["frame_rule"],
-        anchor=None if anchor is None else float(anchor),
-        software={_text(name): _text(text) for name, text in value["software"].items()},
-    )
-
-
-def _file(value: Mapping[str, Any] | None) -> UsedFile | None:
-    return None if value is None else UsedFile(_text(value["path"]), _text(value["sha256"]))
-
-
 def _text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{value!r} is no text")
     return value
+
+
+_LATER = {"model_note": "", "anchor": None}
+"""What the first logs do not have."""
+_READ: dict[str, Callable[[Any], Any]] = {
+    "str": _text,
+    "bool": bool,
+    "int": int,
+    "float": float,
+    "Limits": lambda value: Limits(**value),
+    "ModelName": lambda value: ModelName(_text(value["label"]), _text(value["sha256"])),
+    "UsedFile": lambda value: UsedFile(_text(value["path"]), _text(value["sha256"])),
+    "Mapping[str, Any]": lambda value: value,
+    "Mapping[str, str]": lambda value: {_text(name): _text(value[name]) for name in value},
+}
+"""Their readers, by the fields' types."""
+
+
+def _read(value: Mapping[str, Any]) -> RunStart:
+    known: dict[str, Any] = {}
+    for each in fields(RunStart):
+        found = {**_LATER, **value}[each.name]
+        kind, _, optional = str(each.type).partition(" | ")
+        known[each.name] = None if optional and found is None else _READ[kind](found)
+    return RunStart(**known)

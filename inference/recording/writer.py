@@ -14,13 +14,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .clock import Clock
+from tokt.inference.clock import Clock
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.report import Report
+
 from .disk_budget import DiskBudget
 from .frame_line import frame_line
-from .policy import Judgement
-from .recording import Encoded, RecordedFrame, RecordingFolder
-from .report import Report
-from .sources import Frame
+from .recording import EncodedFrame, RecordedFrame, RecordingFolder
 
 BEHIND = "the disk is slower than the frames that are to be recorded"
 NO_ROOM = "the folder is full of earlier recordings: copy them ashore and remove them"
@@ -37,7 +38,7 @@ _NICENESS = 10
 
 
 @dataclass(frozen=True)
-class Shot:
+class HeldFrame:
     """A judged frame, as long as it may still be recorded.
 
     Parameters
@@ -57,21 +58,21 @@ class Shot:
 
     @property
     def memory_bytes(self) -> int:
-        """What it holds of the memory."""
+        """Bytes of memory that it holds."""
         pictures = (self.frame.left, self.frame.right)
         held = sum(picture.nbytes for picture in pictures if picture is not None)
         return held + _BESIDE_PICTURES_BYTES
 
-    def recorded(self, run: str, moment: int) -> RecordedFrame:
-        """What goes to disk."""
+    def recorded(self, run: str, clip: int) -> RecordedFrame:
+        """The frame as it goes to disk."""
         sides = {"left": self.frame.left, "right": self.frame.right}
         pictures = {side: picture for side, picture in sides.items() if picture is not None}
         line = frame_line(run, self.frame, self.judgement, self.report)
-        return RecordedFrame(self.frame.number, moment, pictures, {**line, "judged": self.judged})
+        return RecordedFrame(self.frame.number, clip, pictures, {**line, "judged": self.judged})
 
 
 class RecordingWriter:
-    """Write shots in the order they are put, beside the loop.
+    """Write frames in the order they are put, beside the loop.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ class RecordingWriter:
     written_bytes, removed_bytes : int
         What they took of the disk, and what was removed to make room.
     dropped : int
-        Shots that did not get there.
+        Frames that did not get there.
     fault : str
         Why the last one did not; empty when one does.
     """
@@ -100,7 +101,7 @@ class RecordingWriter:
         self._budget = budget
         self._clock = clock
         self._counted_s = clock.monotonic()
-        self._queue: deque[tuple[Shot, int] | Mapping[str, Any]] = deque()
+        self._queue: deque[tuple[HeldFrame, int] | Mapping[str, Any]] = deque()
         self._held_bytes = 0
         self._changed = threading.Condition()
         self._closing = False
@@ -109,25 +110,25 @@ class RecordingWriter:
 
     @property
     def held_bytes(self) -> int:
-        """Memory of the shots that wait, and of the one that is written."""
+        """Memory of the frames that wait, and of the one that is written."""
         return self._held_bytes
 
-    def put(self, shot: Shot, moment: int) -> None:
-        """Have a shot written."""
+    def put(self, held: HeldFrame, clip: int) -> None:
+        """Have a frame written."""
         with self._changed:
-            self._queue.append((shot, moment))
-            self._held_bytes += shot.memory_bytes
+            self._queue.append((held, clip))
+            self._held_bytes += held.memory_bytes
             self._changed.notify()
 
     def leave_out(self, fault: str) -> bool:
-        """Count a shot that cannot be put; always False."""
+        """Count a frame that cannot be put; always False."""
         with self._changed:
             self.dropped += 1
             self.fault = fault
         return False
 
     def tell(self, line: Mapping[str, Any]) -> None:
-        """Have an event's line written before the next shot's."""
+        """Have an event's line written before the next frame's."""
         with self._changed:
             self._queue.append(line)
             self._changed.notify()
@@ -157,9 +158,9 @@ class RecordingWriter:
             else:
                 self._note(item)
 
-    def _record(self, shot: Shot, moment: int) -> None:
+    def _record(self, held: HeldFrame, clip: int) -> None:
         try:
-            fault = self._write(shot, moment)
+            fault = self._write(held, clip)
         except OSError as error:
             fault = error.strerror or str(error)
         except ValueError as error:
@@ -167,7 +168,7 @@ class RecordingWriter:
         with self._changed:
             self.fault = fault
             self.dropped += bool(fault)
-            self._held_bytes -= shot.memory_bytes
+            self._held_bytes -= held.memory_bytes
 
     def _note(self, line: Mapping[str, Any]) -> None:
         try:
@@ -175,9 +176,9 @@ class RecordingWriter:
         except (ValueError, TypeError) as error:
             self.fault = f"event {line.get('event')} is no JSON: {error}"
 
-    def _write(self, shot: Shot, moment: int) -> str:
-        """Why the shot is not on disk, or an empty string."""
-        encoded = self._folder.encode(shot.recorded(self._run, moment))
+    def _write(self, held: HeldFrame, clip: int) -> str:
+        """Why the frame is not on disk, or an empty string."""
+        encoded = self._folder.encode(held.recorded(self._run, clip))
         if not self._make_room(encoded):
             return NO_ROOM
         if not self._budget.keeps_reserve(encoded.disk_bytes):
@@ -188,13 +189,13 @@ class RecordingWriter:
         self.written_bytes += encoded.disk_bytes
         return ""
 
-    def _make_room(self, encoded: Encoded) -> bool:
-        """Whether the folder may hold one more, once older moments of this run have gone."""
+    def _make_room(self, encoded: EncodedFrame) -> bool:
+        """Whether the folder may hold one more, once older clips of this run have gone."""
         lacking = self._budget.lacking(encoded.disk_bytes)
         if lacking <= 0:
             return True
         spare = _SPARE_PART * self._budget.most_bytes
-        freed = self._folder.remove_oldest(lacking + spare, encoded.moment)
+        freed = self._folder.remove_oldest(lacking + spare, encoded.clip)
         self._budget.used_bytes -= freed
         self.removed_bytes += freed
         now = self._clock.monotonic()

@@ -1,4 +1,4 @@
-"""A run as its log, or its recording, tells it: how it began, and its frames one by one."""
+"""A run as its log or its recording tells it: its beginning, and its frames one by one."""
 
 from __future__ import annotations
 
@@ -8,33 +8,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..features.errors import ToktError
-from .log import LogGap, read_log
-from .reason import Fault, Reason
-from .recording import FILE_NAME, read_recording
-from .run_log import events_path
-from .run_start import MODEL, START, ModelName, RunStart
-from .verdict import CLEAR, OBSTACLE, UNKNOWN
+from tokt.features.common.errors import ToktError
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording.log import LogGap, read_log
+from tokt.inference.recording.recording import FILE_NAME, read_recording
+from tokt.inference.recording.run_log import events_path
+from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
+from tokt.inference.report import FIELDS, REPLAYABLE, WITH_TREND, ReportField
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 
-TREND = ("trend", "trend_confidence", "expansion_contact_s")
+TREND = tuple(each.name for each in FIELDS if each.since == WITH_TREND)
 """The fields that hang on the verdicts of the last seconds."""
-_LATER = (*TREND, "anchor_x", "anchor_y", "anchor_size")
+_LATER = {each.name for each in FIELDS if each.since > REPLAYABLE}
 """What the logs of an older tokt do not have."""
-VERDICT = (
-    "status",
-    "reason",
-    "x",
-    "y",
-    "box",
-    "mean",
-    "distance_m",
-    "closing_m_s",
-    "contact_s",
-    "method",
-    "model",
-    "health",
-    *_LATER,
-)
+
+
+def _place(each: ReportField) -> tuple[bool, ...]:
+    """Where a field stands: status and reason, figures, words, and then what came later."""
+    late = each.name in _LATER
+    return late, not late and each.name not in ("status", "reason"), not late and each.kind is str
+
+
+VERDICT = tuple(each.name for each in sorted(FIELDS, key=_place) if each.replayed)
 """The fields of v2 that say what was judged, and not when."""
 
 
@@ -51,7 +46,7 @@ class LoggedFrame:
         Seconds since 1970; nan where it was no number.
     timed : bool
     missed : int
-        As in `tokt.inference.sources.Frame`.
+        As in `tokt.inference.frame.Frame`.
     left, right : str or Fault
         A picture's mark, or why there was none.
     texture_s, age_s, judging_s : float or None

@@ -3,7 +3,7 @@
 A verdict depends on the pictures, on the model, on the frames before, and on a few durations; the
 log has the durations and everything else that was not in a picture. So the same model gives the
 same verdicts, to the last bit. Where frames before are not known, as in a recording, which holds
-moments only, a verdict may come out otherwise without any fault: such frames are judged and
+clips only, a verdict may come out otherwise without any fault: such frames are judged and
 shown, and not counted.
 
 ::
@@ -24,20 +24,22 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from ..features.mission import LEFT, RIGHT, Mission
-from .aged import aged, overloaded
-from .anchor import Anchor
-from .assemble import Assembly, Stereo, assemble
-from .detector import TEXTURE, GridDetector, PatchScorer
-from .frame_line import json_values
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.detector import TEXTURE
+from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
+from tokt.inference.policy.anchor import Anchor
+from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.policy.trend import HORIZON_S
+from tokt.inference.publisher import mark_overloaded, mark_stale
+from tokt.inference.reason import Fault
+from tokt.inference.recording.frame_line import json_values
+from tokt.inference.report import Report
+from tokt.inference.sources.files import read_picture
+from tokt.inference.texture.detector import PatchScorer, TextureDetector
+
 from .logged_run import TREND, VERDICT, LoggedFrame, LoggedRun
-from .pixel_mark import pixel_mark
-from .policy import Judgement
-from .reason import Fault
-from .report import Report
-from .sources import MANY_MISSED, Frame, read_picture
-from .trend import HORIZON_S
 
 Result = TypeVar("Result")
 
@@ -49,7 +51,7 @@ BEFORE = "what came before it is not known"
 
 @dataclass(frozen=True)
 class Replay:
-    """What a run is judged again with.
+    """A logged run, and what its frames are judged again with.
 
     Parameters
     ----------
@@ -57,8 +59,8 @@ class Replay:
     mission : Mission
         Where its pictures are.
     pixel_format : str or None
-        How they hold them, as in `tokt.inference.sources.MissionSource`.
-    stereo : Stereo or None
+        How they hold them, as in `tokt.inference.sources.files.MissionSource`.
+    stereo : StereoSetup or None
         How pairs are looked at.
     models : mapping of str to PatchScorer
         The run's own, by their bundles' SHA-256.
@@ -69,7 +71,7 @@ class Replay:
     run: LoggedRun
     mission: Mission
     pixel_format: str | None
-    stereo: Stereo | None
+    stereo: StereoSetup | None
     models: Mapping[str, PatchScorer]
     other: PatchScorer | None = None
 
@@ -121,7 +123,7 @@ class Replay:
     def _exchange(self, assembly: Assembly, model: PatchScorer) -> None:
         if assembly.texture is None:
             raise ToktError(f"{self.run.path}: a model was exchanged where the policy has none")
-        assembly.texture.put(GridDetector(model))
+        assembly.texture.put(TextureDetector(model))
 
     def _shown(self, logged: LoggedFrame) -> tuple[Frame | None, str]:
         """The frame as the policy saw it, or why it cannot be shown again."""
@@ -171,10 +173,10 @@ class Replay:
     def _fields(self, logged: LoggedFrame, judgement: Judgement) -> dict[str, Any]:
         """The verdict's fields as they would have been logged."""
         start = self.run.start
-        verdict = overloaded(judgement.verdict, logged.left_out)
+        verdict = mark_overloaded(judgement.verdict, logged.left_out)
         if start.live and logged.age_s is not None:
             judging_s = logged.judging_s or 0.0
-            verdict = aged(verdict, logged.age_s, judging_s, start.limits.stale_s)
+            verdict = mark_stale(verdict, logged.age_s, judging_s, start.limits.stale_s)
         report = Report(logged.seq, logged.number, logged.t, None, verdict)
         return {name: value for name, value in report.fields().items() if name in VERDICT}
 
@@ -269,6 +271,6 @@ class _LoggedStopwatch:
 def _window(assembly: Assembly) -> int:
     """Frames that the model's rule looks at."""
     detector = None if assembly.texture is None else assembly.texture.detector
-    if not isinstance(detector, GridDetector):
+    if not isinstance(detector, TextureDetector):
         return 1
-    return detector.scorer.operating_point.rule.window
+    return detector.scorer.operating_point.rule.n

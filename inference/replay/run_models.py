@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..features.errors import ToktError
-from ..models.bundle import Bundle, read_bundle
-from ..models.store import Store
+from tokt.features.common.errors import ToktError
+from tokt.inference.recording.run_start import ModelName
+from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.store.store import Store
+
 from .logged_run import LoggedRun
-from .run_start import ModelName
 
 
 def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle]:

@@ -2,7 +2,7 @@
 
 ::
 
-    loop ──> newest frame ──> thread ──pipe──> process: the same policy, another model
+    loop ──> latest frame ──> thread ──pipe──> process: the same policy, another model
              (never a queue)    │ <──verdict──────┘
                                 └──> a line with both verdicts
 
@@ -20,14 +20,16 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any
 
-from .clock import Clock
-from .log import JsonLines
-from .observer import Event, Observer
-from .policy import Judgement
-from .report import Report
+from tokt.inference.clock import Clock
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame
+from tokt.inference.observer import Observer
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.recording.log import JsonLines
+from tokt.inference.report import Report
+from tokt.inference.verdict import UNKNOWN
+
 from .shadow_process import READY, Challenger, send_frame, serve
-from .sources import Frame
-from .verdict import UNKNOWN
 
 SHADOW_FORMAT = 1
 """Of a shadow log's lines; its start line carries it. To change it: raise this, keep reading the

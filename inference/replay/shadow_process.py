@@ -20,12 +20,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from ..models.bundle import Bundle, bundle_from_bytes
-from .assemble import Assembly, Stereo, assemble
-from .policy import Policy
-from .report import Report
-from .sources import Frame
+from tokt.features.common.errors import ToktError
+from tokt.inference.frame import Frame
+from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.policy.policy import Policy
+from tokt.inference.report import Report
+from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
 
 Result = TypeVar("Result")
 
@@ -36,7 +36,7 @@ NICENESS = 10
 
 @dataclass(frozen=True)
 class Challenger:
-    """What judges in the other process: the run's policy, with another model.
+    """A challenger: the run's policy with another model, judging in a process of its own.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Challenger:
     data : bytes
         The bundle file.
     policy : str
-    stereo : Stereo or None
+    stereo : StereoSetup or None
     threads : int
 
     Raises
@@ -59,7 +59,7 @@ class Challenger:
     sha256: str
     data: bytes
     policy: str
-    stereo: Stereo | None = None
+    stereo: StereoSetup | None = None
     threads: int = 1
 
     def __post_init__(self) -> None:
@@ -68,7 +68,7 @@ class Challenger:
 
     @classmethod
     def of(
-        cls, bundle: Bundle, policy: str, stereo: Stereo | None = None, threads: int = 1
+        cls, bundle: Bundle, policy: str, stereo: StereoSetup | None = None, threads: int = 1
     ) -> Challenger:
         """A bundle as a challenger in a run of that policy."""
         return cls(bundle.label, bundle.sha256, bundle.data, policy, stereo, threads)

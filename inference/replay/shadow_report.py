@@ -1,4 +1,4 @@
-"""What a shadow log comes to: where a challenger and the running model say otherwise.
+"""The report on a shadow log: where a challenger and the running model disagree.
 
 Neither is known to be right here: this tells where they differ, and where to look. Frames that
 follow each other show almost the same, so that a hundred frames of one thing are hardly more than
@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from ..features.errors import ToktError
-from .log import LogGap, read_log
+from tokt.features.common.errors import ToktError
+from tokt.inference.recording.log import LogGap, read_log
+from tokt.inference.verdict import OBSTACLE, STATUS_WORDS, UNKNOWN
+
 from .shadow import END, FAILED, SHADOW_FORMAT, START
-from .verdict import OBSTACLE, STATUS_WORDS, UNKNOWN
 
 EPISODE_GAP = 10
 """Compared frames without an obstacle that end an episode of it; fewer are gaps in it."""
@@ -27,7 +28,7 @@ SIDES = ("champion", "challenger")
 
 
 @dataclass
-class Stretch:
+class ShadowStretch:
     """Compared frames in a row on which the two differ alike.
 
     Parameters
@@ -94,7 +95,7 @@ class ShadowReport:
         Places of the log that cannot be read.
     statuses : Counter of (int, int)
         The champion's and the challenger's status.
-    stretches : list of Stretch
+    stretches : list of ShadowStretch
     episodes : mapping of str to list of Episode
         By side.
     latency_ms : mapping of str to list of float
@@ -111,7 +112,7 @@ class ShadowReport:
     fault: str = ""
     lost_lines: int = 0
     statuses: Counter[tuple[int, int]] = field(default_factory=Counter)
-    stretches: list[Stretch] = field(default_factory=list)
+    stretches: list[ShadowStretch] = field(default_factory=list)
     episodes: dict[str, list[Episode]] = field(default_factory=lambda: {side: [] for side in SIDES})
     latency_ms: dict[str, list[float]] = field(default_factory=lambda: {side: [] for side in SIDES})
     _open: bool = False
@@ -148,7 +149,7 @@ class ShadowReport:
         if newest is not None and (newest.champion, newest.challenger) == (champion, challenger):
             newest.last, newest.frames = number, newest.frames + 1
         else:
-            self.stretches.append(Stretch(number, number, 1, champion, challenger))
+            self.stretches.append(ShadowStretch(number, number, 1, champion, challenger))
             self._open = True
 
     @property

@@ -1,4 +1,4 @@
-"""What a replay comes to: how many verdicts are the same, and where they are not."""
+"""The tally of a replay: how many verdicts are the same, and where they are not."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from tokt.inference.verdict import STATUS_WORDS
+
 from .replay import CHANGED, NOT_SHOWN, Compared
-from .verdict import STATUS_WORDS
 
 
 @dataclass
-class Stretch:
+class ReplayStretch:
     """Frames in a row that differ alike.
 
     Parameters
@@ -67,7 +68,7 @@ class Tally:
     gaps : int
         Frames before which some are missing, of which nothing is known: lines that are lost, or
         frames that were not recorded.
-    stretches : list of Stretch
+    stretches : list of ReplayStretch
     """
 
     statuses: Counter[tuple[int, int]] = field(default_factory=Counter)
@@ -77,7 +78,7 @@ class Tally:
     not_compared: Counter[str] = field(default_factory=Counter)
     alike_all_the_same: int = 0
     gaps: int = 0
-    stretches: list[Stretch] = field(default_factory=list)
+    stretches: list[ReplayStretch] = field(default_factory=list)
     _open: bool = False
 
     @property
@@ -121,7 +122,7 @@ class Tally:
             return
         # Decision values are hundreds of numbers: that they differ is enough here.
         example = {name: [then[name], now[name]] for name in differs if name in now}
-        self.stretches.append(Stretch(number, number, 1, *ends, list(differs), example))
+        self.stretches.append(ReplayStretch(number, number, 1, *ends, list(differs), example))
         self._open = True
 
     def to_json(self) -> dict[str, Any]:

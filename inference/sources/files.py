@@ -1,83 +1,23 @@
-"""Sources: where the runtime's frames come from.
-
-A source delivers frames in order, and a frame that cannot be read as a frame with the reason
-instead of a picture: it never raises for one, and never leaves one out.
-"""
+"""Folders of frames and video files as a source."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.camera_frame import MOSAIC_FORMATS, frame_from_camera
-from ..features.errors import FrameError, ToktError
-from ..features.mission import LEFT, RIGHT, Mission, format_frames, open_mission
-from ..models.operating_point import frame_step, missed_before
-from .clock import Clock
-from .reason import NO_FAULT, Fault, Reason
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.camera_frame import MOSAIC_FORMATS, frame_from_camera
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames, open_mission
+from tokt.inference.clock import Clock
+from tokt.inference.frame import Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.models.operating_point import frame_step, missed_before
 
 _STOP_CHECK_S = 0.05
 _NOT_READ = Fault(Reason.MISSING, "not read")
-
-MANY_MISSED = 1_000_000
-"""Frames missed, where nobody knows how many."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One moment of the mission, as the cameras gave it.
-
-    Parameters
-    ----------
-    number : int
-    t : float
-        Seconds since 1970 (UTC) when the source delivered it.
-    left, right : array of uint8, shape (height, width) or (height, width, 3), or None
-        None where there is no picture.
-    left_fault, right_fault : Fault
-        Why there is none; empty where there is one.
-    missed : int
-        Frames between the one delivered before and this one that were not delivered.
-    timed : bool
-        Whether `t` tells frames' times apart as they were taken: live, or replayed at a rate. As
-        fast as they can be read they only tell how fast the disk is.
-    arrived : float or None
-        The clock's `monotonic` when the frame reached this process: what its age is counted from,
-        as the time of day may be set back. None where it has no age.
-    """
-
-    number: int
-    t: float
-    left: NDArray[np.uint8] | None
-    right: NDArray[np.uint8] | None
-    left_fault: Fault = NO_FAULT
-    right_fault: Fault = NO_FAULT
-    missed: int = 0
-    timed: bool = False
-    arrived: float | None = None
-
-
-class Source(Protocol):
-    """Something that delivers frames."""
-
-    @property
-    def live(self) -> bool:
-        """Whether frames come in real time.
-
-        The loop then judges the newest and leaves out those that it has no time for; otherwise it
-        judges every one.
-        """
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Frames in order, until there are no more or `stop` was called."""
-
-    def stop(self) -> None:
-        """Deliver no further frame; may be called from a signal handler."""
 
 
 class MissionSource:

@@ -1,8 +1,8 @@
-"""How frames come to the loop: each in its turn, or, in real time, only the newest.
+"""Frame buffers between a source and the loop: every frame in its turn, or only the latest.
 
 ::
 
-    source ──> its thread ──> newest frame ──> loop          live: never a queue
+    source ──> its thread ──> latest frame ──> loop          live: never a queue
                                   │
                                   └─ one that is overtaken is counted, and told as missed
 """
@@ -14,13 +14,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol
 
-from .sources import Frame, Source
+from tokt.inference.frame import Frame, Source
 
 _JOIN_S = 2.0
 
 
-class Intake(Protocol):
-    """Where the loop takes its next frame from."""
+class FrameBuffer(Protocol):
+    """A buffer from which the loop takes its next frame."""
 
     dropped: int
     """Frames left out as newer ones had come."""
@@ -38,7 +38,7 @@ class Intake(Protocol):
         """Take no further frame."""
 
 
-class InTurn:
+class EveryFrame:
     """Every frame, as soon as the loop asks for it.
 
     Parameters
@@ -63,8 +63,8 @@ class InTurn:
         """Nothing is left to do."""
 
 
-class Newest:
-    """The newest frame; older ones that were not taken in time are left out.
+class LatestFrameBuffer:
+    """The latest frame; older ones that were not taken in time are left out.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Newest:
             self._changed.notify()
 
     def take(self, wait_s: float) -> Frame | None:
-        """The newest frame, waiting for one.
+        """The latest frame, waiting for one.
 
         Raises
         ------
@@ -133,6 +133,6 @@ class Newest:
         self._thread.join(_JOIN_S)
 
 
-def intake_of(source: Source) -> Intake:
-    """The way that fits a source."""
-    return Newest(source) if source.live else InTurn(source)
+def frame_buffer_for(source: Source) -> FrameBuffer:
+    """The buffer that fits a source: the latest frame only where it is live."""
+    return LatestFrameBuffer(source) if source.live else EveryFrame(source)

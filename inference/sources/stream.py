@@ -22,18 +22,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from .clock import Clock
-from .reason import NO_FAULT, Fault, Reason
-from .sources import MANY_MISSED, Frame
-from .udp import parse_address
+from tokt.features.common.address import parse_address
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import Clock
+from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 
 STREAM = "stream:"
-LONGEST_HEADER = 4096
-LARGEST_SIDE = 16_384
+MAX_HEADER = 4096
+MAX_SIDE = 16_384
 """Bytes of a header's line, and pixels along a picture's side, that are not refused."""
-LARGEST_NUMBER = 2**53
-LARGEST_TIME_S = 1e11
+MAX_NUMBER = 2**53
+MAX_TIME_S = 1e11
 """Of a frame's number and of its time, either way: beyond it readers of JSON lose digits, and the
 year is 5138."""
 CONNECT_S = 10.0
@@ -141,8 +141,8 @@ class StreamSource:
     def _line(self) -> bytes | None:
         """The next header's line, or None at the end."""
         while (end := self._buffer.find(b"\n")) < 0:
-            if len(self._buffer) > LONGEST_HEADER:
-                raise ToktError(f"{self._where} sends no frames: a line of {LONGEST_HEADER} bytes")
+            if len(self._buffer) > MAX_HEADER:
+                raise ToktError(f"{self._where} sends no frames: a line of {MAX_HEADER} bytes")
             if not self._receive():
                 if self._buffer and not self._stopped:
                     raise ToktError(f"{self._where} ended within a frame")
@@ -201,11 +201,11 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise refused
     number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
-    whole = type(number) is int and abs(number) <= LARGEST_NUMBER
+    whole = type(number) is int and abs(number) <= MAX_NUMBER
     whole = whole and type(missed) is int and 0 <= missed <= MANY_MISSED
     if not whole or isinstance(t, bool) or not isinstance(t, int | float):
         raise refused
-    if not abs(t) <= LARGEST_TIME_S:
+    if not abs(t) <= MAX_TIME_S:
         raise refused
     sides = {side: header.get(side) for side in ("left", "right")}
     if not all(shape is None or _is_shape(shape) for shape in sides.values()):
@@ -216,4 +216,4 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
 def _is_shape(shape: Any) -> bool:
     if not isinstance(shape, list) or len(shape) not in (2, 3) or shape[2:] not in ([], [3]):
         return False
-    return all(type(side) is int and 1 <= side <= LARGEST_SIDE for side in shape)
+    return all(type(side) is int and 1 <= side <= MAX_SIDE for side in shape)

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
+
 from .calibration_files import CalibrationNumbers, read_numbers
 from .distortion import folds_back_at_px
 
@@ -27,7 +28,7 @@ _ROTATION_DEG = 10.0
 _OFF_CENTRE = 0.1
 """Part of the frame's diagonal."""
 _TANGENTIAL = 0.02
-_MOST_PIXELS = 100_000_000
+_MAX_PIXELS = 100_000_000
 """No camera has more, and rectifying takes memory for each."""
 
 
@@ -61,8 +62,8 @@ class StereoCalibration:
 
 
 @dataclass(frozen=True)
-class Described:
-    """A calibration as a file has it, and what is to be said of it.
+class CheckedCalibration:
+    """A calibration as a file has it, and what the checks found.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def load_calibration(path: Path | str) -> StereoCalibration:
     return read_calibration(path).usable()
 
 
-def read_calibration(path: Path | str) -> Described:
+def read_calibration(path: Path | str) -> CheckedCalibration:
     """Read a calibration file, however implausible its numbers are.
 
     Parameters
@@ -131,11 +132,11 @@ def read_calibration(path: Path | str) -> Described:
     ToktError
         If the file cannot be read, misses a part, or holds a number that is not finite.
     """
-    return describe(read_numbers(path))
+    return check_calibration(read_numbers(path))
 
 
-def describe(numbers: CalibrationNumbers) -> Described:
-    """Judge what was read from a file."""
+def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:
+    """Check what was read from a file."""
     found = StereoCalibration(
         numbers.K1,
         numbers.D1,
@@ -153,11 +154,11 @@ def describe(numbers: CalibrationNumbers) -> Described:
         reasons = refusals(found) or _rectifying_faults(numbers)
         odd += oddities(found)
     plain = replace(found, K1=_without_skew(found.K1), K2=_without_skew(found.K2))
-    return Described(numbers.path, plain, numbers.form, odd, reasons, numbers.notes)
+    return CheckedCalibration(numbers.path, plain, numbers.form, odd, reasons, numbers.notes)
 
 
 def refusals(calibration: StereoCalibration) -> list[str]:
-    """Why a calibration cannot be that of two cameras side by side; empty where it can.
+    """Reasons why a calibration cannot be that of two cameras side by side; empty where it can.
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ def refusals(calibration: StereoCalibration) -> list[str]:
         Finite.
     """
     width, height = calibration.frame_size
-    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+    if width < 1 or height < 1 or width * height > _MAX_PIXELS:
         return [f"the frame size is {width}x{height}"]
     found = []
     for name, K in (("K1 (left)", calibration.K1), ("K2 (right)", calibration.K2)):
@@ -191,7 +192,7 @@ def refusals(calibration: StereoCalibration) -> list[str]:
 
 
 def oddities(calibration: StereoCalibration) -> list[str]:
-    """What is strange about a calibration, yet usable.
+    """Warnings on a calibration: what is strange, yet usable.
 
     Parameters
     ----------

@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
+
 from .distortion import DISTORTION_SIZES, distortion
 
 Float = NDArray[np.float64]
@@ -31,11 +32,11 @@ PRINTED_FORM = "printed table (JSON)"
 FORMAT_VERSION = 1
 """Of the files that `calibration_writer` writes; those written before have no such key, and
 perhaps no frame size."""
-_LARGEST_BYTES = 1 << 20
-_MOST_BRACKETS = 5000
+_MAX_BYTES = 1 << 20
+_MAX_BRACKETS = 5000
 """OpenCV's parser needs memory with the square of the nesting depth."""
-_MOST_NUMBERS = 64
-_LARGEST_NUMBER = 1e9
+_MAX_NUMBERS = 64
+_MAX_NUMBER = 1e9
 _MM_PER = {
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1.0),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 10.0),
@@ -59,7 +60,7 @@ _MATLAB_MAGIC = b"MATLAB "
 
 @dataclass(frozen=True)
 class CalibrationNumbers:
-    """What a calibration file says, in OpenCV's conventions; all float64 and finite.
+    """The numbers of a calibration file, in OpenCV's conventions; all float64 and finite.
 
     Parameters
     ----------
@@ -118,20 +119,20 @@ def _text(path: Path) -> str:
         raise ToktError(f"calibration {path} does not exist")
     try:
         with path.open("rb") as handle:
-            data = handle.read(_LARGEST_BYTES + 1)
+            data = handle.read(_MAX_BYTES + 1)
     except OSError as error:
         raise ToktError(f"calibration {path} cannot be read: {error.strerror}") from None
     if data.startswith(_MATLAB_MAGIC) or path.suffix.lower() == ".mat":
         raise ToktError(
             f"calibration {path} is a MATLAB file: only `tokt` commands read it, named .mat"
         )
-    if len(data) > _LARGEST_BYTES:
+    if len(data) > _MAX_BYTES:
         raise ToktError(f"calibration {path} is no calibration: it is larger than 1 MB")
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:  # Bouguet's plus-minus signs, as MATLAB on Windows exports them
         text = data.decode("latin-1")
-    if "\0" in text or sum(map(text.count, "[{<")) > _MOST_BRACKETS:
+    if "\0" in text or sum(map(text.count, "[{<")) > _MAX_BRACKETS:
         _unknown_form(path)
     return text
 
@@ -198,8 +199,8 @@ def _finite(path: Path, name: str, value: ArrayLike) -> Float:
         raise ToktError(f"calibration {path}: {name} is not a list of numbers") from None
     if not np.isfinite(array).all():
         raise ToktError(f"calibration {path}: {name} holds a number that is not finite")
-    if (np.abs(array) > _LARGEST_NUMBER).any():
-        raise ToktError(f"calibration {path}: {name} holds a number beyond {_LARGEST_NUMBER:g}")
+    if (np.abs(array) > _MAX_NUMBER).any():
+        raise ToktError(f"calibration {path}: {name} holds a number beyond {_MAX_NUMBER:g}")
     return array
 
 
@@ -279,7 +280,7 @@ def _listed(node: cv2.FileNode, depth: int = 2) -> list[float]:
     """The number, or the numbers of a list and of the lists in it."""
     if node.isInt() or node.isReal():
         return [float(node.real())]
-    if not depth or not node.isSeq() or node.size() > _MOST_NUMBERS:
+    if not depth or not node.isSeq() or node.size() > _MAX_NUMBERS:
         return []
     items = map(node.at, range(node.size()))
     return [number for item in items for number in _listed(item, depth - 1)]

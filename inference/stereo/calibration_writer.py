@@ -8,8 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..features import atomic
-from ..features.errors import ToktError
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+
 from .calibration import StereoCalibration
 from .calibration_files import FORMAT_VERSION
 from .rectify import rectifying
@@ -20,7 +21,7 @@ _KINDS = {
     ".json": cv2.FILE_STORAGE_FORMAT_JSON,
     ".xml": cv2.FILE_STORAGE_FORMAT_XML,
 }
-_LONGEST_NOTE = 2000
+_MAX_NOTE = 2000
 
 
 def write_calibration(
@@ -36,8 +37,8 @@ def write_calibration(
         Written as K1 D1 K2 D2 R T_mm image_width image_height, with the R1 and R2 that
         ``cv2.stereoRectify`` derives from them, and ``format_version``.
     notes : mapping of str to str
-        How it was made: written under ``provenance`` and read back as `Described.notes`. Keys
-        are words of letters, digits and underscores; line breaks become spaces.
+        How it was made: written under ``provenance`` and read back as `CheckedCalibration.notes`.
+        Keys are words of letters, digits and underscores; line breaks become spaces.
 
     Raises
     ------
@@ -75,7 +76,7 @@ def _fill(
     storage.startWriteStruct("provenance", cv2.FileNode_MAP)
     for name, note in notes.items():
         words = " ".join(note.split())
-        if not (name.isascii() and name.isidentifier()) or len(words) > _LONGEST_NOTE:
+        if not (name.isascii() and name.isidentifier()) or len(words) > _MAX_NOTE:
             raise ValueError(f"no note for a calibration file: {name!r}")
         storage.write(name, words)
     storage.endWriteStruct()

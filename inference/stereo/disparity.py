@@ -16,21 +16,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.grid import Grid
-from ..features.kernels import KERNELS, Kernels
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.dispatch import KERNELS, Kernels
+from tokt.inference.config import BM, DEFAULT_SCALE
+from tokt.inference.detector import DISPARITY, Detection
+from tokt.inference.frame import Frame
+from tokt.inference.frame_checks.picture import PATCH_GRID, frame_fault, pair_shape_fault
+from tokt.inference.reason import NO_FAULT, Fault
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+
 from .calibration import StereoCalibration
-from .closing import ClosingSpeed
-from .detector import DISPARITY, Detection
-from .frame_check import PATCH_GRID, frame_fault
+from .epipolar_drift import EpipolarDriftCorrection
 from .matching import STEP_PX, DenseMatcher, Matches
-from .pair_check import pair_fault
-from .reason import NO_FAULT, Fault
+from .pair_health import PairFault, PairHealth
 from .rectify import Rectifier
-from .row_trim import RowTrim
-from .sources import Frame
-from .stereo_health import PairFault, StereoHealth
-from .stereo_ways import BM, HALF
-from .verdict import STATUS_MEAN_THRESHOLD
+from .time_to_contact import ClosingSpeed
 
 NEAR_PERCENTILE = 20.0
 """Percentile of the depths that is reported as the distance: near, yet no few stray matches."""
@@ -70,8 +70,8 @@ class DisparityDetector:
 
     Notes
     -----
-    It judges the pairs of one run in their order: the row trim, the check for a frozen camera and
-    the closing speed come from those before.
+    It judges the pairs of one run in their order: the drift correction, the check for a frozen
+    camera and the closing speed come from those before.
 
     The mask is in the *unrectified* left frame resized to the grid's width: positions are those
     of the picture that the texture detector and the pilot see. Blind at the left edge are as many
@@ -85,14 +85,14 @@ class DisparityDetector:
         calibration: StereoCalibration,
         grid: Grid,
         matcher: str = BM,
-        scale: float = HALF,
+        scale: float = DEFAULT_SCALE,
         kernels: Kernels = KERNELS,
         step: int = STEP_PX,
     ) -> None:
         self.calibration = calibration
         self.rectifier = Rectifier(calibration, scale)
-        self._trim = RowTrim()
-        self._health = StereoHealth()
+        self._drift = EpipolarDriftCorrection()
+        self._health = PairHealth()
         self._closing = ClosingSpeed()
         self._matcher = DenseMatcher(self.rectifier, matcher, kernels, step)
         width, height = calibration.frame_size
@@ -108,18 +108,18 @@ class DisparityDetector:
 
     def observe(self, frame: Frame) -> Observation:
         """Judge one pair, and tell the matches."""
-        fault = pair_fault(frame, self.calibration.frame_size)
+        fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return Observation(Detection(None, DISPARITY, fault=fault), None)
         scaled = [self.rectifier.scaled(picture) for picture in (frame.left, frame.right)]
         unfit = _unfit(frame.left, frame.right, scaled)
         views = (
             self.rectifier.left_of(scaled[0]),
-            self.rectifier.right_of(scaled[1], self.row_trim_px),
+            self.rectifier.right_of(scaled[1], self.row_shift_px),
         )
         found = self._matcher.match(*views)
-        offset = self._trim.add(*views, found, self.rectifier.scale)
-        doubt = self._health.judge(*views, found, offset, self._trim)
+        offset = self._drift.add(*views, found, self.rectifier.scale)
+        doubt = self._health.judge(*views, found, offset, self._drift)
         if doubt is not None and not unfit:
             doubt = self._health.explained(doubt, frame.left, frame.right, self.match)
         judged = self._judged(found, unfit, doubt)
@@ -129,15 +129,15 @@ class DisparityDetector:
         return Observation(judged, found)
 
     @property
-    def row_trim_px(self) -> float:
+    def row_shift_px(self) -> float:
         """Rows at full resolution by which the right view of the next pair is moved down."""
-        return self._trim.px
+        return self._drift.px
 
     def match(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], row_trim_px: float = 0.0
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], row_shift_px: float = 0.0
     ) -> Matches:
         """Rectify and match a pair of frames of the calibration's size."""
-        views = self.rectifier.left(left), self.rectifier.right(right, row_trim_px)
+        views = self.rectifier.left(left), self.rectifier.right(right, row_shift_px)
         return self._matcher.match(*views)
 
     def _judged(self, found: Matches, unfit: Fault, doubt: PairFault | None) -> Detection:
@@ -154,10 +154,8 @@ class DisparityDetector:
         obstacle = cv2.mean(mask)[0] > STATUS_MEAN_THRESHOLD
         if doubt is not None and not (doubt.matches_stand and obstacle):
             # An unfit picture explains it; two good ones that do not match are a sign of danger.
-            against_clear = doubt.against_clear and not unfit
-            return Detection(
-                None, DISPARITY, fault=unfit or doubt.fault, against_clear=against_clear
-            )
+            vetoes_clear = doubt.vetoes_clear and not unfit
+            return Detection(None, DISPARITY, fault=unfit or doubt.fault, vetoes_clear=vetoes_clear)
         distance = self.distance_m(found)
         if obstacle:
             note = unfit or (doubt.reason if doubt is not None else "")

@@ -1,4 +1,4 @@
-r"""The rows of the two views: how far apart a pair has them, and a trim that follows it slowly.
+r"""Epipolar drift: how far apart a pair has the rows of its views, and a slow correction of it.
 
 A thing stands in one row of both rectified views. A camera that was knocked since the calibration
 moves its view up or down, by 2.2 px at full resolution between two dives of one week: matching
@@ -7,7 +7,7 @@ bears it, but loses matches (a third of them at 4 px, half and more at 6 px).
 ::
 
       left view            right view             offset: the right view stands r px too high,
-      |        |           |   ___  | -- r        and is moved down by a trim of +r.
+      |        |           |   ___  | -- r        and is moved down by +r.
       |   ___  | -- row -- |        |             turn: the offset grows from left to right,
       |        |           |        |             r = r0 + tan(turn) * (x - x0)
 
@@ -15,8 +15,8 @@ Measured on the 246 pairs of the sea trial, pixels of the full resolution; thres
 the extremes of the odd frames and hold on the even ones (odd / even; `TURN_SIGNIFICANCE` was raised
 once for an even one). A true pair's offset is at most 0.38 / 0.48, its spread 1.05 / 0.91. With the
 right frames moved by 1, 2.2, 4 and 6 px either way, one pair measures 0.89 to 0.97 of it (median
-over 11 pairs each; 0.3 to 1.4 in the worst, a faint thing and one at 1.8 m), and the trim is within
-0.5 px after 5 to 16 pairs in which the tower is seen. Matching needs
+over 11 pairs each; 0.3 to 1.4 in the worst, a faint thing and one at 1.8 m), and the correction is
+within 0.5 px after 5 to 16 pairs in which the tower is seen. Matching needs
 no help for that: at 6 px it still matches 0.41 of the texture and more. Farther than 7 px off this
 measures too little, and too few pairs are accepted.
 """
@@ -46,42 +46,42 @@ GRID_STEP = 4
 """Only every fourth row and column of the matches is looked at: neighbours tell the same."""
 PATCH_RADIUS = 5
 SEARCH_ROWS = 4
-LEAST_CORRELATION = 0.8
+MIN_CORRELATION = 0.8
 """Correlation that a point's patch must reach in its best row. Median of true pairs: 0.95 to
 0.99, of chance matches 0.73 to 0.92."""
-LEAST_POINTS = 20
+MIN_POINTS = 20
 """Fewest points that reach it."""
-_LEAST_ERROR_PX = 0.1
+_MIN_ERROR_PX = 0.1
 """Least standard error of a row offset at either side of the points: neighbours err together."""
 
-# What the trim accepts and how it follows, in pixels of the full resolution.
+# What the correction accepts and how it follows, in pixels of the full resolution.
 LIMIT_PX = 6.0
-"""Largest trim. Source: 2.2 px is the largest offset met, and a camera that has moved by more
+"""Largest correction. Source: 2.2 px is the largest offset met, and a camera that has moved by more
 than this has turned as well, and needs a calibration."""
-MOST_SPREAD_PX = 1.2
-"""Spread of a pair that may move the trim. True pairs: at most 1.05 / 0.91."""
-LEAST_AGREEING = 0.7
-"""Part of the points with `LEAST_CORRELATION` in a pair that may move the trim. True pairs: 0.79 /
-0.72 and more."""
-MOST_TURN_DEG = 0.4
+MAX_SPREAD_PX = 1.2
+"""Spread of a pair that may move the correction. True pairs: at most 1.05 / 0.91."""
+MIN_AGREEING = 0.7
+"""Part of the points with `MIN_CORRELATION` in a pair that may move the correction. True pairs:
+0.79 / 0.72 and more."""
+MAX_TURN_DEG = 0.4
 TURN_SIGNIFICANCE = 6.0
-"""Times its own error that a turn must be. True pairs that seem turned by `MOST_TURN_DEG` and more:
+"""Times its own error that a turn must be. True pairs that seem turned by `MAX_TURN_DEG` and more:
 at most 2.7 / 3.1."""
 REMEMBERED_PAIRS = 15
 SETTLED_PAIRS = 5
-"""Fewest accepted pairs before the trim moves."""
-MOST_VARIATION_PX = 0.5
-"""Median deviation among the remembered pairs' offsets with which the trim moves. A right camera
+"""Fewest accepted pairs before the correction moves."""
+MAX_VARIATION_PX = 0.5
+"""Median deviation among the remembered pairs' offsets with which it moves. A right camera
 that is out of step gives another offset at every pair: 1 px and more."""
 STEP_PX = 1.0
-"""Most that one pair moves the trim."""
+"""Most that one pair moves the correction."""
 STILL_PX = 0.5
 """Smaller corrections are left: they gain no match, and true pairs seem off by as much."""
 
 
 @dataclass(frozen=True)
-class RowOffset:
-    """How the rows of one pair's views lie to each other.
+class EpipolarOffset:
+    """The vertical offset of one pair's views, which rectification should have removed.
 
     Parameters
     ----------
@@ -110,15 +110,15 @@ class RowOffset:
     def turned(self) -> bool:
         """Whether the views are turned against each other beyond doubt."""
         turn = abs(self.turn_deg)
-        return turn > MOST_TURN_DEG and turn > TURN_SIGNIFICANCE * self.turn_error_deg
+        return turn > MAX_TURN_DEG and turn > TURN_SIGNIFICANCE * self.turn_error_deg
 
 
-def row_offset(
+def epipolar_offset(
     left_view: NDArray[np.float32],
     right_view: NDArray[np.float32],
     matches: Matches,
     scale: float,
-) -> RowOffset | None:
+) -> EpipolarOffset | None:
     """Measure how the rows of a pair lie to each other, from its block matches.
 
     Parameters
@@ -132,23 +132,23 @@ def row_offset(
 
     Returns
     -------
-    RowOffset or None
-        None with fewer than `LEAST_POINTS` clear points.
+    EpipolarOffset or None
+        None with fewer than `MIN_POINTS` clear points.
     """
     points = _clear_points(left_view, matches)
     if points is None:
         return None
     rows, columns, disparity = points
     lower, correlation, inside = _row_shifts(left_view, right_view, rows, columns, disparity)
-    good = inside & (correlation >= LEAST_CORRELATION)
+    good = inside & (correlation >= MIN_CORRELATION)
     count = int(np.count_nonzero(good))
-    if count < LEAST_POINTS:
+    if count < MIN_POINTS:
         return None
     higher = -lower[good] / scale
     middle = _median(higher)
     spread = _median(np.abs(higher - middle))
     turn, error = _turn(columns[good] / scale, higher)
-    return RowOffset(middle, spread, turn, error, count / len(good), count)
+    return EpipolarOffset(middle, spread, turn, error, count / len(good), count)
 
 
 def _clear_points(
@@ -169,7 +169,7 @@ def _clear_points(
     inside = (columns >= PATCH_RADIUS) & (columns < width - PATCH_RADIUS)
     inside &= (there >= PATCH_RADIUS) & (there < width - PATCH_RADIUS - 1)
     rows, columns, disparity = rows[inside], columns[inside], disparity[inside]
-    if len(rows) < LEAST_POINTS:
+    if len(rows) < MIN_POINTS:
         return None
     evenness = -np.abs(view[rows + 2, columns] - view[rows - 2, columns])
     by_column = np.argsort(columns, kind="stable")
@@ -247,34 +247,35 @@ def _turn(x_px: NDArray[Any], higher_px: NDArray[Any]) -> tuple[float, float]:
         weights = 1 / np.maximum(residual, 0.3)
     # 1.48: from a median deviation to a standard one; 1.25: of a median instead of a mean.
     sigma = 1.25 * 1.48 * _median(residual) / math.sqrt(len(x))
-    error = max(sigma, _LEAST_ERROR_PX) / max(float(x.std()), 1.0)
+    error = max(sigma, _MIN_ERROR_PX) / max(float(x.std()), 1.0)
     # A view turned clockwise has its right side too low.
     return -math.degrees(math.atan(slope)), math.degrees(math.atan(error))
 
 
-class RowTrim:
+class EpipolarDriftCorrection:
     """Follow the row offset of a pair of cameras over a dive, slowly and within a limit.
 
-    A pair moves it only where its matches agree (`MOST_SPREAD_PX`, `LEAST_AGREEING`, not turned)
+    A pair moves it only where its matches agree (`MAX_SPREAD_PX`, `MIN_AGREEING`, not turned)
     and the last accepted pairs agree among themselves: a wrong right frame, or a camera out of
     step, leaves it where it is. Memory is `REMEMBERED_PAIRS` numbers.
 
     Parameters
     ----------
     limit_px : float
-        Largest trim, in pixels of the full resolution.
+        Largest correction, in pixels of the full resolution.
 
     Notes
     -----
     It follows whatever is constant. While a camera is out of step *and* the vehicle rises or
     sinks evenly, the offset that this makes is constant too, and is corrected as long as it lasts.
-    When the motion changes the offsets no longer agree: `tokt.inference.stereo_health` tells it.
+    When the motion changes the offsets no longer agree: `tokt.inference.stereo.pair_health` tells
+    it.
     """
 
     def __init__(self, limit_px: float = LIMIT_PX) -> None:
         self.limit_px = limit_px
         self.px = 0.0
-        """The trim: pixels of the full resolution by which to move the right view down."""
+        """The correction: pixels of the full resolution by which to move the right view down."""
         self.deviation_px: float | None = None
         """How far the last pair's offset is from that of those before it; None where it could not
         be measured, or those before do not agree on one."""
@@ -291,7 +292,7 @@ class RowTrim:
     def settled(self) -> bool:
         """Whether enough pairs agree on one offset, so that another one means something."""
         variation = self.variation_px
-        return variation is not None and variation <= MOST_VARIATION_PX
+        return variation is not None and variation <= MAX_VARIATION_PX
 
     def add(
         self,
@@ -299,20 +300,20 @@ class RowTrim:
         right_view: NDArray[np.float32],
         matches: Matches,
         scale: float,
-    ) -> RowOffset | None:
-        """Measure a pair whose right view has the present trim, and follow it.
+    ) -> EpipolarOffset | None:
+        """Measure a pair whose right view has the present correction, and follow it.
 
         Parameters
         ----------
         left_view, right_view, matches, scale
-            As in `row_offset`.
+            As in `epipolar_offset`.
 
         Returns
         -------
-        RowOffset or None
-            What is left of the offset beside the trim that these views have.
+        EpipolarOffset or None
+            What is left of the offset beside the correction that these views have.
         """
-        offset = row_offset(left_view, right_view, matches, scale)
+        offset = epipolar_offset(left_view, right_view, matches, scale)
         self.deviation_px = None
         if offset is None:
             return None
@@ -328,8 +329,8 @@ class RowTrim:
     def _middle(self) -> float:
         return _median(np.array(self._recent))
 
-    def _accepts(self, offset: RowOffset) -> bool:
-        fits = offset.spread_px <= MOST_SPREAD_PX and offset.agreeing >= LEAST_AGREEING
+    def _accepts(self, offset: EpipolarOffset) -> bool:
+        fits = offset.spread_px <= MAX_SPREAD_PX and offset.agreeing >= MIN_AGREEING
         return fits and not offset.turned
 
     def _follow(self) -> None:

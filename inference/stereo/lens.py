@@ -1,4 +1,4 @@
-r"""Which direction a picture's column is, and which sectors around the vehicle that makes.
+r"""A lens: the direction of each picture column, and the sectors around the vehicle in view.
 
 ::
 
@@ -15,14 +15,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
+
 from .calibration import StereoCalibration
 
 SECTORS = 72
 """As many as MAVLink's OBSTACLE_DISTANCE has."""
 SECTOR_DEG = 360 / SECTORS
 
-LEAST_FOV_DEG, LARGEST_FOV_DEG = 10.0, 170.0
+MIN_FOV_DEG, MAX_FOV_DEG = 10.0, 170.0
 """Between these at least one sector is wholly in view, and a pinhole is a fair description."""
 
 
@@ -48,11 +49,11 @@ class Lens:
         Raises
         ------
         ToktError
-            If it is not between `LEAST_FOV_DEG` and `LARGEST_FOV_DEG`.
+            If it is not between `MIN_FOV_DEG` and `MAX_FOV_DEG`.
         """
-        if not LEAST_FOV_DEG <= fov_deg <= LARGEST_FOV_DEG:
+        if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
             raise ToktError(
-                f"a camera's field of view is {LEAST_FOV_DEG:g} to {LARGEST_FOV_DEG:g} degrees, "
+                f"a camera's field of view is {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees, "
                 f"not {fov_deg:g}"
             )
         return cls(0.5 / math.tan(math.radians(fov_deg / 2)))

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-LEAST_SIGMA_GREY = 1.0
+MIN_SIGMA_GREY = 1.0
 """Grey levels. A local deviation below counts as this much, or noise alone would fill the view."""
 _MIDDLE = 128.0
 
@@ -53,6 +53,6 @@ def even_contrast(
         Grey levels that one local standard deviation becomes.
     """
     even = cv2.subtract(view, mean)
-    cv2.divide(even, np.maximum(sigma, LEAST_SIGMA_GREY), dst=even, scale=gain)
+    cv2.divide(even, np.maximum(sigma, MIN_SIGMA_GREY), dst=even, scale=gain)
     raised = cv2.addWeighted(even, 1.0, even, 0.0, _MIDDLE, dtype=cv2.CV_8U)
     return np.asarray(raised, np.uint8)

@@ -23,18 +23,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.block_matching import (
-    LARGEST_DISPARITY_PX,
+from tokt.features.common.errors import ToktError
+from tokt.features.kernels.block_matching import (
+    MAX_DISPARITY_PX,
     PADDING,
     PER_PIXEL,
     BlockMatching,
     padded,
 )
-from ..features.errors import ToktError
-from ..features.kernels import KERNELS, Kernels
+from tokt.features.kernels.dispatch import KERNELS, Kernels
+from tokt.inference.config import BM, MATCHERS
+
 from .local_contrast import even_contrast, local_mean_and_sigma
 from .rectify import Rectifier
-from .stereo_ways import BM, MATCHERS
 
 NEAREST_M, FARTHEST_M = 1.65, 10.6
 """Depths in metres that are searched: disparities 32 to 207 at half the mission's resolution."""
@@ -65,13 +66,13 @@ SEMI_GLOBAL_BLOCK_PX = 7
 STEP_PX = 2
 """Every so many rows and columns a pixel is matched, and its neighbours are taken to be alike: the
 blocks of two neighbours share nine tenths of their pixels."""
-_LEAST_SEARCHED = 0.5
+_MIN_SEARCHED = 0.5
 """Part of the left frame that is searched: what is not cannot be told from open water."""
 
 
 @dataclass(frozen=True)
 class Matches:
-    """What matching found in one pair, in the rectified left view.
+    """The matches of one pair, in the rectified left view.
 
     Parameters
     ----------
@@ -134,10 +135,10 @@ class DenseMatcher:
                 f"views of {width} pixels show nothing at {FARTHEST_M:g} m: the disparity there "
                 f"is {smallest} pixels; is the calibration for these frames?"
             )
-        if smallest + count > LARGEST_DISPARITY_PX:
+        if smallest + count > MAX_DISPARITY_PX:
             raise ToktError(
                 f"disparities up to {smallest + count} pixels would be searched, {NEAREST_M:g} m "
-                f"away, and at most {LARGEST_DISPARITY_PX} can be: take smaller views"
+                f"away, and at most {MAX_DISPARITY_PX} can be: take smaller views"
             )
         block = min(max(2 * round((BLOCK_PX * ratio - 1) / 2) + 1, 5), BLOCK_PX)
         texture = round(TEXTURE * block**2 / BLOCK_PX**2)
@@ -147,7 +148,7 @@ class DenseMatcher:
         self._matcher, self._kernels, self._step = matcher, kernels, step
         self.searched = _searched(rectifier, self.settings)
         seen = rectifier.to_left(self.searched, 64, 64).mean()
-        if seen < _LEAST_SEARCHED:
+        if seen < _MIN_SEARCHED:
             raise ToktError(
                 f"by the calibration the right camera sees {100 * seen:.0f} % of what the left "
                 f"one does, {NEAREST_M:g} to {FARTHEST_M:g} m away: is it for these cameras?"
@@ -236,7 +237,7 @@ def semi_global_disparity(
     settings: BlockMatching,
     wanted: NDArray[np.uint8],
 ) -> NDArray[np.int16]:
-    """What ``KERNELS.block_disparity`` takes and gives, by OpenCV's semi-global matching.
+    """OpenCV's semi-global matching, called as ``KERNELS.block_disparity`` is.
 
     Blocks are of `SEMI_GLOBAL_BLOCK_PX`; the penalties follow OpenCV's own recommendation.
     """

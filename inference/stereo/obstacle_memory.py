@@ -1,4 +1,4 @@
-"""Obstacles that were seen a while ago: carried along with the camera until they are too old."""
+"""Memory of obstacles seen before: carried along with the camera until they are too old."""
 
 from __future__ import annotations
 

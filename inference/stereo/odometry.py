@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 COLUMNS = ("frame", "t", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 UNIT_TOLERANCE = 1e-3
@@ -22,7 +22,7 @@ FARTHEST_M = 1e6
 
 @dataclass(frozen=True)
 class Pose:
-    """How the left camera stood in a frame that does not move.
+    """The left camera's pose in axes that do not move.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Motion:
-    """What moving the camera does to things that stand still.
+    """The rigid motion of things that stand still, seen from a camera that moves.
 
     Parameters
     ----------

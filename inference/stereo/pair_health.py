@@ -1,4 +1,4 @@
-"""Whether a stereo pair can be believed: do its two views fit together, and belong together?
+"""Health checks of a stereo pair: do its two views fit together, and belong together?
 
 What is found, each with its reason in words: a covered or dark camera, a frozen one, views of
 which hardly any texture matches (swapped cameras, one mounted upside down, a wrong calibration,
@@ -31,10 +31,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.inference.reason import Fault, Reason
+
+from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
 from .local_contrast import local_mean_and_sigma
 from .matching import LOCAL_SIGMA_GREY, Matches
-from .reason import Fault, Reason
-from .row_trim import RowOffset, RowTrim
 
 # Thresholds stand above the extremes of the sea trial's odd frames and hold on the even ones (odd /
 # even, true pairs). None of its 246 true pairs has a fault.
@@ -63,7 +64,7 @@ _BANDS = 4
 _ROW_STEP = 16
 _COLUMN_STEP = 8
 
-MOST_REPEATS = 5
+MAX_REPEATS = 5
 """Times that a source may repeat a pair exactly."""
 
 DIM_GREY = 12.0
@@ -77,15 +78,15 @@ _NEAR_BY = 7
 _NEAR_BY_WIDTH = 170
 """Height and width in pixels of a view so wide that count as near by: about a block."""
 
-MOST_SPREAD_PX = 1.6
+MAX_SPREAD_PX = 1.6
 """Median deviation of a pair's row offsets, pixels of the full resolution. True pairs: at most
 1.05 / 0.91, nearer than 2 m."""
 FEWEST_AGREEING = 0.5
 """Part of the points found again within the rows searched. True pairs: 0.79 / 0.72 and more."""
-MOST_DEVIATION_PX = 1.2
+MAX_DEVIATION_PX = 1.2
 """How far a pair's row offset may be from that of the pairs before. True pairs: at most
 0.36 / 0.46."""
-MOST_VARIATION_PX = 1.0
+MAX_VARIATION_PX = 1.0
 """Median deviation of the remembered pairs' row offsets. True pairs: at most 0.17 / 0.15."""
 
 MISFIT = "the left and right frames do not match: another moment, or something too near"
@@ -100,10 +101,10 @@ class PairFault:
     Parameters
     ----------
     reason : str
-    against_clear : bool
-        Whether something may be there: see `tokt.inference.detector.Detection`. Always when it is
-        the left camera, which other detectors look through, too; when the right one alone is lost,
-        only where the left view has texture.
+    vetoes_clear : bool
+        Whether something may be there: see `tokt.inference.detector.Detection`. Always when
+        it is the left camera, which other detectors look through, too; when the right one alone is
+        lost, only where the left view has texture.
     matches_stand : bool
         Whether what was matched all the same is there: a view that is dark in part still shows
         truly what it shows.
@@ -111,7 +112,7 @@ class PairFault:
     """
 
     reason: str
-    against_clear: bool
+    vetoes_clear: bool
     matches_stand: bool = False
     code: Reason = Reason.STEREO
 
@@ -125,9 +126,9 @@ def pair_fault(
     left_view: NDArray[np.float32],
     right_view: NDArray[np.float32],
     matches: Matches,
-    offset: RowOffset | None,
+    offset: EpipolarOffset | None,
 ) -> PairFault | None:
-    """What one pair shows without those before it.
+    """The fault that one pair shows without those before it, or None.
 
     Parameters
     ----------
@@ -135,8 +136,8 @@ def pair_fault(
         Rectified views in grey levels.
     matches : Matches
         What block matching found in them.
-    offset : RowOffset or None
-        What `tokt.inference.row_trim` measured.
+    offset : EpipolarOffset or None
+        What `tokt.inference.stereo.epipolar_drift` measured.
     """
     misfit = (
         _matching_fault(matches)
@@ -155,10 +156,10 @@ def _darkness_fault(
     stops = np.log2((right + 1) / (left + 1))
     if stops.max() > DARKER_STOPS:
         reason = _darker("left", "right", stops.max())
-        return PairFault(reason, against_clear=True, code=Reason.DARK)
+        return PairFault(reason, vetoes_clear=True, code=Reason.DARK)
     if -stops.min() > DARKER_STOPS:
         reason = _darker("right", "left", -stops.min())
-        return PairFault(reason, against_clear=_something_there(matches), code=Reason.DARK)
+        return PairFault(reason, vetoes_clear=_something_there(matches), code=Reason.DARK)
     return None
 
 
@@ -168,7 +169,7 @@ def _dim_fault(left_view: NDArray[np.float32], right_view: NDArray[np.float32]) 
         level = view[::_ROW_STEP, ::_COLUMN_STEP].mean(dtype=np.float64)
         if level < DIM_GREY:
             reason = f"the {side} view is too dim for distances: mean grey level {level:.0f}"
-            return PairFault(reason, against_clear=False, matches_stand=True, code=Reason.DARK)
+            return PairFault(reason, vetoes_clear=False, matches_stand=True, code=Reason.DARK)
     return None
 
 
@@ -181,7 +182,7 @@ def _nearer_fault(matches: Matches) -> PairFault | None:
     alone = (matches.textured & matches.searched)[some] & (near_by == 0)
     if np.count_nonzero(alone) <= UNMATCHED_FRACTION * alone.size:
         return None
-    return PairFault(NEARER, against_clear=True, matches_stand=True)
+    return PairFault(NEARER, vetoes_clear=True, matches_stand=True)
 
 
 def _band_levels(view: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -207,7 +208,7 @@ def _matched_of_textured(matches: Matches) -> float:
 
 def _matching_fault(matches: Matches) -> PairFault | None:
     if _something_there(matches) and _matched_of_textured(matches) < MATCHED_OF_TEXTURED:
-        return PairFault(MISFIT, against_clear=True)
+        return PairFault(MISFIT, vetoes_clear=True)
     return None
 
 
@@ -223,7 +224,7 @@ def _right_only_fault(
     if right - _textured_fraction(left_view) <= RIGHT_ONLY_FRACTION:
         return None
     reason = "the right view shows what the left one does not: beside it, or the left is covered"
-    return PairFault(reason, against_clear=True)
+    return PairFault(reason, vetoes_clear=True)
 
 
 def _textured_fraction(view: NDArray[np.float32]) -> float:
@@ -235,13 +236,13 @@ def _textured_fraction(view: NDArray[np.float32]) -> float:
     return float(np.count_nonzero(sigma > LOCAL_SIGMA_GREY) / sigma.size)
 
 
-def _rows_fault(offset: RowOffset | None) -> PairFault | None:
+def _rows_fault(offset: EpipolarOffset | None) -> PairFault | None:
     if offset is None:
         return None
-    if offset.spread_px > MOST_SPREAD_PX or offset.agreeing < FEWEST_AGREEING:
-        return PairFault(f"{OUT_OF_STEP} ({offset.spread_px:.1f} px)", against_clear=True)
+    if offset.spread_px > MAX_SPREAD_PX or offset.agreeing < FEWEST_AGREEING:
+        return PairFault(f"{OUT_OF_STEP} ({offset.spread_px:.1f} px)", vetoes_clear=True)
     if offset.turned:
-        return PairFault(f"{OUT_OF_STEP} ({offset.turn_deg:+.1f} degrees)", against_clear=True)
+        return PairFault(f"{OUT_OF_STEP} ({offset.turn_deg:+.1f} degrees)", vetoes_clear=True)
     return None
 
 
@@ -259,7 +260,7 @@ def _turned(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.rotate(frame, cv2.ROTATE_180), np.uint8)
 
 
-class StereoHealth:
+class PairHealth:
     """Judge the pairs of one run in their order.
 
     Notes
@@ -279,8 +280,8 @@ class StereoHealth:
         left_view: NDArray[np.float32],
         right_view: NDArray[np.float32],
         matches: Matches,
-        offset: RowOffset | None,
-        trim: RowTrim | None,
+        offset: EpipolarOffset | None,
+        drift: EpipolarDriftCorrection | None,
     ) -> PairFault | None:
         """Why this pair is not to be believed, or None.
 
@@ -288,14 +289,14 @@ class StereoHealth:
         ----------
         left_view, right_view, matches, offset
             As in `pair_fault`.
-        trim : RowTrim or None
+        drift : EpipolarDriftCorrection or None
             What `offset` was added to, and what `right_view` was moved by; None where rows are
             not followed.
         """
         fault = (
             self._frozen_fault(left_view, right_view, matches)
             or pair_fault(left_view, right_view, matches, offset)
-            or _trim_fault(matches, trim)
+            or _drift_fault(matches, drift)
             # Last, as an obstacle stands beside them.
             or _dim_fault(left_view, right_view)
             or _nearer_fault(matches)
@@ -319,15 +320,15 @@ class StereoHealth:
             return None
         left, right = (np.array_equal(old, new) for old, new in zip(before, now, strict=True))
         self._repeats = self._repeats + 1 if left and right else 0
-        if self._repeats > MOST_REPEATS:
+        if self._repeats > MAX_REPEATS:
             reason = "both cameras repeat their last pictures: frozen"
-            return PairFault(reason, against_clear=True, code=Reason.FROZEN)
+            return PairFault(reason, vetoes_clear=True, code=Reason.FROZEN)
         if left == right or np.ptp(now[0] if left else now[1]) == 0:
             return None
         side = "left" if left else "right"
         reason = f"the {side} camera repeats its last picture: frozen"
-        against_clear = left or _something_there(matches)
-        return PairFault(reason, against_clear, code=Reason.FROZEN)
+        vetoes_clear = left or _something_there(matches)
+        return PairFault(reason, vetoes_clear, code=Reason.FROZEN)
 
     def explained(
         self,
@@ -361,13 +362,13 @@ class StereoHealth:
         return replace(fault, reason=self._cause) if self._cause else fault
 
 
-def _trim_fault(matches: Matches, trim: RowTrim | None) -> PairFault | None:
+def _drift_fault(matches: Matches, drift: EpipolarDriftCorrection | None) -> PairFault | None:
     """Rows that agree among themselves, yet not with those of the pairs before."""
-    if trim is None or not matches.valid.any():
+    if drift is None or not matches.valid.any():
         return None
-    deviation, varying = trim.deviation_px, trim.variation_px
-    if deviation is not None and deviation > MOST_DEVIATION_PX:
-        return PairFault(f"{OUT_OF_STEP} ({deviation:.1f} px)", against_clear=True)
-    if varying is not None and varying > MOST_VARIATION_PX:
-        return PairFault(f"{OUT_OF_STEP} ({varying:.1f} px from pair to pair)", against_clear=True)
+    deviation, varying = drift.deviation_px, drift.variation_px
+    if deviation is not None and deviation > MAX_DEVIATION_PX:
+        return PairFault(f"{OUT_OF_STEP} ({deviation:.1f} px)", vetoes_clear=True)
+    if varying is not None and varying > MAX_VARIATION_PX:
+        return PairFault(f"{OUT_OF_STEP} ({varying:.1f} px from pair to pair)", vetoes_clear=True)
     return None

@@ -17,7 +17,7 @@ sees less:
 
 Clear means: nothing at these distances, nothing remembered, and hardly anything with texture.
 With texture in view of which nothing is at these distances, the frame is unknown; so it is where
-`stereo_health` finds a camera frozen or covered. Whether two textured views belong together cannot
+`pair_health` finds a camera frozen or covered. Whether two textured views belong together cannot
 be told by a detector that looks at so few disparities, except by the former: a wrong pair has
 texture that matches nowhere.
 
@@ -38,28 +38,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from ..features.grid import Grid
-from ..features.kernels import KERNELS
-from ..features.levels import DEPTH
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import STEPS_PER_LEVEL
+from tokt.inference.detector import PUSHBROOM, Detection
+from tokt.inference.frame import Frame
+from tokt.inference.frame_checks.picture import PATCH_GRID, frame_fault, pair_shape_fault
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+
 from .calibration import StereoCalibration
-from .detector import Detection
-from .frame_check import PATCH_GRID, frame_fault
 from .local_contrast import even_contrast, local_mean_and_sigma
 from .matching import Matches
 from .obstacle_memory import ObstacleMemory
 from .odometry import Odometry, Pose, motion_between
-from .pair_check import pair_fault
-from .reason import NO_FAULT, Fault, Reason
+from .pair_health import PairFault, PairHealth
 from .rectify import Rectifier
-from .sources import Frame
-from .stereo_health import PairFault, StereoHealth
-from .verdict import STATUS_MEAN_THRESHOLD
 
-PUSHBROOM = "pushbroom"
 DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
 """Where obstacles are looked for, along the view's axis. Beyond 8.4 m the mission's tower is
-smaller than `LEAST_CELLS`; the others are a few frames of the mission's approach apart."""
+smaller than `MIN_CELLS`; the others are a few frames of the mission's approach apart."""
 
 VIEW_WIDTH = PATCH_GRID.width or 360
 """Pixels. The frame check's: one small gray picture of each frame serves both."""
@@ -80,7 +79,7 @@ EVEN_STEPS = 50
 EDGE_GREY = 0.6
 """Grey levels a pixel, mean over a block: the change across columns that makes a block worth
 matching in both views. Open water: at most 3 cells of 6030 in the left view."""
-LARGEST_COST = 0.35
+MAX_COST = 0.35
 """Mean absolute difference of even contrast, in local standard deviations. The tower's median at
 its own disparity 0.2 to 0.3, in wrong pairs at the best of all 0.4 to 0.5."""
 INVARIANCE_PX = tuple(range(5, 23, 2))
@@ -89,7 +88,7 @@ a pattern that repeats, matches at any distance."""
 INVARIANCE_RATIO = 0.55
 """The cost there that a hit's may be at most this part of. The tower's median 0.2 to 0.6 of the
 best of all other disparities, in wrong pairs 0.9."""
-LEAST_CELLS = 12
+MIN_CELLS = 12
 """Of a patch of hits."""
 TEXTURED_FRACTION = 0.002
 """Of the cells, as much as the smallest patch of hits: with more texture in the left view and no
@@ -120,7 +119,7 @@ class Slice:
 
 
 @dataclass(frozen=True)
-class Evened:
+class NormalizedView:
     """A view made ready for matching.
 
     Parameters
@@ -134,9 +133,9 @@ class Evened:
     pixels: NDArray[np.uint8]
     edges: NDArray[np.float32]
 
-    def rows(self, first: int, last: int) -> Evened:
+    def rows(self, first: int, last: int) -> NormalizedView:
         """The part from one row of cells to before another."""
-        return Evened(self.pixels[first * CELL_PX : last * CELL_PX], self.edges[first:last])
+        return NormalizedView(self.pixels[first * CELL_PX : last * CELL_PX], self.edges[first:last])
 
 
 class PushbroomDetector:
@@ -182,7 +181,7 @@ class PushbroomDetector:
         self._odometry = odometry
         self._pose: Pose | None = None
         self._since_pose = 0
-        self._health = StereoHealth()
+        self._health = PairHealth()
         self._memory = ObstacleMemory(
             self.rectifier, CELL_PX, KEPT_FRAMES if odometry is None else KEPT_FRAMES_WITH_ODOMETRY
         )
@@ -195,14 +194,14 @@ class PushbroomDetector:
         obstacle, while no hit proves nothing.
         """
         self._advance(frame)
-        fault = pair_fault(frame, self.calibration.frame_size)
+        fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return self._unjudged(fault)
         left, left_fault = self._picture(frame.left)
         right, right_fault = self._picture(frame.right)
         views = self.rectifier.left_of(left), self.rectifier.right_of(right)
-        evened = _evened(views[0])
-        seen = self._depths(evened, _evened(views[1]))
+        evened = _normalized(views[0])
+        seen = self._depths(evened, _normalized(views[1]))
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
         unfit = left_fault.about("left") if left_fault else NO_FAULT
         if right_fault and not unfit:
@@ -214,7 +213,7 @@ class PushbroomDetector:
                 return self._judged(textured)
         if unfit or doubt is None:
             return self._unjudged(unfit)
-        return self._unjudged(doubt.fault, doubt.against_clear or textured)
+        return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
 
     def look(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
         """What stands at the distances in one pair of frames of the calibration's size.
@@ -227,11 +226,11 @@ class PushbroomDetector:
         """
         left_view = self.rectifier.left_of(self._picture(left)[0])
         right_view = self.rectifier.right_of(self._picture(right)[0])
-        return self._depths(_evened(left_view), _evened(right_view))
+        return self._depths(_normalized(left_view), _normalized(right_view))
 
-    def _unjudged(self, fault: Fault, against_clear: bool = False) -> Detection:
+    def _unjudged(self, fault: Fault, vetoes_clear: bool = False) -> Detection:
         remembered = bool(len(self._memory.ages))
-        return Detection(None, PUSHBROOM, fault=fault, against_clear=against_clear or remembered)
+        return Detection(None, PUSHBROOM, fault=fault, vetoes_clear=vetoes_clear or remembered)
 
     def _doubt(
         self, left: NDArray[np.float32], right: NDArray[np.float32], seen: NDArray[np.float32]
@@ -263,16 +262,17 @@ class PushbroomDetector:
         """The frame gray and scaled, in grey levels and fractions of them; and its fault."""
         width, height = self.rectifier.size
         # Averaged before rounding: the frames hold only a few grey levels of signal.
-        deep = KERNELS.deep_gray(frame, height, width)
-        rounded = ((deep + np.uint16(DEPTH // 2)) // np.uint16(DEPTH)).astype(np.uint8)
+        gray16 = KERNELS.resized_gray16(frame, height, width)
+        step = np.uint16(STEPS_PER_LEVEL)
+        rounded = ((gray16 + step // np.uint16(2)) // step).astype(np.uint8)
         fault = frame_fault(frame, rounded, self._checked_grid)
-        return deep.astype(np.float32) / np.float32(DEPTH), fault
+        return gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL), fault
 
-    def _depths(self, left: Evened, right: Evened) -> NDArray[np.float32]:
+    def _depths(self, left: NormalizedView, right: NormalizedView) -> NDArray[np.float32]:
         """The depth in metres of each cell's obstacle, 0 where there is none; nearer ones win."""
         found = np.zeros(self._cells, np.float32)
         textured = left.edges > EDGE_GREY
-        if np.count_nonzero(textured) < LEAST_CELLS:
+        if np.count_nonzero(textured) < MIN_CELLS:
             return found
         rows = np.flatnonzero(textured.any(axis=1))
         first, last = max(rows[0] - BLOCK_CELLS // 2, 0), rows[-1] + 1 + BLOCK_CELLS // 2
@@ -292,7 +292,7 @@ class PushbroomDetector:
         if cv2.mean(mask)[0] <= STATUS_MEAN_THRESHOLD:
             if textured:
                 fault = f"something is in view, but at none of {self._where}; or a wrong pair"
-                return self._unjudged(Fault(Reason.STEREO, fault), against_clear=True)
+                return self._unjudged(Fault(Reason.STEREO, fault), vetoes_clear=True)
             if len(memory.ages):
                 fault = "too little of an obstacle met before is still in view"
                 return self._unjudged(Fault(Reason.STEREO, fault))
@@ -341,11 +341,11 @@ def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:
     return slices
 
 
-def _evened(view: NDArray[np.float32]) -> Evened:
+def _normalized(view: NDArray[np.float32]) -> NormalizedView:
     """Local contrast normalisation, and where there are edges to match."""
     even = even_contrast(view, *local_mean_and_sigma(view, CONTRAST_WINDOW_PX), EVEN_STEPS)
     change = np.abs(cv2.Sobel(view, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8))
-    return Evened(even, _block_means(change))
+    return NormalizedView(even, _block_means(change))
 
 
 def _block_means(pixels: NDArray[Any]) -> NDArray[np.float32]:
@@ -359,7 +359,7 @@ def _block_means(pixels: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, block), np.float32)
 
 
-def _cost(left: Evened, right: Evened, shift_px: int) -> NDArray[np.float32]:
+def _cost(left: NormalizedView, right: NormalizedView, shift_px: int) -> NDArray[np.float32]:
     """Mean difference of the views at one disparity, by cells of the left view."""
     cost = np.full(left.edges.shape, np.inf, np.float32)
     first = math.ceil(shift_px / CELL_PX)  # left of it the right camera does not see
@@ -369,7 +369,9 @@ def _cost(left: Evened, right: Evened, shift_px: int) -> NDArray[np.float32]:
     return cost
 
 
-def _worth_matching(left: Evened, right: Evened, shifts_px: Sequence[int]) -> NDArray[np.bool_]:
+def _worth_matching(
+    left: NormalizedView, right: NormalizedView, shifts_px: Sequence[int]
+) -> NDArray[np.bool_]:
     """Cells whose blocks have edges in both views, and are seen by both cameras."""
     worth = np.zeros(left.edges.shape, bool)
     first = math.ceil(shifts_px[-1] / CELL_PX) + BLOCK_CELLS // 2
@@ -379,12 +381,12 @@ def _worth_matching(left: Evened, right: Evened, shifts_px: Sequence[int]) -> ND
     return worth
 
 
-def _hits(left: Evened, right: Evened, looked: Slice) -> NDArray[np.float32]:
+def _hits(left: NormalizedView, right: NormalizedView, looked: Slice) -> NDArray[np.float32]:
     """The disparity in pixels of each cell that stands in a slice, 0 elsewhere."""
     hit = _worth_matching(left, right, looked.shifts_px)
-    best = np.full(hit.shape, LARGEST_COST * EVEN_STEPS, np.float32)
+    best = np.full(hit.shape, MAX_COST * EVEN_STEPS, np.float32)
     found = np.zeros(hit.shape, np.float32)
-    if np.count_nonzero(hit) < LEAST_CELLS:
+    if np.count_nonzero(hit) < MIN_CELLS:
         return found
     for shift in looked.shifts_px:
         cost = _cost(left, right, shift)
@@ -393,17 +395,17 @@ def _hits(left: Evened, right: Evened, looked: Slice) -> NDArray[np.float32]:
     hit &= found > 0
     best /= INVARIANCE_RATIO
     for shift in looked.checks_px:
-        if np.count_nonzero(hit) < LEAST_CELLS:
+        if np.count_nonzero(hit) < MIN_CELLS:
             break
         hit &= best <= _cost(left, right, shift)
     return found * _large_patches(hit)
 
 
 def _large_patches(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Only the connected regions of at least `LEAST_CELLS`."""
+    """Only the connected regions of at least `MIN_CELLS`."""
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(
         cells.astype(np.uint8), connectivity=8
     )
-    large = statistics[:, cv2.CC_STAT_AREA] >= LEAST_CELLS
+    large = statistics[:, cv2.CC_STAT_AREA] >= MIN_CELLS
     large[0] = False  # the background
     return np.asarray(large[labels], bool)

@@ -1,4 +1,4 @@
-"""From the frames of two cameras to views in which a thing stands in the same row of both.
+"""Rectification: views of two cameras in which a thing stands in the same row of both.
 
 Everything that depends on the calibration alone is worked out once: the maps of both views, and
 where each pixel of the left frame lies in the left view.
@@ -14,11 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from .calibration import StereoCalibration
-from .stereo_ways import HALF
+from tokt.features.common.errors import ToktError
+from tokt.inference.config import DEFAULT_SCALE
 
-_LEAST_IN_VIEW = 0.5
+from .calibration import StereoCalibration
+
+_MIN_IN_VIEW = 0.5
 """Part of the left frame that has to lie inside its rectified view."""
 
 
@@ -84,7 +85,7 @@ class Rectifier:
         If the calibration moves most of the left frame out of view, or has the cameras exchanged.
     """
 
-    def __init__(self, calibration: StereoCalibration, scale: float = HALF) -> None:
+    def __init__(self, calibration: StereoCalibration, scale: float = DEFAULT_SCALE) -> None:
         if not 0 < scale <= 1:
             raise ToktError(f"views are scaled by more than 0 and at most 1, not {scale}")
         self.calibration = calibration
@@ -98,7 +99,7 @@ class Rectifier:
             raise ToktError("by the calibration the right camera is not right of the left one")
         self._places: dict[tuple[int, int], NDArray[np.float32]] = {}
         places = np.moveaxis(self._frame_places(9, 9), -1, 0)
-        if self._inside((places[0], places[1])).mean() < _LEAST_IN_VIEW:
+        if self._inside((places[0], places[1])).mean() < _MIN_IN_VIEW:
             raise ToktError("the calibration moves most of the left frame out of view")
 
     def _rectify(self) -> None:
@@ -146,20 +147,20 @@ class Rectifier:
         """The left view, float32, of `size`; beyond the frame's edge its last pixel."""
         return self.left_of(self.scaled(frame))
 
-    def right(self, frame: NDArray[np.uint8], row_trim_px: float = 0.0) -> NDArray[np.float32]:
-        """The right view, moved down by `row_trim_px` pixels of the full resolution."""
-        return self.right_of(self.scaled(frame), row_trim_px)
+    def right(self, frame: NDArray[np.uint8], row_shift_px: float = 0.0) -> NDArray[np.float32]:
+        """The right view, moved down by `row_shift_px` pixels of the full resolution."""
+        return self.right_of(self.scaled(frame), row_shift_px)
 
     def left_of(self, scaled: NDArray[np.float32]) -> NDArray[np.float32]:
         """The left view of a picture that is scaled already (`scaled`)."""
         return _moved(scaled, *self._maps[0])
 
     def right_of(
-        self, scaled: NDArray[np.float32], row_trim_px: float = 0.0
+        self, scaled: NDArray[np.float32], row_shift_px: float = 0.0
     ) -> NDArray[np.float32]:
         """The right view of a picture that is scaled already."""
         x, y = self._maps[1]
-        shift = np.float32(row_trim_px * self._ratio[1])
+        shift = np.float32(row_shift_px * self._ratio[1])
         return _moved(scaled, x, y - shift if shift else y)
 
     def from_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:

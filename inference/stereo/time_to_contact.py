@@ -1,4 +1,4 @@
-r"""How fast the nearest thing comes nearer, and how long until it is reached.
+r"""Closing speed and time to contact from the distances of the last seconds.
 
 ::
 
@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 WINDOW_S = 2.0
 """Seconds of distances that a line is fitted to. With the sea trial's jitter of distance, 0.03 m,
-and 10 pairs a second the speed then has an error of 0.012 m/s (0.03 after `LEAST_SPAN_S`), and it
+and 10 pairs a second the speed then has an error of 0.012 m/s (0.03 after `MIN_SPAN_S`), and it
 is that of one second ago."""
-MOST_POINTS = 40
+MAX_POINTS = 40
 """Of more points in the window the oldest are left out: the slopes of 40 take 0.1 ms."""
-LEAST_POINTS = 5
-LEAST_SPAN_S = 1.0
+MIN_POINTS = 5
+MIN_SPAN_S = 1.0
 """Fewest points, and least seconds from the first to the last, that give a speed."""
 GAP_S = 1.0
 """After so long without a distance it is another thing that is seen: the line starts anew."""
@@ -34,12 +34,12 @@ FASTEST_M_S = 3.0
 """No thing's distance changes faster. Source: twice the speed of a work-class ROV."""
 JUMP_M = 0.3
 """Beside `FASTEST_M_S`, a distance may differ by this much from the last: ten times the jitter."""
-LEAST_CLOSING_M_S = 0.05
+MIN_CLOSING_M_S = 0.05
 """Slower is taken for standing still: no contact. Source: the speed's error, above."""
 
 
 class Closing(NamedTuple):
-    """What the last distances come to.
+    """Closing speed and time to contact, as far as the last distances tell.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class ClosingSpeed:
     Notes
     -----
     Times need not be regular. A time that is not later than the last one, or is no number, starts
-    anew, as a clock that was set does. Memory is at most `MOST_POINTS` points.
+    anew, as a clock that was set does. Memory is at most `MAX_POINTS` points.
     """
 
     def __init__(self) -> None:
-        self._points: deque[tuple[float, float]] = deque(maxlen=MOST_POINTS)
+        self._points: deque[tuple[float, float]] = deque(maxlen=MAX_POINTS)
         self._waiting: list[tuple[float, float]] = []
         self._last_s = -math.inf
 
@@ -115,11 +115,11 @@ class ClosingSpeed:
     def _fitted(self, t_s: float) -> Closing:
         """Speed and time to contact from the points of the window."""
         points = np.array(self._points)
-        if len(points) < LEAST_POINTS or points[-1, 0] - points[0, 0] < LEAST_SPAN_S:
+        if len(points) < MIN_POINTS or points[-1, 0] - points[0, 0] < MIN_SPAN_S:
             return Closing()
         slope, distance_m = _line(points[:, 0] - t_s, points[:, 1])
         closing = -slope
-        if closing < LEAST_CLOSING_M_S:
+        if closing < MIN_CLOSING_M_S:
             return Closing(closing)
         return Closing(closing, max(distance_m, 0.0) / closing)
 

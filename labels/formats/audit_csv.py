@@ -8,8 +8,8 @@
                   "label": "ocean", "suggested": "subsea_installation", "margin": -1.25,
                   "reason": "in words"}]}
 
-An audit proposes; it changes no label. `tokt.training.audit` makes one, the labelling page shows
-it.
+An audit proposes; it changes no label. `tokt.training.fitting.label_audit` makes one, the
+labelling page shows it.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from ..features.atomic import write_text
-from ..features.errors import ToktError
-from ..features.grid import Grid
-from .label_csv import AUDIT_COLUMNS, COLUMNS
+from tokt.features.common.atomic import write_text
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.labels.formats.label_csv import AUDIT_COLUMNS, COLUMNS
 
 FOLDER = "audits"
 

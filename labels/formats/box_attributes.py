@@ -1,7 +1,8 @@
 """A label record as attributes of a box, where a format has a place for attributes.
 
-So that files of our own come back without loss, also through a tool that turns the text ``3``
-into the number ``3.0``, and that what people changed there can be told from what they left.
+They are written so that files of our own come back without loss, also through a tool that turns
+the text ``3`` into the number ``3.0``, and that what people changed there can be told from what
+they left.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from ...features.errors import ToktError
-from ...features.grid import Grid
-from ..record import HUMAN, MODEL, LabelRecord, utc_now, utc_text
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_now, utc_text
+
 from .options import label_of
 
 FORMAT = 1
@@ -22,7 +24,7 @@ FORMAT = 1
 _PREFIX = "tokt_"
 _MARK = f"{_PREFIX}format"
 _WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
-_LARGEST_EXACT = 2**53
+_MAX_EXACT = 2**53
 _LARGEST = 10**300  # what a float can hold, with room to calculate
 
 
@@ -107,7 +109,7 @@ def whole(value: Any, what: str) -> int:
     """
     if type(value) is int and abs(value) < _LARGEST:
         return value
-    if type(value) is float and value.is_integer() and abs(value) < _LARGEST_EXACT:
+    if type(value) is float and value.is_integer() and abs(value) < _MAX_EXACT:
         return int(value)
     match = _WHOLE.fullmatch(value) if isinstance(value, str) else None
     if match is None:

@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.grid import Grid
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 
 HALF = 0.5
 """A patch takes a box's class when the box covers at least this share of the patch."""
 
-_LARGEST_SIDE_PX = 100_000
-_MOST_PATCHES = 1_000_000  # a file may name any grid, and this one fills no memory
+_MAX_SIDE_PX = 100_000
+_MAX_PATCHES = 1_000_000  # a file may name any grid, and this one fills no memory
 _ROUNDING_PX = 1.0  # what other tools round a coordinate by
 _EPSILON = 1e-9
 
@@ -52,10 +52,10 @@ class Box(NamedTuple):
 @lru_cache(maxsize=256)
 def _patch_size(grid: Grid, size: Size) -> tuple[float, float]:
     """Height and width of a patch in pixels of a frame of `size`."""
-    if not all(1 <= side <= _LARGEST_SIDE_PX for side in size):
+    if not all(1 <= side <= _MAX_SIDE_PX for side in size):
         raise ToktError(f"a frame of {size.width}x{size.height} pixels")
-    if grid.n_patches > _MOST_PATCHES:
-        raise ToktError(f"grid {grid} has more than {_MOST_PATCHES} patches")
+    if grid.n_patches > _MAX_PATCHES:
+        raise ToktError(f"grid {grid} has more than {_MAX_PATCHES} patches")
     height, width = grid.resized(*size)
     patch_height, patch_width = grid.patch_size(height, width)
     return patch_height * size.height / height, patch_width * size.width / width

@@ -13,13 +13,14 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
-from ...features.errors import ToktError
-from ..record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
-from ..taxonomy import UNSURE, Taxonomy
+from tokt.features.common.errors import ToktError
+from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+
+from .box_attributes import changed_by_hand, from_attributes
 from .boxes import Box, Size, patch_box, patches_in_box
-from .carried import changed_by_hand, from_attributes
 from .images import FrameKey
-from .options import Imported, ReadOptions, Remarks, count, lines, mission_images
+from .options import ImportResult, ReadOptions, Remarks, count, lines, mission_images
 
 _SHOWN = 100
 """Characters of a file's own words that a remark repeats."""
@@ -65,7 +66,9 @@ class FoundBox:
     model_version: str | None = None
 
 
-def records_of_boxes(boxes: Iterable[FoundBox], options: ReadOptions, remarks: Remarks) -> Imported:
+def boxes_to_labels(
+    boxes: Iterable[FoundBox], options: ReadOptions, remarks: Remarks
+) -> ImportResult:
     """The labels that boxes are.
 
     Parameters
@@ -84,7 +87,7 @@ def records_of_boxes(boxes: Iterable[FoundBox], options: ReadOptions, remarks: R
     """
     found = list(boxes)
     classes = class_names((box.label for box in found), options)
-    labels = _Labels(options, remarks)
+    labels = _LabelCollector(options, remarks)
     for box in found:
         label = classes[box.label]
         if not label:
@@ -126,7 +129,7 @@ def known_labels(taxonomy: Taxonomy) -> tuple[str, ...]:
     return (*taxonomy.names, UNSURE)
 
 
-class _Labels:
+class _LabelCollector:
     """Collects labels; of several for one patch by one annotator one stays."""
 
     def __init__(self, options: ReadOptions, remarks: Remarks) -> None:
@@ -204,7 +207,7 @@ class _Labels:
         if best is None or share >= best[0]:
             self._best[key] = (share, record)
 
-    def result(self) -> Imported:
+    def result(self) -> ImportResult:
         """The labels, and what was not taken over."""
         remarks = self._remarks
         remarks[
@@ -223,7 +226,7 @@ class _Labels:
         )
         if not records:
             raise ToktError("; ".join(["no labels in it", *lines(remarks)]))
-        return Imported(records, lines(remarks))
+        return ImportResult(records, lines(remarks))
 
 
 def _key(record: LabelRecord) -> FrameKey:

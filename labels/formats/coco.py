@@ -13,20 +13,21 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from ...features.errors import ToktError
-from ..record import LabelRecord
-from ..taxonomy import Taxonomy
+from tokt.features.common.errors import ToktError
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import Taxonomy
+
+from .box_attributes import to_attributes, whole
 from .boxes import Box, Size
-from .carried import to_attributes, whole
-from .options import Exported, Imported, ReadOptions, Remarks, WriteOptions, label_of
-from .placing import FrameLabels, place
-from .reading import FoundBox, records_of_boxes
+from .boxes_to_labels import FoundBox, boxes_to_labels
+from .labels_to_boxes import FrameLabels, labels_to_boxes
+from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
 from .text_file import finite, listed, parse_json, read_utf8, save_text, table, text_in
 
 TITLE = "COCO"
 
 
-def write_coco(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> Exported:
+def write_coco(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
     """Write labels of one mission, both cameras in one file.
 
     Raises
@@ -35,7 +36,7 @@ def write_coco(path: Path, records: Iterable[LabelRecord], options: WriteOptions
         If the labels are of several missions, the mission's frames are not given, or the file
         cannot be written.
     """
-    frames, lost = place(records, options, TITLE)
+    frames, lost = labels_to_boxes(records, options, TITLE)
     records = [record for frame in frames for record, _ in frame.labels]
     categories = _categories(options.taxonomy, {label_of(record) for record in records})
     ids = {category["name"]: category["id"] for category in categories}
@@ -64,7 +65,7 @@ def write_coco(path: Path, records: Iterable[LabelRecord], options: WriteOptions
         "annotations": annotations,
     }
     save_text(path, json.dumps(document, ensure_ascii=False, separators=(",", ":")) + "\n")
-    return Exported(len(annotations), lost)
+    return ExportResult(len(annotations), lost)
 
 
 def _categories(taxonomy: Taxonomy, used: set[str]) -> list[dict[str, Any]]:
@@ -99,7 +100,7 @@ def _annotations(
     return found
 
 
-def read_coco(path: Path, options: ReadOptions) -> Imported:
+def read_coco(path: Path, options: ReadOptions) -> ImportResult:
     """Read a file, or refuse it with its first mistake.
 
     An annotation with a ``score`` below 1 is a detector's: it becomes a suggestion of the model
@@ -109,7 +110,7 @@ def read_coco(path: Path, options: ReadOptions) -> Imported:
     Raises
     ------
     ToktError
-        If the file is no COCO detection file, or `records_of_boxes` refuses its boxes.
+        If the file is no COCO detection file, or `boxes_to_labels` refuses its boxes.
     """
     try:
         document = table(parse_json(read_utf8(path), path), "the file")
@@ -128,7 +129,7 @@ def read_coco(path: Path, options: ReadOptions) -> Imported:
                 )
             )
         ]
-        return records_of_boxes(boxes, options, remarks)
+        return boxes_to_labels(boxes, options, remarks)
     except ToktError as error:
         raise ToktError(_named(path, error)) from None
 

@@ -1,4 +1,4 @@
-"""The label formats: which one a file is, and the table of who reads and writes each."""
+"""The table of label formats: how a file of each is recognised, read and written."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...features.errors import ToktError
-from ..label_csv import COLUMNS, read_label_csv, write_label_csv
-from ..record import LabelRecord
+from tokt.features.common.errors import ToktError
+from tokt.labels.record import LabelRecord
+
 from . import coco, label_studio, patch_folder, viame_csv
-from .options import Exported, Imported, ReadOptions, Remarks, WriteOptions, lines
+from .label_csv import COLUMNS, read_label_csv, write_label_csv
+from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, lines
 from .text_file import parse_json, read_utf8
 
 _ENDINGS = "{}: label files end in .csv or .json, folders of patches have no ending"
@@ -24,18 +25,18 @@ class LabelFormat:
     """One format: what people call it, and its reader and writer."""
 
     title: str
-    read: Callable[[Path, ReadOptions], Imported]
-    write: Callable[[Path, Iterable[LabelRecord], WriteOptions], Exported]
+    read: Callable[[Path, ReadOptions], ImportResult]
+    write: Callable[[Path, Iterable[LabelRecord], WriteOptions], ExportResult]
 
 
-def _read_csv(path: Path, options: ReadOptions) -> Imported:
+def _read_csv(path: Path, options: ReadOptions) -> ImportResult:
     if options.classes:
         raise ToktError(f"{path}: --map is for the formats of other tools; rename the class in it")
     records = read_label_csv(path, options.taxonomy, annotator=options.annotator, grid=options.grid)
-    return Imported(records, [])
+    return ImportResult(records, [])
 
 
-def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> Exported:
+def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
     chosen = list(records)
     n = write_label_csv(path, chosen, full=options.full)
     remarks: Remarks = Counter()
@@ -44,7 +45,7 @@ def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions
         remarks["model version", "of confirmed suggestions (--full keeps them)"] += sum(
             record.model_version is not None for record in chosen
         )
-    return Exported(n, lines(remarks))
+    return ExportResult(n, lines(remarks))
 
 
 FORMATS = {

@@ -1,4 +1,4 @@
-"""A mission's frames as other tools know them: by image file, and in pixels."""
+"""A mission's frames as label files name them: by image file, and in pixels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.mission import FolderMission, Mission
+from tokt.features.frames.mission import FolderMission, Mission
+
 from .boxes import Size
 
 _UPLOADED = re.compile(r"[0-9a-f]{8}-")  # what Label Studio puts before the name of an upload

@@ -9,11 +9,11 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..features.atomic import write_text
-from ..features.errors import ToktError
-from ..features.grid import DEFAULT_GRID, Grid
-from .record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
-from .taxonomy import Taxonomy
+from tokt.features.common.atomic import write_text
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
+from tokt.labels.taxonomy import Taxonomy
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
 MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version")
@@ -64,7 +64,7 @@ def read_label_csv(
     except UnicodeDecodeError:
         raise ToktError(f"{path} is not a label file: it is not UTF-8 text") from None
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    rows = _Rows(taxonomy, annotator or path.stem, grid)
+    rows = _RowReader(taxonomy, annotator or path.stem, grid)
     try:
         header = next(reader, [])
         _check_header(header)
@@ -118,7 +118,7 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
     return len(chosen)
 
 
-class _Rows:
+class _RowReader:
     """Turns rows into records, remembering the line of each patch to find it again."""
 
     def __init__(self, taxonomy: Taxonomy, annotator: str, grid: Grid) -> None:

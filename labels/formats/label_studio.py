@@ -21,22 +21,23 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from ...features.errors import ToktError
-from ...features.image_file import SUFFIXES
-from ..record import HUMAN, MODEL, LabelRecord, utc_text
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import SUFFIXES
+from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_text
+
+from .box_attributes import to_attributes, whole
 from .boxes import Box, Size
-from .carried import to_attributes, whole
+from .boxes_to_labels import FoundBox, boxes_to_labels
+from .labels_to_boxes import FrameLabels, labels_to_boxes
 from .options import (
-    Exported,
-    Imported,
+    ExportResult,
+    ImportResult,
     ReadOptions,
     Remarks,
     WriteOptions,
     label_of,
     mission_images,
 )
-from .placing import FrameLabels, place
-from .reading import FoundBox, records_of_boxes
 from .text_file import finite, listed, parse_json, read_utf8, save_text, table, text_in
 
 TITLE = "Label Studio"
@@ -47,7 +48,7 @@ _UNNAMED_MODEL = "label-studio"
 
 def write_label_studio(
     path: Path, records: Iterable[LabelRecord], options: WriteOptions
-) -> Exported:
+) -> ExportResult:
     """Write labels of one mission, both cameras in one file.
 
     Raises
@@ -56,7 +57,7 @@ def write_label_studio(
         If the labels are of several missions, the mission's frames are not given, or the file
         cannot be written.
     """
-    frames, lost = place(records, options, TITLE)
+    frames, lost = labels_to_boxes(records, options, TITLE)
     folder = mission_images(options, TITLE).mission.path.resolve().name
     tasks: list[dict[str, Any]] = []
     annotations = 0
@@ -77,7 +78,7 @@ def write_label_studio(
         )
         annotations += len(people)
     save_text(path, json.dumps(tasks, ensure_ascii=False, separators=(",", ":")) + "\n")
-    return Exported(sum(len(frame.labels) for frame in frames), lost)
+    return ExportResult(sum(len(frame.labels) for frame in frames), lost)
 
 
 Placed = Sequence[tuple[LabelRecord, Box]]
@@ -142,7 +143,7 @@ class _Said:
     model_version: str | None = None
 
 
-def read_label_studio(path: Path, options: ReadOptions) -> Imported:
+def read_label_studio(path: Path, options: ReadOptions) -> ImportResult:
     """Read an export in the format JSON, or refuse it with its first mistake.
 
     Predictions become suggestions. Cancelled annotations, turned boxes and anything but labelled
@@ -151,7 +152,7 @@ def read_label_studio(path: Path, options: ReadOptions) -> Imported:
     Raises
     ------
     ToktError
-        If the file is no such export, or `records_of_boxes` refuses its boxes.
+        If the file is no such export, or `boxes_to_labels` refuses its boxes.
     """
     try:
         value = parse_json(read_utf8(path), path)
@@ -162,7 +163,7 @@ def read_label_studio(path: Path, options: ReadOptions) -> Imported:
             for n, task in enumerate(tasks, 1)
             for box in _task(task, f"task {n}", options.who(path), remarks)
         ]
-        return records_of_boxes(boxes, options, remarks)
+        return boxes_to_labels(boxes, options, remarks)
     except ToktError as error:
         text = str(error)
         raise ToktError(text if str(path) in text else f"{path}: {text}") from None

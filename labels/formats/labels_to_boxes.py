@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from ...features.errors import FrameError, ToktError
-from ..record import SETTLED, LabelRecord
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.labels.record import SETTLED, LabelRecord
+
 from .boxes import Box, Size, patch_box
 from .images import FrameKey, MissionImages
 from .options import Remarks, WriteOptions, lines, mission_images
@@ -24,7 +25,7 @@ class FrameLabels:
     labels: list[tuple[LabelRecord, Box]]
 
 
-def place(
+def labels_to_boxes(
     records: Iterable[LabelRecord], options: WriteOptions, what: str
 ) -> tuple[list[FrameLabels], list[str]]:
     """Labels by frame, and a line each for those that cannot be placed.

@@ -1,4 +1,4 @@
-"""What the readers and writers of all formats take and give."""
+"""Options and results that the readers and writers of all formats share."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...features.errors import ToktError
-from ...features.grid import DEFAULT_GRID, Grid
-from ...features.mission import LEFT
-from ..record import LabelRecord
-from ..taxonomy import Taxonomy
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.features.frames.mission import LEFT
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import Taxonomy
+
 from .images import MissionImages
 
 Progress = Callable[[Iterable[Any], int, str], Iterator[Any]]
@@ -66,7 +67,7 @@ class WriteOptions:
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportResult:
     """What a file says, and in `lost`, a line each, what of it could not be taken over."""
 
     records: list[LabelRecord]
@@ -74,7 +75,7 @@ class Imported:
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportResult:
     """How many labels were written, and in `lost`, a line each, what the format cannot hold."""
 
     labels: int

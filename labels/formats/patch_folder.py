@@ -20,16 +20,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.atomic import publish_folder, scratch_folder
-from ...features.errors import FrameError, ToktError
-from ...features.grid import Grid
-from ...features.image_file import SUFFIXES
-from ..record import SETTLED, LabelRecord
-from .carried import changed_by_hand, from_attributes, to_attributes
+from tokt.features.common.atomic import publish_folder, scratch_folder
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import SUFFIXES
+from tokt.labels.record import SETTLED, LabelRecord
+
+from .box_attributes import changed_by_hand, from_attributes, to_attributes
+from .boxes_to_labels import class_names
 from .images import FrameKey, MissionImages
+from .labels_to_boxes import frames_of
 from .options import (
-    Exported,
-    Imported,
+    ExportResult,
+    ImportResult,
     ReadOptions,
     Remarks,
     WriteOptions,
@@ -37,8 +40,6 @@ from .options import (
     lines,
     mission_images,
 )
-from .placing import frames_of
-from .reading import class_names
 from .text_file import parse_json, read_utf8, table
 
 TITLE = "folder of patches"
@@ -52,7 +53,7 @@ _UNSAFE = re.compile(r"[^\w.-]+")
 
 def write_patch_folder(
     path: Path, records: Iterable[LabelRecord], options: WriteOptions
-) -> Exported:
+) -> ExportResult:
     """Write labels of one mission and grid, whole or not at all.
 
     Of a patch that was settled the settlement is written, and the opinions are not.
@@ -83,7 +84,7 @@ def write_patch_folder(
             publish_folder(folder, path)
     except OSError as error:
         raise ToktError(f"cannot write {path}: {error.strerror or error}") from None
-    return Exported(len(patches), lines(remarks))
+    return ExportResult(len(patches), lines(remarks))
 
 
 def _check_free(path: Path) -> None:
@@ -148,7 +149,7 @@ def _resized(frame: NDArray[np.uint8], grid: Grid) -> tuple[NDArray[np.uint8], N
     return frame, boxes
 
 
-def read_patch_folder(path: Path, options: ReadOptions) -> Imported:
+def read_patch_folder(path: Path, options: ReadOptions) -> ImportResult:
     """Read a folder that `write_patch_folder` wrote, and what people made of it since.
 
     A patch in another folder than it was written to is a label by hand, of the annotator that is
@@ -180,7 +181,7 @@ def read_patch_folder(path: Path, options: ReadOptions) -> Imported:
         raise ToktError(f"{path}: {error}") from None
     if not records:
         raise ToktError(f"{path} has no patches of {MANIFEST} in it")
-    return Imported(records, lines(remarks))
+    return ImportResult(records, lines(remarks))
 
 
 def _manifest(path: Path) -> dict[str, LabelRecord]:

@@ -7,8 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ...features.atomic import write_text
-from ...features.errors import ToktError
+from tokt.features.common.atomic import write_text
+from tokt.features.common.errors import ToktError
 
 
 def read_utf8(path: Path) -> str:

@@ -23,13 +23,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from ...features.errors import ToktError
-from ..record import MODEL, LabelRecord
+from tokt.features.common.errors import ToktError
+from tokt.labels.record import MODEL, LabelRecord
+
+from .box_attributes import to_attributes, whole
 from .boxes import Box, Size
-from .carried import to_attributes, whole
-from .options import Exported, Imported, ReadOptions, Remarks, WriteOptions, label_of
-from .placing import FrameLabels, place
-from .reading import FoundBox, records_of_boxes
+from .boxes_to_labels import FoundBox, boxes_to_labels
+from .labels_to_boxes import FrameLabels, labels_to_boxes
+from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
 from .text_file import finite, read_utf8, save_text
 
 TITLE = "VIAME CSV"
@@ -56,7 +57,9 @@ _SHAPES = ("box", "with an outline or points: only the box is read")
 _SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
-def write_viame_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> Exported:
+def write_viame_csv(
+    path: Path, records: Iterable[LabelRecord], options: WriteOptions
+) -> ExportResult:
     """Write labels of one mission's one camera.
 
     Raises
@@ -71,7 +74,7 @@ def write_viame_csv(path: Path, records: Iterable[LabelRecord], options: WriteOp
         raise ToktError(
             f"labels of cameras {', '.join(cameras)}: {TITLE} holds one; choose it by --camera"
         )
-    frames, lost = place(chosen, options, TITLE)
+    frames, lost = labels_to_boxes(chosen, options, TITLE)
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_HEADER)
@@ -83,7 +86,7 @@ def write_viame_csv(path: Path, records: Iterable[LabelRecord], options: WriteOp
             writer.writerow([written, *row])
             written += 1
     save_text(path, out.getvalue())
-    return Exported(written, lost)
+    return ExportResult(written, lost)
 
 
 def _rows(frame: FrameLabels, position: int) -> Iterator[list[Any]]:
@@ -99,7 +102,7 @@ def _rows(frame: FrameLabels, position: int) -> Iterator[list[Any]]:
         ]
 
 
-def read_viame_csv(path: Path, options: ReadOptions) -> Imported:
+def read_viame_csv(path: Path, options: ReadOptions) -> ImportResult:
     """Read a file, or refuse it with its first mistake and that line's number.
 
     A box with a confidence below 1 is a detector's: it becomes a suggestion of the model version
@@ -108,7 +111,7 @@ def read_viame_csv(path: Path, options: ReadOptions) -> Imported:
     Raises
     ------
     ToktError
-        If the file is no VIAME CSV, or `records_of_boxes` refuses its boxes.
+        If the file is no VIAME CSV, or `boxes_to_labels` refuses its boxes.
     """
     reader = csv.reader(io.StringIO(read_utf8(path), newline=""), strict=True)
     boxes: list[FoundBox] = []
@@ -121,7 +124,7 @@ def read_viame_csv(path: Path, options: ReadOptions) -> Imported:
     except (ToktError, csv.Error) as error:
         raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
     try:
-        return records_of_boxes(boxes, options, remarks)
+        return boxes_to_labels(boxes, options, remarks)
     except ToktError as error:
         raise ToktError(f"{path}: {error}") from None
 

@@ -1,4 +1,4 @@
-"""Long work in small steps beside a page that must stay quick."""
+"""A background thread that works in small steps and gives way to requests."""
 
 from __future__ import annotations
 
@@ -56,5 +56,6 @@ class Background:
             if self._asked_at > time.monotonic() - _QUIET_S:
                 self._ended.wait(_QUIET_S)
             self._wake.clear()
-            if not self._step():
+            # `close` may have come since the loop looked, and this has just cleared its wake.
+            if not self._ended.is_set() and not self._step():
                 self._wake.wait()

@@ -1,4 +1,4 @@
-"""Read a mission's frames from several threads at once."""
+"""Reading a mission's frames from several threads at once."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError
-from ...features.mission import LEFT, Mission, VideoMission
+from tokt.features.common.errors import FrameError
+from tokt.features.frames.mission import LEFT, Mission, VideoMission
 
 KEPT_BYTES = 256 * 1024 * 1024
 LOOK_BACK = 24
@@ -20,14 +20,14 @@ LOOK_BACK = 24
 
 
 def read_frame(mission: Mission, camera: str, frame: int) -> NDArray[np.uint8]:
-    """`Mission.read` for any number of threads, which step back fast. Raises FrameError."""
+    """`Mission.read` for any number of threads, fast also in steps back. Raises FrameError."""
     if isinstance(mission, VideoMission) and camera == LEFT:
         return _kept(mission).read(mission, frame)
     return mission.read(frame, camera)
 
 
 def encoded_frame(mission: Mission, camera: str, frame: int) -> tuple[bytes, str]:
-    """`Mission.encoded` for any number of threads, which step back fast. Raises FrameError."""
+    """`Mission.encoded` for any number of threads, fast also in steps back. Raises FrameError."""
     if not isinstance(mission, VideoMission):
         return mission.encoded(frame, camera)
     good, data = cv2.imencode(".png", read_frame(mission, camera, frame))
@@ -37,7 +37,7 @@ def encoded_frame(mission: Mission, camera: str, frame: int) -> tuple[bytes, str
 
 
 def for_background(mission: Mission) -> Mission:
-    """What a thread that reads many frames in order should read from.
+    """The mission that a thread which reads many frames in order should read from.
 
     A video knows one position: two readers of one would send each other back to its start. No
     frame of it is kept, as none is read twice.
@@ -58,12 +58,12 @@ class _KeptFrames:
 
     Parameters
     ----------
-    most_bytes : int
+    max_bytes : int
         Of all kept frames together.
     """
 
-    def __init__(self, most_bytes: int) -> None:
-        self._most_bytes = most_bytes
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes = max_bytes
         self._frames: OrderedDict[int, NDArray[np.uint8]] = OrderedDict()
         self._bytes = 0
         self._frames_lock = threading.Lock()
@@ -91,7 +91,7 @@ class _KeptFrames:
         image = video.read(frame)
         self._put(frame, image)
         # What is read in one go must not push itself out, nor all of what was there.
-        self._look_back = min(LOOK_BACK, self._most_bytes // image.nbytes // 2)
+        self._look_back = min(LOOK_BACK, self._max_bytes // image.nbytes // 2)
         return image
 
     def _get(self, frame: int) -> NDArray[np.uint8] | None:
@@ -104,7 +104,7 @@ class _KeptFrames:
         with self._frames_lock:
             self._frames[frame] = image
             self._bytes += image.nbytes
-            while self._bytes > self._most_bytes:
+            while self._bytes > self._max_bytes:
                 self._bytes -= self._frames.popitem(last=False)[1].nbytes
 
 

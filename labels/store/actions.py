@@ -1,18 +1,20 @@
-"""The actions of a label store: written with their events, undone, redone and found again."""
+"""Actions of the labelling page: written with their events, undone, redone and found again."""
 
 from __future__ import annotations
 
 import json
 import sqlite3
 from collections.abc import Iterable
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any, NamedTuple
 
-from ..features.errors import ToktError
-from ..features.grid import Grid
-from .action import UNDO, Action, ActionHead, Applied, Conflict
-from .record import HUMAN, SETTLED, LabelRecord, check_name
-from .store_schema import CELL, COLUMNS
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.labels.record import HUMAN, SETTLED, LabelRecord, check_name
+
+from .schema import CELL, COLUMNS
+
+UNDO, REDO = "undo", "redo"
 
 _AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
 _NOW = 2**63 - 1  # no event has this number
@@ -40,7 +42,182 @@ _TOPS = """SELECT undo_top, redo_top FROM actions WHERE annotator = ? AND missio
 _ANSWER = "SELECT id, annotator, mission, grid, kind, result FROM actions WHERE key = ?"
 
 
-class History(NamedTuple):
+@dataclass(frozen=True)
+class Change:
+    """One patch's part in an action.
+
+    Attributes
+    ----------
+    camera : str
+    frame, row, col : int
+    label : str or None
+        What shall hold; ``None`` takes the label (or the settlement) back.
+    base : str or None
+        What the page believed to hold: this annotator's label, or the settlement.
+    model_version : str or None
+        A person confirmed the suggestion of this model.
+    """
+
+    camera: str
+    frame: int
+    row: int
+    col: int
+    label: str | None
+    base: str | None
+    model_version: str | None = None
+
+
+@dataclass(frozen=True)
+class Action:
+    """Changes that somebody made in one go; they are written, and undone, together.
+
+    Parameters
+    ----------
+    key : str
+        Chosen by whoever sends it, unique; an action that is sent twice counts once.
+    annotator, mission : str
+    grid : Grid
+    kind : str
+        What was done (``"paint"``, ``"accept"``, ...), to name it when it is undone.
+    time : str
+        When, as `record.utc_text` writes it.
+    changes : tuple of Change
+        At most one a patch.
+    source : str
+        `HUMAN`, or `SETTLED` where the annotator settles patches that others disagree on.
+    blind : bool
+        Whether the annotator saw nobody else's labels.
+
+    Raises
+    ------
+    ToktError
+        If a value cannot be what it should be, or a patch is given twice.
+    """
+
+    key: str
+    annotator: str
+    mission: str
+    grid: Grid
+    kind: str
+    time: str
+    changes: tuple[Change, ...]
+    source: str = HUMAN
+    blind: bool = False
+
+    def __post_init__(self) -> None:
+        check_name("key", self.key)
+        check_name("kind", self.kind)
+        check_name("annotator", self.annotator)
+        check_name("mission", self.mission)
+        if self.kind in (UNDO, REDO):
+            raise ToktError(f"kind {self.kind!r} is kept for what it says")
+        if self.source not in (HUMAN, SETTLED):
+            raise ToktError(f"source {self.source!r} is not one of {HUMAN}, {SETTLED}")
+        patches = set()
+        for record in self.records():
+            if record.cell in patches:
+                raise ToktError(f"{record.cell} is changed twice in one action")
+            patches.add(record.cell)
+
+    def records(self) -> list[LabelRecord]:
+        """Its changes as label records, in their order."""
+        return [
+            LabelRecord(
+                mission=self.mission,
+                camera=change.camera,
+                frame=change.frame,
+                grid=self.grid,
+                row=change.row,
+                col=change.col,
+                label=change.label,
+                annotator=self.annotator,
+                time=self.time,
+                source=self.source,
+                model_version=change.model_version,
+            )
+            for change in self.changes
+        ]
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A change that was not made, because something else was said meanwhile.
+
+    Attributes
+    ----------
+    camera : str
+    frame, row, col : int
+    theirs : str or None
+        What holds.
+    yours : str or None
+        What the change would have made of it.
+    """
+
+    camera: str
+    frame: int
+    row: int
+    col: int
+    theirs: str | None
+    yours: str | None
+
+
+@dataclass(frozen=True)
+class ActionResult:
+    """What became of an action, an undo or a redo.
+
+    Attributes
+    ----------
+    key : str
+        As it was sent.
+    action : int
+        Its number in the store.
+    event : int
+        Highest event number of the store when it was done.
+    changed : int
+        Patches changed.
+    conflicts : tuple of Conflict
+        Changes that were not made.
+    repeated : bool
+        The key was known already: nothing was written, and this is the first time's answer.
+    frames : tuple of (str, int)
+        Frames it speaks of: camera and number.
+    kind : str
+        What was done; for an undo or a redo, the kind of the action undone or redone.
+    """
+
+    key: str
+    action: int
+    event: int
+    changed: int
+    conflicts: tuple[Conflict, ...]
+    repeated: bool
+    frames: tuple[tuple[str, int], ...]
+    kind: str
+
+
+@dataclass(frozen=True)
+class ActionHead:
+    """The action that an undo or a redo would act on.
+
+    Attributes
+    ----------
+    key, kind : str
+        Of the action itself, also after it was undone and redone.
+    camera : str
+    frame : int
+        The first frame it changed.
+    changed : int
+        Patches it changed when it was last done or undone.
+    """
+
+    key: str
+    kind: str
+    camera: str
+    frame: int
+    changed: int
+
+
+class UndoHistory(NamedTuple):
     """Whose actions, in which mission and grid, are undone in turn."""
 
     annotator: str
@@ -84,9 +261,9 @@ class ActionLog:
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
 
-    def apply(self, action: Action) -> Applied:
+    def apply(self, action: Action) -> ActionResult:
         """Write an action, as `LabelStore.apply` says."""
-        history = History(action.annotator, action.mission, action.grid)
+        history = UndoHistory(action.annotator, action.mission, action.grid)
         known = self._answer(action.key, history, action.kind)
         if known is not None:
             return _applied(action.key, *known, repeated=True)
@@ -111,8 +288,8 @@ class ActionLog:
         return _applied(action.key, number, result, repeated=False)
 
     def reverse(
-        self, history: History, way: str, key: str, time: str, target: str | None
-    ) -> Applied | None:
+        self, history: UndoHistory, way: str, key: str, time: str, target: str | None
+    ) -> ActionResult | None:
         """Undo or redo (`way`) the top of a history, as `LabelStore.undo` says."""
         for what, value in ("key", key), ("annotator", history[0]), ("mission", history[1]):
             check_name(what, value)
@@ -151,12 +328,14 @@ class ActionLog:
         )
         return _applied(key, number, result, repeated=False)
 
-    def heads(self, history: History) -> tuple[ActionHead | None, ActionHead | None]:
+    def heads(self, history: UndoHistory) -> tuple[ActionHead | None, ActionHead | None]:
         """What an undo and what a redo would act on."""
         tops = self._tops(history)
         return self._head(tops.undo), self._head(tops.redo)
 
-    def _answer(self, key: str, history: History, kind: str) -> tuple[int, dict[str, Any]] | None:
+    def _answer(
+        self, key: str, history: UndoHistory, kind: str
+    ) -> tuple[int, dict[str, Any]] | None:
         """Number and result of the action that has this key; of an idle undo it is empty."""
         row = self._connection.execute(_ANSWER, (key,)).fetchone()
         if row is None:
@@ -174,7 +353,7 @@ class ActionLog:
         self,
         number: int,
         key: str,
-        history: History,
+        history: UndoHistory,
         kind: str,
         time: str,
         *,
@@ -221,7 +400,7 @@ class ActionLog:
         found = self._connection.execute(sql, {**row, "before": before}).fetchone()
         return found or (None, None)
 
-    def _inverse(self, node: _Node, history: History, time: str) -> list[_Step]:
+    def _inverse(self, node: _Node, history: UndoHistory, time: str) -> list[_Step]:
         """Back to what held before each event of an action, where its label still holds."""
         steps = []
         for event, camera, frame, row, col, label in self._connection.execute(
@@ -233,7 +412,7 @@ class ActionLog:
             steps.append(_Step(replace(said, label=before[0], model_version=before[1]), label))
         return steps
 
-    def _tops(self, history: History) -> _Tops:
+    def _tops(self, history: UndoHistory) -> _Tops:
         row = self._connection.execute(_TOPS, _texts(history)).fetchone()
         return _Tops(*row) if row else _Tops(None, None)
 
@@ -249,7 +428,7 @@ class ActionLog:
         return ActionHead(node.key, node.kind, camera, frame, changed)
 
 
-def _texts(history: History) -> list[str]:
+def _texts(history: UndoHistory) -> list[str]:
     return [history.annotator, history.mission, str(history.grid)]
 
 
@@ -268,8 +447,8 @@ def _moved(
     return below, _Tops(top, node.below)
 
 
-def _applied(key: str, number: int, result: dict[str, Any], *, repeated: bool) -> Applied:
-    return Applied(
+def _applied(key: str, number: int, result: dict[str, Any], *, repeated: bool) -> ActionResult:
+    return ActionResult(
         key=key,
         action=number,
         event=result["event"],

@@ -1,4 +1,4 @@
-"""Whether a workspace's label store is sound, and how much it holds."""
+"""Health of a workspace's label store, for `tokt doctor`: damage, format, number of events."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import tempfile
 from contextlib import closing
 from pathlib import Path
 
-from ..features.errors import ToktError
-from ..features.finding import FAULT, NOTE, OK, Finding
-from ..features.sqlite_copy import copy_database, damage
+from tokt.features.common.errors import ToktError
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.sqlite_copy import copy_database, damage
+
+from .schema import format_of
 from .store import FILE_NAME, LabelStore
-from .store_schema import format_of
 
 NAME = "labels"
 

@@ -1,4 +1,4 @@
-"""Which frames a workspace's labels belong to: labels know their mission by its name only.
+"""The missions a workspace labelled, with marks of their frames: labels hold a name only.
 
 ``missions.json`` in the workspace::
 
@@ -20,16 +20,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..features.atomic import write_text
-from ..features.errors import FrameError, ToktError
-from ..features.mission import LEFT, FolderMission, Mission
+from tokt.features.common.atomic import write_text
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.mission import LEFT, FolderMission, Mission
 
 FILE_NAME = "missions.json"
 
 FORMAT = 1
 """To change the format: raise this, keep reading the older ones, and prove it with a test."""
 
-_MOST_FRAMES = 50
+_MAX_FRAMES = 50
 _MARK_BYTES = 4096
 _FRAME = re.compile(r"(left|right) (\d{1,18})")
 
@@ -91,7 +91,7 @@ def _marks(mission: Mission) -> dict[str, str]:
     names = [f"{LEFT} 1"]
     if isinstance(mission, FolderMission):
         names = [f"{camera} {n}" for camera in mission.cameras for n in mission.frames(camera)]
-    n = min(len(names), _MOST_FRAMES)
+    n = min(len(names), _MAX_FRAMES)
     chosen = [names[i * len(names) // n] for i in range(n)]
     marks = {name: _mark(_file(mission, name)) for name in chosen}
     return {name: mark for name, mark in marks.items() if mark is not None}

@@ -1,4 +1,4 @@
-"""The tables of a label store's file, and how a file of an older format is brought up to date."""
+"""The tables of a label store's file, and the upgrade of files of older formats."""
 
 from __future__ import annotations
 

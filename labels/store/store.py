@@ -12,12 +12,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ..features.errors import ToktError
-from ..features.grid import Grid
-from .action import REDO, UNDO, Action, ActionHead, Applied
-from .action_log import ActionLog, History
-from .record import HUMAN, MODEL, SETTLED, Cell, LabelRecord
-from .store_schema import APPLICATION_ID, CELL, COLUMNS, FORMAT, create, format_of, upgrade
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord
+
+from .actions import REDO, UNDO, Action, ActionHead, ActionLog, ActionResult, UndoHistory
+from .schema import APPLICATION_ID, CELL, COLUMNS, FORMAT, create, format_of, upgrade
 
 FILE_NAME = "labels.db"
 
@@ -78,7 +78,7 @@ EventRow = tuple[int, str, int, int, int, str | None, str, str, str | None, bool
 
 
 @dataclass(frozen=True)
-class Added:
+class AddResult:
     """What one `LabelStore.add_counted` did.
 
     Attributes
@@ -204,7 +204,7 @@ class LabelStore:
         """
         return self.add_counted(records).events
 
-    def add_counted(self, records: Iterable[LabelRecord]) -> Added:
+    def add_counted(self, records: Iterable[LabelRecord]) -> AddResult:
         """`add`, telling new labels from changed ones."""
         given = 0
         settled: list[dict[str, Any]] = []
@@ -225,7 +225,7 @@ class LabelStore:
             self._connection.executemany(_SETTLE, settled)
             counts = self._connection.execute(_COUNT_ADDED, (last,)).fetchall()
         by_kind = {(source, bool(had)): n for source, had, n in counts}
-        return Added(
+        return AddResult(
             new=by_kind.get((HUMAN, False), 0),
             changed=by_kind.get((HUMAN, True), 0),
             suggestions=sum(n for (source, _), n in by_kind.items() if source == MODEL),
@@ -287,7 +287,7 @@ class LabelStore:
         )
         return self._chosen(both, mission, annotator, grid, camera, frame)
 
-    def apply(self, action: Action) -> Applied:
+    def apply(self, action: Action) -> ActionResult:
         """Write an action in one transaction; it is on disk when this returns.
 
         A patch where something else than the change's ``base`` and ``label`` holds for this
@@ -311,7 +311,7 @@ class LabelStore:
         key: str,
         time: str,
         target: str | None = None,
-    ) -> Applied | None:
+    ) -> ActionResult | None:
         """Take back the last action of this annotator that is not undone yet, without limit.
 
         Where the label that the action set no longer holds, nothing is changed and a conflict is
@@ -331,7 +331,7 @@ class LabelStore:
 
         Returns
         -------
-        Applied or None
+        ActionResult or None
             ``None`` when there is nothing to undo.
 
         Raises
@@ -340,7 +340,7 @@ class LabelStore:
             If the next action to undo is not `target`, or as for `apply`.
         """
         with self._transaction():
-            history = History(annotator, mission, grid)
+            history = UndoHistory(annotator, mission, grid)
             return self._actions.reverse(history, UNDO, key, time, target)
 
     def redo(
@@ -351,10 +351,10 @@ class LabelStore:
         key: str,
         time: str,
         target: str | None = None,
-    ) -> Applied | None:
+    ) -> ActionResult | None:
         """Do again what was undone last; all as in `undo`."""
         with self._transaction():
-            history = History(annotator, mission, grid)
+            history = UndoHistory(annotator, mission, grid)
             return self._actions.reverse(history, REDO, key, time, target)
 
     def history_top(
@@ -362,7 +362,7 @@ class LabelStore:
     ) -> tuple[ActionHead | None, ActionHead | None]:
         """What `undo` and what `redo` would act on."""
         with self._lock, self._user_errors():
-            return self._actions.heads(History(annotator, mission, grid))
+            return self._actions.heads(UndoHistory(annotator, mission, grid))
 
     def rows_after(self, event: int, mission: str, grid: Grid) -> Iterator[EventRow]:
         """What people said and settled after an event, in order, read bit by bit."""

@@ -15,8 +15,9 @@ so that the same model gives the same bytes:
   trained on too little to measure them: its drift is not known.
 - ``card.md``: the same for people.
 
-Any format may have one more member, ``signature.json`` (`tokt.models.signature`). It stands outside
-the manifest, whose bytes it signs, and is only carried here: who is trusted, the store knows.
+Any format may have one more member, ``signature.json`` (`tokt.models.bundle.signature`). It stands
+outside the manifest, whose bytes it signs, and is only carried here: who is trusted, the store
+knows.
 
 Reading has three acts that do not mix: *parse* the archive into plain values, *check* every hash,
 shape and bound, and only then *construct* and recompute the golden values. No pickle anywhere.
@@ -45,16 +46,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.canonical import json_sha256
-from ..features.errors import ToktError
-from ..features.extractor import Extractor, build_extractor
-from ..features.frame_pictures import FramePictures
-from ..features.grid import Grid
-from ..features.image_file import decode_image
-from ..features.levels import Levels
-from .distribution import Distribution
-from .linear import LinearModel
-from .operating_point import OperatingPoint
+from tokt.features.common.canonical import json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor, build_extractor
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import decode_image
+from tokt.features.kernels.quantization import Quantization
+from tokt.models.distribution import Distribution
+from tokt.models.linear import LinearModel
+from tokt.models.operating_point import OperatingPoint
+
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
 
@@ -68,12 +70,12 @@ _MEMBERS = (
     *("manifest.json", "weights.npz", "golden.npz", "lineage.npz"),
     *(_DISTRIBUTION, "card.md"),
 )
-_LARGEST_MEMBER_BYTES = 64 * 1024 * 1024
-_LONGEST_FAULT = 200  # characters
-_LONGEST_NAME = 100  # characters
-_MOST_GOLDEN_FRAMES = 100  # training writes two
-_MOST_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
-_LARGEST_FILE_BYTES = len(_MEMBERS) * _LARGEST_MEMBER_BYTES
+_MAX_MEMBER_BYTES = 64 * 1024 * 1024
+_MAX_FAULT = 200  # characters
+_MAX_NAME = 100  # characters
+_MAX_GOLDEN_FRAMES = 100  # training writes two
+_MAX_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
+_MAX_FILE_BYTES = len(_MEMBERS) * _MAX_MEMBER_BYTES
 # What zipfile raises for bytes that are no zip; OverflowError for a member said to be at 2^63.
 _UNREADABLE_ZIP = (
     zipfile.BadZipFile,
@@ -233,7 +235,7 @@ class Bundle:
         return ""
 
     @property
-    def images(self) -> tuple[Levels | None, ...]:
+    def images(self) -> tuple[Quantization | None, ...]:
         """The pictures of a frame that the extractor looks at; None is the plain one."""
         return self.extractor.images
 
@@ -298,6 +300,11 @@ def golden_bytes(golden: Golden) -> bytes:
     )
 
 
+def frame_id(digest: str) -> np.uint64:
+    """The first 8 bytes of a pixel hash, as `BundleContent.trained_on` holds them."""
+    return np.uint64(int(digest[:16], 16))
+
+
 def lineage_bytes(trained_on: NDArray[np.uint64]) -> bytes:
     """The ``lineage.npz`` member."""
     return _npz(trained_on=np.sort(trained_on))
@@ -358,7 +365,7 @@ def _unzip(data: bytes, where: str) -> dict[str, bytes]:
                 info.compress_type != zipfile.ZIP_STORED or info.flag_bits & 1 for info in infos
             ):
                 raise ToktError(f"{where}: damaged, or not written by tokt (it is compressed)")
-            if any(info.file_size > _LARGEST_MEMBER_BYTES for info in infos):
+            if any(info.file_size > _MAX_MEMBER_BYTES for info in infos):
                 raise ToktError(f"{where}: a member of the bundle is too large")
             if len({info.filename for info in infos}) != len(infos):
                 raise ToktError(f"{where}: a member is in it twice")
@@ -520,7 +527,7 @@ def golden_from_bytes(data: bytes, where: str) -> Golden:
     if not all(frame.startswith(_PNG_START) for frame in frames):
         raise ToktError(f"{where}: the bundle's golden frames are not PNG files")
     pixels = sum(height * width for height, width in map(_png_size, frames))
-    if len(frames) > _MOST_GOLDEN_FRAMES or pixels > _MOST_GOLDEN_PIXELS:
+    if len(frames) > _MAX_GOLDEN_FRAMES or pixels > _MAX_GOLDEN_PIXELS:
         raise ToktError(
             f"{where}: {len(frames)} golden frames of {pixels} pixels are more than a bundle needs"
         )
@@ -530,13 +537,13 @@ def golden_from_bytes(data: bytes, where: str) -> Golden:
 def _brief(error: Exception) -> str:
     """What is wrong on one line of a readable length, whatever the file holds."""
     text = " ".join(str(error).split())
-    return text if len(text) <= _LONGEST_FAULT else f"{text[:_LONGEST_FAULT]}..."
+    return text if len(text) <= _MAX_FAULT else f"{text[:_MAX_FAULT]}..."
 
 
 def _text(value: Any) -> str:
     """A name: it goes into every datagram, log line and history, so it is short and one line."""
-    if not isinstance(value, str) or not 0 < len(value) <= _LONGEST_NAME:
-        raise TypeError(f"{value!r} is not a name of 1 to {_LONGEST_NAME} characters")
+    if not isinstance(value, str) or not 0 < len(value) <= _MAX_NAME:
+        raise TypeError(f"{value!r} is not a name of 1 to {_MAX_NAME} characters")
     if not value.isprintable():
         raise TypeError(f"{value!r} is not a name: it has unprintable characters")
     return value
@@ -549,7 +556,7 @@ def _object(value: Any) -> dict[str, Any]:
 
 
 def _metrics_from(value: Any) -> dict[str, Any]:
-    """Figures; those of patches are an object, which cards and `reflagged` take for granted."""
+    """Figures; those of patches are an object, which cards and changed flags take for granted."""
     metrics = _object(value)
     _object(metrics.get("patch", {}))
     return metrics
@@ -569,9 +576,9 @@ def _operating_point(manifest: Mapping[str, Any], grid: Grid) -> OperatingPoint:
     if "operating_point" not in manifest:
         return OperatingPoint()
     point = OperatingPoint.from_json(manifest["operating_point"])
-    if point.rule.least_patches > grid.n_patches:
+    if point.rule.min_patches > grid.n_patches:
         raise ToktError(
-            f"its frame rule asks for {point.rule.least_patches} of {grid.n_patches} patches"
+            f"its frame rule asks for {point.rule.min_patches} of {grid.n_patches} patches"
         )
     return point
 
@@ -647,7 +654,7 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
     golden : bool
         False leaves the last step out, and nothing else. Only for bytes whose SHA-256 another
         process of this tokt on this machine has just checked whole: the runtime has a new model
-        checked beside itself (`tokt.models.check_bundle`), so that no frame waits for it.
+        checked beside itself (`tokt.models.store.check_active`), so that no frame waits for it.
 
     Raises
     ------
@@ -680,7 +687,7 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
 def bundle_file_bytes(path: Path | str) -> bytes:
     """The bytes of a bundle file. Raises ToktError if it is not there or far too large for one."""
     try:
-        if Path(path).stat().st_size > _LARGEST_FILE_BYTES:
+        if Path(path).stat().st_size > _MAX_FILE_BYTES:
             raise ToktError(f"bundle {path}: far too large for a bundle")
         return Path(path).read_bytes()
     except OSError as error:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .distribution import drift_words
-from .extractor_words import extractor_words
-from .operating_point import OperatingPoint
+from tokt.features.extractors.summary import extractor_summary
+from tokt.models.distribution import drift_words
+from tokt.models.operating_point import OperatingPoint
 
-_LONGEST_LIST = 12
+_MAX_LIST = 12
 _WORST_FOLDS = 2
 _NOT_LISTED = (
     *("words", "method", "candidates", "tail"),
@@ -47,8 +47,8 @@ def _text(value: Any) -> str:
 
 def _listed(values: Sequence[Any]) -> str:
     """The first few, and how many more there are."""
-    shown = ", ".join(str(value) for value in values[:_LONGEST_LIST])
-    more = len(values) - _LONGEST_LIST
+    shown = ", ".join(str(value) for value in values[:_MAX_LIST])
+    more = len(values) - _MAX_LIST
     return (f"{shown} and {more} more" if more > 0 else shown) or "none"
 
 
@@ -75,7 +75,7 @@ def _sight(recipe: Mapping[str, Any]) -> str:
     return f"""- classes: {classes}
 - grid: {grid["rows"]}x{grid["cols"]} patches, {resized}
 - extractor: {f"`{name}`, " if name else ""}{recipe["dim"]} features a patch: \
-{extractor_words(recipe["extractor"])}
+{extractor_summary(recipe["extractor"])}
 - classifier: linear (LinearSVC, scaler folded in), one matrix product
 - patch thresholds: {", ".join(f"{value:g}" for value in recipe["thresholds"])}"""
 

@@ -1,4 +1,4 @@
-"""Say anew, when a model is shipped, which of its classes are obstacles."""
+"""Overriding, when a model is shipped, which of its classes are obstacles."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
+from tokt.models.operating_point import OperatingPoint
+
 from .bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
 from .card import model_card
-from .operating_point import OperatingPoint
 
 PROVENANCE_KEY = "obstacle_flags"
 _VOID = (
@@ -22,7 +23,9 @@ _OF_STATUSES = ("frames", "frames_at_zero", "fold_rules", "stress")
 _OBSTACLE_FIGURES = ("precision", "recall", "f1", "average_precision")
 
 
-def reflagged(bundle: Bundle, flags: Mapping[str, bool], taxonomy: str, sha256: str) -> Bundle:
+def override_obstacle_classes(
+    bundle: Bundle, flags: Mapping[str, bool], taxonomy: str, sha256: str
+) -> Bundle:
     """The same model with other obstacle flags; the same bundle where none differs.
 
     Parameters

@@ -5,8 +5,8 @@ covers the whole bundle. It is made with Ed25519 (RFC 8032) over a prefix and th
 signature that the same key gave to anything else can be taken for one of a bundle.
 
 This file only reads and writes the member. Whether a signature is right, and whether its key is
-to be trusted, is decided by `tokt.models.trusted_keys`: nothing inside a bundle is trusted. In
-particular the member names its key but does not bring it.
+to be trusted, is decided by `tokt.models.signing.trusted_keys`: nothing inside a bundle is trusted.
+In particular the member names its key but does not bring it.
 
 To change the format: raise FORMAT_VERSION and SIGNED_PREFIX together, keep the reader of the old
 one, and prove with a file of the old one in a test that it is still accepted.
@@ -18,7 +18,7 @@ import json
 import re
 from dataclasses import dataclass
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 FORMAT_VERSION = 1
 ALGORITHM = "ed25519"
@@ -27,7 +27,7 @@ SIGNED_PREFIX = b"tokt bundle manifest, signature format 1\n"
 KEY_ID_DIGITS = 32
 """Of a key's fingerprint: 128 bits, which nobody can find a second key for."""
 
-_LARGEST_BYTES = 4096
+_MAX_BYTES = 4096
 _KEYS = {"format_version", "algorithm", "key_id", "signature"}
 _KEY_ID = re.compile(rf"[0-9a-f]{{{KEY_ID_DIGITS}}}")
 _VALUE = re.compile(r"[0-9a-f]{128}")
@@ -68,7 +68,7 @@ def signature_from_bytes(data: bytes, where: str) -> Signature:
         If it is none, is of a newer format, or was made with another algorithm.
     """
     damaged = ToktError(f"{where}: the bundle's signature is damaged")
-    if len(data) > _LARGEST_BYTES:
+    if len(data) > _MAX_BYTES:
         raise damaged
     try:
         value = json.loads(data)

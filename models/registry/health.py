@@ -1,4 +1,4 @@
-"""Whether a workspace's model registry can be opened, and what it holds.
+"""Health of a workspace's model registry, for `tokt doctor`.
 
 MLflow is imported only when there is a registry to look at, and opens a copy: it may write to a
 database that it only reads.
@@ -11,9 +11,9 @@ import re
 import tempfile
 from pathlib import Path
 
-from ..features.errors import ToktError
-from ..features.finding import FAULT, NOTE, OK, Finding
-from ..features.sqlite_copy import copy_database, damage
+from tokt.features.common.errors import ToktError
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.sqlite_copy import copy_database, damage
 
 NAME = "registry"
 _VARIABLE = "MLFLOW_TRACKING_URI"

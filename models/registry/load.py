@@ -1,10 +1,10 @@
-"""A model by whatever name a command is given; a bundle file needs no registry."""
+"""Loading a model by any name a command takes; a bundle file needs no registry."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from .bundle import SUFFIX, Bundle, read_bundle
+from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
 
 
 def load_model(reference: str, workspace: Path) -> Bundle:

@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..features import atomic
-from ..features.errors import ToktError
-from ..features.grid import Grid
-from .bundle import (
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.models.bundle.bundle import (
     Bundle,
     BundleContent,
     bundle_bytes,
@@ -37,9 +37,9 @@ from .bundle import (
     golden_from_bytes,
     lineage_from_bytes,
 )
-from .card import model_card
-from .operating_point import OperatingPoint
-from .pipeline import linear_model_from
+from tokt.models.bundle.card import model_card
+from tokt.models.linear import LinearModel
+from tokt.models.operating_point import OperatingPoint
 
 # Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
@@ -344,7 +344,7 @@ class Registry:
         if recipe["distribution"] is not None:
             data = self._artifact(version, "distribution.npz")
             distribution = distribution_from_bytes(data, where)
-        model = linear_model_from(
+        model = LinearModel.from_pipeline(
             pipeline,
             np.array(recipe["thresholds"], np.float64),
             tuple(item["name"] for item in recipe["classes"]),

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..features.errors import ToktError
-from .bundle import Bundle, bundle_from_bytes, signed_parts, with_signature
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import Bundle, bundle_from_bytes, signed_parts, with_signature
+from tokt.models.bundle.signature import Signature, signed_message
+
 from .public_key import NEEDS_CRYPTOGRAPHY, PUBLIC_SUFFIX, PublicKey, key_file_bytes
-from .signature import Signature, signed_message
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -25,7 +26,7 @@ _OTHERS = 0o077
 
 @dataclass(frozen=True)
 class KeyPair:
-    """Where a new pair of keys is.
+    """The files of a new pair of keys.
 
     Parameters
     ----------

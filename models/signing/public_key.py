@@ -6,12 +6,12 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..features.errors import ToktError
-from .signature import KEY_ID_DIGITS, Signature, signed_message
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.signature import KEY_ID_DIGITS, Signature, signed_message
 
 PUBLIC_SUFFIX = ".pub"
 PUBLIC_KEY_BYTES = 32
-LARGEST_KEY_FILE_BYTES = 64 * 1024
+MAX_KEY_FILE_BYTES = 64 * 1024
 NEEDS_CRYPTOGRAPHY = "signatures need the package cryptography: install tokt[sign]"
 
 
@@ -57,10 +57,10 @@ def key_file_bytes(path: Path) -> bytes:
     """Read a key's file. Raises ToktError if it is not there or far too large for a key."""
     try:
         with path.open("rb") as handle:
-            data = handle.read(LARGEST_KEY_FILE_BYTES + 1)
+            data = handle.read(MAX_KEY_FILE_BYTES + 1)
     except OSError as error:
         raise ToktError(f"key {path}: {error.strerror or error}") from None
-    if len(data) > LARGEST_KEY_FILE_BYTES:
+    if len(data) > MAX_KEY_FILE_BYTES:
         raise ToktError(f"key {path}: far too large for a key")
     return data
 

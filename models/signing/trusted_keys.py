@@ -15,19 +15,20 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from ..features.errors import ToktError
-from .bundle import signed_parts
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import signed_parts
+
 from .public_key import PUBLIC_KEY_BYTES, PublicKey
 
 FORMAT_VERSION = 1
 TRUST, DISTRUST, ACCEPT_UNSIGNED = "trust", "distrust", "accept unsigned"
-FEWEST_ID_DIGITS = 8
+MIN_ID_DIGITS = 8
 """By which a person may name a key."""
 
 
 @dataclass(frozen=True)
 class KeyEvent:
-    """Something a person decided about a store's keys.
+    """A decision about a store's keys.
 
     Parameters
     ----------
@@ -56,12 +57,12 @@ class KeyEvent:
 
 
 class DamagedKeysError(ToktError):
-    """A keys file that no tokt has written like this."""
+    """A keys file that is damaged: no tokt wrote it like this."""
 
 
 @dataclass(frozen=True)
 class TrustedKeys:
-    """What a store's keys file says.
+    """The contents of a store's keys file.
 
     Parameters
     ----------
@@ -92,16 +93,16 @@ class TrustedKeys:
     def named(self, key_id: str) -> KeyEvent:
         """The trusted key whose id starts like that. Raises ToktError if not exactly one does."""
         found = [event for key, event in self.trusted.items() if key.startswith(key_id.lower())]
-        if len(key_id) < FEWEST_ID_DIGITS or len(found) != 1:
+        if len(key_id) < MIN_ID_DIGITS or len(found) != 1:
             known = ", ".join(self.trusted) or "none"
             raise ToktError(
                 f"{key_id!r} is not the id of one key this store trusts (at least "
-                f"{FEWEST_ID_DIGITS} digits; trusted: {known})"
+                f"{MIN_ID_DIGITS} digits; trusted: {known})"
             )
         return found[0]
 
     def check(self, data: bytes, where: str) -> str:
-        """Look for the signature of a trusted key on a bundle file, before anything else of it.
+        """Check that a trusted key signed a bundle file, before anything else in it is read.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Check a store's active bundle whole, in a process of its own.
 
-``python -m tokt.models.check_bundle STORE`` prints one line, a JSON object with ``sha256`` and
-``label`` (empty where the store has no active model) and ``fault`` (empty if the bundle is sound),
-and ends with code 0 if it is sound and 2 if not.
+``python -m tokt.models.store.check_active STORE`` prints one line, a JSON object with ``sha256``
+and ``label`` (empty where the store has no active model) and ``fault`` (empty if the bundle is
+sound), and ends with code 0 if it is sound and 2 if not.
 
 The runtime has a new model checked like this while it goes on judging frames with the old one:
 decoding and judging the golden frames would hold a frame up, and a bundle that crashed the process
@@ -16,10 +16,11 @@ import faulthandler
 import json
 import sys
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
+
 from .store import Store
 
-LONGEST_S = 90.0
+MAX_S = 90.0
 """Seconds after which a check ends itself: whoever waited for it may have been killed."""
 
 _FAULTY = 2
@@ -43,7 +44,7 @@ def check(store: Store) -> dict[str, str]:
 def main(arguments: list[str]) -> int:
     """Run the check; returns the exit code."""
     if len(arguments) != 1:
-        print("usage: python -m tokt.models.check_bundle STORE", file=sys.stderr)
+        print("usage: python -m tokt.models.store.check_active STORE", file=sys.stderr)
         return _FAULTY
     found = check(Store(arguments[0]))
     print(json.dumps(found), flush=True)
@@ -51,5 +52,5 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    faulthandler.dump_traceback_later(LONGEST_S, exit=True)
+    faulthandler.dump_traceback_later(MAX_S, exit=True)
     sys.exit(main(sys.argv[1:]))

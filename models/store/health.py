@@ -1,4 +1,4 @@
-"""Whether a deploy store is sound: history, active model, keys, last good copy, every version."""
+"""Health of a deploy store, for `tokt doctor`: history, active model, keys, every version."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..features.errors import ToktError
-from ..features.finding import FAULT, NOTE, OK, Finding
-from .bundle import Bundle, read_bundle
+from tokt.features.common.errors import ToktError
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.models.bundle.bundle import Bundle, read_bundle
+
 from .last_good import load_running
 from .store import Store
 
@@ -95,7 +96,7 @@ def _last_good(store: Store) -> Finding:
     try:
         bundle = read_bundle(file)
         store.trusted_keys().check(bundle.data, f"bundle {file}")
-        refusal = store.undo().refusal(bundle.sha256)
+        refusal = store.rollback_stack().refusal(bundle.sha256)
     except ToktError as error:
         return Finding(name, NOTE, f"cannot be used: {error}")
     figures = {"model": bundle.label, "sha256": bundle.sha256, "usable": not refusal}

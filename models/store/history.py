@@ -1,4 +1,4 @@
-"""The history of a deploy store: its entries, and what they say one may go back to.
+"""The history of a deploy store: its entries, and the models that one may go back to.
 
 Format 2 has ``signed_by``, the trusted key that vouched for the bundle. An entry without one is
 written in format 1, so that a store without keys is read by yesterday's tokt as well, while one
@@ -7,17 +7,19 @@ that relies on signatures is refused by it.
 
 from __future__ import annotations
 
+import getpass
 import json
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime
 from typing import Any
 
-from ..features.errors import ToktError
-from .signature import KEY_ID_DIGITS
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.signature import KEY_ID_DIGITS
 
 FORMAT_VERSION = 2
-FEWEST_SHA256_DIGITS = 8
+MIN_SHA256_DIGITS = 8
 """By which a person may name a bundle."""
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -73,7 +75,7 @@ class Activation:
 
 
 class DamagedError(ToktError):
-    """An entry that no tokt has written like this; half of one, perhaps."""
+    """A damaged entry, perhaps half of one: no tokt wrote it like this."""
 
 
 def activation_from_bytes(text: bytes, where: str) -> Activation:
@@ -109,59 +111,59 @@ def activation_from_bytes(text: bytes, where: str) -> Activation:
 
 
 @dataclass
-class Undo:
-    """What the entries say one may go back to.
+class RollbackStack:
+    """The models that rolling back can return to, as the history has them.
 
     Parameters
     ----------
-    stack : list of Activation
-        What is active, last, and before it what each undo would make active again, as far as
+    entries : list of Activation
+        What is active, last, and before it what each rollback would make active again, as far as
         that is known.
     left : set of str
         SHA-256 of the bundles that a person rolled back from and nobody activated again. A person
         may go back to one; nothing else may.
     """
 
-    stack: list[Activation] = field(default_factory=list)
+    entries: list[Activation] = field(default_factory=list)
     left: set[str] = field(default_factory=set)
 
     def refusal(self, sha256: str) -> str:
         """Why nothing but a person may take this bundle again, or an empty string."""
         if sha256 in self.left:
             return "it was rolled back from"
-        if sha256 not in {entry.sha256 for entry in self.stack}:
+        if sha256 not in {entry.sha256 for entry in self.entries}:
             return "damaged, or not one of the models to go back to"
         return ""
 
 
-def undo(entries: Sequence[Activation]) -> Undo:
+def rollback_stack(entries: Sequence[Activation]) -> RollbackStack:
     """Follow the entries, oldest first; what a missing one might have said is not guessed."""
-    found = Undo()
+    found = RollbackStack()
     known: set[str] = set()
     number = 0
     for entry in entries:
         if entry.number != number + 1:
-            found.stack, known = [], set()
+            found.entries, known = [], set()
         number = entry.number
         if entry.action == "rollback":
             _go_back(found, entry, entry.sha256 in known)
-        elif not found.stack or found.stack[-1].sha256 != entry.sha256:
-            found.stack.append(entry)
+        elif not found.entries or found.entries[-1].sha256 != entry.sha256:
+            found.entries.append(entry)
         known.add(entry.sha256)
         found.left.discard(entry.sha256)
     return found
 
 
-def _go_back(found: Undo, entry: Activation, known: bool) -> None:
-    """Undo down to the entry's bundle; to one that is not below, it is a step of its own."""
-    stack = found.stack
+def _go_back(found: RollbackStack, entry: Activation, known: bool) -> None:
+    """Go back down to the entry's bundle; to one that is not below, it is a step of its own."""
+    stack = found.entries
     below = [at for at, past in enumerate(stack[:-1]) if past.sha256 == entry.sha256]
     gone = stack[below[-1] + 1 :] if below else stack[-1:]
     found.left.update(past.sha256 for past in gone)
     if below:
-        found.stack = stack[: below[-1] + 1]
+        found.entries = stack[: below[-1] + 1]
     else:
-        found.stack = [*stack, entry] if known else [entry]
+        found.entries = [*stack, entry] if known else [entry]
 
 
 def named_entry(entries: Sequence[Activation], to: str) -> Activation:
@@ -182,13 +184,36 @@ def named_entry(entries: Sequence[Activation], to: str) -> Activation:
         found = [entry for entry in entries if entry.label == to]
     else:
         found = [entry for entry in entries if to == str(entry.number)]
-        if not found and len(to) >= FEWEST_SHA256_DIGITS:
+        if not found and len(to) >= MIN_SHA256_DIGITS:
             found = [entry for entry in entries if entry.sha256.startswith(to.lower())]
     if not found:
         raise ToktError(
-            f"no entry {to!r} in the history (give its number, at least {FEWEST_SHA256_DIGITS} "
+            f"no entry {to!r} in the history (give its number, at least {MIN_SHA256_DIGITS} "
             "digits of its SHA-256, or NAME/VERSION)"
         )
     if len({entry.sha256 for entry in found}) > 1:
         raise ToktError(f"{to!r} names different bundles in the history; give the entry's number")
     return found[-1]
+
+
+def account() -> str:
+    """The account that runs the command."""
+    try:
+        return one_line(getpass.getuser())
+    except (OSError, KeyError, ImportError):
+        return "unknown"
+
+
+def utc_now() -> str:
+    """UTC, ISO 8601, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def one_line(text: str) -> str:
+    """A person's text on one line that every terminal can show.
+
+    A terminal of another encoding gives bytes that Python holds as halves of surrogate pairs; an
+    entry with one in it is refused as damaged by whoever reads it.
+    """
+    words = " ".join(text.split())
+    return "".join(sign if sign.isprintable() else "?" for sign in words)

@@ -1,4 +1,4 @@
-"""What a runtime starts with: the active model, or if that cannot be used, the last good one.
+"""The model a runtime starts with: the active one, or if that cannot be used, the last good one.
 
 While the runtime works it keeps a copy of the bundle it uses in the store, apart from the kept
 versions. When the active bundle no longer passes its checks after a crash or a power cut, or the
@@ -18,11 +18,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 
-from ..features import atomic
-from ..features.errors import ToktError
-from .bundle import Bundle, bundle_file_bytes, bundle_from_bytes
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
+
+from .history import Activation, DamagedError, RollbackStack
 from .store import Store
-from .store_history import Activation, DamagedError, Undo
 
 Candidate = tuple[str, Callable[[], Bundle]]
 """What it is, in words, and how to load it."""
@@ -97,20 +98,20 @@ def _candidates(store: Store, notes: list[str]) -> Iterator[Candidate]:
     if active is not None:
         yield _kept(store, active, "the active model")
     try:
-        undo = store.undo()
+        stack = store.rollback_stack()
     except ToktError as error:  # what people rolled back from cannot be known
         notes.append(str(error))
         return
-    if not undo.stack:
+    if not stack.entries:
         return
     if active is None:
         if not notes:
             notes.append(f"store {store.path}: the active pointer is gone")
-        yield _kept(store, undo.stack[-1], "the model that was active by the history")
+        yield _kept(store, stack.entries[-1], "the model that was active by the history")
     if store.last_good_file.exists():
-        yield "the last good copy", lambda: _last_good(store, undo)
-    for entry in reversed(undo.stack[:-1]):
-        if not undo.refusal(entry.sha256):
+        yield "the last good copy", lambda: _last_good(store, stack)
+    for entry in reversed(stack.entries[:-1]):
+        if not stack.refusal(entry.sha256):
             yield _kept(store, entry, "the earlier model")
 
 
@@ -118,11 +119,11 @@ def _kept(store: Store, entry: Activation, what: str) -> Candidate:
     return f"{what} ({entry.label})", lambda: store.runnable(entry.sha256)
 
 
-def _last_good(store: Store, undo: Undo) -> Bundle:
+def _last_good(store: Store, stack: RollbackStack) -> Bundle:
     """The copy, if the history says that it was active and that nobody rolled back from it."""
     where = f"bundle {store.last_good_file}"
     data = bundle_file_bytes(store.last_good_file)
-    refusal = undo.refusal(hashlib.sha256(data).hexdigest())
+    refusal = stack.refusal(hashlib.sha256(data).hexdigest())
     if refusal:
         raise ToktError(f"{where}: {refusal}")
     store.trusted_keys().check(data, where)

@@ -7,8 +7,8 @@
       active                        JSON, replaced atomically: the newest history entry
       active.copy                   the same entry, written just before it
       history.jsonl                 one line an activation, oldest first
-      keys.json                     whose signatures are asked for (`tokt.models.trusted_keys`)
-      last_good.tokt                what the runtime ran last (`tokt.models.last_good`)
+      keys.json                     whose signatures count (`tokt.models.signing.trusted_keys`)
+      last_good.tokt                what the runtime ran last (`tokt.models.store.last_good`)
       lock                          empty; the system locks it for the process that writes
 
 ``active`` is the truth. A line is added to the history after ``active`` has been replaced; if
@@ -30,24 +30,18 @@ import hashlib
 import json
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
-from ..features import atomic
-from ..features.errors import ToktError
-from .bundle import Bundle, bundle_file_bytes, bundle_from_bytes
-from .public_key import PublicKey
-from .store_history import (
-    Activation,
-    DamagedError,
-    Undo,
-    activation_from_bytes,
-    named_entry,
-    undo,
-)
-from .store_writing import account, alone, now, one_line, time_in_name
-from .trusted_keys import (
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.common.file_lock import locked
+from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
+from tokt.models.signing.public_key import PublicKey
+from tokt.models.signing.trusted_keys import (
     ACCEPT_UNSIGNED,
     DISTRUST,
     TRUST,
@@ -57,12 +51,27 @@ from .trusted_keys import (
     trusted_keys_from_bytes,
 )
 
+from .history import (
+    Activation,
+    DamagedError,
+    RollbackStack,
+    account,
+    activation_from_bytes,
+    named_entry,
+    one_line,
+    rollback_stack,
+    utc_now,
+)
+
+LOCK_WAIT_S = 10.0
+"""How long a command waits for another one that is writing; that one takes about a second."""
+
 Notice = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What the pointer and the history say, and what is wrong with them.
+    """The pointer and the history as read, and what is wrong with them.
 
     `last_number` is the highest one that may have been given, by a damaged line as well.
     """
@@ -109,11 +118,11 @@ class Store:
 
     @property
     def last_good_file(self) -> Path:
-        """The bundle the runtime ran last; see `tokt.models.last_good`."""
+        """The bundle the runtime ran last; see `tokt.models.store.last_good`."""
         return self.path / "last_good.tokt"
 
     def bundle_file(self, sha256: str) -> Path:
-        """Where a bundle is kept."""
+        """The file a bundle is kept in."""
         return self.path / "versions" / sha256 / "bundle.tokt"
 
     def active_entry(self) -> Activation | None:
@@ -258,8 +267,8 @@ class Store:
             last_number = max(last_number, active.number)
         return Reading(active, pointer_damage, entries, list(damage.values()), last_number)
 
-    def undo(self) -> Undo:
-        """What may be gone back to, for a runtime; a lost pointer is read from its copy.
+    def rollback_stack(self) -> RollbackStack:
+        """The models a runtime may go back to; a lost pointer is read from its copy.
 
         Raises
         ------
@@ -280,7 +289,7 @@ class Store:
                 disorder = f"store {self.path}: the history's lines are not in their order"
                 # What is lost or out of place may have been a rollback.
                 raise ToktError([disorder, *reading.history_damage][-1])
-        return undo(entries)
+        return rollback_stack(entries)
 
     def _history_bytes(self) -> bytes:
         try:
@@ -311,7 +320,7 @@ class Store:
             keeps writing to it.
         """
         self.check_fit(bundle)
-        with alone(self.path):
+        with self._writing():
             reading = self.read()
             signed_by = self.trusted_keys().check(bundle.data, f"model {bundle.label}")
             target = self.bundle_file(bundle.sha256)
@@ -337,6 +346,19 @@ class Store:
         if self.path.is_dir():
             self.trusted_keys().check(bundle_file_bytes(path), f"bundle {path}")
 
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Be the one process that writes to the store, whose folder is made where it is missing.
+
+        What the system refuses, such as a full disk, becomes a ToktError.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            with locked(self.path / "lock", LOCK_WAIT_S):
+                yield
+        except OSError as error:
+            raise ToktError(f"store {self.path}: {error.strerror or error}") from None
+
     def _set_aside(self, reading: Reading, notice: Notice) -> None:
         if reading.pointer_damage:
             self._keep(self._active_file, notice)
@@ -348,7 +370,7 @@ class Store:
 
         A copy: until its successor is there, the damaged file goes on being refused.
         """
-        name = f"{file.stem}.damaged-{time_in_name()}{file.suffix}"
+        name = f"{file.stem}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}{file.suffix}"
         atomic.write_bytes(self.path / name, file.read_bytes())
         notice(f"store {self.path}: {file.name} was damaged; it is kept as {name}")
 
@@ -375,7 +397,7 @@ class Store:
         """
         self.check_folder()
         self._goal(self.read(), to)  # refused without a trace, not even a lock file
-        with alone(self.path):
+        with self._writing():
             reading = self.read()
             goal = self._goal(reading, to)
             bundle = self.runnable(goal.sha256)
@@ -395,7 +417,7 @@ class Store:
             return goal
         if reading.damage:
             raise ToktError(reading.damage[0])
-        stack = undo(reading.entries).stack
+        stack = rollback_stack(reading.entries).entries
         if len(stack) < 2:
             raise ToktError(f"store {self.path} has no earlier model to go back to")
         return stack[-2]
@@ -415,7 +437,7 @@ class Store:
             sha256=bundle.sha256,
             name=bundle.name,
             version=bundle.version,
-            time=now(),
+            time=utc_now(),
             who=account(),
             reason=one_line(reason),
             signed_by=signed_by,
@@ -444,7 +466,7 @@ class Store:
     def trust(
         self, key: PublicKey, name: str, reason: str = "", notice: Notice = warnings.warn
     ) -> KeyEvent:
-        """From now on take no bundle but what this key, or another trusted one, has signed.
+        """Trust a key: from now on only bundles signed by a trusted key are taken.
 
         Parameters
         ----------
@@ -461,14 +483,14 @@ class Store:
         ToktError
             If it is trusted already, the store cannot be written, or a newer tokt wrote its keys.
         """
-        with alone(self.path):
+        with self._writing():
             keys = self._keys_or_none(notice)
             if key.id in keys.trusted:
                 raise ToktError(f"store {self.path} trusts key {key.id} already")
             return self._decide(keys, TRUST, reason, key.id, name, key.raw.hex())
 
     def distrust(self, key_id: str, reason: str = "") -> KeyEvent:
-        """Take no bundle any more that this key has signed, the active one included.
+        """Stop trusting a key: bundles it signed are no longer taken, the active one included.
 
         Parameters
         ----------
@@ -483,13 +505,13 @@ class Store:
             If the store is not there, does not trust it, or cannot be written.
         """
         self.check_folder()
-        with alone(self.path):
+        with self._writing():
             keys = self.trusted_keys()
             key = keys.named(key_id)
             return self._decide(keys, DISTRUST, reason, key.key_id, key.name)
 
     def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
-        """Trust no key and ask for no signature any more.
+        """Stop asking for signatures, and trust no key.
 
         Raises
         ------
@@ -497,7 +519,7 @@ class Store:
             If the store is not there, asks for none, or cannot be written.
         """
         self.check_folder()
-        with alone(self.path):
+        with self._writing():
             keys = self._keys_or_none(notice)
             if keys.events and not keys.required:
                 raise ToktError(f"store {self.path} takes unsigned bundles already")
@@ -528,7 +550,7 @@ class Store:
             key_id=key_id,
             public_key=public_key,
             name=one_line(name),
-            time=now(),
+            time=utc_now(),
             who=account(),
             reason=one_line(reason),
         )

@@ -1,21 +1,22 @@
-"""What there is to know about a deploy store, for ``tokt store``."""
+"""The summary of a deploy store that ``tokt store`` shows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from ..features.errors import ToktError
-from .bundle import Bundle
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.signing.trusted_keys import TrustedKeys, keys_json
+
+from .history import Activation
 from .last_good import load_running
 from .store import Store
-from .store_history import Activation
-from .trusted_keys import TrustedKeys, keys_json
 
 T = TypeVar("T")
 
 
-def store_json(store: Store) -> dict[str, Any]:
+def store_summary(store: Store) -> dict[str, Any]:
     """What is active, where it comes from, whose signature it has, and all that has been.
 
     What cannot be read is left out, with a line in ``warnings``. ``starts_with`` is what a runtime

@@ -18,9 +18,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.features.canonical import json_sha256
-from tokt.models.bundle import read_bundle
-from tokt.models.store import Store
+
+from tests.waiting import MAX_S
+from tokt.features.common.canonical import json_sha256
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.store import Store
 
 
 @dataclass(frozen=True)
@@ -359,7 +361,7 @@ def test_one_line_exit_2_and_nothing_written(case, world, run_tokt, monkeypatch)
     assert after == before
 
 
-@pytest.mark.slow
+@pytest.mark.process
 @pytest.mark.parametrize(
     "case", ["unknown option", "labels: unknown class", "bundle golden: deploy ", "store missing"]
 )
@@ -372,7 +374,7 @@ def test_the_same_through_a_real_process(case, world):
         cwd=world.folder,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=MAX_S,
     )
     check(ran.returncode, ran.stdout, ran.stderr, message)
     assert listing(world.folder) == before
@@ -398,6 +400,7 @@ def test_a_folder_that_may_not_be_written(world, run_tokt, monkeypatch):
         ("sklearn", TRAIN),
     ],
 )
+@pytest.mark.process
 def test_a_missing_extra_is_named(module, command, world):
     """On the ship's PC, with the slim install, a training command says what to install."""
     program = f"import sys; sys.modules[{module!r}] = None; from tokt.cli import main; main()"
@@ -406,11 +409,12 @@ def test_a_missing_extra_is_named(module, command, world):
         cwd=world.folder,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=MAX_S,
     )
     check(ran.returncode, ran.stdout, ran.stderr, r"needs .*: install tokt\[train\]")
 
 
+@pytest.mark.process
 def test_a_file_is_deployed_without_any_extra(world):
     """The way aboard: bundle file and store need neither MLflow nor pandas nor scikit-learn."""
     blocked = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib")
@@ -419,6 +423,6 @@ def test_a_file_is_deployed_without_any_extra(world):
         "from tokt.cli import main; main()"
     )
     command = [sys.executable, "-c", program, "deploy", "m.tokt", "store", "--json"]
-    ran = subprocess.run(command, cwd=world.folder, capture_output=True, text=True, timeout=60)
+    ran = subprocess.run(command, cwd=world.folder, capture_output=True, text=True, timeout=MAX_S)
     assert ran.returncode == 0, ran.stderr
     assert json.loads(ran.stdout)["name"] == "tiny-lbp"

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tokt.models.bundle import read_bundle
-from tokt.models.store import Store
 
 import tokt
+from tests.waiting import MAX_S
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.store import Store
 
 TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib", "pyarrow")
 
@@ -30,7 +31,7 @@ def tokt_aboard(folder: Path, *arguments: object) -> subprocess.CompletedProcess
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=MAX_S,
     )
 
 

@@ -18,14 +18,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.features import atomic
-from tokt.features.errors import ToktError
-from tokt.features.kernel_check import compared, kernel_findings
-from tokt.features.kernels import KERNELS
-from tokt.features.sqlite_copy import copy_database
-from tokt.inference.camera_driver import camera_driver_finding
 
+from tests.waiting import MAX_S
 from tokt.cli.installation import missing_packages
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.common.sqlite_copy import copy_database
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.health import compared, kernel_findings
+from tokt.inference.sources.cameras.vimba.health import camera_driver_finding
 
 
 def listing(folder: Path) -> dict[str, bytes | None]:
@@ -53,7 +54,7 @@ def start(*arguments: object, folder: Path, **environment: str) -> Any:
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=MAX_S,
         check=False,
     )
 
@@ -101,6 +102,7 @@ def test_an_empty_place_in_lines(tmp_path, run_tokt, monkeypatch):
     assert not any("store" in line for line in lines)
 
 
+@pytest.mark.process
 def test_mlflow_is_not_imported_without_a_registry(tmp_path):
     program = (
         "import sys; from tokt.cli import app; app(['doctor'], standalone_mode=False);"
@@ -130,6 +132,7 @@ def test_a_label_store_in_use_keeps_its_bytes(labelled, run_tokt):
 
 
 @pytest.mark.parametrize("name", ["library", "numpy"])
+@pytest.mark.process
 def test_kernels_that_were_asked_for(name, tmp_path):
     done = start("--json", folder=tmp_path, TOKT_KERNELS=name)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -141,6 +144,7 @@ def test_kernels_that_were_asked_for(name, tmp_path):
     assert {value["lbp_difference"] for value in others} == {0}
 
 
+@pytest.mark.process
 def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path):
     done = start("--store", store, "--json", folder=tmp_path, TOKT_KERNELS="nonsense")
     assert (done.returncode, done.stderr) == (1, "")
@@ -153,6 +157,7 @@ def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path):
     assert done.returncode == 1 and "\nfault  kernels: TOKT_KERNELS=nonsense" in done.stdout
 
 
+@pytest.mark.process
 def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path):
     program = (
         "import sys; sys.modules.update(dict.fromkeys(('skimage', 'skimage.feature', 'mahotas')));"
@@ -290,6 +295,7 @@ def test_databases_of_other_programs_and_versions(labelled, run_tokt):
         assert str(labelled / file) in found[name]["text"]
 
 
+@pytest.mark.process
 def test_a_registry_without_mlflow_is_a_note(labelled):
     program = (
         "import sys; sys.modules['mlflow'] = None; from tokt.cli import main;"
@@ -317,6 +323,7 @@ def test_the_registry_that_the_environment_names(labelled, tmp_path, run_tokt, m
     assert "secret" not in ran.out and "***@host" in ran.out
 
 
+@pytest.mark.process
 def test_a_registry_server_that_is_down_is_a_fault(tmp_path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -334,7 +341,7 @@ def test_a_registry_server_that_is_down_is_a_fault(tmp_path):
 def test_a_database_that_never_rests_is_said(tmp_path, monkeypatch):
     (tmp_path / "a.db").write_bytes(b"")
     times = iter(range(100))
-    monkeypatch.setattr("tokt.features.sqlite_copy._state", lambda source: next(times))
+    monkeypatch.setattr("tokt.features.common.sqlite_copy._state", lambda source: next(times))
     with pytest.raises(ToktError, match="is being written to"):
         copy_database(tmp_path / "a.db", tmp_path / "copy.db")
 

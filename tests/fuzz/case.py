@@ -1,41 +1,46 @@
-"""One case: a changed input, what a reader makes of it, and whether that is as it should be."""
+"""A case: a changed input, the box it is read in, and every kind of defect that is looked for."""
 
 from __future__ import annotations
 
+import faulthandler
+import os
+import resource
 import shutil
-import time
+import sys
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from random import Random
+from typing import Any
 
-from tokt.features.errors import ToktError
-
-from .sandbox import Sandbox
-
-LONGEST_LINE = 1000
-"""Characters of an error message: a screen of it helps nobody."""
+from tokt.features.common.errors import ToktError
 
 Files = dict[str, bytes]
 """An input: its files, by path below the case's folder."""
 
+MAX_LINE = 1000
+"""Characters of an error message: a screen of it helps nobody."""
+HANG_S = 60.0
+"""Seconds on the clock that a case may take: it needs some milliseconds on a quiet machine."""
+_MAX_MEMORY = 3 << 30
+"""Bytes of address space beyond what the process has when it begins."""
 
-class End(StrEnum):
-    """How a case can end; all but the first two are defects."""
+EVIL = Path("/tmp/tokt-fuzz-evil")
+"""The absolute path that changed zip members name."""
+_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_PATHS = {"os.mkdir": 1, "os.remove": 1, "os.rmdir": 1, "os.truncate": 1, "os.chmod": 1}
+_PATHS |= {"sqlite3.connect": 1, "os.rename": 2, "os.link": 2, "os.symlink": 2}
+"""Audit events that write, and how many of their arguments are paths."""
+_NEVER = {"subprocess.Popen", "os.system", "os.exec", "socket.connect"}
+_OWN_PICKLES = ("concurrent.futures.", "tokt.", "numpy", "pathlib")
+"""Modules of what a child process of ours sends back."""
 
-    ACCEPTED = "accepted"
-    REFUSED = "refused"
-    CRASH = "crashes"
-    TRACEBACK = "tracebacks"
-    HANG = "hangs"
-    BAD_LINE = "bad lines"
-    OUTSIDE = "files outside"
 
-
-GOOD = (End.ACCEPTED, End.REFUSED)
+class DefectError(AssertionError):
+    """A reader did with an input what it must not do."""
 
 
 @dataclass(frozen=True)
@@ -45,39 +50,22 @@ class Kind:
     Parameters
     ----------
     name : str
-    group : {"bundles", "files", "stores", "more"}
-        Which count it has a part of.
-    share : float
-        That part, in relation to the others of the group.
     make : callable
-        Gives an input; the same one for the same random numbers.
+        Gives an input by the random numbers that hypothesis chooses.
     read : callable
-        Given the files and the folder that it may write to; raises ToktError where it refuses,
-        and anything else where there is a defect.
-    most : int
-        Cases it never has more of: for readers that take long.
+        Given the folder of the input, the only one it may write to. Raises ToktError where it
+        refuses, and anything else where there is a defect.
+    share : float
+        Percent of the cases that `make fuzz` asks for.
+    few : int
+        Cases in a run of all tests.
     """
 
     name: str
-    group: str
-    share: float
     make: Callable[[Random], Files]
-    read: Callable[[Files, Path], object]
-    most: int = 10**9
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a case ended, in words too, and what it took in seconds of this process's time."""
-
-    end: End
-    words: str = ""
-    seconds: float = 0.0
-
-
-def randomness(seed: int, kind: str, number: int) -> Random:
-    """The random numbers of one case, whatever was run before it."""
-    return Random(f"{seed}/{kind}/{number}")
+    read: Callable[[Path], object]
+    share: float
+    few: int = 12
 
 
 def write_files(files: Files, folder: Path) -> None:
@@ -94,35 +82,139 @@ def line_fault(text: str) -> str:
         return "the message is empty"
     if not text.isprintable():
         return f"the message has control characters: {text!r:.300}"
-    if len(text) > LONGEST_LINE:
-        return f"the message has {len(text)} characters: {text!r:.300}"
-    return ""
+    return f"a message of {len(text)} characters: {text!r:.300}" if len(text) > MAX_LINE else ""
 
 
-def run_case(kind: Kind, files: Files, sandbox: Sandbox) -> Outcome:
-    """Have an input read, in this process, and say how it ended."""
-    began = time.process_time()
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        with sandbox.watched() as outside:
-            end, words = _end_of(kind, files, sandbox.case)
-    seconds = time.process_time() - began
-    for entry in sandbox.case.iterdir():
-        shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-    if outside:
-        end, words = End.OUTSIDE, "\n".join(outside)
-    elif warned and end in GOOD:
-        # On a command line it would be lines beside the one that says what is wrong.
-        end, words = End.TRACEBACK, "\n".join(f"warning: {item.message}" for item in warned)
-    return Outcome(end, words, seconds)
+class _Watch:
+    """What Python's audit events say while it is on (PEP 578)."""
+
+    allowed: str | None = None
+    found: list[str]
+    hooked = False
+
+    def hook(self, event: str, arguments: tuple[Any, ...]) -> None:
+        """Note what is written outside; hooks cannot be taken away, so it can be off."""
+        if self.allowed is None:
+            return
+        paths = arguments[: _PATHS.get(event, 0)]
+        if event == "open" and isinstance(arguments[2], int) and arguments[2] & _WRITING:
+            paths = arguments[:1]
+        for path in paths:
+            if isinstance(path, int):
+                continue
+            # "..": before any link is followed, as the system would see a path that is new.
+            full = os.path.normpath(os.path.join(os.getcwd(), os.fsdecode(path)))  # noqa: PTH109, PTH118
+            if full != "/dev/null" and not f"{full}/".startswith(f"{self.allowed}/"):
+                self.found.append(f"outside: {event} {full[:200]!r}")
+        if event in _NEVER or (
+            event == "pickle.find_class" and not arguments[0].startswith(_OWN_PICKLES)
+        ):
+            self.found.append(f"outside: {event} {arguments!r:.200}")
 
 
-def _end_of(kind: Kind, files: Files, folder: Path) -> tuple[End, str]:
+_WATCH = _Watch()
+
+
+class Box:
+    """A folder with the working folder, a home and a place for temporary files.
+
+    An input is read in `case`, and stays there until the next one: after a defect, a crash or a
+    hang it is found there, with hypothesis the smallest that was found.
+
+    Parameters
+    ----------
+    box : Path
+        An empty folder.
+    terminal : int
+        File descriptor that the stack of a hang is written to.
+    """
+
+    def __init__(self, box: Path, terminal: int = 2) -> None:
+        self.box, self._terminal = box.resolve(), terminal
+        self.case = self.box / "cwd" / "case"
+        self._own = [self.box / name for name in ("cwd", "cwd/case", "home", "tmp")]
+        self._empty()
+        if not _WATCH.hooked:
+            sys.addaudithook(_WATCH.hook)
+            _WATCH.hooked = True
+
+    def read(self, kind: Kind, files: Files) -> str:
+        """Have an input read.
+
+        Returns
+        -------
+        str
+            Its refusal in words; empty where it was accepted.
+
+        Raises
+        ------
+        DefectError
+            For all else. A crash or a hang ends the process, after its stack is written.
+        """
+        self._empty()
+        write_files(files, self.case)
+        with warnings.catch_warnings(record=True) as warned, self._watched() as outside:
+            warnings.simplefilter("always")
+            try:
+                kind.read(self.case)
+                refusal, fault = "", ""
+            except ToktError as error:
+                refusal, fault = str(error), line_fault(str(error))
+            except Exception:  # noqa: BLE001 - whatever else comes is what is looked for
+                refusal, fault = "", traceback.format_exc(limit=-12)
+        strangers = [f"outside: {path}" for path in self._strangers()]
+        # On a command line a warning would be lines beside the one that says what is wrong.
+        beside = [f"warning: {item.message}" for item in warned]
+        if faults := [*outside, *strangers, *filter(None, [fault]), *beside]:
+            raise DefectError(
+                "\n".join([*faults, f"{kind.name}: the input is kept in {self.case}"])
+            )
+        return refusal
+
+    @contextmanager
+    def _watched(self) -> Iterator[list[str]]:
+        """Yield the list that what is done outside the case's folder is added to."""
+        faulthandler.dump_traceback_later(HANG_S, exit=True, file=self._terminal)
+        before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+        _WATCH.found, _WATCH.allowed = [], str(self.case)
+        try:
+            yield _WATCH.found
+        finally:
+            _WATCH.allowed = None
+            sys.dont_write_bytecode = before
+            faulthandler.cancel_dump_traceback_later()
+
+    def _strangers(self) -> list[Path]:
+        """Files and folders of the box that no case may make, and the one at `EVIL`."""
+        folders = (self.box, *(folder for folder in self._own if folder != self.case))
+        found = [path for folder in folders for path in folder.iterdir() if path not in self._own]
+        return [*found, EVIL] if EVIL.exists() else found
+
+    def _empty(self) -> None:
+        """Take away what the case before has left."""
+        for folder in self._own:
+            folder.mkdir(parents=True, exist_ok=True)
+        for path in (*self._strangers(), *self.case.iterdir()):
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+
+
+@contextmanager
+def limited_memory() -> Iterator[None]:
+    """Let this process have so much memory and no more."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+    limit = pages * resource.getpagesize() + _MAX_MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     try:
-        kind.read(files, folder)
-    except ToktError as error:
-        fault = line_fault(str(error))
-        return (End.BAD_LINE, fault) if fault else (End.REFUSED, str(error))
-    except Exception:  # noqa: BLE001 - whatever else comes is what is looked for
-        return End.TRACEBACK, traceback.format_exc(limit=-12)
-    return End.ACCEPTED, ""
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def peak_mb(reset: bool = False) -> float:
+    """The most memory the process has had since the last reset (Linux: proc(5), clear_refs)."""
+    if reset:
+        Path("/proc/self/clear_refs").write_text("5", "ascii")
+    status = Path("/proc/self/status").read_text("ascii")
+    found = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+    return int(found.split()[1]) / 1024

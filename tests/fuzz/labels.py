@@ -15,58 +15,60 @@ from typing import Any
 
 import cv2
 import numpy as np
-from tokt.features.grid import Grid
-from tokt.features.mission import open_mission
-from tokt.labels.audit_file import Audit, AuditedPatch, read_audit, write_audit
-from tokt.labels.formats.exchange import FORMATS, format_to_read
+
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
+from tokt.labels.formats.audit_csv import Audit, AuditedPatch, read_audit, write_audit
+from tokt.labels.formats.formats import FORMATS, format_to_read
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.record import LabelRecord
-from tokt.labels.store import LabelStore
+from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
-from .bytes_changes import changed_bytes
-from .case import Files, Kind, line_fault, write_files
-from .json_changes import changed_text
+from .case import Files, Kind, line_fault
+from .changes import chance, changed_bytes, changed_text
 
 _TIME = "2016-04-20T10:00:00Z"
+_GRID = Grid(3, 4, 60)
+_TAXONOMY = Path(__file__).parents[2] / "labels" / "taxonomy.toml"
 _KEPT = ExitStack()
 atexit.register(_KEPT.close)
-_AHEAD = ("csv", "viame", "coco", "labelstudio")
+FILES = ("csv", "viame", "coco", "labelstudio")
+"""Formats of one file."""
+
+
+def write_mission(folder: Path) -> Path:
+    """A mission of two pairs of colour frames."""
+    for number, side in enumerate(("Left", "Right") * 2):
+        path = folder / "dive" / side / f"dive_{side[0]}_{3 if number < 2 else 7}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pixels = np.random.default_rng(number).integers(0, 255, (68, 90, 3), np.uint8)
+        cv2.imwrite(str(path), pixels)
+    return folder / "dive"
 
 
 @cache
 def _images() -> MissionImages:
-    """A mission of two colour frames a camera, which stays as long as this process."""
+    """Those of a mission that stays as long as this process."""
     # In the system's own place for such folders: that of a case is watched.
     kept = _KEPT.enter_context(tempfile.TemporaryDirectory(prefix="tokt-fuzz-", dir="/tmp"))
-    folder = Path(kept)
-    for side in ("Left", "Right"):
-        (folder / "dive" / side).mkdir(parents=True)
-        for frame in (3, 7):
-            pixels = np.random.default_rng(frame).integers(0, 255, (68, 90, 3), np.uint8)
-            cv2.imwrite(str(folder / "dive" / side / f"dive_{side[0]}_{frame}.png"), pixels)
-    return MissionImages(open_mission(folder / "dive"))
+    return MissionImages(open_mission(write_mission(Path(kept))))
 
 
 def _records() -> list[LabelRecord]:
-    grid = Grid(3, 4, 60)
-    said = [("reef", 0, 0, "ann", "human"), ("ocean", 1, 2, "bo", "human")]
-    said += [
-        ("unsure", 2, 3, "ann", "human"),
-        ("sand", 1, 1, "m", "model"),
-        ("reef", 1, 2, "c", "settled"),
+    said = [(3, "reef", 0, 0, "ann", _TIME, "human"), (3, "ocean", 1, 2, "bo", _TIME, "human")]
+    said += [(3, "unsure", 2, 3, "ann", _TIME, "human"), (3, "reef", 1, 2, "c", _TIME, "settled")]
+    made = [
+        LabelRecord("dive", "left", frame, _GRID, row, col, label, *by)
+        for frame, label, row, col, *by in said
     ]
-    return [
-        LabelRecord("dive", "left", 3, grid, row, col, label, who, _TIME, source)
-        if source != "model"
-        else LabelRecord("dive", "left", 7, grid, row, col, label, who, _TIME, source, "m/1")
-        for label, row, col, who, source in said
-    ]
+    by_model = ("sand", "m", _TIME, "model", "m/1")
+    return [*made, LabelRecord("dive", "left", 7, _GRID, 1, 1, *by_model)]
 
 
 @cache
-def _written(name: str) -> dict[str, bytes]:
+def written(name: str) -> Files:
     """The records in a format, as tokt writes them."""
     with tempfile.TemporaryDirectory() as folder:
         suffix = {"csv": ".csv", "viame": ".csv", "patches": ""}.get(name, ".json")
@@ -77,9 +79,9 @@ def _written(name: str) -> dict[str, bytes]:
 
 
 @cache
-def _foreign(name: str) -> bytes:
+def foreign(name: str) -> bytes:
     """The same file as another tool would have written it: without attributes of ours."""
-    ((_, data),) = _written(name).items()
+    ((_, data),) = written(name).items()
     if name == "viame":
         rows = csv.reader(io.StringIO(data.decode()))
         text = io.StringIO()
@@ -99,42 +101,36 @@ def _without_ours(value: Any) -> Any:
 
 def _labels(name: str) -> Kind:
     def make(rng: Random) -> Files:
-        ((path, data),) = _written(name).items()
-        seed = rng.choice((data, _foreign(name)))
-        if path.endswith(".json") and rng.random() < 0.7:
+        ((path, data),) = written(name).items()
+        seed = rng.choice((data, foreign(name)))
+        if path.endswith(".json") and chance(rng, 70):
             return {path: changed_text(json.loads(seed), rng)}
-        others = [seed, *(_foreign(other) for other in _AHEAD)]
-        return {path: changed_bytes(seed, rng, others)}
+        return {path: changed_bytes(seed, rng, [seed, *map(foreign, FILES)])}
 
-    return Kind(f"labels.{name}", "files", 10, make, _import)
+    return Kind(f"labels.{name}", make, import_labels, 9)
 
 
 def _patches(rng: Random) -> Files:
     """A folder of patches whose manifest, or whose folders, are not as they were."""
-    files = dict(_written("patches"))
+    files = dict(written("patches"))
     manifest = next(path for path in files if path.endswith(".json"))
-    if rng.random() < 0.8:
-        value = json.loads(files[manifest])
-        files[manifest] = changed_text(value, rng)
-    else:
-        files[manifest] = changed_bytes(files[manifest], rng, [b"{}"])
-    if rng.random() < 0.3:
+    data = files[manifest]
+    changed = changed_text(json.loads(data), rng)
+    files[manifest] = changed_bytes(data, rng, [b"{}"]) if chance(rng, 20) else changed
+    if chance(rng, 30):
         moved = rng.choice([path for path in files if path != manifest])
         name = rng.choice(("labels/kelp/x.png", "labels/ocean/y.png", "labels/sand/sub/z.png"))
         files[name] = files.pop(moved)
     return files
 
 
-def _import(files: Files, folder: Path) -> object:
+def import_labels(folder: Path) -> object:
     """What `tokt labels import` does, up to the store."""
-    write_files(files, folder)
-    names = {path.partition("/")[0] for path in files}
-    path = folder / names.pop()
-    options = ReadOptions(Taxonomy.load(), images=_images(), grid=Grid(3, 4, 60))
+    (path,) = folder.iterdir()
+    options = ReadOptions(Taxonomy.load(), images=_images(), grid=_GRID)
     read = FORMATS[format_to_read(path)].read(path, options)
     for line in read.lost:
-        fault = line_fault(line)
-        assert not fault, fault
+        assert not line_fault(line), line_fault(line)
     with LabelStore(folder / "labels.db") as store:
         return store.add_counted(read.records)
 
@@ -154,14 +150,12 @@ def _database(rng: Random) -> Files:
     data = bytearray(_store_file())
     for _ in range(rng.choice((1, 4, 40))):
         # Pages that are in use, the header and the schema among them.
-        at = rng.choice((rng.randrange(100), rng.randrange(4096), rng.randrange(len(data))))
+        at = rng.randrange(rng.choice((100, 4096, len(data))))
         data[at] = rng.choice((0, 0xFF, data[at] ^ (1 << rng.randrange(8)), rng.randrange(256)))
-    end = len(data) if rng.random() < 0.8 else rng.randrange(len(data))
-    return {"labels.db": bytes(data[:end])}
+    return {"labels.db": bytes(data[: rng.randrange(len(data))] if chance(rng, 20) else data)}
 
 
-def _read_database(files: Files, folder: Path) -> object:
-    write_files(files, folder)
+def _read_database(folder: Path) -> object:
     with LabelStore(folder / "labels.db", create=False) as store:
         found = [*store.current(), *store.settled(), *store.stats(), *store.missions()]
         store.add(_records())
@@ -172,23 +166,18 @@ def _read_database(files: Files, folder: Path) -> object:
 
 
 def _taxonomy_toml(rng: Random) -> Files:
-    text = (Path(__file__).parents[2] / "labels" / "taxonomy.toml").read_bytes()
+    text = _TAXONOMY.read_bytes()
     return {"taxonomy.toml": changed_bytes(text, rng, [text, b"[[classes]]\n", b"a.b.c = {}\n"])}
-
-
-def _read_taxonomy(files: Files, folder: Path) -> object:
-    write_files(files, folder)
-    return Taxonomy.load(folder / "taxonomy.toml")
 
 
 def _taxonomy_json(rng: Random) -> Files:
     return {"t.json": changed_text(Taxonomy.load().to_json(), rng)}
 
 
-def _read_taxonomy_json(files: Files, folder: Path) -> object:
+def _read_taxonomy_json(folder: Path) -> object:
     """As a dataset version embeds it; what is no JSON never gets there."""
     try:
-        value = json.loads(files["t.json"])
+        value = json.loads((folder / "t.json").read_bytes())
     except (ValueError, RecursionError):
         return None
     return Taxonomy.from_json(value)
@@ -203,22 +192,16 @@ def _audit_file() -> bytes:
 
 
 def _audit(rng: Random) -> Files:
-    value = json.loads(_audit_file())
-    bad = rng.random() < 0.3
-    text = changed_bytes(_audit_file(), rng, [b"{}"]) if bad else changed_text(value, rng)
-    return {"audits/a.json": text}
-
-
-def _read_audit(files: Files, folder: Path) -> object:
-    write_files(files, folder)
-    return read_audit(folder / "audits" / "a.json")
+    text = changed_text(json.loads(_audit_file()), rng)
+    bad = chance(rng, 30)
+    return {"audits/a.json": changed_bytes(_audit_file(), rng, [b"{}"]) if bad else text}
 
 
 KINDS = [
-    *(_labels(name) for name in _AHEAD),
-    Kind("labels.patches", "files", 4, _patches, _import),
-    Kind("labels.store", "files", 2, _database, _read_database),
-    Kind("taxonomy.toml", "files", 8, _taxonomy_toml, _read_taxonomy),
-    Kind("taxonomy.json", "files", 4, _taxonomy_json, _read_taxonomy_json),
-    Kind("audit", "files", 6, _audit, _read_audit),
+    *map(_labels, FILES),
+    Kind("labels.patches", _patches, import_labels, 4),
+    Kind("labels.store", _database, _read_database, 2),
+    Kind("taxonomy.toml", _taxonomy_toml, lambda at: Taxonomy.load(at / "taxonomy.toml"), 8),
+    Kind("taxonomy.json", _taxonomy_json, _read_taxonomy_json, 4),
+    Kind("audit", _audit, lambda at: read_audit(at / "audits" / "a.json"), 6),
 ]

@@ -10,41 +10,40 @@ from typing import Any
 
 import cv2
 import numpy as np
-from tokt.features.image_file import read_image
-from tokt.inference.frame_line import event_line, frame_line, heartbeat_line
-from tokt.inference.logged_run import open_run
-from tokt.inference.observer import Event
-from tokt.inference.policy import Judgement
-from tokt.inference.reason import Fault, Reason
-from tokt.inference.recording import FILE_NAME, RECORDING_FORMAT
-from tokt.inference.report import Report
-from tokt.inference.run_start import ModelName, RunStart, UsedFile
-from tokt.inference.shadow_report import read_shadow
-from tokt.inference.sources import Frame
-from tokt.inference.udp import decode, encode_v1, encode_v2
-from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 
-from .bytes_changes import changed_bytes
-from .case import Files, Kind, write_files
-from .json_changes import changed_json, changed_text, text_of
-from .png_changes import changed_png, some_picture
+from tokt.features.frames.image_file import read_image
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame
+from tokt.inference.outputs.udp import decode, encode_v1, encode_v2
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording.frame_line import event_line, frame_line, heartbeat_line
+from tokt.inference.recording.recording import FILE_NAME, RECORDING_FORMAT
+from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile
+from tokt.inference.replay.logged_run import open_run
+from tokt.inference.replay.shadow_report import read_shadow
+from tokt.inference.report import Report
+from tokt.inference.verdict import unknown_verdict, verdict_from_mask
+
+from .case import Files, Kind
+from .changes import chance, changed_bytes, changed_json, changed_text, text_of
+from .containers import changed_png, some_picture
 
 _RUN = "run-20160420-101112-3fa2c1"
-
-
-def _verdicts() -> list[Verdict]:
-    mask = np.zeros((68, 90), np.uint8)
-    clear = verdict_from_mask(mask, "texture", "m/1", None)
-    mask[10:20, 30:50] = 255
-    seen = verdict_from_mask(mask, "texture", "m/1", 1.5)
-    return [clear, seen, unknown_verdict(Fault(Reason.DARK, "too dark"))]
+_T = 1461147072.0
+_UNKNOWN = unknown_verdict(Fault(Reason.DARK, "too dark"))
 
 
 @cache
 def _reports() -> tuple[Report, ...]:
+    """One that is clear, one with an obstacle, one that does not know."""
+    mask = np.zeros((68, 90), np.uint8)
+    clear = verdict_from_mask(mask, "texture", "m/1", None)
+    mask[10:20, 30:50] = 255
+    seen = verdict_from_mask(mask, "texture", "m/1", 1.5)
     return tuple(
-        Report(number, number, 1461147072.25 + number, 3.5, verdict, 4.25)
-        for number, verdict in enumerate(_verdicts(), 1)
+        Report(number, number, _T + number, 3.5, verdict, 4.25)
+        for number, verdict in enumerate((clear, seen, _UNKNOWN), 1)
     )
 
 
@@ -52,21 +51,22 @@ def _reports() -> tuple[Report, ...]:
 
 
 @cache
-def _datagrams() -> tuple[bytes, ...]:
+def datagrams() -> tuple[bytes, ...]:
+    """Sound ones, of both versions."""
     said = [encode_v1(report.verdict) for report in _reports()]
     return (*(data for data in said if data is not None), *map(encode_v2, _reports()))
 
 
 def _datagram(rng: Random) -> Files:
-    data = rng.choice(_datagrams())
-    if data.startswith(b"{") and rng.random() < 0.6:
+    data = rng.choice(datagrams())
+    if data.startswith(b"{") and chance(rng, 60):
         return {"datagram": changed_text(json.loads(data), rng)[:65_507]}
-    return {"datagram": changed_bytes(data, rng, _datagrams())[:65_507]}
+    return {"datagram": changed_bytes(data, rng, datagrams())[:65_507]}
 
 
-def _read_datagram(files: Files, folder: Path) -> object:
+def read_datagram(folder: Path) -> object:
     """Decode and show it as `tokt listen --json` does."""
-    return json.dumps(decode(files["datagram"]), allow_nan=False)
+    return json.dumps(decode((folder / "datagram").read_bytes()), allow_nan=False)
 
 
 # --- a run's log and its recording ---
@@ -80,8 +80,8 @@ def _events() -> tuple[dict[str, Any], ...]:
     fields = {**start.fields(), "software": software}
     model = {"label": "m/2", "sha256": "2" * 64}
     return (
-        event_line(_RUN, 0, Event(1461147072.0, "start", "begun", fields)),
-        event_line(_RUN, 2, Event(1461147073.0, "model", "exchanged", model)),
+        event_line(_RUN, 0, Event(_T, "start", "begun", fields)),
+        event_line(_RUN, 2, Event(_T + 1, "model", "exchanged", model)),
     )
 
 
@@ -94,28 +94,28 @@ def _lines() -> tuple[dict[str, Any], ...]:
         judgement = Judgement(report.verdict, np.zeros((4, 1)), None, 0.0035)
         line = frame_line(_RUN, frame, judgement, report)
         found.append({**line, "decision_values": [[0.5], [1.5]]})
-    return (*found, heartbeat_line(_RUN, Report(4, None, None, None, _verdicts()[2])))
+    return (*found, heartbeat_line(_RUN, Report(4, None, None, None, _UNKNOWN)))
 
 
-def _jsonl(lines: list[dict[str, Any]], rng: Random) -> bytes:
+def _text(values: list[Any]) -> bytes:
+    return b"\n".join(map(text_of, values)) + b"\n"
+
+
+def _changed(lines: list[Any], rng: Random) -> bytes:
     """The lines, of which one or two are changed, and sometimes all of the bytes."""
-    values: list[Any] = list(lines)
+    values = list(lines)
     for _ in range(rng.choice((1, 1, 2))):
         at = rng.randrange(len(values))
         values[at] = changed_json(values[at], rng)
-    data = b"\n".join(map(text_of, values)) + b"\n"
-    return changed_bytes(data, rng, [data]) if rng.random() < 0.3 else data
+    data = _text(values)
+    return changed_bytes(data, rng, [data]) if chance(rng, 30) else data
 
 
 def _log(rng: Random) -> Files:
-    events, frames = (
-        b"".join(text_of(line) + b"\n" for line in some) for some in (_events(), _lines())
-    )
-    if rng.random() < 0.5:
-        events = _jsonl(list(_events()), rng)
-    else:
-        frames = _jsonl(list(_lines()), rng)
-    return {"run.events.jsonl": events, "run.jsonl": frames}
+    events, frames = list(_events()), list(_lines())
+    if chance(rng, 50):
+        return {"run.events.jsonl": _changed(events, rng), "run.jsonl": _text(frames)}
+    return {"run.events.jsonl": _text(events), "run.jsonl": _changed(frames, rng)}
 
 
 def _recording(rng: Random) -> Files:
@@ -125,31 +125,29 @@ def _recording(rng: Random) -> Files:
         for number, line in enumerate(_lines()[:3], 1)
     ]
     head = {"recording": RECORDING_FORMAT, "run": _RUN}
-    return {f"run/{FILE_NAME}": _jsonl([head, start, *frames[:2], model, frames[2]], rng)}
+    return {f"run/{FILE_NAME}": _changed([head, start, *frames[:2], model, frames[2]], rng)}
 
 
-def _read_run(files: Files, folder: Path) -> object:
+def _read_run(folder: Path) -> object:
     """What `tokt replay` reads before it judges anything."""
-    write_files(files, folder)
-    (name, *_) = sorted(files, reverse=True)
-    path = folder / ("run" if name.startswith("run/") else "run.jsonl")
-    return list(open_run(path).frames())
+    recording = folder / "run"
+    return list(open_run(recording if recording.is_dir() else folder / "run.jsonl").frames())
 
 
 def _shadow(rng: Random) -> Files:
     kept = ("status", "reason", "mean", "method", "model", "health", "latency_ms")
     said = [{name: line.get(name) for name in kept} for line in _lines()[:3]]
     start = {"event": "start", "run": _RUN, "format_version": 1, "policy": "texture", "live": True}
-    lines: list[dict[str, Any]] = [{**start, "challenger": {"label": "c/1", "sha256": "3" * 64}}]
-    lines += [
+    frames = [
         {"run": _RUN, "seq": n, "frame": n, "dropped": 0, "champion": one, "challenger": one}
         for n, one in enumerate(said, 1)
     ]
-    return {"shadow.jsonl": _jsonl([*lines, {"event": "end", "run": _RUN, "dropped": 1}], rng)}
+    challenger = {"challenger": {"label": "c/1", "sha256": "3" * 64}}
+    end = {"event": "end", "run": _RUN, "dropped": 1}
+    return {"shadow.jsonl": _changed([{**start, **challenger}, *frames, end], rng)}
 
 
-def _read_shadow(files: Files, folder: Path) -> object:
-    write_files(files, folder)
+def _read_shadow(folder: Path) -> object:
     return json.dumps(read_shadow(folder / "shadow.jsonl").to_json(), allow_nan=False)
 
 
@@ -159,32 +157,29 @@ def _read_shadow(files: Files, folder: Path) -> object:
 @cache
 def _pictures() -> dict[str, bytes]:
     pixels = np.random.default_rng(3).integers(0, 255, (24, 32, 3), np.uint8)
-    return {
-        suffix: cv2.imencode(suffix, pixels)[1].tobytes()
-        for suffix in (".png", ".jpg", ".bmp", ".tif", ".ppm")
-    }
+    suffixes = (".png", ".jpg", ".bmp", ".tif", ".ppm")
+    return {suffix: cv2.imencode(suffix, pixels)[1].tobytes() for suffix in suffixes}
 
 
 def _picture(rng: Random) -> Files:
     pictures = _pictures()
     suffix = rng.choice(sorted(pictures))
-    if suffix == ".png" and rng.random() < 0.6:
+    if suffix == ".png" and chance(rng, 60):
         return {"p.png": changed_png(rng.choice((pictures[suffix], some_picture(rng))), rng)}
     return {f"p{suffix}": changed_bytes(pictures[suffix], rng, list(pictures.values()))}
 
 
-def _read_picture(files: Files, folder: Path) -> object:
-    write_files(files, folder)
-    (name,) = files
-    picture = read_image(folder / name)
+def _read_picture(folder: Path) -> object:
+    (path,) = folder.iterdir()
+    picture = read_image(path)
     assert picture.dtype == np.uint8 and picture.ndim in (2, 3) and picture.size
     return picture
 
 
 KINDS = [
-    Kind("datagram", "more", 50, _datagram, _read_datagram),
-    Kind("run log", "more", 20, _log, _read_run),
-    Kind("recording", "more", 10, _recording, _read_run),
-    Kind("shadow log", "more", 10, _shadow, _read_shadow),
-    Kind("picture", "more", 20, _picture, _read_picture),
+    Kind("datagram", _datagram, read_datagram, 45),
+    Kind("run log", _log, _read_run, 18),
+    Kind("recording", _recording, _read_run, 9),
+    Kind("shadow log", _shadow, _read_shadow, 9),
+    Kind("picture", _picture, _read_picture, 19),
 ]

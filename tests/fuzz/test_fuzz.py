@@ -1,153 +1,165 @@
-"""A few cases of every kind, what failed once, and whether the fuzzer sees what it looks for."""
+"""Changed inputs of every kind, what failed once, and whether each defect is seen."""
 
 from __future__ import annotations
 
-import json
-import shutil
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tokt.features.errors import LONGEST_MESSAGE, ToktError
-from tokt.models.store import Store
+from hypothesis import Phase
 
-from . import (
-    bad_kinds,
-    calibration_kinds,
-    label_kinds,
-    run_kinds,
-    setting_kinds,
-    store_kinds,
-)
-from .__main__ import counts, table
-from .bundle_kinds import FILE, read_bundle_file
-from .bundle_seeds import SPECS, real_bundle, small_bundles, whole_spec
-from .case import GOOD, End, Kind, randomness, run_case, write_files
-from .command_line import fault_of
-from .fleet import Fleet
-from .kinds import KINDS
-from .sandbox import Sandbox
+from tokt.features.common.errors import MAX_MESSAGE, ToktError
+from tokt.models.store.store import Store
+
+from . import bundles, labels, runs, settings, stores
+from .case import MAX_LINE, Box, DefectError, Files, Kind, write_files
+from .conftest import KINDS
 
 ONCE_FAILING = Path(__file__).parent / "once_failing"
 """``KIND/NAME/``: the files of an input that brought something down before it was mended."""
 
-_SLOW = {"calibration.mat": 1, "bundle.real size": 3, "bundle.spec": 5, "store": 4}
-_CASES = 12
-SPEC = json.dumps(whole_spec(SPECS[0])).encode()
-
-
-@pytest.fixture
-def sandbox(tmp_path: Path) -> Sandbox:
-    return Sandbox(tmp_path)
-
 
 @pytest.mark.parametrize("name", KINDS)
-def test_changed_inputs_are_read_or_refused_in_one_line(name: str, sandbox: Sandbox) -> None:
+def test_changed_inputs_are_read_or_refused_in_one_line(
+    name: str, box: Box, try_cases: Callable[..., None]
+) -> None:
     kind = KINDS[name]
-    for number in range(_SLOW.get(name, _CASES)):
-        outcome = run_case(kind, kind.make(randomness(0, name, number)), sandbox)
-        assert outcome.end in GOOD, (
-            f"{outcome.words}\npython -m tests.fuzz --kind '{name}' --seed 0 --case {number}"
-        )
+    try_cases(lambda rng: box.read(kind, kind.make(rng)), kind.few, kind.share, Phase.shrink)
 
 
 @pytest.mark.parametrize(
     "folder", sorted(ONCE_FAILING.glob("*/*")), ids=lambda path: f"{path.parent.name}/{path.name}"
 )
-def test_what_failed_once_is_refused_now(folder: Path, sandbox: Sandbox) -> None:
-    files = {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-    outcome = run_case(KINDS[folder.parent.name], files, sandbox)
-    assert outcome.end == End.REFUSED, outcome.words
+def test_what_failed_once_is_refused_now(folder: Path, box: Box) -> None:
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+    assert box.read(KINDS[folder.parent.name], files)
 
 
 def test_what_the_changes_start_from_is_sound(tmp_path: Path) -> None:
     """Else every case would be refused for the same reason, and prove nothing."""
-    for data in (*small_bundles(), real_bundle()):
-        read_bundle_file({FILE: data}, tmp_path)
-    for name, data in calibration_kinds._opencv_forms().items():
-        calibration_kinds._read({f"c{Path(name).suffix}": data}, tmp_path)
-    calibration_kinds._read({"c.txt": calibration_kinds._BOUGUET.encode()}, tmp_path)
-    calibration_kinds._read({"c.json": json.dumps(calibration_kinds._PRINTED).encode()}, tmp_path)
-    for name in label_kinds._AHEAD:
-        ((path, data),) = label_kinds._written(name).items()
-        for form, text in (("ours", data), ("theirs", label_kinds._foreign(name))):
-            label_kinds._import({path: text}, tmp_path / name / form)
-    setting_kinds._read_space({"space.toml": setting_kinds._SMALL, "mine.json": SPEC}, tmp_path)
-    for data in run_kinds._datagrams():
-        run_kinds._read_datagram({"datagram": data}, tmp_path)
-    for files in store_kinds._stores():
-        write_files(files, tmp_path)
-        assert Store(tmp_path / "store").active().label == "fuzz/1"
-        shutil.rmtree(tmp_path / "store")
+    sound: list[tuple[Callable[[Path], object], Files]] = [
+        (bundles.read_bundle, {bundles.FILE: data})
+        for data in (*bundles.small_bundles(), bundles.real_bundle())
+    ]
+    sound += [(settings.read_rig, files) for files in settings.sound_calibrations()]
+    for name in labels.FILES:
+        ((path, _),) = labels.written(name).items()
+        sound += [(labels.import_labels, labels.written(name))]
+        sound += [(labels.import_labels, {path: labels.foreign(name)})]
+    sound += [(runs.read_datagram, {"datagram": data}) for data in runs.datagrams()]
+    sound += [(settings.read_search_space, settings.sound_space())]
+    sound += [(_active_label, files) for files in stores.stores()]
+    for number, (read, files) in enumerate(sound):
+        write_files(files, tmp_path / str(number))
+        read(tmp_path / str(number))
+    assert len(bundles.small_bundles()) == 7, "a bundle of an older format is not there"
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_a_case_follows_from_its_number(name: str) -> None:
-    make = KINDS[name].make
-    assert make(randomness(3, name, 8)) == make(randomness(3, name, 8))
+def _active_label(folder: Path) -> None:
+    assert Store(folder / stores.HOME).active().label == "fuzz/1"
 
 
-# --- does it see what it looks for? ---
+# --- is each defect seen? ---
+
+
+def _long(folder: Path) -> object:
+    error = ToktError("short")
+    error.args = ("x" * (MAX_LINE + 1),)
+    raise error
+
+
+def _two_lines(folder: Path) -> object:
+    error = ToktError("short")
+    error.args = ("one\ntwo",)
+    raise error
+
+
+def _outside(folder: Path) -> object:
+    return (folder.parent / "beside").write_bytes(b"")
+
+
+def _outside_and_gone(folder: Path) -> object:
+    (folder.parents[1] / "gone").write_bytes(b"")
+    return (folder.parents[1] / "gone").unlink()
+
+
+def _beside_unseen(folder: Path) -> object:
+    """As native code would, of which Python's audit events do not tell."""
+    return subprocess.run(["touch", str(folder.parent / "beside")], check=True)
+
+
+def _kind(read: Callable[[Path], object]) -> Kind:
+    return Kind("bad", lambda rng: {"file": b"%d" % rng.randrange(10)}, read, 1)
 
 
 @pytest.mark.parametrize(
-    ("read", "end"),
+    ("read", "words"),
     [
-        (bad_kinds.traceback, End.TRACEBACK),
-        (bad_kinds.long, End.BAD_LINE),
-        (bad_kinds.outside, End.OUTSIDE),
-        (bad_kinds.outside_and_gone, End.OUTSIDE),
-        (bad_kinds.warns, End.TRACEBACK),
-        (bad_kinds.refuses, End.REFUSED),
+        (lambda folder: {}["missing"], "KeyError: 'missing'"),
+        (_long, "a message of 1001 characters"),
+        (_two_lines, "control characters"),
+        (_outside, "outside: .*/beside"),
+        (_outside_and_gone, "outside: open .*/gone"),
+        (_beside_unseen, "outside: subprocess.Popen"),
+        (_beside_unseen, "outside: /.*/beside"),
+        (lambda folder: warnings.warn("careful", stacklevel=1), "warning: careful"),
+        (lambda folder: bytearray(1 << 40), "MemoryError"),
     ],
 )
-def test_each_defect_is_seen(read, end: End, sandbox: Sandbox) -> None:
-    kind = Kind("bad", "more", 1, bad_kinds.nothing, read)
-    assert run_case(kind, {"file": b""}, sandbox).end == end
+def test_each_defect_is_seen(read: Callable[[Path], object], words: str, box: Box) -> None:
+    with pytest.raises(DefectError, match=words):
+        box.read(_kind(read), {"file": b""})
+    assert box.read(_kind(_refuses), {"file": b""}) == "no good", "the next case suffers from it"
 
 
-def test_a_crash_and_a_hang_cost_one_case_and_not_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2]))  # its processes import from there
-    told: list[tuple[str, int, End, str]] = []
-    fleet = Fleet(
-        "tests.fuzz.bad_kinds",
-        38,  # by this seed the second case of each is the bad one
-        1,
-        0.5,
-        lambda kind, number, found: told.append((kind, number, found.end, found.words)),
+def _refuses(folder: Path) -> object:
+    raise ToktError("no good")
+
+
+def test_the_smallest_failing_input_is_kept(box: Box, try_cases: Callable[..., None]) -> None:
+    def read(folder: Path) -> object:
+        return 1 / (int((folder / "file").read_bytes()) < 3)
+
+    kind = _kind(read)
+    with pytest.raises(DefectError, match="the input is kept in"):
+        try_cases(lambda rng: box.read(kind, kind.make(rng)), 50, 0, Phase.shrink)
+    assert (box.case / "file").read_bytes() == b"3"
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [("os.kill(os.getpid(), signal.SIGSEGV)", "Segmentation fault"), ("time.sleep(60)", "Timeout")],
+)
+def test_a_crash_and_a_hang_show_where_and_leave_the_input(
+    body: str, words: str, tmp_path: Path
+) -> None:
+    """They end the process: pytest-xdist says which test it was and begins another."""
+    program = f"""
+import faulthandler, os, pathlib, signal, sys, time
+from tests.fuzz import case
+case.HANG_S = 0.5
+faulthandler.enable()  # as pytest does
+def bad(folder):
+    {body}
+kind = case.Kind("bad", None, bad, 1)
+case.Box(pathlib.Path(sys.argv[1])).read(kind, {{"file": b"3"}})
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
-    rows = {row.kind: row.ends for row in fleet.run({"crash": 3, "hang": 3})}
-    assert rows["crash"] == {End.ACCEPTED: 2, End.CRASH: 1}
-    assert rows["hang"] == {End.ACCEPTED: 2, End.HANG: 1}
-    assert [case[:3] for case in told] == [("crash", 1, End.CRASH), ("hang", 1, End.HANG)]
-    words = "".join(case[3] for case in told)
-    assert "SIGSEGV" in words and "in hang" in words
-
-
-def test_counts_add_up_to_what_is_asked_for() -> None:
-    found = counts(KINDS, {"bundles": 5000, "files": 20_000, "stores": 10, "more": 0})
-    for group, total in (("bundles", 5000), ("files", 20_000), ("stores", 10)):
-        cases = sum(found[kind.name] for kind in KINDS.values() if kind.group == group)
-        assert total <= cases <= total + len(KINDS)
-    assert found["calibration.mat"] == 200 and table([]).startswith("kind")
-
-
-@pytest.mark.parametrize(
-    ("code", "err", "fault"),
-    [
-        (2, "tokt: error: no\n", ""),
-        (0, "note: odd\n", ""),
-        (2, "tokt: error: no\ntokt: error: no\n", "2 lines of error"),
-        (2, "Usage:\n", "0 lines of error"),
-        (1, "Traceback (most recent call last):\n", "a traceback"),
-        (-11, "", "exit code -11"),
-    ],
-)
-def test_how_a_command_may_end(code: int, err: str, fault: str) -> None:
-    assert fault_of(code, "", err) == fault
+    assert ended.returncode != 0
+    assert words in ended.stderr and "in bad" in ended.stderr
+    assert (tmp_path / "cwd" / "case" / "file").read_bytes() == b"3"
 
 
 # --- the message of every error ---
@@ -157,4 +169,4 @@ def test_how_a_command_may_end(code: int, err: str, fault: str) -> None:
 def test_an_error_is_one_printable_line(text: str) -> None:
     message = str(ToktError(f"file {text} is bad"))
     assert message.isprintable() and message.startswith("file ") and message.endswith(" is bad")
-    assert len(message) <= LONGEST_MESSAGE and str(ToktError(message)) == message
+    assert len(message) <= MAX_MESSAGE and str(ToktError(message)) == message

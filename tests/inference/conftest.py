@@ -12,11 +12,13 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.extractor import extractor_named
-from tokt.features.frame_pictures import FramePictures
-from tokt.features.grid import Grid
-from tokt.features.levels import Levels
-from tokt.models.bundle import BundleContent, Golden, bundle_bytes
+
+from tests.waiting import MAX_S
+from tokt.features.extractors.extractor import extractor_named
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.quantization import Quantization
+from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
 
@@ -90,7 +92,7 @@ class NoiseScorer:
     label: str = "noise/1"
     grid: Grid = Grid()  # noqa: RUF009 - frozen
     frame_sizes: tuple[tuple[int, int], ...] = ((271, 360),)
-    images: tuple[Levels | None, ...] = (None,)
+    images: tuple[Quantization | None, ...] = (None,)
     operating_point: OperatingPoint = OperatingPoint()  # noqa: RUF009 - frozen
 
     @property
@@ -159,7 +161,7 @@ def receiver() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         opened.bind(("127.0.0.1", 0))
-        opened.settimeout(5)
+        opened.settimeout(MAX_S)
         yield opened
 
 
@@ -172,7 +174,7 @@ def closed_port() -> int:
 
 
 class HandClock:
-    """A clock that moves only when somebody sleeps, or when a test moves it."""
+    """A clock that moves only when somebody sleeps, or when a test moves it; for any thread."""
 
     def __init__(self) -> None:
         self.now = 100.0

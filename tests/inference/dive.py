@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,23 +12,26 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tokt.inference.clock import SYSTEM_CLOCK, Clock
-from tokt.inference.detector import Detection, Detector, GridDetector
-from tokt.inference.event_queue import EventQueue
-from tokt.inference.limits import Limits
-from tokt.inference.observer import Event, Observer
-from tokt.inference.policy import Policy, SinglePolicy
+
+from tokt.inference.config import Limits
+from tokt.inference.detector import Detection, Detector
+from tokt.inference.events import Event, EventQueue
+from tokt.inference.frame import Frame
+from tokt.inference.observer import Observer
+from tokt.inference.outputs.udp import UdpSender, decode
+from tokt.inference.policy.policy import Policy, SinglePolicy
+from tokt.inference.publisher import Sender
 from tokt.inference.reason import NO_FAULT, Fault
 from tokt.inference.runtime import Runtime, Summary
-from tokt.inference.sources import Frame
-from tokt.inference.udp import Sender, UdpSender, decode
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN
 
-from .conftest import NoiseScorer, draw
+from ..waiting import MAX_S, until
+from .conftest import HandClock, NoiseScorer, draw
 from .live import HandSource, Listener
 
 QUICK = Limits(stale_s=0.2, heartbeat_s=0.2)
-_LONGEST_S = 8.0
+_BETWEEN_FRAMES_S = 0.001
 
 
 class Heard:
@@ -99,11 +101,12 @@ class Dive:
 
     Parameters
     ----------
-    clock : Clock
+    clock : HandClock
+        Time passes only where a test says so: nothing is late because the machine is busy.
     limits : Limits
     """
 
-    clock: Clock = SYSTEM_CLOCK
+    clock: HandClock = field(default_factory=HandClock)
     limits: Limits = QUICK
     scorer: Any = field(default_factory=NoiseScorer)
     senders: list[Sender] = field(default_factory=list)
@@ -114,11 +117,12 @@ class Dive:
         self.source = HandSource(self.clock)
         self.events = EventQueue()
         self.listener = Listener()
-        self.detector = Faulty(GridDetector(self.scorer))
+        self.detector = Faulty(TextureDetector(self.scorer))
         self.policy: Policy = SinglePolicy(self.detector)
         self.truth: dict[float, str] = {}
         self._v1, self._v2 = Heard(), Heard()
         self._seed = 0
+        self.delivered = 0
         self._summary: list[Summary] = []
         self.died: Exception | None = None
 
@@ -134,17 +138,31 @@ class Dive:
         """Deliver a frame of ``clear`` or ``obstacle``, or what a fault makes of it."""
         judged = len(self.listener.reports)
         picture = self.picture(what) if left is None and "left_fault" not in more else left
-        frame = self.source.frame(picture, **more)
-        self.truth[frame.t] = what
-        self.source._frames.put(frame)
+        self._deliver(what, picture, **more)
         self.until(lambda: len(self.listener.reports) > judged)
 
     def give_at_once(self, *what: str) -> None:
         """Deliver frames faster than they can be judged."""
         for one in what:
-            frame = self.source.frame(self.picture(one))
-            self.truth[frame.t] = one
-            self.source._frames.put(frame)
+            self._deliver(one, self.picture(one))
+
+    def _deliver(self, what: str, picture: NDArray[np.uint8] | None, **more: Any) -> None:
+        self.clock.now += _BETWEEN_FRAMES_S
+        frame = self.source.frame(picture, **more)
+        self.truth[frame.t] = what
+        self.delivered += 1
+        self.source._frames.put(frame)
+
+    def pass_on(self) -> None:
+        """Wait until all frames have come to the loop, or were overtaken before they could."""
+        self.until(lambda: self.source.passed_on == self.delivered)
+
+    def silence(self) -> None:
+        """Let so much time pass, while no verdict is said, that unknown is."""
+        publisher = self._runtime._publisher
+        said = publisher._seq
+        self.clock.now += 1.25 * self.limits.heartbeat_s
+        self.until(lambda: publisher._seq > said)
 
     def fault(self, fault: Fault = NO_FAULT, **more: Any) -> None:
         """Deliver a frame without a picture."""
@@ -152,10 +170,7 @@ class Dive:
 
     def until(self, true: Callable[[], object]) -> None:
         """Wait until something is true."""
-        deadline = time.monotonic() + _LONGEST_S
-        while not true():
-            assert time.monotonic() < deadline, f"it never came true; said: {self.listener.reports}"
-            time.sleep(0.001)
+        until(true, lambda: self.listener.reports)
 
     @contextmanager
     def under_way(self) -> Iterator[None]:
@@ -177,24 +192,19 @@ class Dive:
                 self.died = error
 
         self._runtime = runtime
-        thread = threading.Thread(target=run)
+        thread = threading.Thread(target=run, daemon=True)
         thread.start()
         try:
             yield
         finally:
             self.source.stop()
-            thread.join(_LONGEST_S)
+            thread.join(MAX_S)
             for sender in own:
                 sender.close()
 
     def taken_up(self) -> bool:
         """Whether a frame is being judged."""
-        return self._runtime._announcer._taken_up is not None
-
-    def heard_stalled(self) -> bool:
-        """Whether it was said that a frame takes too long."""
-        unread = list(self._runtime._announcer._unread)
-        return any(report.verdict.reason == "stalled" for report in unread)
+        return self._runtime._publisher._judging_since is not None
 
     def outcome(self) -> Outcome:
         """What was heard; no datagram said clear but of a frame of clear water."""

@@ -1,4 +1,4 @@
-"""A source whose frames a test hands out, in real time."""
+"""A source whose frames a test hands out."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
-from tokt.inference.observer import Event, Observer
-from tokt.inference.policy import Judgement
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame
+from tokt.inference.observer import Observer
+from tokt.inference.policy.policy import Judgement
 from tokt.inference.report import Report
-from tokt.inference.sources import Frame
 
 
 class HandSource:
@@ -23,6 +25,7 @@ class HandSource:
         self.clock = clock
         self._frames: queue.Queue[Frame | Exception | None] = queue.Queue()
         self._number = 0
+        self.passed_on = 0
 
     def frame(self, left: NDArray[np.uint8] | None, age_s: float = 0.0, **more: object) -> Frame:
         """The next frame."""
@@ -45,6 +48,7 @@ class HandSource:
             if isinstance(item, Exception):
                 raise item
             yield item
+            self.passed_on += 1  # who reads has asked for the next one
 
     def stop(self) -> None:
         """Deliver no further frame."""

@@ -9,27 +9,28 @@ from typing import Any
 
 import cv2
 import numpy as np
-from tokt.features.mission import open_mission
-from tokt.inference.anchor import Anchor
-from tokt.inference.assemble import Assembly, Stereo, assemble
-from tokt.inference.clock import Clock
-from tokt.inference.detector import GridDetector
-from tokt.inference.event_queue import EventQueue
-from tokt.inference.observer import Event, Observer
-from tokt.inference.run_log import RunLog, new_run_id
-from tokt.inference.run_start import START, ModelName, RunStart, UsedFile
+
+from tokt.features.frames.mission import open_mission
+from tokt.inference.clock import SYSTEM_STOPWATCH, Clock, Stopwatch
+from tokt.inference.events import Event, EventQueue
+from tokt.inference.frame import Source
+from tokt.inference.observer import Observer
+from tokt.inference.policy.anchor import Anchor
+from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.recording.run_log import RunLog, new_run_id
+from tokt.inference.recording.run_start import START, ModelName, RunStart, UsedFile
 from tokt.inference.runtime import Runtime
-from tokt.inference.sources import MissionSource, Source
-from tokt.inference.stopwatch import SYSTEM_STOPWATCH, Stopwatch
-from tokt.models.bundle import Bundle, Golden, bundle_bytes, read_bundle
-from tokt.models.operating_point import FrameRule, OperatingPoint
+from tokt.inference.sources.files import MissionSource
+from tokt.inference.texture.detector import TextureDetector
+from tokt.models.bundle.bundle import Bundle, Golden, bundle_bytes, read_bundle
+from tokt.models.operating_point import MofNRule, OperatingPoint
 
 
 def variant(
     like: Path,
     path: Path,
     threshold: float = 0.0,
-    rule: FrameRule | None = None,
+    rule: MofNRule | None = None,
     golden: np.ndarray | None = None,
 ) -> Path:
     """A bundle with another threshold or frame rule, or for frames of another size."""
@@ -46,7 +47,7 @@ def variant(
         name=path.stem,
         model=model,
         golden=Golden(frames, values, obstacle),
-        operating_point=OperatingPoint(rule or FrameRule()),
+        operating_point=OperatingPoint(rule or MofNRule()),
     )
     path.write_bytes(bundle_bytes(content))
     return path
@@ -77,7 +78,7 @@ class Switch:
         if bundle is None:
             return ()
         assert self.assembly is not None and self.assembly.texture is not None
-        self.assembly.texture.put(GridDetector(bundle))
+        self.assembly.texture.put(TextureDetector(bundle))
         fields = {"label": bundle.label, "sha256": bundle.sha256}
         return [Event(self._clock.time(), "model", "another model", fields)]
 
@@ -88,7 +89,7 @@ def log_run(
     log: Path,
     clock: Clock,
     model: Bundle | Callable[[], Bundle],
-    stereo: Stereo | None = None,
+    stereo: StereoSetup | None = None,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     switch: Switch | None = None,
     observers: Callable[[str], Sequence[Observer]] = lambda run: (),

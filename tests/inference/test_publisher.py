@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.inference.aged import aged
-from tokt.inference.announcer import Announcer
-from tokt.inference.limits import Limits
-from tokt.inference.policy import Judgement
+
+from tokt.inference.config import Limits
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.publisher import ReportPublisher, mark_stale
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
-from tokt.inference.sources import Frame
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, unknown_verdict, verdict_from_mask
 
 EMPTY = verdict_from_mask(np.zeros((10, 10), np.uint8), "texture")
@@ -46,18 +46,18 @@ def sent() -> Sent:
 
 
 @pytest.fixture
-def announcer(sent: Sent, hand_clock: Any) -> Announcer:
-    return Announcer([sent], hand_clock, Limits(), live=True)
+def publisher(sent: Sent, hand_clock: Any) -> ReportPublisher:
+    return ReportPublisher([sent], hand_clock, Limits(), live=True)
 
 
 def test_a_report_has_frame_time_age_and_latency(
-    announcer: Announcer, sent: Sent, hand_clock: Any
+    publisher: ReportPublisher, sent: Sent, hand_clock: Any
 ) -> None:
     frame = a_frame(hand_clock, 7)
     hand_clock.now += 0.1  # it waits
-    announcer.take_up(frame)
+    publisher.begin(frame)
     hand_clock.now += 0.03  # it is judged
-    report = announcer.say(frame, Judgement(EMPTY))
+    report = publisher.publish(frame, Judgement(EMPTY))
     assert sent.reports == [report] and report.seq == 1 and report.frame == 7
     assert report.t == frame.t
     assert report.age_ms == pytest.approx(130) and report.latency_ms == pytest.approx(30)
@@ -68,15 +68,15 @@ def test_a_report_has_frame_time_age_and_latency(
     ("waits_s", "takes_s", "reason"), [(0.6, 0.01, Reason.STALE), (0.3, 0.3, Reason.LATE)]
 )
 def test_an_old_clear_is_unknown_and_an_old_obstacle_stays(
-    announcer: Announcer, hand_clock: Any, waits_s: float, takes_s: float, reason: Reason
+    publisher: ReportPublisher, hand_clock: Any, waits_s: float, takes_s: float, reason: Reason
 ) -> None:
     said = []
     for verdict in (EMPTY, FULL, BLIND):
         frame = a_frame(hand_clock)
         hand_clock.now += waits_s
-        announcer.take_up(frame)
+        publisher.begin(frame)
         hand_clock.now += takes_s
-        said.append(announcer.say(frame, Judgement(verdict)).verdict)
+        said.append(publisher.publish(frame, Judgement(verdict)).verdict)
     assert [(one.status, one.reason) for one in said] == [
         (UNKNOWN, reason),
         (OBSTACLE, reason),
@@ -86,34 +86,34 @@ def test_an_old_clear_is_unknown_and_an_old_obstacle_stays(
 
 
 def test_the_time_of_day_has_no_say_in_a_frame_s_age(
-    announcer: Announcer, hand_clock: Any, monkeypatch: pytest.MonkeyPatch
+    publisher: ReportPublisher, hand_clock: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frame = a_frame(hand_clock)
     monkeypatch.setattr(hand_clock, "time", lambda: 0.0)  # set back by years
-    announcer.take_up(frame)
+    publisher.begin(frame)
     hand_clock.now += 0.02
-    report = announcer.say(frame, Judgement(EMPTY))
+    report = publisher.publish(frame, Judgement(EMPTY))
     assert report.age_ms == pytest.approx(20) and report.verdict.status == CLEAR
 
 
 def test_silence_is_broken_by_unknown_with_the_reason(
-    announcer: Announcer, sent: Sent, hand_clock: Any
+    publisher: ReportPublisher, sent: Sent, hand_clock: Any
 ) -> None:
     hand_clock.now += 0.49
-    announcer.heartbeat()
+    publisher.heartbeat()
     assert not sent.reports
     hand_clock.now += 0.02
-    announcer.heartbeat()
-    announcer.heartbeat()
+    publisher.heartbeat()
+    publisher.heartbeat()
     assert [report.verdict.reason for report in sent.reports] == [Reason.NO_FRAME]
     assert sent.reports[0].t is None and sent.reports[0].frame is None
     frame = a_frame(hand_clock, 3)
-    announcer.take_up(frame)
+    publisher.begin(frame)
     hand_clock.now += 0.6
-    announcer.heartbeat()
-    announcer.say(frame, Judgement(FULL))
+    publisher.heartbeat()
+    publisher.publish(frame, Judgement(FULL))
     hand_clock.now += 0.6
-    announcer.heartbeat()
+    publisher.heartbeat()
     assert [report.verdict.reason for report in sent.reports] == [
         Reason.NO_FRAME,
         Reason.STALLED,
@@ -126,29 +126,31 @@ def test_silence_is_broken_by_unknown_with_the_reason(
     assert last.age_ms == pytest.approx(1200)
     assert last.verdict.health == "no frame judged for 0.6 s"
     hand_clock.now += 0.6
-    announcer.heartbeat()
+    publisher.heartbeat()
     assert sent.reports[-1].verdict.health == "no frame judged for 1.2 s"
-    assert announcer.heartbeats() == [sent.reports[index] for index in (0, 1, 3, 4)]
-    assert announcer.heartbeats() == []
+    assert publisher.heartbeats() == [sent.reports[index] for index in (0, 1, 3, 4)]
+    assert publisher.heartbeats() == []
 
 
-def test_frames_that_there_was_no_time_for_are_told(announcer: Announcer, hand_clock: Any) -> None:
+def test_frames_that_there_was_no_time_for_are_told(
+    publisher: ReportPublisher, hand_clock: Any
+) -> None:
     frame = a_frame(hand_clock)
-    announcer.take_up(frame)
-    report = announcer.say(frame, Judgement(EMPTY), left_out=2)
+    publisher.begin(frame)
+    report = publisher.publish(frame, Judgement(EMPTY), left_out=2)
     assert (report.verdict.status, report.verdict.reason) == (CLEAR, Reason.OVERLOAD)
     assert report.verdict.health == "overload: no time for 2 frames before this one"
-    announcer.take_up(frame)
-    blind = announcer.say(frame, Judgement(BLIND), left_out=1)
+    publisher.begin(frame)
+    blind = publisher.publish(frame, Judgement(BLIND), left_out=1)
     assert blind.verdict.reason is Reason.DARK and "no time for 1 frame" in blind.verdict.health
 
 
 def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent: Sent, hand_clock: Any) -> None:
-    announcer = Announcer([sent], hand_clock, Limits(), live=False)
+    publisher = ReportPublisher([sent], hand_clock, Limits(), live=False)
     frame = a_frame(hand_clock)
-    announcer.take_up(frame)
+    publisher.begin(frame)
     hand_clock.now += 10
-    assert announcer.say(frame, Judgement(EMPTY)).verdict.status == CLEAR
+    assert publisher.publish(frame, Judgement(EMPTY)).verdict.status == CLEAR
 
 
 @given(
@@ -158,7 +160,7 @@ def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent: Sent, hand_clock: An
     st.floats(0.01, 10),
 )
 def test_age_never_makes_a_clear(verdict: Any, age_s: float, part: float, stale_s: float) -> None:
-    said = aged(verdict, age_s, part * age_s, stale_s)
+    said = mark_stale(verdict, age_s, part * age_s, stale_s)
     assert said.status != CLEAR or (verdict.status == CLEAR and age_s <= stale_s)
     assert (said.status == OBSTACLE) == (verdict.status == OBSTACLE)
     assert said.status != UNKNOWN or said.reason is not Reason.OK

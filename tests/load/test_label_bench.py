@@ -1,4 +1,4 @@
-"""`tokt bench --label`: everything is measured, and what cannot be is told. No speed is tested."""
+"""`make page-times`: everything is measured, and what cannot be is told. No speed is tested."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from typing import Any
 
 import cv2
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.mission import open_mission
-from tokt.labels.store import LabelStore
-from tokt.training.bench.browser import chromium
-from tokt.training.bench.effort_person import Effort, Way
-from tokt.training.bench.effort_plan import Tools
-from tokt.training.bench.label_chart import label_chart_png
-from tokt.training.bench.label_mission import label_all, link_frames
-from tokt.training.bench.label_server import label_server
-from tokt.training.bench.label_table import print_label_tables
-from tokt.training.bench.timing import WORST, Timing
+
+from tests.load.effort.person import LabellingEffort, Workflow
+from tests.load.effort.plan import Tools
+from tests.load.page.bench import print_label_tables
+from tests.load.page.browser import chromium
+from tests.load.page.chart import label_chart_png
+from tests.load.page.mission import label_all, link_frames
+from tests.load.page.server import label_server
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import open_mission
+from tokt.labels.store.store import LabelStore
+
+from .timing import WORST, Timing
 
 TIMES = [
     "first_page",
@@ -46,16 +48,15 @@ ABOUT = {
 }
 
 
-@pytest.mark.slow
 def test_everything_a_person_waits_for_is_measured(
-    tiny: Any, run_tokt: Callable[..., Any], tmp_path: Path
+    tiny: Any, run_load: Callable[..., Any], tmp_path: Path
 ) -> None:
     pytest.importorskip("playwright", reason="Playwright is not installed (extra dev)")
     if not any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))):
         pytest.skip("no Chromium on this computer")
     out = tmp_path / "out"
     options = ("--quick", "--json", "--frames", 30, "--mission", tiny.path, "--out", out)
-    ran = run_tokt("bench", "--label", *options)
+    ran = run_load("page", *options)
     assert ran.code == 0, ran.err
     found = json.loads(ran.out)
     assert [time["name"] for time in found["times"]] == TIMES
@@ -77,9 +78,9 @@ def test_a_time_is_held_against_what_is_asked() -> None:
     assert Timing("x", "", times).holds is None
 
 
-def an_effort(with_model: int, wrong: list[str]) -> Effort:
-    way = Way("clicks", "a click a patch", Tools(False, False, True), unsure=False, asked=5.0)
-    return Effort(way, [60, 40], [with_model, 10], wrong)
+def an_effort(with_model: int, wrong: list[str]) -> LabellingEffort:
+    way = Workflow("clicks", "a click a patch", Tools(False, False, True), unsure=False, asked=5.0)
+    return LabellingEffort(way, [60, 40], [with_model, 10], wrong)
 
 
 def test_the_effort_is_added_up_over_the_halves() -> None:
@@ -120,10 +121,10 @@ def test_every_patch_of_the_long_mission_gets_a_label(
 
 
 def test_without_playwright_its_name_is_told(
-    run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
+    run_load: Callable[..., Any], tmp_path: Path, monkeypatch: Any
 ) -> None:
     monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
-    ran = run_tokt("bench", "--label", "--quick", "--out", tmp_path / "out")
+    ran = run_load("page", "--quick", "--out", tmp_path / "out")
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith("tokt: error: measuring the page needs Playwright")
     assert ran.err.count("\n") == 1 and not (tmp_path / "out").exists()
@@ -148,10 +149,10 @@ def test_a_server_that_ends_is_told_with_its_last_words(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [("--labels", "l.csv"), ("--out", "file")])
 def test_options_that_cannot_be_used(
-    options: tuple[str, str], run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
+    options: tuple[str, str], run_load: Callable[..., Any], tmp_path: Path, monkeypatch: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("mine")
-    ran = run_tokt("bench", "--label", *options)
+    ran = run_load("page", *options)
     assert ran.code == 2 and ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
     assert Path("file").read_text() == "mine"

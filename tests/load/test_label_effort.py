@@ -13,20 +13,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from tokt.features.errors import ToktError
-from tokt.features.grid import DEFAULT_GRID
-from tokt.features.mission import open_mission
-from tokt.labels.store import FILE_NAME, LabelStore
+
+from tests.load.effort.effort import WAYS
+from tests.load.effort.halves import Labelled, labelled, two_halves
+from tests.load.effort.page import FREE, NONE, HeldLabels, Kinds, Page, PageAction, PageSuggestions
+from tests.load.effort.person import LabellingEffort, Person, Workflow
+from tests.load.effort.plan import ActionPlanner, LabellingTask, Tools
+from tests.load.effort.strokes import clicks, drags
+from tests.load.page.browser import chromium
+from tests.load.page.mission import copy_frames
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import open_mission
+from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.bench.browser import chromium
-from tokt.training.bench.effort_halves import Labelled, labelled, two_halves
-from tokt.training.bench.effort_page import FREE, NONE, Action, Held, Kinds, Page, Suggestions
-from tokt.training.bench.effort_person import Effort, Person, Way
-from tokt.training.bench.effort_plan import Planner, Task, Tools
-from tokt.training.bench.label_effort import WAYS
-from tokt.training.bench.label_mission import copy_frames
-from tokt.training.bench.strokes import clicks, drags
-from tokt.training.mission_source import read_labels
+from tokt.training.datasets.mission_source import read_labels
 
 GRID = (3, 4)
 CELLS = GRID[0] * GRID[1]
@@ -74,7 +75,7 @@ def test_a_click_paints_one_patch(need: Any) -> None:
 
 
 @st.composite
-def problems(draw: Any) -> tuple[Task, Suggestions | None]:
+def problems(draw: Any) -> tuple[LabellingTask, PageSuggestions | None]:
     """Up to seven frames with labels, some of which do not matter, perhaps with a model."""
     count = draw(st.integers(1, 7))
     labels = npst.arrays(np.int16, (count, CELLS), elements=st.integers(CLEAR, UNSURE))
@@ -82,16 +83,18 @@ def problems(draw: Any) -> tuple[Task, Suggestions | None]:
     target[draw(npst.arrays(bool, (count, CELLS)))] = FREE
     if draw(st.booleans()):  # many frames alike
         target[:] = target[0]
-    task = Task(target, GRID, CLEAR, draw(st.integers(1, 4)))
+    task = LabellingTask(target, GRID, CLEAR, draw(st.integers(1, 4)))
     if draw(st.booleans()):
         return task, None
     values = draw(npst.arrays(float, (count, CELLS), elements=st.floats(-4, 4)))
     steps = draw(st.lists(st.integers(1, 8), min_size=count, max_size=count))
     numbers = tuple(int(number) for number in np.cumsum(steps))
-    return task, Suggestions(values, numbers, KINDS, draw(st.sampled_from((0.0, 1.0, 2.5))))
+    return task, PageSuggestions(values, numbers, KINDS, draw(st.sampled_from((0.0, 1.0, 2.5))))
 
 
-def perform(task: Task, suggestions: Suggestions | None, plan: list[Action]) -> Page:
+def perform(
+    task: LabellingTask, suggestions: PageSuggestions | None, plan: list[PageAction]
+) -> Page:
     """The page after a plan."""
     page = Page(np.full(task.target.shape, NONE, np.int16), suggestions, CLEAR, task.sheet_frames)
     for action in plan:
@@ -102,10 +105,10 @@ def perform(task: Task, suggestions: Suggestions | None, plan: list[Action]) -> 
 @given(problems(), st.sampled_from(EVERY_TOOLS))
 @settings(deadline=None, max_examples=60)
 def test_a_plan_gives_the_labels_asked_for(
-    problem: tuple[Task, Suggestions | None], tools: Tools
+    problem: tuple[LabellingTask, PageSuggestions | None], tools: Tools
 ) -> None:
     task, suggestions = problem
-    plan = Planner(task, tools).plan(suggestions)
+    plan = ActionPlanner(task, tools).plan(suggestions)
     labels = perform(task, suggestions, plan).labels
     matters = task.target != FREE
     np.testing.assert_array_equal(labels[matters], task.target[matters])
@@ -114,7 +117,7 @@ def test_a_plan_gives_the_labels_asked_for(
     assert tools.copying or not kinds & {"copy", "paint_all"}
     assert tools.drags or all(len(action.path) <= 1 for action in plan)
     slack = len(task.target)  # each frame in its cheapest way may need one more class key
-    assert len(plan) <= len(Planner(task, CLICKS).plan(None)) + slack
+    assert len(plan) <= len(ActionPlanner(task, CLICKS).plan(None)) + slack
 
 
 def one(rows: list[str]) -> Any:
@@ -123,9 +126,9 @@ def one(rows: list[str]) -> Any:
     return np.array([[meaning[sign] for row in rows for sign in row]], np.int16)
 
 
-def kinds_of(target: Any, tools: Tools, suggestions: Suggestions | None = None) -> list[str]:
-    task = Task(target, GRID, CLEAR, 4)
-    return [action.kind for action in Planner(task, tools).plan(suggestions)]
+def kinds_of(target: Any, tools: Tools, suggestions: PageSuggestions | None = None) -> list[str]:
+    task = LabellingTask(target, GRID, CLEAR, 4)
+    return [action.kind for action in ActionPlanner(task, tools).plan(suggestions)]
 
 
 DRAGS, CLICKS = Tools(True, False, False), Tools(False, False, False)
@@ -147,7 +150,7 @@ def test_the_fewest_actions_for_what_a_person_sees_at_once() -> None:
 def test_suggestions_that_are_right_cost_one_key_a_frame_or_a_sheet() -> None:
     target = one([".T..", ".TT.", "..T."]).repeat(6, axis=0)
     values = np.where(target == TOWER, 1.0, -1.0)
-    says = Suggestions(values, tuple(range(6)), KINDS, 2.0)
+    says = PageSuggestions(values, tuple(range(6)), KINDS, 2.0)
     assert kinds_of(target, CLICKS, says) == ["accept"] * 6
     assert kinds_of(target, Tools(False, False, True), says) == ["sheet", "accept", "accept"]
 
@@ -155,11 +158,11 @@ def test_suggestions_that_are_right_cost_one_key_a_frame_or_a_sheet() -> None:
 def test_what_was_corrected_is_kept_in_the_frames_after_it() -> None:
     target = one([".T..", "....", "...."]).repeat(4, axis=0)
     values = np.full(target.shape, -1.0)
-    far = Suggestions(values, (1, 2, 3, 9), KINDS, 2.0)
+    far = PageSuggestions(values, (1, 2, 3, 9), KINDS, 2.0)
     assert kinds_of(target, CLICKS, far).count("paint") == 2  # once more behind the gap
-    alone = Suggestions(values, (1, 2, 3, 4), KINDS, 0.0)
+    alone = PageSuggestions(values, (1, 2, 3, 4), KINDS, 0.0)
     assert kinds_of(target, CLICKS, alone).count("paint") == 4
-    sure = Suggestions(values * 3, (1, 2, 3, 4), KINDS, 2.0)
+    sure = PageSuggestions(values * 3, (1, 2, 3, 4), KINDS, 2.0)
     assert kinds_of(target, CLICKS, sure).count("paint") == 4
 
 
@@ -167,8 +170,8 @@ def followed(mine: bool) -> Any:
     """What is suggested in the second of two frames, and whether it goes back to a label."""
     before = np.array([UNSURE, UNSURE, UNSURE, TOWER, TOWER, REEF, CLEAR, CLEAR, NONE, NONE, 0, 0])
     values = np.array([[2.0, -2.0, 2.1, -1.9, -2.0, 9.0, 1.9, 2.0, 0.1, -9.0, 0.0, -3.0]])
-    says = Suggestions(values.repeat(2, axis=0), (1, 2), KINDS, 2.0)
-    return says.of(1, Held(before.astype(np.int16), np.full(CELLS, mine) & (before != NONE)))
+    says = PageSuggestions(values.repeat(2, axis=0), (1, 2), KINDS, 2.0)
+    return says.of(1, HeldLabels(before.astype(np.int16), np.full(CELLS, mine) & (before != NONE)))
 
 
 def test_what_held_before_is_kept_while_the_model_does_not_contradict_it() -> None:
@@ -187,7 +190,7 @@ def test_what_nobody_said_is_not_kept_against_an_obstacle() -> None:
 def test_only_frames_behind_a_label_of_mine_follow() -> None:
     values = np.array([[-1.0] * CELLS, [1.0] * CELLS, [-1.0] * CELLS])
     page = Page(
-        np.full((3, CELLS), NONE, np.int16), Suggestions(values, (1, 2, 3), KINDS, 2.0), 0, 3
+        np.full((3, CELLS), NONE, np.int16), PageSuggestions(values, (1, 2, 3), KINDS, 2.0), 0, 3
     )
     assert page.suggested(2).tolist() == [CLEAR] * CELLS
     page.labels[1, 0] = REEF
@@ -201,7 +204,7 @@ def test_only_frames_behind_a_label_of_mine_follow() -> None:
 def test_the_page_knows_no_other_action() -> None:
     page = Page(np.full((1, CELLS), NONE, np.int16), None, CLEAR, 4)
     with pytest.raises(ValueError, match="no action 'dance'"):
-        page.perform(Action("dance"))
+        page.perform(PageAction("dance"))
 
 
 @pytest.mark.parametrize(
@@ -240,17 +243,16 @@ def table(tiny: Any) -> Labelled:
 
 HELD = [8, 9, 20]
 FRAME_BY_FRAME = next(way for way in WAYS if way.name == "frames")
-EVERYTHING = Way("everything", "all tools", Tools(True, True, True), unsure=True)
+EVERYTHING = Workflow("everything", "all tools", Tools(True, True, True), unsure=True)
 
 
-@pytest.mark.slow
 def test_plans_performed_in_the_browser_give_the_labels(
     browser: Any, tiny: Any, tiny_bundle: Path, table: Labelled, tmp_path: Path
 ) -> None:
     copy_frames(open_mission(tiny.path), HELD, tmp_path / "held")
     person = Person(browser, tmp_path / "held", tmp_path, HELD, table)
     assert person.sheet_frames() == len(HELD)
-    everything, frames = Effort(EVERYTHING), Effort(FRAME_BY_FRAME)
+    everything, frames = LabellingEffort(EVERYTHING), LabellingEffort(FRAME_BY_FRAME)
     assert person.label(everything, None, keep=2.0) < 20
     assert person.label(frames, tiny_bundle, keep=2.0) > len(HELD)
     assert everything.wrong == frames.wrong == []

@@ -13,13 +13,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.mission import open_mission
-from tokt.training.bench import scale_run, scale_steps
-from tokt.training.bench.scale_mission import ScaleMission
-from tokt.training.bench.scale_run import Growth, worked_out
-from tokt.training.bench.scale_steps import FIT, TRIAL, Steps
-from tokt.training.bench.scale_watch import Cost, watched
+
+from tests.load.scale import run as scale_run
+from tests.load.scale import steps as scale_steps
+from tests.load.scale.cost import Cost, watched
+from tests.load.scale.mission import ScaleMission
+from tests.load.scale.run import CostGrowth, worked_out
+from tests.load.scale.steps import FIT, TRIAL, Steps
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import open_mission
 
 HEAVY = """
 import json, subprocess, sys, time
@@ -48,12 +50,12 @@ def in_this_process(command: list[str]) -> list[Cost]:
     ]
 
 
-def test_every_step_is_measured_on_what_was_rendered(run_tokt, tmp_path, monkeypatch):
+def test_every_step_is_measured_on_what_was_rendered(run_load, tmp_path, monkeypatch):
     monkeypatch.setattr(scale_run, "watched", in_this_process)
     monkeypatch.setattr(scale_steps, "EXTRACTOR", "lbp")  # a quarter of the features
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     out = tmp_path / "out"
-    ran = run_tokt("bench", "--scale", "--quick", "--frames", 100, "--out", out, "--json")
+    ran = run_load("scale", "--quick", "--frames", 100, "--out", out, "--json")
     assert ran.code == 0, ran.err
     found = json.loads(ran.out)
     assert json.loads((out / "scale.json").read_text()) == found
@@ -105,7 +107,7 @@ def test_a_step_that_fails_is_said_in_its_own_words():
 def test_growth_and_what_is_worked_out_from_it():
     sizes = (10_000, 100_000, 1_000_000)
     costs = tuple(Cost("fit", 3e-9 * n**1.5, 1.0, 100.0) for n in sizes)
-    assert math.isclose(Growth("fit", sizes, costs).exponent, 1.5)
+    assert math.isclose(CostGrowth("fit", sizes, costs).exponent, 1.5)
     before = [Cost(FIT, 2.0, 1.0, 1.0), Cost(TRIAL, 100.0, 90.0, 1.0, {"fits": 85})]
     assert worked_out(before, [Cost(FIT, 4.0, 1.0, 9.0)]) is None  # short enough to be measured
     assert worked_out(None, [Cost(FIT, 4000.0, 1.0, 9.0)]) is None  # nothing to go by
@@ -114,11 +116,9 @@ def test_growth_and_what_is_worked_out_from_it():
     assert (found.seconds, found.facts) == (3000.0, {"fits": 85, "worked_out": True})
 
 
-def test_too_little_room_and_too_few_frames_are_said_before_the_work(run_tokt, monkeypatch):
-    ran = run_tokt("bench", "--scale", "--frames", 99)
+def test_too_little_room_and_too_few_frames_are_said_before_the_work(run_load, monkeypatch):
+    ran = run_load("scale", "--frames", 99)
     assert ran.code == 2 and "at least 100" in ran.err
-    ran = run_tokt("bench", "--scale", "--label")
-    assert ran.code == 2 and "--scale renders its own mission" in ran.err
     monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=10**9))
-    ran = run_tokt("bench", "--scale")
+    ran = run_load("scale")
     assert ran.code == 2 and "1.0 GB are free" in ran.err

@@ -1,4 +1,4 @@
-"""`tokt bench --soak`: a short one through the real programs, and what its figures are made of."""
+"""`make soak`: a short one through the real programs, and what its figures are made of."""
 
 from __future__ import annotations
 
@@ -12,38 +12,40 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.inference.limits import Limits
-from tokt.inference.policy import judge_image
+
+from tests.load.soak import soak_size
+from tests.load.soak.figures import growth, percentiles_ms
+from tests.load.soak.plan import EXPECTED, FrameKind, number_of, plan, time_of
+from tests.load.soak.process_monitor import counted
+from tests.load.soak.receiver import Truth
+from tests.load.soak.synthetic_frames import PICTURES, bundles, dark, near, water
+from tokt.inference.config import Limits
+from tokt.inference.outputs.udp import encode_v1, encode_v2
+from tokt.inference.policy.policy import judge_image
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
-from tokt.inference.udp import encode_v1, encode_v2
 from tokt.inference.verdict import CLEAR, OBSTACLE, Verdict, unknown_verdict, verdict_from_mask
-from tokt.training.bench import soak_extent
-from tokt.training.bench.soak_figures import growth, percentiles_ms
-from tokt.training.bench.soak_plan import EXPECTED, Kind, number_of, plan, time_of
-from tokt.training.bench.soak_receiver import Truth
-from tokt.training.bench.soak_watch import counted
-from tokt.training.bench.soak_world import PICTURES, bundles, dark, near, water
 
 HELD_ON_ANY_MACHINE = {"frames", "datagrams", "verdicts", "heartbeats", "hot reloads", "log"}
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_a_short_soak(
-    run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run_load: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    short = replace(soak_extent.QUICK, frames=300, bare_frames=50, kills=0, rest_s=1e-3)
+    short = replace(soak_size.QUICK, frames=300, bare_frames=50, kills=0, rest_s=1e-3)
     short = replace(short, pause_every_s=0.3, pause_s=0.6, exchange_every_s=0.2, log_mb=0.05)
-    short = replace(short, look_every_s=0.2)
-    monkeypatch.setattr(soak_extent, "QUICK", short)
-    ran = run_tokt("bench", "--soak", "--quick", "--json", "--out", tmp_path / "out")
+    short = replace(short, look_every_s=1.0)  # few looks, also on a busy machine: no growth
+    monkeypatch.setattr(soak_size, "QUICK", short)
+    ran = run_load("soak", "--quick", "--json", "--out", tmp_path / "out")
     found = json.loads(ran.out)
     checks = {check["name"]: check for check in found["checks"]}
     assert [checks[name] for name in HELD_ON_ANY_MACHINE if not checks[name]["holds"]] == []
     assert ran.code == (0 if found["holds"] else 1)
     assert found["loop"]["summary"]["frames"] == found["heard"]["of_water"] + sum(
-        found["heard"].get(f"of_{kind.name.lower()}", 0) for kind in Kind if kind is not Kind.WATER
+        found["heard"].get(f"of_{kind.name.lower()}", 0)
+        for kind in FrameKind
+        if kind is not FrameKind.WATER
     )
     assert found["loop"]["pauses"] > 0 and found["heard"]["heartbeats"] > 0
     assert found["heard"]["compared_v1"] > 250
@@ -52,12 +54,6 @@ def test_a_short_soak(
     assert json.loads((tmp_path / "out" / "soak.json").read_text()) == found
     chart = cv2.imread(str(tmp_path / "out" / "soak.png"))
     assert chart is not None and min(chart.shape[:2]) > 400
-
-
-@pytest.mark.parametrize("other", ["--scale", "--label", "--effort"])
-def test_a_soak_goes_with_no_other_bench(other: str, run_tokt: Callable[..., Any]) -> None:
-    ran = run_tokt("bench", "--soak", other)
-    assert ran.code == 2 and ran.err.startswith("tokt: error: --soak renders its own frames")
 
 
 def test_the_model_tells_the_pictures_apart() -> None:
@@ -72,14 +68,14 @@ def test_the_model_tells_the_pictures_apart() -> None:
 def test_a_plan_is_the_same_for_all_and_holds_every_kind() -> None:
     kinds = plan(20_000)
     assert np.array_equal(kinds[:5000], plan(5000)) and len(kinds) == 20_000
-    assert set(kinds.tolist()) == set(map(int, Kind)) == set(map(int, EXPECTED))
+    assert set(kinds.tolist()) == set(map(int, FrameKind)) == set(map(int, EXPECTED))
     assert [number_of(time_of(number)) for number in (0, 1, 999_999)] == [0, 1, 999_999]
     # A picture is repeated as often as it may be, and only then is it frozen.
-    starts = np.flatnonzero((kinds[1:] == Kind.FROZEN) & (kinds[:-1] != Kind.FROZEN)) + 1
+    starts = np.flatnonzero((kinds[1:] == FrameKind.FROZEN) & (kinds[:-1] != FrameKind.FROZEN)) + 1
     repeats = Limits().frozen_repeats
     for start in starts.tolist():
-        assert set(kinds[start - repeats : start].tolist()) == {int(Kind.SAME)}
-        assert kinds[start - repeats - 1] == Kind.WATER
+        assert set(kinds[start - repeats : start].tolist()) == {int(FrameKind.SAME)}
+        assert kinds[start - repeats - 1] == FrameKind.WATER
 
 
 def test_percentiles_are_of_all_times() -> None:
@@ -120,10 +116,12 @@ def hear(truth: Truth, said: Report, now: float, v1: Verdict | None = None) -> N
 
 def test_the_receiver_sees_what_is_wrong() -> None:
     kinds = plan(3000)
-    where = {kind: int(np.flatnonzero(kinds == kind)[0]) for kind in (Kind.WATER, Kind.NEAR)}
+    where = {
+        kind: int(np.flatnonzero(kinds == kind)[0]) for kind in (FrameKind.WATER, FrameKind.NEAR)
+    }
     truth = Truth(3000, 0.7)
     hear(truth, report(1, 0, CLEAR_VERDICT), 10.0)
-    hear(truth, report(2, where[Kind.NEAR], OBSTACLE_VERDICT), 10.1)
+    hear(truth, report(2, where[FrameKind.NEAR], OBSTACLE_VERDICT), 10.1)
     assert truth.to_json() == {
         **{"datagrams": 2, "long_silences": 0, "of_water": 1, "of_near": 1},
         **{"compared_v1": 2, "different_v1": 0, "last_seq": 2, "unlike_the_plan": None},
@@ -132,7 +130,7 @@ def test_the_receiver_sees_what_is_wrong() -> None:
     stale = unknown_verdict(Fault(Reason.STALE, "no frame for 0.5 s"))
     truth.hear(encode_v2(Report(3, None, time_of(0), None, stale, 600.0)), None, 11.0)
     assert truth.found["heartbeats"] == 1 and truth.found["long_silences"] == 1
-    hear(truth, report(4, where[Kind.NEAR] + 1, CLEAR_VERDICT), 11.1)
+    hear(truth, report(4, where[FrameKind.NEAR] + 1, CLEAR_VERDICT), 11.1)
     assert truth.found["wrong_clear"] == 1
     hear(truth, report(5, 1, OBSTACLE_VERDICT), 11.2, v1=CLEAR_VERDICT)
     assert truth.found["wrong_obstacle"] == 1 and truth.found["different_v1"] == 1

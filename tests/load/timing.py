@@ -13,7 +13,7 @@ WORST = 100
 
 @dataclass(frozen=True)
 class Timing:
-    """What was measured of one thing that a person waits for.
+    """Times of one thing that a person waits for.
 
     Parameters
     ----------

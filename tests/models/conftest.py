@@ -8,13 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tokt.features.extractor import extractor_named
-from tokt.features.grid import Grid
-from tokt.models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+
+from tokt.features.extractors.extractor import extractor_named
+from tokt.features.frames.grid import Grid
+from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
-from tokt.models.operating_point import FrameRule, OperatingPoint
-from tokt.models.private_key import SigningKey, read_signing_key, write_key_pair
-from tokt.models.store import Store
+from tokt.models.operating_point import MofNRule, OperatingPoint
+from tokt.models.signing.private_key import SigningKey, read_signing_key, write_key_pair
+from tokt.models.store.store import Store
 
 TWO = (("ocean", False), ("other", True))
 
@@ -66,7 +67,7 @@ def small_content(
         ),
         trained_on=rng.integers(0, 2**63, 9).astype(np.uint64),
         card=f"# {name}/{seed}\n\nDrawn for a test: bølge.\n",
-        operating_point=OperatingPoint(FrameRule(0.25, 2, 1, 3), {"target_rate": 1e-4}),
+        operating_point=OperatingPoint(MofNRule(0.25, 2, 1, 3), {"target_rate": 1e-4}),
     )
 
 

@@ -15,16 +15,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.canonical import json_sha256
-from tokt.features.errors import ToktError
-from tokt.models.bundle import (
+
+from tests.models.signing.test_signature import members_of, zipped
+from tests.tiers import scaled
+from tokt.features.common.canonical import json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import (
     BundleContent,
     bundle_bytes,
     bundle_from_bytes,
     distribution_bytes,
     distribution_from_bytes,
 )
-from tokt.models.card import model_card
+from tokt.models.bundle.card import model_card
+from tokt.models.bundle.override_obstacle_classes import override_obstacle_classes
 from tokt.models.distribution import (
     BINS,
     Distribution,
@@ -33,9 +37,6 @@ from tokt.models.distribution import (
     ks_distances,
     quantile_edges,
 )
-from tokt.models.reflag import reflagged
-
-from .test_signature import members_of, zipped
 
 SEVERAL = (("ocean", False), ("sand", True), ("tower", True))
 # Few different values (many patches of one value, as histograms have), or many.
@@ -67,7 +68,7 @@ def exact_ks(one: list[float], other: list[float]) -> float:
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=scaled(150))
 @given(trained=VALUES, seen=VALUES)
 def test_the_distance_is_the_exact_one_but_for_what_the_bins_resolve(
     trained: list[float], seen: list[float]
@@ -82,7 +83,7 @@ def test_the_distance_is_the_exact_one_but_for_what_the_bins_resolve(
     assert exact - 2 / BINS - 1e-12 <= found[0] <= exact + 1e-12
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 @given(seed=st.integers(0, 2**32 - 1), dim=st.integers(1, 9), n=st.integers(1, 30))
 def test_bins_are_counted_as_one_feature_at_a_time_would(seed: int, dim: int, n: int) -> None:
     rng = np.random.default_rng(seed)
@@ -126,7 +127,7 @@ def test_other_obstacle_flags_keep_it(make_content: Callable[..., BundleContent]
     content = replace(make_content(2, classes=SEVERAL), distribution=distribution())
     bundle = bundle_from_bytes(bundle_bytes(content), "x.tokt")
     flags = {"ocean": False, "sand": False, "tower": True}
-    found = reflagged(bundle, flags, "flags.toml", "0" * 64)
+    found = override_obstacle_classes(bundle, flags, "flags.toml", "0" * 64)
     assert found.sha256 != bundle.sha256 and found.distribution is not None
     assert distribution_bytes(found.distribution) == distribution_bytes(distribution())
     assert "Input drift" in found.content.card and "90 windows" in found.content.card

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from tests.tiers import scaled
 from tokt.models.linear import LinearModel
 
 CLASSES = ("ocean", "sand", "reef", "wreck", "tower")
@@ -22,7 +24,7 @@ def _model(obstacle: tuple[bool, ...], thresholds: Any, dim: int = 4) -> LinearM
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=scaled(100))
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 60), st.floats(-8, 8))
 def test_folding_changes_nothing(seed: int, outputs: int, dim: int, size: float) -> None:
     rng = np.random.default_rng(seed)
@@ -54,7 +56,7 @@ def test_folding_of_well_scaled_features_is_exact_to_twelve_digits() -> None:
 excesses = st.floats(-100, 100, allow_nan=False)
 
 
-@settings(max_examples=200)
+@settings(max_examples=scaled(200))
 @given(
     st.sampled_from([(False, True), (False, False), (True, True)]),
     st.floats(-5, 5),
@@ -70,7 +72,7 @@ def test_two_classes(obstacle: tuple[bool, bool], threshold: float, column: list
     assert ((model.obstacle_score(values) > 0) == found).all()
 
 
-@settings(max_examples=300)
+@settings(max_examples=scaled(300))
 @given(st.data(), st.integers(2, 5))
 def test_several_classes(data: st.DataObject, n: int) -> None:
     obstacle = tuple(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)))

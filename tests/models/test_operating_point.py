@@ -9,24 +9,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
+
+from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import (
     CLEAR,
     OBSTACLE,
     UNKNOWN,
-    FrameRule,
-    FrameRuleState,
+    MofNRule,
+    MofNState,
     OperatingPoint,
 )
 
 RULES = st.integers(1, 5).flatmap(
     lambda window: st.builds(
-        FrameRule,
+        MofNRule,
         margin=st.floats(0, 10),
-        least_patches=st.integers(1, 4),
-        hits=st.integers(1, window),
-        window=st.just(window),
-        margin_now=st.none() | st.floats(10, 20),
+        min_patches=st.integers(1, 4),
+        m=st.integers(1, window),
+        n=st.just(window),
+        instant_margin=st.none() | st.floats(10, 20),
     )
 )
 PATCHES = 3
@@ -34,13 +35,13 @@ SCORES = st.lists(st.sampled_from([-1.0, 5.0, 15.0, 30.0]), min_size=PATCHES, ma
 FRAMES = st.lists(SCORES | st.none(), max_size=20)
 
 
-def _added(state: FrameRuleState, scores: list[float] | None) -> int:
+def _added(state: MofNState, scores: list[float] | None) -> int:
     return state.add(None if scores is None else np.array(scores))
 
 
-def _status_by_definition(rule: FrameRule, frames: list[list[float] | None], white: int) -> int:
+def _status_by_definition(rule: MofNRule, frames: list[list[float] | None], white: int) -> int:
     """Of the last frame; patch by patch, with what is not known once as nothing, once as over."""
-    window = ([None] * rule.window + frames)[-rule.window :]
+    window = ([None] * rule.n + frames)[-rule.n :]
     now = window[-1]
     if now is None:
         return UNKNOWN
@@ -48,10 +49,10 @@ def _status_by_definition(rule: FrameRule, frames: list[list[float] | None], whi
     for patch in range(PATCHES):
         over = sum(past is not None and past[patch] > rule.margin for past in window)
         open_ = sum(past is None for past in window)
-        certain += over >= rule.hits
-        possible += over > 0 and over + open_ >= rule.hits
-        strong += rule.margin_now is not None and now[patch] > rule.margin_now
-    needed = max(rule.least_patches, white)
+        certain += over >= rule.m
+        possible += over > 0 and over + open_ >= rule.m
+        strong += rule.instant_margin is not None and now[patch] > rule.instant_margin
+    needed = max(rule.min_patches, white)
     if certain >= needed or strong >= white:
         return OBSTACLE
     return UNKNOWN if possible >= needed else CLEAR
@@ -59,9 +60,9 @@ def _status_by_definition(rule: FrameRule, frames: list[list[float] | None], whi
 
 @given(RULES, FRAMES, st.sampled_from([1, 1, 2]))
 def test_the_states_are_those_of_the_definition(
-    rule: FrameRule, frames: list[list[float] | None], white: int
+    rule: MofNRule, frames: list[list[float] | None], white: int
 ) -> None:
-    state = FrameRuleState(rule)
+    state = MofNState(rule)
 
     statuses = [state.add(None if scores is None else np.array(scores), white) for scores in frames]
 
@@ -71,12 +72,12 @@ def test_the_states_are_those_of_the_definition(
 
 @given(RULES, FRAMES, st.integers(0, 8), FRAMES)
 def test_a_gap_is_as_many_frames_that_were_not_judged(
-    rule: FrameRule,
+    rule: MofNRule,
     before: list[list[float] | None],
     gap: int,
     after: list[list[float] | None],
 ) -> None:
-    skipped, added = FrameRuleState(rule), FrameRuleState(rule)
+    skipped, added = MofNState(rule), MofNState(rule)
     for scores in before:
         _added(skipped, scores), _added(added, scores)
     skipped.skip(gap)
@@ -90,10 +91,10 @@ def test_a_gap_is_as_many_frames_that_were_not_judged(
 
 @given(RULES, st.lists(st.tuples(SCORES, st.booleans()), max_size=20))
 def test_frames_not_judged_turn_no_obstacle_that_was_seen_into_clear(
-    rule: FrameRule, frames: list[tuple[list[float], bool]]
+    rule: MofNRule, frames: list[tuple[list[float], bool]]
 ) -> None:
     """Each frame: its scores, and whether it could be judged."""
-    full, partly = FrameRuleState(rule), FrameRuleState(rule)
+    full, partly = MofNState(rule), MofNState(rule)
     seen: list[NDArray[np.bool_]] = []
 
     for scores, judged in frames:
@@ -101,29 +102,29 @@ def test_frames_not_judged_turn_no_obstacle_that_was_seen_into_clear(
         told = _added(partly, scores if judged else None)
         seen.append(judged & (np.array(scores) > rule.margin))
         # The patches that are confirmed were over in a frame of the window that was judged.
-        of_window = np.any(seen[-rule.window :], axis=0)
-        shown = np.count_nonzero(full.confirmed & of_window) >= rule.least_patches
+        of_window = np.any(seen[-rule.n :], axis=0)
+        shown = np.count_nonzero(full.confirmed & of_window) >= rule.min_patches
         if not judged or (shown and truth == OBSTACLE):
             assert told != CLEAR
 
 
 def test_a_patch_seen_before_a_gap_and_not_now_is_not_clear_yet() -> None:
     """With the frame in the gap known it might have been 2 of 3."""
-    state = FrameRuleState(FrameRule(0.5, 1, 2, 3))
+    state = MofNState(MofNRule(0.5, 1, 2, 3))
     frames = ([0.0], [0.0], [1.0], None, [0.0], [0.0])
     assert [_added(state, scores) for scores in frames] == [0, 0, 0, -1, -1, 0]
 
 
 def test_by_default_any_patch_over_its_threshold_is_an_obstacle_at_once() -> None:
-    rule, state = FrameRule(), FrameRuleState(FrameRule())
+    rule, state = MofNRule(), MofNState(MofNRule())
     frames = ([-1.0, 1e-12], [-1.0, 0.0], None)
     assert [_added(state, scores) for scores in frames] == [OBSTACLE, CLEAR, UNKNOWN]
     assert rule.latency_frames == 0
 
 
 def test_what_moves_from_patch_to_patch_is_not_confirmed_and_what_stays_is() -> None:
-    rule = FrameRule(0.5, 1, 2, 3)
-    moving, staying = FrameRuleState(rule), FrameRuleState(rule)
+    rule = MofNRule(0.5, 1, 2, 3)
+    moving, staying = MofNState(rule), MofNState(rule)
     nothing = [0.0, 0.0, 0.0]
     for state in (moving, staying):
         assert [_added(state, nothing) for _ in range(3)] == [CLEAR] * 3
@@ -132,7 +133,7 @@ def test_what_moves_from_patch_to_patch_is_not_confirmed_and_what_stays_is() -> 
 
 
 def test_a_strong_patch_does_not_wait() -> None:
-    state = FrameRuleState(FrameRule(0.5, 2, 3, 3, margin_now=4.0))
+    state = MofNState(MofNRule(0.5, 2, 3, 3, instant_margin=4.0))
     for _ in range(3):
         _added(state, [0.0, 0.0, 0.0])
     assert _added(state, [0.0, 4.0, 0.0]) == CLEAR
@@ -141,7 +142,7 @@ def test_a_strong_patch_does_not_wait() -> None:
 
 
 @given(RULES)
-def test_an_operating_point_is_the_same_after_json(rule: FrameRule) -> None:
+def test_an_operating_point_is_the_same_after_json(rule: MofNRule) -> None:
     point = OperatingPoint(rule, {"target_rate": 1e-4})
     assert OperatingPoint.from_json(json.loads(json.dumps(point.to_json()))) == point
 
@@ -170,7 +171,7 @@ def test_an_operating_point_is_the_same_after_json(rule: FrameRule) -> None:
 )
 def test_a_rule_out_of_bounds_is_refused_in_words(wrong: dict[str, object]) -> None:
     with pytest.raises(ToktError, match="frame rule"):
-        FrameRule.from_json({**FrameRule().to_json(), **wrong})
+        MofNRule.from_json({**MofNRule().to_json(), **wrong})
 
 
 @pytest.mark.parametrize(
@@ -179,8 +180,8 @@ def test_a_rule_out_of_bounds_is_refused_in_words(wrong: dict[str, object]) -> N
         None,
         [],
         {"chosen": {}},
-        {**FrameRule().to_json(), "chosen": None},
-        {**FrameRule().to_json(), "chosen": {}, "more": 1},
+        {**MofNRule().to_json(), "chosen": None},
+        {**MofNRule().to_json(), "chosen": {}, "more": 1},
     ],
 )
 def test_what_is_no_operating_point_is_refused(value: object) -> None:
@@ -191,12 +192,12 @@ def test_what_is_no_operating_point_is_refused(value: object) -> None:
 @pytest.mark.parametrize(
     ("rule", "words"),
     [
-        (FrameRule(), "1 patch over the threshold, in one frame"),
+        (MofNRule(), "1 patch over the threshold, in one frame"),
         (
-            FrameRule(0.51234, 2, 2, 3),
+            MofNRule(0.51234, 2, 2, 3),
             "2 patches over the threshold by more than 0.5123, each in 2 of 3 frames",
         ),
     ],
 )
-def test_a_rule_can_be_read(rule: FrameRule, words: str) -> None:
+def test_a_rule_can_be_read(rule: MofNRule, words: str) -> None:
     assert rule.words() == words

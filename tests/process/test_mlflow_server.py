@@ -9,18 +9,18 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 import zipfile
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there already
+from tests.waiting import until
 
-_UP_S = 60
+pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there already
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +56,16 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
-    deadline = time.monotonic() + _UP_S
-    while time.monotonic() < deadline:
+    def answers() -> bool:
         assert process.poll() is None, log.read_text()
-        try:
-            with urllib.request.urlopen(url, timeout=2) as answer:
-                if answer.status == 200:
-                    return
-        except (urllib.error.URLError, ConnectionError, TimeoutError):
-            time.sleep(0.2)
-    raise AssertionError(f"no answer: {log.read_text()}")
+        with (
+            suppress(urllib.error.URLError, ConnectionError, TimeoutError),
+            urllib.request.urlopen(url, timeout=2) as answer,
+        ):
+            return bool(answer.status == 200)
+        return False
+
+    until(answers, log.read_text)
 
 
 def _without_ids(bundle: Path) -> dict[str, bytes]:
@@ -83,7 +83,6 @@ def _without_ids(bundle: Path) -> dict[str, bytes]:
     return {**content, "card.md": card, "manifest.json": json.dumps(manifest).encode()}
 
 
-@pytest.mark.slow
 def test_the_whole_way_through_a_server_gives_the_same(
     server, trained, tiny_bundle, tmp_path, run_tokt, monkeypatch
 ):

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 MISSION = Path(os.environ.get("TOKT_MISSION", ROOT.parent / "shared" / "mission" / "approach"))
 
 
@@ -35,7 +35,6 @@ def _check(result: dict, out: Path) -> None:
     assert result["champion"] == best
 
 
-@pytest.mark.slow
 def test_rendered_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
     out = tmp_path / "out"
     ran = run_tokt("demo", "--json", "--out", out, "--frames", 60, "--width", 360)
@@ -86,7 +85,6 @@ def test_an_earlier_demo_survives_a_wrong_command(
     assert (out / "report.html").read_text() == "earlier"
 
 
-@pytest.mark.slow
 @pytest.mark.mission
 @pytest.mark.skipif(not MISSION.is_dir(), reason=f"no real mission at {MISSION} (TOKT_MISSION)")
 def test_real_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from tokt.features.mission import open_mission
-from tokt.models.registry import Registry
-from tokt.training.metrics import first_of_three
+
+from tokt.features.frames.mission import open_mission
+from tokt.models.registry.registry import Registry
+from tokt.training.evaluation.metrics import first_of_three
 
 # The thesis trains on two images: of the dataset only the figures depend, not the model.
 FEW = "80-85,100-105,140-145,160-165,180-185,200-205"
@@ -19,7 +20,6 @@ CURVE_FRAMES = [*range(1, 131, 4), *range(131, 176), *range(176, 247, 4)]
 
 pytestmark = [
     pytest.mark.mission,
-    pytest.mark.slow,
     pytest.mark.xdist_group("real_mission"),  # what they share is made once
 ]
 

@@ -1,4 +1,4 @@
-"""How sure a figure is: whole blocks of frames are drawn anew, with replacement.
+"""Confidence intervals by a block bootstrap: blocks of frames are drawn with replacement.
 
 Patches of one block stand or fall together, so blocks are what is independent. A figure of a draw
 follows from counts that add up over blocks; with two models the same blocks are drawn for both (a
@@ -15,14 +15,14 @@ from scipy.stats import norm, t
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
-MOST_BLOCKS = 1000
-_MOST_THRESHOLDS = 4096
+MAX_BLOCKS = 1000
+_MAX_THRESHOLDS = 4096
 _Counts = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Difference:
-    """F1 of one model less F1 of another on the same patches.
+    """Difference of two models' F1 on the same patches, first less second.
 
     Parameters
     ----------
@@ -48,12 +48,12 @@ class Difference:
 def block_numbers(groups: NDArray[np.object_]) -> tuple[list[str], NDArray[np.int64]]:
     """Names of the blocks in order, and the number of each patch's block.
 
-    Beyond `MOST_BLOCKS` neighbours are joined: a thousand blocks say all there is to say about
+    Beyond `MAX_BLOCKS` neighbours are joined: a thousand blocks say all there is to say about
     the spread, and each further one costs.
     """
     names, block = np.unique(groups, return_inverse=True)
-    if len(names) > MOST_BLOCKS:
-        joined = np.arange(len(names)) * MOST_BLOCKS // len(names)
+    if len(names) > MAX_BLOCKS:
+        joined = np.arange(len(names)) * MAX_BLOCKS // len(names)
         first = np.flatnonzero(np.diff(joined, prepend=-1))
         names, block = names[first], joined[block]
     return [str(name) for name in names], np.asarray(block, np.int64)
@@ -108,9 +108,9 @@ def ranked_counts(
     average precision; of more than a few thousand, quantiles of them.
     """
     thresholds = np.unique(score[truth])
-    if len(thresholds) > _MOST_THRESHOLDS:
+    if len(thresholds) > _MAX_THRESHOLDS:
         thresholds = np.unique(
-            np.quantile(thresholds, np.linspace(0, 1, _MOST_THRESHOLDS), method="lower")
+            np.quantile(thresholds, np.linspace(0, 1, _MAX_THRESHOLDS), method="lower")
         )
     # The best threshold comes first; what is below them all adds to no precision.
     place = len(thresholds) - np.searchsorted(thresholds, score, side="right")
@@ -132,7 +132,7 @@ def average_precision(counts: _Counts) -> NDArray[np.float64]:
 
 
 def drawn_blocks(blocks: int, seed: int = 0, resamples: int = RESAMPLES) -> NDArray[np.float64]:
-    """How often each block was drawn in each resample, shape (resamples, blocks)."""
+    """Counts of each block in each resample, shape (resamples, blocks)."""
     rng = np.random.default_rng(seed)
     return np.asarray(rng.multinomial(blocks, np.full(blocks, 1 / blocks), resamples), np.float64)
 

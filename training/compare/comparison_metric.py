@@ -1,4 +1,4 @@
-"""The figure that models are compared by, from counts that add up over blocks."""
+"""The metric that models are compared by, from counts that add up over blocks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .bootstrap import class_counts, f1, macro_f1, obstacle_counts
 
 
 @dataclass(frozen=True)
-class Measure:
+class ComparisonMetric:
     """F1 of the obstacles, or the mean F1 of several classes.
 
     Parameters
@@ -24,7 +24,7 @@ class Measure:
     classes: int = 0
 
     @classmethod
-    def of(cls, obstacle: Sequence[bool]) -> Measure:
+    def of(cls, obstacle: Sequence[bool]) -> ComparisonMetric:
         """Of classes, each an obstacle or not: F1 has a meaning for two on two sides alone."""
         return cls(
             0 if len(obstacle) == 2 and any(obstacle) and not all(obstacle) else len(obstacle)

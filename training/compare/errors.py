@@ -1,4 +1,4 @@
-"""Where each model is wrong: along the dive, and the worst patches."""
+"""Errors of each model: along the dive, and the worst patches."""
 
 from __future__ import annotations
 
@@ -8,28 +8,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.mission import format_frames
-from .judged import Contender, Judged
+from tokt.features.frames.mission import format_frames
+
+from .predictions import ComparedModels, ModelPredictions
 
 MISS, FALSE_ALARM, WRONG_CLASS = "miss", "false alarm", "wrong class"
 KINDS = (MISS, FALSE_ALARM, WRONG_CLASS)
-_MOST_STRETCHES = 40
+_MAX_STRETCHES = 40
 _APART = 5  # frames
 _PICTURES = 24  # of all kinds but wrong classes, and of all models together
 
 
-def _wrong(judged: Judged, contender: Contender, kind: str) -> NDArray[np.bool_]:
+def _wrong(compared: ComparedModels, predictions: ModelPredictions, kind: str) -> NDArray[np.bool_]:
     """Obstacles not seen, obstacles where none is, or another class on the right side."""
-    said = contender.score > 0
+    said = predictions.score > 0
     if kind == MISS:
-        return judged.truth & ~said
+        return compared.truth & ~said
     if kind == FALSE_ALARM:
-        return ~judged.truth & said
-    same_side = judged.truth == said
-    return np.asarray(same_side & (contender.predicted != contender.targets))
+        return ~compared.truth & said
+    same_side = compared.truth == said
+    return np.asarray(same_side & (predictions.predicted != predictions.targets))
 
 
-def errors_by_stretch(judged: Judged) -> list[dict[str, Any]]:
+def errors_by_stretch(compared: ComparedModels) -> list[dict[str, Any]]:
     """Errors of each model in each block, in order; neighbours joined if there are many.
 
     Returns
@@ -38,23 +39,23 @@ def errors_by_stretch(judged: Judged) -> list[dict[str, Any]]:
         mission, frames, patches, obstacle, and models {label: {kind: patches}}; empty where
         patches do not come from frames.
     """
-    if not judged.has_frames:
+    if not compared.has_frames:
         return []
-    names, block = judged.blocks
+    names, block = compared.blocks
     wrong = {
-        item.label: {kind: _wrong(judged, item, kind) for kind in KINDS}
-        for item in judged.contenders
+        item.label: {kind: _wrong(compared, item, kind) for kind in KINDS}
+        for item in compared.models
     }
     rows = []
-    for part in np.array_split(np.arange(len(names)), min(len(names), _MOST_STRETCHES)):
+    for part in np.array_split(np.arange(len(names)), min(len(names), _MAX_STRETCHES)):
         mine = np.isin(block, part)
-        patches = judged.patches[mine]
+        patches = compared.patches[mine]
         rows.append(
             {
                 "mission": ", ".join(sorted(set(patches.mission))),
                 "frames": format_frames(patches.frame.unique().tolist()),
                 "patches": int(mine.sum()),
-                "obstacle": int(judged.truth[mine].sum()),
+                "obstacle": int(compared.truth[mine].sum()),
                 "models": {
                     label: {kind: int(found[mine].sum()) for kind, found in kinds.items()}
                     for label, kinds in wrong.items()
@@ -81,13 +82,15 @@ def words_on_stretches(label: str, rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def _worst(judged: Judged, contender: Contender, kind: str, count: int) -> list[int]:
+def _worst(
+    compared: ComparedModels, predictions: ModelPredictions, kind: str, count: int
+) -> list[int]:
     """Rows of the most certain errors, none close to another: neighbours show the same thing."""
-    wrong = np.flatnonzero(_wrong(judged, contender, kind))
-    order = wrong[np.argsort(-contender.certainty[wrong], kind="stable")]
-    if not judged.has_frames:
+    wrong = np.flatnonzero(_wrong(compared, predictions, kind))
+    order = wrong[np.argsort(-predictions.error_margin[wrong], kind="stable")]
+    if not compared.has_frames:
         return [int(row) for row in order[:count]]
-    keys = judged.patches[["mission", "camera", "frame"]].iloc[order]
+    keys = compared.patches[["mission", "camera", "frame"]].iloc[order]
     found: list[int] = []
     taken: list[tuple[str, str, int]] = []
     for row, key in zip(order.tolist(), keys.itertuples(index=False, name=None), strict=True):
@@ -99,7 +102,7 @@ def _worst(judged: Judged, contender: Contender, kind: str, count: int) -> list[
     return found
 
 
-def worst_errors(judged: Judged) -> list[dict[str, Any]]:
+def worst_errors(compared: ComparedModels) -> list[dict[str, Any]]:
     """The worst errors of each kind and model, far enough apart to differ.
 
     Returns
@@ -109,15 +112,15 @@ def worst_errors(judged: Judged) -> list[dict[str, Any]]:
         model: scores (decision value on the obstacle side, None where there are no sides) and
         said (class).
     """
-    count = max(2, _PICTURES // (2 * len(judged.contenders)))
+    count = max(2, _PICTURES // (2 * len(compared.models)))
     chosen: dict[tuple[str, int], list[str]] = {}
     for kind in KINDS:
-        for item in judged.contenders:
-            for row in _worst(judged, item, kind, count):
+        for item in compared.models:
+            for row in _worst(compared, item, kind, count):
                 chosen.setdefault((kind, row), []).append(item.label)
     found = []
     for (kind, row), of in chosen.items():
-        patch = judged.patches.iloc[row]
+        patch = compared.patches.iloc[row]
         found.append(
             {
                 "kind": kind,
@@ -128,9 +131,9 @@ def worst_errors(judged: Judged) -> list[dict[str, Any]]:
                 "row": int(patch.row),
                 "col": int(patch.col),
                 "label": str(patch.label),
-                "scores": {item.label: _finite(item.score[row]) for item in judged.contenders},
+                "scores": {item.label: _finite(item.score[row]) for item in compared.models},
                 "said": {
-                    item.label: item.classes[int(item.predicted[row])] for item in judged.contenders
+                    item.label: item.classes[int(item.predicted[row])] for item in compared.models
                 },
             }
         )

@@ -1,4 +1,4 @@
-"""What the page's threshold explorer works on: counts at many thresholds, ranks of all scores."""
+"""Data of the page's threshold explorer: counts at many thresholds, ranks of all scores."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.operating_point import FrameRule
+from tokt.models.operating_point import MofNRule
+
 from .frames import OBSTACLE_FRAME, OCEAN, sequences
-from .judged import Contender, Judged
+from .predictions import ComparedModels, ModelPredictions
 
 _STEPS = 250  # with the three that are added, a rank among them fits a byte
 _TAIL = 0.005  # of the obstacles' scores on either side; the slider's ends
 
 
 def _thresholds(
-    score: NDArray[np.float64], truth: NDArray[np.bool_], rule: FrameRule
+    score: NDArray[np.float64], truth: NDArray[np.bool_], rule: MofNRule
 ) -> NDArray[np.float64]:
     """The slider's steps, with 0 and the rule's margins among them.
 
@@ -31,31 +32,31 @@ def _thresholds(
         [min(low, -0.2 * scale) / scale, max(high, 1.5 * rule.margin, scale) / scale]
     )
     steps = scale * np.sinh(np.linspace(float(first), float(last), _STEPS))
-    now = [] if rule.margin_now is None else [rule.margin_now]
+    now = [] if rule.instant_margin is None else [rule.instant_margin]
     return np.unique([*(float(f"{step:.4g}") for step in steps), 0.0, rule.margin, *now])
 
 
-def _of_model(judged: Judged, contender: Contender) -> dict[str, Any]:
-    thresholds = _thresholds(contender.score, judged.truth, contender.rule)
-    sides = [np.sort(contender.score[side]) for side in (judged.truth, ~judged.truth)]
+def _of_model(compared: ComparedModels, predictions: ModelPredictions) -> dict[str, Any]:
+    thresholds = _thresholds(predictions.score, compared.truth, predictions.rule)
+    sides = [np.sort(predictions.score[side]) for side in (compared.truth, ~compared.truth)]
     hit, false = (
         (len(side) - np.searchsorted(side, thresholds, side="right")).tolist() for side in sides
     )
     # A score exceeds thresholds[k] exactly where its rank exceeds k: nothing is rounded.
-    ranks = np.searchsorted(thresholds, contender.on_grid, side="left").astype(np.uint8)
+    ranks = np.searchsorted(thresholds, predictions.on_grid, side="left").astype(np.uint8)
     return {
         "thresholds": thresholds.tolist(),
         "true_positive": hit,
         "false_positive": false,
-        "rule": contender.rule.to_json(),
-        "white": contender.white,
+        "rule": predictions.rule.to_json(),
+        "white": predictions.white,
         "patches": ranks.shape[1],
         "ranks": b64encode(ranks.tobytes()).decode("ascii"),
-        "judged": contender.judged.tolist(),
+        "judged": predictions.judged.tolist(),
     }
 
 
-def explorer_data(judged: Judged) -> dict[str, Any]:
+def explorer_data(compared: ComparedModels) -> dict[str, Any]:
     """Counts and ranks from which the page finds every figure for any of its thresholds.
 
     Returns
@@ -67,7 +68,7 @@ def explorer_data(judged: Judged) -> dict[str, Any]:
         in base64, `patches` a frame, row by row of the grid) how many thresholds its score
         exceeds, 0 where it has none. `white` is the fewest patches that a status takes.
     """
-    table = judged.series.table
+    table = compared.series.table
     named = [
         {
             "name": str(table.mission[rows.start])
@@ -75,17 +76,17 @@ def explorer_data(judged: Judged) -> dict[str, Any]:
             "start": rows.start,
             "stop": rows.stop,
         }
-        for rows in sequences(judged.series)
+        for rows in sequences(compared.series)
     ]
     return {
-        "obstacle": int(judged.truth.sum()),
-        "clear": int((~judged.truth).sum()),
+        "obstacle": int(compared.truth.sum()),
+        "clear": int((~compared.truth).sum()),
         "frames": {
             "number": table.frame.tolist(),
-            "ocean": judged.series.kind(OCEAN).tolist(),
-            "obstacle": judged.series.kind(OBSTACLE_FRAME).tolist(),
-            "gap": judged.series.gaps.tolist(),
+            "ocean": compared.series.kind(OCEAN).tolist(),
+            "obstacle": compared.series.kind(OBSTACLE_FRAME).tolist(),
+            "gap": compared.series.gaps.tolist(),
         },
         "sequences": named,
-        "models": {c.label: _of_model(judged, c) for c in judged.contenders},
+        "models": {c.label: _of_model(compared, c) for c in compared.models},
     }

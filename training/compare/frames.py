@@ -1,4 +1,4 @@
-"""Frames in the order of the dive: what each model's patches come to under a frame rule."""
+"""Frames in the order of the dive: statuses of each model's patches under a frame rule."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...models.operating_point import (
+from tokt.models.operating_point import (
     OBSTACLE,
     UNKNOWN,
-    FrameRule,
-    FrameRuleState,
+    MofNRule,
+    MofNState,
     frame_step,
     missed_before,
 )
-from ..evaluate import first_detection
+from tokt.training.evaluation.evaluate import first_detection
 
 KEYS = ["mission", "camera", "frame"]
 OCEAN, OBSTACLE_FRAME, NEITHER = "ocean", "obstacle", "neither"
@@ -79,7 +79,7 @@ class FrameSeries:
 
 
 def kind_of_frame(labels_clear: NDArray[np.bool_], whole: bool) -> str:
-    """What the labels say a frame holds; ocean only where every patch is labelled clear."""
+    """The kind of a frame by its labels; ocean only where every patch is labelled clear."""
     if not labels_clear.all():
         return OBSTACLE_FRAME
     return OCEAN if whole else NEITHER
@@ -117,7 +117,7 @@ def statuses(
     series: FrameSeries,
     scores: NDArray[np.float64],
     judged: NDArray[np.bool_],
-    rules: Sequence[FrameRule],
+    rules: Sequence[MofNRule],
     white: int = 1,
 ) -> NDArray[np.int64]:
     """The status of each frame, as the runtime would give it frame after frame.
@@ -129,11 +129,11 @@ def statuses(
         Of `LinearModel.obstacle_score`; -inf where a patch has none.
     judged : array of bool, shape (n_frames,)
         False where the runtime would not judge the picture.
-    rules : sequence of FrameRule
+    rules : sequence of MofNRule
         One for all frames, or one a fold: then a frame's own fold's rule looks back over the
         frames before, whichever fold these are of.
     white : int
-        Of `least_white`.
+        Of `min_mask_patches`.
     """
     found = np.full(len(scores), UNKNOWN)
     fold = series.table.fold.to_numpy() if len(rules) > 1 else np.zeros(len(scores), int)
@@ -147,12 +147,12 @@ def _followed(
     series: FrameSeries,
     scores: NDArray[np.float64],
     judged: NDArray[np.bool_],
-    rule: FrameRule,
+    rule: MofNRule,
     white: int,
 ) -> list[int]:
     found = []
     for rows in sequences(series):
-        state = FrameRuleState(rule)
+        state = MofNState(rule)
         places = zip(series.gaps[rows].tolist(), scores[rows], judged[rows], strict=True)
         for gap, of_frame, good in places:
             state.skip(gap)

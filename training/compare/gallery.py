@@ -1,4 +1,4 @@
-"""The worst errors as pictures: a patch in its surroundings, contrast raised for the eye."""
+"""The worst errors as images: a patch in its surroundings, contrast raised."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.grid import Grid
-from ...labels.page.enhance import enhanced
-from ..pictures import jpeg_uri
-from .judged import Judged
+from tokt.features.frames.grid import Grid
+from tokt.labels.page.state.enhance import enhanced
+from tokt.training.evaluation.pictures import jpeg_uri
+
+from .predictions import ComparedModels
 
 _AROUND = 1.5  # patches on each side
 _WIDTH = 260  # pixels of a picture
@@ -42,19 +43,19 @@ def _surroundings(image: NDArray[np.uint8], grid: Grid, row: int, col: int) -> N
     return np.asarray(view, np.uint8)
 
 
-def pictures(judged: Judged, errors: Sequence[dict[str, Any]]) -> list[str | None]:
+def pictures(compared: ComparedModels, errors: Sequence[dict[str, Any]]) -> list[str | None]:
     """A JPEG data URI for each error; None where the frame is not at hand."""
-    if judged.read_frame is None:
+    if compared.read_frame is None:
         return [None] * len(errors)
-    grid = judged.contenders[0].bundle.grid
+    grid = compared.models[0].bundle.grid
     found: dict[tuple[str, str, int], NDArray[np.uint8]] = {}
     uris: list[str | None] = []
     for error in errors:
         key = error["mission"], error["camera"], error["frame"]
-        if not judged.has_frames:  # a patch has no surroundings, and no dark water to see through
-            uris.append(jpeg_uri(judged.read_frame(*key)))
+        if not compared.has_frames:  # a patch has no surroundings, and no dark water to see through
+            uris.append(jpeg_uri(compared.read_frame(*key)))
             continue
         if key not in found:
-            found = {key: enhanced(judged.read_frame(*key))}
+            found = {key: enhanced(compared.read_frame(*key))}
         uris.append(jpeg_uri(_surroundings(found[key], grid, error["row"], error["col"]), 80))
     return uris

@@ -1,4 +1,4 @@
-"""Registered models of one dataset, each on patches that its cross-validation held out."""
+"""Predictions of registered models on patches that their cross-validation held out."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.grid import Grid
-from ...inference.frame_rule import least_white
-from ...models.bundle import SUFFIX, Bundle, read_bundle
-from ...models.operating_point import FrameRule
-from ...models.registry import Registry
-from ..dataset import DatasetVersion, list_datasets
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.inference.texture.detector import min_mask_patches
+from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
+from tokt.models.operating_point import MofNRule
+from tokt.models.registry.registry import Registry
+from tokt.training.datasets.dataset import DatasetVersion, list_datasets
+
 from .frames import KEYS, FrameSeries, kind_of_frame, on_grid
-from .judged import HELD_OUT, Contender, Judged, certainty
+from .predictions import HELD_OUT, ComparedModels, ModelPredictions, error_margins
 
 _PLACE = [*KEYS, "row", "col"]
 _TABLE = [*_PLACE, "label", "group"]
@@ -80,12 +81,12 @@ def _frames(table: pd.DataFrame, truth: NDArray[np.bool_], grid: Grid) -> pd.Dat
     return frames.reset_index()[[*KEYS, "kind", "fold"]]
 
 
-def _contender(
+def _predictions(
     bundle: Bundle,
     recipe: Mapping[str, Any],
     table: pd.DataFrame,
     frame: NDArray[np.int64],
-) -> Contender:
+) -> ModelPredictions:
     """A model on the patches of a table; `frame` is each one's row in the series."""
     columns = [name for name in table if str(name).startswith("value_")]
     values = table[sorted(columns, key=lambda name: int(name.split("_")[1]))].to_numpy(np.float64)
@@ -93,17 +94,17 @@ def _contender(
     grid = bundle.grid
     cell = (table.row * grid.cols + table.col).to_numpy(np.int64)
     n_frames = int(frame.max()) + 1
-    return Contender(
+    return ModelPredictions(
         bundle=bundle,
         targets=table.target.to_numpy(np.int64),
         predicted=bundle.model.predicted(values),
         classes=bundle.model.classes,
-        certainty=certainty(bundle.model, values, table.target.to_numpy(np.int64)),
+        error_margin=error_margins(bundle.model, values, table.target.to_numpy(np.int64)),
         score=score,
         on_grid=on_grid(score, frame, cell, (n_frames, grid.n_patches)),
-        white=least_white(grid, *grid.resized(*bundle.frame_sizes[0])),
+        white=min_mask_patches(grid, *grid.resized(*bundle.frame_sizes[0])),
         judged=np.ones(n_frames, bool),
-        fold_rules=[FrameRule.from_json(rule) for rule in recipe["fold_rules"]],
+        fold_rules=[MofNRule.from_json(rule) for rule in recipe["fold_rules"]],
         split=str(recipe["metrics"]["split"]),
         recipe=recipe,
     )
@@ -156,7 +157,7 @@ def _notes(
     return notes
 
 
-def judge_held_out(references: Sequence[str], workspace: Path) -> Judged:
+def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     """Bring registered models together on what none of them learnt from.
 
     Raises
@@ -184,13 +185,13 @@ def judge_held_out(references: Sequence[str], workspace: Path) -> Judged:
     dataset = _find_dataset(workspace, wanted)
     if dataset is not None:
         dataset.check()
-    return Judged(
+    return ComparedModels(
         mode=HELD_OUT,
         what=f"dataset {recipes[labels[0]]['provenance']['dataset']}"
         + (" (UNGROUPED)" if bundles[labels[0]].grid.width is None else ""),
         patches=first[_TABLE],
         truth=truth,
-        contenders=[_contender(bundles[x], recipes[x], kept[x], frame) for x in labels],
+        models=[_predictions(bundles[x], recipes[x], kept[x], frame) for x in labels],
         series=series,
         read_frame=None if dataset is None else _reader(dataset),
         dataset=dataset,

@@ -1,4 +1,4 @@
-"""Would more labels help, and which? Models of a part of the training blocks, on held-out folds.
+"""Learning curves: models of a part of the training blocks, scored on held-out folds.
 
 Nothing is chosen anew: each fold keeps the settings that its own training part chose.
 """
@@ -14,23 +14,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.mission import format_frames
-from ...models.registry import Registry
-from ..classifier import decision_values, linear_model
-from ..cross_validation import learn
-from ..dataset import DatasetVersion
-from ..feature_table import feature_table
-from ..presets import Choice, TrainingSettings
-from ..splits import Fold, blocked_folds
+from tokt.features.frames.mission import format_frames
+from tokt.models.registry.registry import Registry
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import Fold, blocked_folds
+from tokt.training.fitting.classifier import decision_values, linear_model
+from tokt.training.fitting.cross_validation import fit_rows
+from tokt.training.fitting.presets import Hyperparameters, TrainingSettings
+
 from .bootstrap import block_numbers, drawn_blocks, interval, summed
-from .judged import Contender
+from .comparison_metric import ComparisonMetric
 from .learning_words import learning_words
-from .measure import Measure
+from .predictions import ModelPredictions
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 REPEATS = 3
-_MOST_VALUES = 600_000  # rows times features of one fit: about 0.1 s
-_MOST_STRETCHES = 16
+_MAX_VALUES = 600_000  # rows times features of one fit: about 0.1 s
+_MAX_STRETCHES = 16
 _Counts = NDArray[np.float64]
 
 
@@ -40,12 +41,12 @@ class _Setting:
 
     dataset: DatasetVersion
     features: NDArray[np.float64]
-    changed: list[NDArray[np.float64]]
+    augmented: list[NDArray[np.float64]]
     targets: NDArray[np.int64]
     folds: list[Fold]
-    choices: list[Choice]
+    choices: list[Hyperparameters]
     settings: TrainingSettings
-    measure: Measure
+    measure: ComparisonMetric
     block: NDArray[np.int64]
     names: list[str]
     every: int
@@ -61,8 +62,8 @@ class _Setting:
         """Predictions of a fold's test rows by a model of some of its training blocks."""
         fold = self.folds[index]
         train = fold.train[np.isin(self.block[fold.train], blocks)]
-        pipeline = learn(
-            self.features, self.targets, train, self.choices[index], self.settings, self.changed
+        pipeline = fit_rows(
+            self.features, self.targets, train, self.choices[index], self.settings, self.augmented
         )
         model = linear_model(pipeline, self.dataset.classes(), self.dataset.obstacle_flags())
         return model.predicted(decision_values(pipeline, self.features[fold.test]))
@@ -73,7 +74,7 @@ def _thinned(dataset: DatasetVersion, folds: list[Fold], dim: int) -> tuple[list
 
     A class that would be lost stays whole.
     """
-    every = max(1, -(-max(len(fold.train) for fold in folds) * dim // _MOST_VALUES))
+    every = max(1, -(-max(len(fold.train) for fold in folds) * dim // _MAX_VALUES))
     if every == 1:
         return folds, 1
     targets = dataset.targets()
@@ -96,12 +97,15 @@ def _settings(parameters: Mapping[str, str]) -> TrainingSettings:
 
 
 def _set_up(
-    contender: Contender, dataset: DatasetVersion, workspace: Path, progress: Callable[..., Any]
+    predictions: ModelPredictions,
+    dataset: DatasetVersion,
+    workspace: Path,
+    progress: Callable[..., Any],
 ) -> _Setting:
-    recipe: Any = contender.recipe
+    recipe: Any = predictions.recipe
     registry = Registry(workspace)
     with registry.reported():
-        run = registry.client.get_run(registry.find(contender.label).run_id)
+        run = registry.client.get_run(registry.find(predictions.label).run_id)
     parameters = run.data.params
     targets = dataset.targets()
     folds = blocked_folds(
@@ -110,22 +114,24 @@ def _set_up(
         int(parameters["split_folds"]),
         int(parameters["split_embargo_frames"]),
     )
-    spec, settings = dict(contender.bundle.content.extractor_spec), _settings(parameters)
-    features, *changed = (
-        np.asarray(feature_table(dataset, spec, workspace / "cache", progress, change=change))
-        for change in ("", *settings.changes)
+    spec, settings = dict(predictions.bundle.content.extractor_spec), _settings(parameters)
+    features, *augmented = (
+        np.asarray(
+            cached_features(dataset, spec, workspace / "cache", progress, augmentation=augmentation)
+        )
+        for augmentation in ("", *settings.changes)
     )
-    folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(changed)))
+    folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(augmented)))
     names, block = block_numbers(dataset.patches.group.to_numpy())
     choices = [
-        Choice(float(fold["penalty"]), fold.get("class_weight"))
+        Hyperparameters(float(fold["penalty"]), fold.get("class_weight"))
         for fold in recipe["metrics"]["folds"]
     ]
-    measure = Measure.of(dataset.obstacle_flags())
+    measure = ComparisonMetric.of(dataset.obstacle_flags())
     return _Setting(
         dataset=dataset,
         features=features,
-        changed=changed,
+        augmented=augmented,
         targets=targets,
         folds=folds,
         choices=choices,
@@ -150,7 +156,7 @@ def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> NDArray[n
 
 
 @dataclass(frozen=True)
-class _Task:
+class _FitTask:
     """One fit: a fold, the blocks it learns from, and what it belongs to."""
 
     fold: int
@@ -158,7 +164,7 @@ class _Task:
     key: tuple[str, float, int]
 
 
-def _curve_tasks(setting: _Setting) -> list[_Task]:
+def _curve_tasks(setting: _Setting) -> list[_FitTask]:
     rng = np.random.default_rng(0)
     tasks = []
     for index, fold in enumerate(setting.folds):
@@ -166,7 +172,7 @@ def _curve_tasks(setting: _Setting) -> list[_Task]:
         for fraction in FRACTIONS:
             for repeat, order in enumerate(orders[: 1 if fraction == 1 else REPEATS]):
                 kept = max(len(np.unique(setting.targets)), round(fraction * len(order)))
-                tasks.append(_Task(index, order[:kept], ("curve", fraction, repeat)))
+                tasks.append(_FitTask(index, order[:kept], ("curve", fraction, repeat)))
     return tasks
 
 
@@ -174,11 +180,11 @@ def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
     """Blocks one by one, or neighbours together where there are many."""
     if setting.dataset.block_frames is None:
         return []
-    count = min(len(setting.names), _MOST_STRETCHES)
+    count = min(len(setting.names), _MAX_STRETCHES)
     return list(np.array_split(np.arange(len(setting.names)), count))
 
 
-def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> list[_Task]:
+def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> list[_FitTask]:
     tasks = []
     for number, left_out in enumerate(stretches):
         for index, fold in enumerate(setting.folds):
@@ -187,13 +193,13 @@ def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> lis
             known = setting.targets[fold.train][np.isin(setting.block[fold.train], rest)]
             lacking = len(np.unique(known)) < len(np.unique(setting.targets))
             if len(rest) < len(there) and not lacking:
-                tasks.append(_Task(index, rest, ("without", number, 0)))
+                tasks.append(_FitTask(index, rest, ("without", number, 0)))
     return tasks
 
 
 def _run(
-    setting: _Setting, tasks: list[_Task], progress: Callable[..., Any]
-) -> Iterator[tuple[_Task, NDArray[np.int64]]]:
+    setting: _Setting, tasks: list[_FitTask], progress: Callable[..., Any]
+) -> Iterator[tuple[_FitTask, NDArray[np.int64]]]:
     for task in progress(tasks, len(tasks), "learning curve"):
         yield task, setting.predict(task.fold, task.blocks)
 
@@ -223,13 +229,16 @@ def _wrong_by_label(
 
 
 def learning_curve(
-    contender: Contender, dataset: DatasetVersion, workspace: Path, progress: Callable[..., Any]
+    predictions: ModelPredictions,
+    dataset: DatasetVersion,
+    workspace: Path,
+    progress: Callable[..., Any],
 ) -> dict[str, Any]:
     """Learn from growing parts of the training blocks, and from all but one stretch.
 
     Parameters
     ----------
-    contender : Contender
+    predictions : ModelPredictions
         Registered, and not of preset `thesis`, which learns from two images alone.
     dataset : DatasetVersion
     workspace : Path
@@ -242,7 +251,7 @@ def learning_curve(
         difference, low, high), by_label, stretches (frames, obstacle, help, low, high; most
         helpful first), words (list of str) and how.
     """
-    setting = _set_up(contender, dataset, workspace, progress)
+    setting = _set_up(predictions, dataset, workspace, progress)
     stretches = _stretches(setting)
     tasks = _curve_tasks(setting) + _without_tasks(setting, stretches)
     curve = {
@@ -261,7 +270,7 @@ def learning_curve(
     rows = np.arange(len(setting.targets))
     counts = {key: setting.counts(predicted, rows) for key, predicted in curve.items()}
     result = {
-        "model": contender.label,
+        "model": predictions.label,
         "measure": setting.measure.name,
         "measure_title": setting.measure.title,
         "points": _points(setting, counts),

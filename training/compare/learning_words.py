@@ -1,4 +1,4 @@
-"""A learning curve in words: would more labels help, and which?"""
+"""Sentences about a learning curve: would more labels help, and which?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models on a labelled mission that none of them learnt from."""
+"""Predictions of models on a labelled mission that none of them learnt from."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.image_file import pixel_sha256
-from ...features.mission import LEFT, Mission, format_frames
-from ...inference.frame_rule import least_white
-from ...inference.policy import judge_image
-from ...labels.merge import merge_annotators
-from ...labels.record import LabelRecord
-from ...labels.taxonomy import UNSURE, Taxonomy
-from ...models.bundle import Bundle
-from ...models.operating_point import frame_step
-from ..dataset import CLEAR
-from ..dataset import OBSTACLE as OBSTACLE_CLASS
-from ..evaluate import mission_in_training
-from ..splits import BLOCK_FRAMES, block_of
-from ..train import frame_id
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import pixel_sha256
+from tokt.features.frames.mission import LEFT, Mission, format_frames
+from tokt.inference.policy.policy import judge_image
+from tokt.inference.texture.detector import min_mask_patches
+from tokt.labels.merge import merge_annotators
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.models.bundle.bundle import Bundle, frame_id
+from tokt.models.operating_point import frame_step
+from tokt.training.datasets.dataset import CLEAR
+from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
+from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
+from tokt.training.evaluation.evaluate import mission_in_training
+
 from .frames import KEYS, FrameSeries, kind_of_frame
-from .judged import MISSION, Contender, Judged, certainty
+from .predictions import MISSION, ComparedModels, ModelPredictions, error_margins
 
 
 def _check_grids(bundles: Sequence[Bundle]) -> None:
@@ -95,7 +95,7 @@ def _score(
             found = judge_image(bundle, image).decision_values
             its_judged.append(found is not None)
             its_values.append(bundle.decision_values(image) if found is None else found)
-    white = least_white(bundles[0].grid, *bundles[0].grid.resized(*image.shape[:2]))
+    white = min_mask_patches(bundles[0].grid, *bundles[0].grid.resized(*image.shape[:2]))
     pairs = zip(values, judged, strict=True)
     return [_Scores(frames, np.stack(a), np.array(b, bool), white) for a, b in pairs]
 
@@ -123,9 +123,9 @@ def _frames(
     return pd.DataFrame(rows, columns=[*KEYS, "kind", "fold"])
 
 
-def _contender(
+def _predictions(
     bundle: Bundle, patches: pd.DataFrame, truth: NDArray[np.bool_], scores: _Scores
-) -> Contender:
+) -> ModelPredictions:
     place = {number: index for index, number in enumerate(scores.frames)}
     frame = patches.frame.map(place).to_numpy()
     cell = (patches.row * bundle.grid.cols + patches.col).to_numpy()
@@ -137,12 +137,12 @@ def _contender(
     classes = (*model.classes, *sorted(set(labels) - set(model.classes)))
     order = {name: index for index, name in enumerate(classes)}
     targets = np.array([order[label] for label in labels], np.int64)
-    return Contender(
+    return ModelPredictions(
         bundle=bundle,
         targets=targets,
         predicted=model.predicted(values),
         classes=classes,
-        certainty=certainty(model, values, targets),
+        error_margin=error_margins(model, values, targets),
         score=model.obstacle_score(values),
         on_grid=np.stack([model.obstacle_score(frame) for frame in scores.values]),
         white=scores.white,
@@ -152,14 +152,14 @@ def _contender(
     )
 
 
-def judge_mission(
+def predict_mission(
     bundles: Sequence[Bundle],
     mission: Mission,
     records: Sequence[LabelRecord],
     taxonomy: Taxonomy,
     progress: Callable[..., Any],
     frames: Sequence[int] | None = None,
-) -> Judged:
+) -> ComparedModels:
     """Bring models together on a mission's left frames.
 
     Parameters
@@ -192,13 +192,13 @@ def judge_mission(
     name = sure[0].mission
     table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
     scores = _score(bundles, mission, numbers, progress)
-    return Judged(
+    return ComparedModels(
         mode=MISSION,
         what=f"mission {mission.name}, frames {format_frames(numbers)}",
         patches=patches,
         truth=truth,
-        contenders=[
-            _contender(bundle, patches, truth, mine)
+        models=[
+            _predictions(bundle, patches, truth, mine)
             for bundle, mine in zip(bundles, scores, strict=True)
         ],
         series=FrameSeries.of(table, frame_step(mission.frames(LEFT))),

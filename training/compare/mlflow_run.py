@@ -1,4 +1,4 @@
-"""A comparison as an MLflow run."""
+"""The MLflow run of a comparison."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import mlflow
 
-from ...models.registry import Registry, local_uri, tracking_uri
+from tokt.models.registry.registry import Registry, local_uri, tracking_uri
 
 RUN_NAME = "compare"
 FOLDER = "compare"

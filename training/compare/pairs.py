@@ -1,4 +1,4 @@
-"""Which of two models is better, by how much, and whether the data can tell."""
+"""Pairwise differences between models: intervals, p-values and verdicts."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .bootstrap import (
     spread_of_ap,
     summed,
 )
-from .judged import Judged
-from .measure import Measure
-from .permutation import SwapTest, holm, swap_test
+from .comparison_metric import ComparisonMetric
+from .permutation_test import PermutationTest, holm, permutation_test
+from .predictions import ComparedModels
 
 BETTER, WORSE, CANNOT_TELL = "better", "worse", "cannot tell"
 _POWER = 0.8
@@ -50,33 +50,33 @@ class _Resampled:
         return self.spread[first] - self.spread[second]
 
 
-def main_measure(judged: Judged) -> Measure:
+def main_measure(compared: ComparedModels) -> ComparisonMetric:
     """Macro-F1 where all models tell the same several classes apart, else the obstacles' F1."""
-    classes = {contender.classes for contender in judged.contenders}
+    classes = {predictions.classes for predictions in compared.models}
     names = classes.pop()
-    several = not classes and (len(names) > 2 or not judged.two_sided)
-    return Measure(len(names)) if several else Measure()
+    several = not classes and (len(names) > 2 or not compared.two_sided)
+    return ComparisonMetric(len(names)) if several else ComparisonMetric()
 
 
-def _resampled(judged: Judged, measure: Measure, draws: _Array) -> _Resampled:
-    names, block = judged.blocks
+def _resampled(compared: ComparedModels, measure: ComparisonMetric, draws: _Array) -> _Resampled:
+    names, block = compared.blocks
     counts = {
         item.label: measure.counts(
-            item.targets, item.predicted, judged.truth, item.score > 0, block, len(names)
+            item.targets, item.predicted, compared.truth, item.score > 0, block, len(names)
         )
-        for item in judged.contenders
+        for item in compared.models
     }
     spread = {label: measure.figure(summed(draws, part)) for label, part in counts.items()}
     return _Resampled(measure.name, measure.title, measure.figure, counts, spread)
 
 
-def _ap_measure(judged: Judged, draws: _Array) -> _Resampled | None:
-    if not judged.truth.any() or not judged.two_sided:
+def _ap_measure(compared: ComparedModels, draws: _Array) -> _Resampled | None:
+    if not compared.truth.any() or not compared.two_sided:
         return None
-    names, block = judged.blocks
+    names, block = compared.blocks
     counts = {
-        item.label: ranked_counts(judged.truth, item.score, block, len(names))
-        for item in judged.contenders
+        item.label: ranked_counts(compared.truth, item.score, block, len(names))
+        for item in compared.models
     }
     spread = {label: spread_of_ap(draws, part) for label, part in counts.items()}
     return _Resampled("average_precision", "AP", average_precision, counts, spread)
@@ -102,7 +102,7 @@ def _verdict(difference: float, bounds: dict[str, float] | None, p: float) -> st
     return BETTER if difference > 0 else WORSE
 
 
-def _said(pair: dict[str, Any], title: str, test: SwapTest, questions: int) -> str:
+def _said(pair: dict[str, Any], title: str, test: PermutationTest, questions: int) -> str:
     """The verdict on a pair, for people."""
     first, second = pair["models"]
     bounds, p = pair["interval"], pair["p_adjusted"]
@@ -140,7 +140,7 @@ def _said(pair: dict[str, Any], title: str, test: SwapTest, questions: int) -> s
     )
 
 
-def compare_pairs(judged: Judged) -> dict[str, Any]:
+def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
     """Intervals for each model and a verdict on each pair.
 
     The verdict is *better* or *worse* only where the block permutation test, adjusted for the
@@ -153,14 +153,14 @@ def compare_pairs(judged: Judged) -> dict[str, Any]:
         F1 to compare by; models, values, difference, interval, p, p_adjusted, detectable,
         average_precision, verdict, words), and method in words.
     """
-    names, _ = judged.blocks
+    names, _ = compared.blocks
     draws = drawn_blocks(len(names))
-    measure, ap = _resampled(judged, main_measure(judged), draws), _ap_measure(judged, draws)
+    measure, ap = _resampled(compared, main_measure(compared), draws), _ap_measure(compared, draws)
     shown = [measure] if ap is None else [measure, ap]
-    if measure.name != "f1" and judged.two_sided:
-        shown.append(_resampled(judged, Measure(), draws))
-    labels = [contender.label for contender in judged.contenders]
-    defined = measure.name != "f1" or bool(judged.truth.any() and judged.two_sided)
+    if measure.name != "f1" and compared.two_sided:
+        shown.append(_resampled(compared, ComparisonMetric(), draws))
+    labels = [predictions.label for predictions in compared.models]
+    defined = measure.name != "f1" or bool(compared.truth.any() and compared.two_sided)
     couples = list(combinations(labels, 2))
     return {
         "measure": measure.name,
@@ -171,14 +171,16 @@ def compare_pairs(judged: Judged) -> dict[str, Any]:
             for label in labels
         },
         "pairs": _pairs(measure, ap, couples, len(names)) if defined else [],
-        "method": _method(len(names), judged.unit, len(couples)) if defined else _UNDEFINED,
+        "method": _method(len(names), compared.unit, len(couples)) if defined else _UNDEFINED,
     }
 
 
 def _pairs(
     measure: _Resampled, ap: _Resampled | None, couples: list[tuple[str, str]], blocks: int
 ) -> list[dict[str, Any]]:
-    tests = [swap_test(measure.counts[a], measure.counts[b], measure.figure) for a, b in couples]
+    tests = [
+        permutation_test(measure.counts[a], measure.counts[b], measure.figure) for a, b in couples
+    ]
     adjusted = holm([test.p for test in tests])
     pairs = []
     for (a, b), test, p in zip(couples, tests, adjusted, strict=True):

@@ -1,4 +1,4 @@
-"""Could a difference between two models be luck? Their verdicts are swapped, block by block.
+"""A paired permutation test: two models' verdicts are swapped, block by block.
 
 If the models are alike, it makes no difference which of them judged a block: the difference seen
 is then one of many that swapping gives. Whole blocks are swapped, as patches of a block are not
@@ -19,8 +19,8 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class SwapTest:
-    """What a block permutation test gave.
+class PermutationTest:
+    """Result of a block permutation test.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class SwapTest:
     least_p: float
 
 
-def swap_test(
+def permutation_test(
     first: NDArray[np.float64],
     second: NDArray[np.float64],
     figure: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     seed: int = 0,
-) -> SwapTest:
+) -> PermutationTest:
     """Paired permutation test of a figure that follows from counts summed over blocks.
 
     Parameters
@@ -67,7 +67,7 @@ def swap_test(
     change = (second - first).reshape(len(first), -1)
     differing = np.flatnonzero(change.any(axis=1))
     if not len(differing):
-        return SwapTest(1.0, 1, True, 0, 1.0)
+        return PermutationTest(1.0, 1, True, 0, 1.0)
     exact = len(differing) <= EXACT_BLOCKS
     swaps = _all_swaps(len(differing)) if exact else _drawn_swaps(len(differing), seed)
     shape = (len(swaps), *first.shape[1:])
@@ -76,12 +76,12 @@ def swap_test(
     seen = figure(first.sum(axis=0)[None]) - figure(second.sum(axis=0)[None])
     as_large = int((np.abs(differences) >= abs(float(seen[0])) - _ROUNDING).sum())
     if exact:
-        return SwapTest(
+        return PermutationTest(
             as_large / len(swaps), len(swaps), True, len(differing), 2 / 2 ** len(differing)
         )
     # The arrangement seen is one of those that could have been drawn.
     p = (as_large + 1) / (len(swaps) + 1)
-    return SwapTest(p, len(swaps), False, len(differing), 1 / (len(swaps) + 1))
+    return PermutationTest(p, len(swaps), False, len(differing), 1 / (len(swaps) + 1))
 
 
 def _all_swaps(blocks: int) -> NDArray[np.float64]:

@@ -9,20 +9,20 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from .errors import FALSE_ALARM, MISS
-from .judged import Judged
+from .predictions import ComparedModels
 
 _STATUS_COLORS = ("#b9c0c7", "#e8eef3", "#d1495b")  # unknown, clear, obstacle
 _KIND_COLORS = ("#ffffff", "#9ecae1", "#2f5d50")  # neither, ocean, obstacle
 _MISS_COLOR, _ALARM_COLOR = "#2c6fbb", "#e07b39"
 
 
-def statuses_along(judged: Judged) -> Figure:
+def statuses_along(compared: ComparedModels) -> Figure:
     """What each frame is labelled, and each model's status of it, in the order of the dive."""
-    rows = [judged.series.table.kind.map({"neither": 0, "ocean": 1, "obstacle": 2}).to_numpy()]
+    rows = [compared.series.table.kind.map({"neither": 0, "ocean": 1, "obstacle": 2}).to_numpy()]
     names = ["labels"]
-    for contender in judged.contenders:
-        rows.append(judged.status(contender) + 1)
-        names.append(contender.label)
+    for predictions in compared.models:
+        rows.append(compared.status(predictions) + 1)
+        names.append(predictions.label)
     figure = Figure(figsize=(10.5, 0.7 + 0.42 * len(rows)), layout="constrained")
     for index, axes in enumerate(figure.subplots(len(rows), 1, sharex=True)):
         colors = _STATUS_COLORS if index else _KIND_COLORS
@@ -35,11 +35,11 @@ def statuses_along(judged: Judged) -> Figure:
             interpolation="nearest",
         )
         axes.set_yticks([0], [names[index]])
-        for gap in np.flatnonzero(judged.series.gaps):
+        for gap in np.flatnonzero(compared.series.gaps):
             axes.axvline(gap - 0.5, color="k", lw=0.8, ls=":")
-        for start in judged.series.starts[1:]:
+        for start in compared.series.starts[1:]:
             axes.axvline(start - 0.5, color="k", lw=1.2)
-    frames = judged.series.table.frame.to_numpy()
+    frames = compared.series.table.frame.to_numpy()
     ticks = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), 14)).astype(int))
     axes.set_xticks(ticks, [str(frames[tick]) for tick in ticks])
     axes.set_xlabel("frame (dotted: a gap in the frame numbers)")

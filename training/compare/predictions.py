@@ -1,4 +1,4 @@
-"""What is compared: the same patches and frames, as each model judged them."""
+"""Predictions of the compared models, on the same patches and frames."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...models.bundle import Bundle
-from ...models.linear import LinearModel
-from ...models.operating_point import FrameRule
-from ..dataset import DatasetVersion
-from ..metrics import class_metrics, obstacle_metrics
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.linear import LinearModel
+from tokt.models.operating_point import MofNRule
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
+
 from .bootstrap import block_numbers
 from .frames import FrameSeries, frame_figures, statuses
 
@@ -23,7 +24,7 @@ HELD_OUT, MISSION = "held out", "mission"
 
 
 @dataclass(frozen=True)
-class Contender:
+class ModelPredictions:
     """One model, and what it says of every patch and frame that is compared.
 
     Parameters
@@ -34,7 +35,7 @@ class Contender:
     predicted : array of int, shape (n_patches,)
     classes : tuple of str
         The model's, and whatever else was labelled.
-    certainty : array of float64, shape (n_patches,)
+    error_margin : array of float64, shape (n_patches,)
         By how much the predicted class's value exceeds the labelled one's.
     score : array of float64, shape (n_patches,)
         Above 0 where the model says obstacle.
@@ -44,7 +45,7 @@ class Contender:
         Patches it takes to bring a mask's mean over the thesis's limit.
     judged : array of bool, shape (n_frames,)
         Whether the runtime would judge the frame at all.
-    fold_rules : list of FrameRule or None
+    fold_rules : list of MofNRule or None
         Each fold's own rule, chosen without that fold; None outside of cross-validation.
     split : str
         How the model was cross-validated, in its own words.
@@ -56,12 +57,12 @@ class Contender:
     targets: NDArray[np.int64]
     predicted: NDArray[np.int64]
     classes: tuple[str, ...]
-    certainty: NDArray[np.float64]
+    error_margin: NDArray[np.float64]
     score: NDArray[np.float64]
     on_grid: NDArray[np.float64]
     white: int
     judged: NDArray[np.bool_]
-    fold_rules: list[FrameRule] | None
+    fold_rules: list[MofNRule] | None
     split: str
     recipe: Mapping[str, Any] | None = None
 
@@ -71,12 +72,12 @@ class Contender:
         return self.bundle.label
 
     @property
-    def rule(self) -> FrameRule:
+    def rule(self) -> MofNRule:
         """The frame rule that the bundle ships."""
         return self.bundle.operating_point.rule
 
 
-def certainty(
+def error_margins(
     model: LinearModel, values: NDArray[np.float64], targets: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """By how much the predicted class's value exceeds the labelled one's; 0 where it is right."""
@@ -94,7 +95,7 @@ def certainty(
 
 
 @dataclass(frozen=True)
-class Judged:
+class ComparedModels:
     """Models on the same patches.
 
     Parameters
@@ -106,7 +107,7 @@ class Judged:
         Columns mission, camera, frame, row, col, label, group; one row a labelled patch.
     truth : array of bool, shape (n_patches,)
         Whether the label is an obstacle.
-    contenders : list of Contender
+    models : list of ModelPredictions
     series : FrameSeries
     read_frame : callable or None
         ``read_frame(mission, camera, frame)`` gives the picture; None where it is not at hand.
@@ -120,7 +121,7 @@ class Judged:
     what: str
     patches: pd.DataFrame
     truth: NDArray[np.bool_]
-    contenders: list[Contender]
+    models: list[ModelPredictions]
     series: FrameSeries
     read_frame: Callable[[str, str, int], NDArray[np.uint8]] | None
     dataset: DatasetVersion | None
@@ -128,7 +129,7 @@ class Judged:
 
     @property
     def unit(self) -> str:
-        """What counts as independent."""
+        """The unit that counts as independent."""
         return "blocks of frames" if self.has_frames else "single patches"
 
     @cached_property
@@ -139,33 +140,35 @@ class Judged:
     @property
     def has_frames(self) -> bool:
         """Whether patches come from frames that a runtime could judge; ready-cut ones do not."""
-        return self.contenders[0].bundle.grid.width is not None
+        return self.models[0].bundle.grid.width is not None
 
     @property
     def two_sided(self) -> bool:
         """Whether every model tells obstacles from what is none."""
-        return all(bool(np.isfinite(item.score).all()) for item in self.contenders)
+        return all(bool(np.isfinite(item.score).all()) for item in self.models)
 
-    def status(self, contender: Contender, rule: FrameRule | None = None) -> NDArray[np.int64]:
+    def status(
+        self, predictions: ModelPredictions, rule: MofNRule | None = None
+    ) -> NDArray[np.int64]:
         """The status of each frame: by the rules in force, or by one for all."""
-        rules = contender.fold_rules if rule is None else [rule]
+        rules = predictions.fold_rules if rule is None else [rule]
         return statuses(
             self.series,
-            contender.on_grid,
-            contender.judged,
-            rules or [contender.rule],
-            contender.white,
+            predictions.on_grid,
+            predictions.judged,
+            rules or [predictions.rule],
+            predictions.white,
         )
 
-    def figures(self, contender: Contender) -> dict[str, Any]:
+    def figures(self, predictions: ModelPredictions) -> dict[str, Any]:
         """Patches at their thresholds, and frames at the operating point."""
         return {
             "patch": {
                 "n": len(self.truth),
-                **obstacle_metrics(self.truth, contender.score),
-                **class_metrics(contender.targets, contender.predicted, contender.classes),
+                **obstacle_metrics(self.truth, predictions.score),
+                **class_metrics(predictions.targets, predictions.predicted, predictions.classes),
             },
-            "frames": frame_figures(self.series, self.status(contender))
+            "frames": frame_figures(self.series, self.status(predictions))
             if self.has_frames
             else None,
         }

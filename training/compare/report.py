@@ -8,10 +8,11 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from .. import plots as shared_plots
+from tokt.training.evaluation import plots as shared_plots
+
 from . import plots
 from .gallery import pictures
-from .judged import Judged
+from .predictions import ComparedModels
 
 
 def _text(name: str) -> str:
@@ -26,13 +27,13 @@ def _signed(value: float | None) -> str:
     return "–" if value is None else f"{value:+.3f}"
 
 
-def _plots(judged: Judged, result: dict[str, Any]) -> dict[str, Any]:
+def _plots(compared: ComparedModels, result: dict[str, Any]) -> dict[str, Any]:
     curve = result["learning_curve"]
-    ranked = judged.two_sided and judged.truth.any() and not judged.truth.all()
-    curves = {item.label: (judged.truth, item.score) for item in judged.contenders}
+    ranked = compared.two_sided and compared.truth.any() and not compared.truth.all()
+    curves = {item.label: (compared.truth, item.score) for item in compared.models}
     return {
-        "statuses": shared_plots.data_uri(plots.statuses_along(judged))
-        if judged.has_frames
+        "statuses": shared_plots.data_uri(plots.statuses_along(compared))
+        if compared.has_frames
         else None,
         "errors": shared_plots.data_uri(plots.errors_along(result))
         if result["stretches"]
@@ -52,12 +53,12 @@ def _plots(judged: Judged, result: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def report_html(judged: Judged, result: dict[str, Any]) -> str:
+def report_html(compared: ComparedModels, result: dict[str, Any]) -> str:
     """The page.
 
     Parameters
     ----------
-    judged : Judged
+    compared : ComparedModels
     result : dict
         As `compare_models` gives it; embedded in the page as it is.
     """
@@ -73,9 +74,9 @@ def report_html(judged: Judged, result: dict[str, Any]) -> str:
         # Our own files, with no end of a style or script in them.
         css=Markup(_text("report.css")),
         js=Markup(_text("explorer.js")),
-        plots=_plots(judged, result),
-        pictures=pictures(judged, result["errors"]),
+        plots=_plots(compared, result),
+        pictures=pictures(compared, result["errors"]),
         class_names=list(sizes),
-        two_sided=judged.two_sided,
+        two_sided=compared.two_sided,
         class_sizes=sizes,
     )

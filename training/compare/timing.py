@@ -1,4 +1,4 @@
-"""How long each model takes over a frame, measured here and now."""
+"""Time of each model for a frame, measured on this machine."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.image_file import decode_image
-from ...features.kernels import KERNELS
-from ...features.machine import machine
-from ...inference.policy import judge_image
-from ...models.bundle import Bundle
-from .judged import MISSION, Judged
+from tokt.features.common.machine import machine
+from tokt.features.frames.image_file import decode_image
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.inference.policy.policy import judge_image
+from tokt.models.bundle.bundle import Bundle
+
+from .predictions import MISSION, ComparedModels
 
 _FRAMES = 10
-_LEAST_RUNS = 30
+_MIN_RUNS = 30
 
 
-def _pictures(judged: Judged) -> tuple[list[NDArray[np.uint8]], str]:
+def _pictures(compared: ComparedModels) -> tuple[list[NDArray[np.uint8]], str]:
     """Some frames for all models alike."""
-    if judged.mode == MISSION and judged.read_frame is not None:
-        table = judged.series.table
+    if compared.mode == MISSION and compared.read_frame is not None:
+        table = compared.series.table
         rows = np.unique(np.linspace(0, len(table) - 1, _FRAMES).round().astype(int))
         keys = table.loc[rows, ["mission", "camera", "frame"]].itertuples(index=False, name=None)
-        return [judged.read_frame(*key) for key in keys], f"{len(rows)} frames of the mission"
-    golden = judged.contenders[0].bundle.content.golden.frames
+        return [compared.read_frame(*key) for key in keys], f"{len(rows)} frames of the mission"
+    golden = compared.models[0].bundle.content.golden.frames
     what = "1 golden frame" if len(golden) == 1 else f"{len(golden)} golden frames"
     return [decode_image(png, "golden frame") for png in golden], what
 
@@ -44,7 +45,7 @@ def _one_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def measure_times(judged: Judged) -> dict[str, Any]:
+def measure_times(compared: ComparedModels) -> dict[str, Any]:
     """Time from a decoded frame to its verdict.
 
     Models take turns frame by frame, each beginning as often as the others, so that whatever else
@@ -56,9 +57,9 @@ def measure_times(judged: Judged) -> dict[str, Any]:
         how (in words), kernels, cpu, and models: {label: {median_ms, low_ms, high_ms, runs}} with
         the 10th and the 90th percentile.
     """
-    bundles = [contender.bundle for contender in judged.contenders]
-    pictures, what = _pictures(judged)
-    rounds = -(-_LEAST_RUNS // len(pictures))
+    bundles = [predictions.bundle for predictions in compared.models]
+    pictures, what = _pictures(compared)
+    rounds = -(-_MIN_RUNS // len(pictures))
     spent: dict[str, list[float]] = {bundle.label: [] for bundle in bundles}
     with _one_thread():
         for bundle in bundles:

@@ -1,9 +1,9 @@
-"""Changed pictures: what another lamp, water or camera setting would have made of a frame.
+"""Augmentations: frames as another lamp, water or camera setting would have made them.
 
-A model is to say the same of them. They are learnt from (`TrainingSettings.changes`) and tested on
-(``tokt train --stress``). Named ``gain_0.5`` (light times a half, as exposure or a camera's gain
-change it), ``jpeg_60`` (stored as a JPEG of quality 60) and ``noise_1`` (each value up or down by
-at most 1, evenly).
+A model is to say the same of them. They are learnt from (`TrainingSettings.changes`, the option
+``--changes``) and tested on (``tokt train --stress``). Named ``gain_0.5`` (light times a half, as
+exposure or a camera's gain change it), ``jpeg_60`` (stored as a JPEG of quality 60) and
+``noise_1`` (each value up or down by at most 1, evenly).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from ..features.image_file import pixel_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import pixel_sha256
 
 STRESS = (
     *("gain_0.5", "gain_0.7", "gain_1.4", "gain_2"),
@@ -25,25 +25,26 @@ STRESS = (
 """What ``--stress`` tests on."""
 
 
-def changed(frame: NDArray[np.uint8], name: str) -> NDArray[np.uint8]:
-    """A frame as it would have come out.
+def augment(frame: NDArray[np.uint8], name: str) -> NDArray[np.uint8]:
+    """Augment a frame.
 
     Parameters
     ----------
     frame : array of uint8, shape (height, width) or (height, width, 3)
     name : str
+        Such as ``gain_0.5``.
 
     Returns
     -------
     numpy.ndarray
-        As `frame`; the same each time.
+        Shape and dtype of `frame`; the same each time.
 
     Raises
     ------
     ToktError
-        If there is no such change.
+        If there is no such augmentation.
     """
-    kind, value = change_named(name)
+    kind, value = parse_augmentation(name)
     if kind == "gain":
         return np.asarray(np.clip(np.rint(frame * value), 0, 255), np.uint8)
     if kind == "jpeg":
@@ -54,16 +55,16 @@ def changed(frame: NDArray[np.uint8], name: str) -> NDArray[np.uint8]:
     return np.asarray(np.clip(frame + noise, 0, 255), np.uint8)
 
 
-def change_named(name: str) -> tuple[str, float]:
-    """The kind and the strength that a change's name says.
+def parse_augmentation(name: str) -> tuple[str, float]:
+    """The kind and the strength that an augmentation's name says.
 
     Raises
     ------
     ToktError
-        If there is no such change.
+        If there is no such augmentation.
     """
     kind, _, text = name.partition("_")
-    # Not all that `float` reads: one change has one name.
+    # Not all that `float` reads: one augmentation has one name.
     value = float(text) if re.fullmatch(r"\d{1,3}(\.\d{1,3})?", text, re.ASCII) else math.nan
     whole = value.is_integer()
     if (

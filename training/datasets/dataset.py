@@ -31,12 +31,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..features import atomic
-from ..features.canonical import canonical_json
-from ..features.errors import ToktError
-from ..features.grid import Grid
-from ..features.image_file import decode_image, pixel_sha256
-from ..labels.taxonomy import Taxonomy
+from tokt.features.common import atomic
+from tokt.features.common.canonical import canonical_json
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import decode_image, pixel_sha256
+from tokt.labels.taxonomy import Taxonomy
 
 FORMAT_VERSION = 1
 TASKS = ("binary", "classes")
@@ -73,7 +73,7 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class DatasetPlan:
-    """What a dataset is to be built from.
+    """The content of a dataset that is to be built.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ class DatasetVersion:
         return read_stored_frame(self.path / "frames" / row.file, row.digest)
 
     def classes(self) -> tuple[str, ...]:
-        """What a model of this dataset tells apart, in the model's order."""
+        """The classes that a model of this dataset tells apart, in the model's order."""
         if self.task == "binary":
             return CLEAR, OBSTACLE
         present = set(self.patches.label)

@@ -1,4 +1,4 @@
-"""The features of a dataset's patches, computed once for an extractor and kept."""
+"""A cache of the features of a dataset's patches, computed once for an extractor."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import features as features_package
-from ..features import atomic
-from ..features.canonical import json_sha256
-from ..features.errors import ToktError
-from ..features.extractor import build_extractor
-from ..features.grid import Grid
-from ..features.kernels import KERNELS, LIBRARY
-from . import picture_changes
+from tokt import features as features_package
+from tokt.features.common import atomic
+from tokt.features.common.canonical import json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import build_extractor
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.dispatch import KERNELS, LIBRARY
+from tokt.training.parallel import mapped
+
+from . import augmentations
 from .dataset import DatasetVersion, read_stored_frame
-from .parallel import mapped
 
 _LIBRARIES = ("numpy", "opencv-python-headless")
 _REFERENCES = ("scikit-image", "mahotas")
@@ -31,13 +32,13 @@ _CODE = {".py", ".so", ".pyd"}
 def _source_hash() -> str:
     """Hash of the code that computes features, compiled or not: a cache must not outlive it."""
     digest = hashlib.sha256(KERNELS.name.encode("ascii"))
-    for path in sorted(Path(features_package.__file__).parent.iterdir()):
+    for path in sorted(Path(features_package.__file__).parent.rglob("*")):
         if path.suffix in _CODE:
             digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-def feature_key(dataset: DatasetVersion, spec: dict[str, Any], change: str = "") -> str:
+def feature_key(dataset: DatasetVersion, spec: dict[str, Any], augmentation: str = "") -> str:
     """A name for a dataset's features: another one whenever they might come out otherwise.
 
     It covers the dataset, the spec, this code and the versions of the libraries that compute.
@@ -45,14 +46,14 @@ def feature_key(dataset: DatasetVersion, spec: dict[str, Any], change: str = "")
     computing = _LIBRARIES + (_REFERENCES if KERNELS.name == LIBRARY else ())
     libraries = {name: version(name) for name in computing}
     parts = [dataset.hash, spec, libraries, _source_hash()]
-    if change:
-        code = Path(picture_changes.__file__).read_bytes()
-        parts += [change, hashlib.sha256(code).hexdigest()]
+    if augmentation:
+        code = Path(augmentations.__file__).read_bytes()
+        parts += [augmentation, hashlib.sha256(code).hexdigest()]
     return json_sha256(parts)[:24]
 
 
 @dataclass(frozen=True)
-class _Task:
+class _DescribeTask:
     """One frame to describe."""
 
     path: Path
@@ -60,13 +61,13 @@ class _Task:
     cells: NDArray[np.int64]
     spec: dict[str, Any]
     grid: Grid
-    change: str
+    augmentation: str
 
 
-def _describe(task: _Task) -> NDArray[np.float64]:
+def _describe(task: _DescribeTask) -> NDArray[np.float64]:
     frame = read_stored_frame(task.path, task.digest)
-    if task.change:
-        frame = picture_changes.changed(frame, task.change)
+    if task.augmentation:
+        frame = augmentations.augment(frame, task.augmentation)
     return build_extractor(task.spec).describe(frame, task.grid)[task.cells]
 
 
@@ -82,14 +83,14 @@ def _cached(path: Path, shape: tuple[int, int]) -> NDArray[np.float64] | None:
     return table if table.shape == shape and table.dtype == np.float64 else None
 
 
-def feature_table(
+def cached_features(
     dataset: DatasetVersion,
     spec: dict[str, Any],
     cache: Path,
     progress: Callable[..., Any],
     jobs: int = -1,
     dask: str | None = None,
-    change: str = "",
+    augmentation: str = "",
 ) -> NDArray[np.float64]:
     """Features of every patch of a dataset, in the order of ``dataset.patches``.
 
@@ -107,19 +108,19 @@ def feature_table(
     dask : str, optional
         Address of a dask scheduler, whose workers see the dataset under the same path. The
         result does not depend on it either.
-    change : str
-        A change (`picture_changes`) that is made to every frame first.
+    augmentation : str
+        Name of an augmentation (`augmentations`) that every frame goes through first.
 
     Returns
     -------
     numpy.ndarray
         float64, shape (n_patches, dim), memory-mapped read-only.
     """
-    path = cache / f"{dataset.name}-{feature_key(dataset, spec, change)}.npy"
+    path = cache / f"{dataset.name}-{feature_key(dataset, spec, augmentation)}.npy"
     shape = (len(dataset.patches), build_extractor(spec).dim)
     table = _cached(path, shape)
     if table is None:
-        _compute(_tasks(dataset, spec, change), path, shape, progress, jobs, dask)
+        _compute(_tasks(dataset, spec, augmentation), path, shape, progress, jobs, dask)
         table = _cached(path, shape)
     if table is None:
         raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
@@ -127,8 +128,8 @@ def feature_table(
 
 
 def _tasks(
-    dataset: DatasetVersion, spec: dict[str, Any], change: str
-) -> list[tuple[NDArray[np.int64], _Task]]:
+    dataset: DatasetVersion, spec: dict[str, Any], augmentation: str
+) -> list[tuple[NDArray[np.int64], _DescribeTask]]:
     """The dataset's frames, each with the rows of its patches."""
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     keys = ["mission", "camera", "frame"]
@@ -142,20 +143,21 @@ def _tasks(
     groups = patches.groupby(keys, sort=False).indices
     cells = (patches.row * grid.cols + patches.col).to_numpy()
     return [
-        (rows, _Task(*stored[key], cells[rows], spec, grid, change)) for key, rows in groups.items()
+        (rows, _DescribeTask(*stored[key], cells[rows], spec, grid, augmentation))
+        for key, rows in groups.items()
     ]
 
 
 def _compute(
-    tasks: list[tuple[NDArray[np.int64], _Task]],
+    tasks: list[tuple[NDArray[np.int64], _DescribeTask]],
     path: Path,
     shape: tuple[int, int],
     progress: Callable[..., Any],
     jobs: int,
     dask: str | None,
 ) -> None:
-    change = tasks[0][1].change
-    what = f"features, {change}" if change else "features"
+    augmentation = tasks[0][1].augmentation
+    what = f"features, {augmentation}" if augmentation else "features"
     atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)

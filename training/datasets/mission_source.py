@@ -9,14 +9,15 @@ from pathlib import Path
 
 import pandas as pd
 
-from ..features.errors import ToktError
-from ..features.grid import DEFAULT_GRID, Grid
-from ..features.image_file import SUFFIXES
-from ..features.mission import Mission, open_mission
-from ..labels.label_csv import read_label_csv
-from ..labels.merge import merge_annotators
-from ..labels.record import MODEL, LabelRecord
-from ..labels.taxonomy import UNSURE, Taxonomy
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.features.frames.image_file import SUFFIXES
+from tokt.features.frames.mission import Mission, open_mission
+from tokt.labels.formats.label_csv import read_label_csv
+from tokt.labels.merge import merge_annotators
+from tokt.labels.record import MODEL, LabelRecord
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+
 from .dataset import DatasetPlan, FrameSource
 from .splits import BLOCK_FRAMES, block_of
 
@@ -24,7 +25,7 @@ _COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
 def read_labels(files: Sequence[Path], taxonomy: Taxonomy, grid: Grid) -> list[LabelRecord]:
-    """What people say and settled in some label files; model suggestions are no labels."""
+    """Read people's labels from label files; model suggestions are no labels."""
     return [
         record
         for file in files

@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
 
-from ..features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 BLOCK_FRAMES = 20
 EMBARGO_FRAMES = 5

@@ -10,27 +10,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from ..features.image_file import pixel_sha256
-from ..features.mission import LEFT, Mission
-from ..inference.detector import GridDetector
-from ..inference.policy import SinglePolicy
-from ..inference.sources import Frame
-from ..inference.verdict import OBSTACLE, UNKNOWN, Verdict
-from ..labels.merge import merge_annotators
-from ..labels.record import LabelRecord
-from ..labels.taxonomy import UNSURE, Taxonomy
-from ..models.bundle import Bundle
-from ..models.operating_point import frame_step, missed_before
-from .dataset import CLEAR
-from .dataset import OBSTACLE as OBSTACLE_CLASS
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import pixel_sha256
+from tokt.features.frames.mission import LEFT, Mission
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict
+from tokt.labels.merge import merge_annotators
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.models.bundle.bundle import Bundle, frame_id
+from tokt.models.operating_point import frame_step, missed_before
+from tokt.training.datasets.dataset import CLEAR
+from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
+
 from .metrics import class_metrics, first_of_three, obstacle_metrics
-from .train import frame_id
 
 
 @dataclass(frozen=True)
-class Scored:
-    """What a model says of one mission, frame by frame.
+class ScoredMission:
+    """A model's values and verdicts of one mission, frame by frame.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def score_mission(
     mission: Mission,
     progress: Callable[..., Any],
     frames: Sequence[int] | None = None,
-) -> Scored:
+) -> ScoredMission:
     """Run a model over the left frames of a mission, as one run of the runtime does.
 
     The frame rule sees the frames in their order; where frames are missing between them, or were
@@ -81,7 +81,7 @@ def score_mission(
     numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
     missed = missed_before(numbers, frame_step(mission.frames(LEFT)))
     known = set(bundle.content.trained_on.tolist())
-    policy = SinglePolicy(GridDetector(bundle))
+    policy = SinglePolicy(TextureDetector(bundle))
     values, verdicts, seen = [], [], []
     for index, number in enumerate(progress(numbers, len(numbers), "scoring")):
         image = mission.read(number, LEFT)
@@ -91,7 +91,7 @@ def score_mission(
         verdicts.append(judgement.verdict)
         if int(frame_id(pixel_sha256(image))) in known:
             seen.append(number)
-    return Scored(numbers, missed, np.stack(values), verdicts, seen)
+    return ScoredMission(numbers, missed, np.stack(values), verdicts, seen)
 
 
 def _unjudged_values(bundle: Bundle, image: NDArray[np.uint8], number: int) -> NDArray[np.float64]:
@@ -110,7 +110,7 @@ def first_detection(frames: list[int], missed: list[int], status: list[int]) -> 
     Parameters
     ----------
     frames, missed, status : list of int
-        As in `Scored`. Frames on both sides of missing ones do not follow each other.
+        As in `ScoredMission`. Frames on both sides of missing ones do not follow each other.
     """
     starts = [i for i, gap in enumerate(missed) if gap or i == 0]
     for start, end in pairwise([*starts, len(frames)]):
@@ -121,7 +121,7 @@ def first_detection(frames: list[int], missed: list[int], status: list[int]) -> 
 
 
 def _frame_figures(
-    scored: Scored, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy, n_patches: int
+    scored: ScoredMission, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy, n_patches: int
 ) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
 
@@ -157,7 +157,7 @@ def _frame_figures(
 
 
 def _patch_figures(
-    bundle: Bundle, scored: Scored, records: list[LabelRecord], taxonomy: Taxonomy
+    bundle: Bundle, scored: ScoredMission, records: list[LabelRecord], taxonomy: Taxonomy
 ) -> dict[str, Any]:
     position = {number: index for index, number in enumerate(scored.frames)}
     frame = np.array([position[record.frame] for record in records])
@@ -233,7 +233,7 @@ def mission_in_training(bundle: Bundle, records: Sequence[LabelRecord]) -> bool:
 
 def evaluate_scored(
     bundle: Bundle,
-    scored: Scored,
+    scored: ScoredMission,
     mission: str,
     records: Sequence[LabelRecord],
     taxonomy: Taxonomy,

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.operating_point import FrameRule
-from .dataset import DatasetVersion
+from tokt.models.operating_point import MofNRule
+from tokt.training.datasets.dataset import DatasetVersion
+
 from .frame_scores import KEYS, FrameScores, FrameTable, frame_table, windowed
 
 
@@ -17,7 +18,7 @@ def frame_figures(
     dataset: DatasetVersion,
     score: NDArray[np.float64],
     fold: NDArray[np.int64],
-    rules: Sequence[FrameRule],
+    rules: Sequence[MofNRule],
 ) -> dict[str, Any]:
     """False statuses and detections, each frame judged by its fold's rule.
 
@@ -32,7 +33,7 @@ def frame_figures(
         `LinearModel.obstacle_score`; not looked at where the fold is -1.
     fold : array of int, shape (n_patches,)
         The fold a patch was tested in; -1 for none.
-    rules : sequence of FrameRule
+    rules : sequence of MofNRule
         One a fold.
 
     Returns
@@ -65,15 +66,15 @@ def frame_figures(
 
 
 def _statuses(
-    scores: FrameScores, of_frame: NDArray[np.int64], rules: Sequence[FrameRule]
+    scores: FrameScores, of_frame: NDArray[np.int64], rules: Sequence[MofNRule]
 ) -> NDArray[np.bool_]:
     """Whether each frame's status is obstacle by its fold's rule."""
     said = np.zeros(len(scores.frames), bool)
     for index, rule in enumerate(rules):
         # At a fold's first frames the last ones are of another fold's model.
-        found = scores.statistic(rule.least_patches, rule.hits, rule.window) > rule.margin
-        if rule.margin_now is not None:
-            found |= scores.statistic(1, 1, 1) > rule.margin_now
+        found = scores.statistic(rule.min_patches, rule.m, rule.n) > rule.margin
+        if rule.instant_margin is not None:
+            found |= scores.statistic(1, 1, 1) > rule.instant_margin
         said[of_frame == index] = found[of_frame == index]
     return said
 

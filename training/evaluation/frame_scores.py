@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ..inference.frame_rule import least_white
-from ..models.operating_point import LARGEST_WINDOW, frame_step, missed_before
-from .dataset import DatasetVersion
+from tokt.inference.texture.detector import min_mask_patches
+from tokt.models.operating_point import MAX_WINDOW, frame_step, missed_before
+from tokt.training.datasets.dataset import DatasetVersion
 
 KEYS = ["mission", "camera", "frame"]
 
@@ -42,7 +42,7 @@ class FrameTable:
     of_patch: NDArray[np.int64]
     obstacles: NDArray[np.int64]
     ocean: NDArray[np.bool_]
-    least_white: NDArray[np.int64]
+    min_mask_patches: NDArray[np.int64]
     place: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -71,30 +71,30 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
         of_patch,
         found.obstacles.to_numpy(np.int64),
         (whole & (found.obstacles == 0)).to_numpy(bool),
-        _least_white(dataset, found),
+        _min_mask_patches(dataset, found),
         _places(found),
     )
 
 
-def _least_white(dataset: DatasetVersion, found: pd.DataFrame) -> NDArray[np.int64]:
+def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> NDArray[np.int64]:
     sizes = dataset.frames.drop_duplicates(KEYS).set_index(KEYS)
     sizes = sizes.loc[pd.MultiIndex.from_frame(found[KEYS]), ["height", "width"]]
     least = {}
     for height, width in sizes.drop_duplicates().itertuples(index=False, name=None):
         resized = dataset.grid.resized(height, width)
-        least[height, width] = least_white(dataset.grid, *resized)
+        least[height, width] = min_mask_patches(dataset.grid, *resized)
     pairs = zip(sizes.height, sizes.width, strict=True)
     return np.array([least[pair] for pair in pairs], np.int64)
 
 
 def _places(found: pd.DataFrame) -> NDArray[np.int64]:
-    places, last = np.zeros(len(found), np.int64), -LARGEST_WINDOW
+    places, last = np.zeros(len(found), np.int64), -MAX_WINDOW
     for rows in found.groupby(["mission", "camera"]).indices.values():
         numbers = found.frame.to_numpy()[rows].tolist()
         missed = np.asarray(missed_before(numbers, frame_step(numbers)), np.int64)
         # More missing frames than any window holds are as good as that many.
-        steps = 1 + np.minimum(missed, LARGEST_WINDOW)
-        places[rows] = last + LARGEST_WINDOW + np.cumsum(steps)
+        steps = 1 + np.minimum(missed, MAX_WINDOW)
+        places[rows] = last + MAX_WINDOW + np.cumsum(steps)
         last = places[rows[-1]]
     return places
 
@@ -137,14 +137,14 @@ class FrameScores:
         return FrameScores(self.frames, np.where(tested[:, None], self.scores, -np.inf), tested)
 
     def statistic(self, least_patches: int, hits: int, window: int) -> NDArray[np.float64]:
-        """What a margin must stay below for a frame's status to be obstacle, shape (n_frames,).
+        """The value a margin must stay below for an obstacle status, shape (n_frames,).
 
         The `least_patches`-th largest, over the patches, of the `hits`-th largest of a patch's
-        last `window` scores: `FrameRuleState` calls an obstacle exactly where it exceeds the
+        last `window` scores: `MofNState` calls an obstacle exactly where it exceeds the
         margin. -inf where there are too few; a frame that is missing exceeds nothing.
         """
         confirmed = windowed(self.scores, self.frames.place, hits, window)
-        needed = np.maximum(least_patches, self.frames.least_white)
+        needed = np.maximum(least_patches, self.frames.min_mask_patches)
         found = np.full(len(self.frames), -np.inf)
         enough = (needed <= confirmed.shape[1]) & self.tested
         ranked = -np.sort(-confirmed[enough], axis=1)

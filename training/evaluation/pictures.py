@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import base64
+import io
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.extractor import gray_picture
-from ..features.grid import Grid
-from ..inference.verdict import OBSTACLE, Verdict
-from ..labels.record import LabelRecord
-from ..labels.taxonomy import UNSURE, Taxonomy
-from ..models.bundle import Bundle
+from tokt.features.extractors.extractor import gray_picture
+from tokt.features.frames.grid import Grid
+from tokt.inference.verdict import OBSTACLE, Verdict
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.models.bundle.bundle import Bundle
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _SCALE = 2
 _LABEL_BGR = (80, 220, 80)
@@ -25,7 +30,7 @@ _BOX_BGR = (255, 220, 60)
 
 
 @dataclass(frozen=True)
-class Judged:
+class AnnotatedFrame:
     """One frame with everything that is drawn on it.
 
     Parameters
@@ -51,7 +56,7 @@ def beside_labels(
     verdict: Verdict,
     records: Iterable[LabelRecord],
     taxonomy: Taxonomy,
-) -> Judged:
+) -> AnnotatedFrame:
     """Put what the runtime said of a frame beside its labels.
 
     Parameters
@@ -71,15 +76,15 @@ def beside_labels(
         cell = record.row * grid.cols + record.col
         unsure[cell] = record.label == UNSURE
         labelled[cell] = not unsure[cell] and taxonomy.is_obstacle(str(record.label))
-    return Judged(image, bundle.model.obstacle_patches(values), labelled, unsure, verdict)
+    return AnnotatedFrame(image, bundle.model.obstacle_patches(values), labelled, unsure, verdict)
 
 
-def enhanced(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def raise_contrast_gray(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """A nearly black frame made visible by local contrast; for eyes only, never for features."""
     return np.asarray(cv2.createCLAHE(6.0, (6, 6)).apply(gray), np.uint8)
 
 
-def draw(judged: Judged, grid: Grid) -> NDArray[np.uint8]:
+def draw(judged: AnnotatedFrame, grid: Grid) -> NDArray[np.uint8]:
     """The frame, contrast-enhanced, beside its mask.
 
     Left: thin green outlines are patches labelled as an obstacle, thin gray ones `unsure`, filled
@@ -89,7 +94,7 @@ def draw(judged: Judged, grid: Grid) -> NDArray[np.uint8]:
     gray = gray_picture(judged.image, grid)
     height, width = gray.shape
     size = (width * _SCALE, height * _SCALE)
-    view = cv2.cvtColor(cv2.resize(enhanced(gray), size), cv2.COLOR_GRAY2BGR)
+    view = cv2.cvtColor(cv2.resize(raise_contrast_gray(gray), size), cv2.COLOR_GRAY2BGR)
     boxes = grid.boxes(height, width) * _SCALE
     tint = view.copy()
     for y0, y1, x0, x1 in boxes[judged.predicted]:
@@ -123,3 +128,44 @@ def jpeg_uri(image: NDArray[np.uint8], quality: int = 85) -> str:
     """A picture as a data URI, for a page that needs no other file."""
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:
+    """A matplotlib figure as a PNG file, by default at its own resolution."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
+
+
+def png_uri(png: bytes) -> str:
+    """A PNG file as a data URI, for a page that needs no other file."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+CONTRAST_METHOD = "lightness (CIELAB) by local contrast, CLAHE with clip limit 6 on 6x6 tiles"
+
+
+def raise_contrast(frame: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """A frame resized, with its contrast raised as `CONTRAST_METHOD` says.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (h, w) or (h, w, 3)
+        Gray or BGR, as decoded.
+    width, height : int
+        Of the result, in pixels.
+
+    Returns
+    -------
+    array of uint8, shape (height, width, 3)
+        RGB.
+    """
+    small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+    if small.ndim == 2:
+        return np.asarray(
+            cv2.cvtColor(raise_contrast_gray(np.asarray(small, np.uint8)), cv2.COLOR_GRAY2RGB),
+            np.uint8,
+        )
+    lab = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2LAB), np.uint8)
+    lab[..., 0] = raise_contrast_gray(np.ascontiguousarray(lab[..., 0]))
+    return np.asarray(cv2.cvtColor(lab, cv2.COLOR_LAB2RGB), np.uint8)

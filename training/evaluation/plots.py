@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from sklearn.metrics import average_precision_score, precision_recall_curve
+
+from tokt.training.evaluation.pictures import figure_png, png_uri
 
 Curve = tuple[NDArray[np.bool_], NDArray[np.float64]]
 
@@ -64,9 +64,7 @@ def confusion(table: Mapping[str, Any]) -> Figure:
 
 def data_uri(figure: Figure) -> str:
     """A figure as a PNG data URI, for a page that needs no other file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return png_uri(figure_png(figure, 110))
 
 
 def mean_by_frame(

@@ -11,23 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from ..features.grid import Grid
-from ..models.operating_point import FrameRule
-from .dataset import DatasetVersion
-from .frame_scores import FrameScores, frame_table
-from .ocean_tail import OceanTail, fit_ocean_tail, upper_bound
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.models.operating_point import MofNRule
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.evaluation.frame_scores import FrameScores, frame_table
 
-LEAST_PATCHES = (1, 2)
+from .exceedance_model import ExceedanceModel, fit_exceedance_model, upper_bound
+
+MIN_PATCHES = (1, 2)
 FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
 BOUND_CONFIDENCE = 0.95
-LEAST_RATE, LARGEST_RATE = 1e-9, 0.5
+MIN_RATE, MAX_RATE = 1e-9, 0.5
 _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read, never too small
 
 
 @dataclass(frozen=True)
-class Target:
-    """What the operating point is chosen for.
+class FalseStatusTarget:
+    """The rate of false statuses to keep, how surely, and by which frame rules.
 
     Parameters
     ----------
@@ -52,24 +53,24 @@ class Target:
     frame_rule: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        if not LEAST_RATE <= self.rate <= LARGEST_RATE:
+        if not MIN_RATE <= self.rate <= MAX_RATE:
             raise ToktError(
-                f"a false-status rate lies between {LEAST_RATE:g} and {LARGEST_RATE:g}, "
+                f"a false-status rate lies between {MIN_RATE:g} and {MAX_RATE:g}, "
                 f"not at {self.rate:g}"
             )
         if not 0.5 <= self.confidence < 1:
             raise ToktError(f"a confidence lies between 0.5 and 1, not at {self.confidence:g}")
         tuple(self.shapes())
 
-    def shapes(self) -> Iterator[FrameRule]:
+    def shapes(self) -> Iterator[MofNRule]:
         """The rules to choose among, still without their margins, the simpler first."""
         frames = FRAME_RULES if self.frame_rule is None else (self.frame_rule,)
-        patches = LEAST_PATCHES if self.least_patches is None else (self.least_patches,)
+        patches = MIN_PATCHES if self.least_patches is None else (self.least_patches,)
         for (hits, window), least in product(frames, patches):
-            yield FrameRule(0.0, least, hits, window)
+            yield MofNRule(0.0, least, hits, window)
 
 
-DEFAULT_TARGET = Target()
+DEFAULT_TARGET = FalseStatusTarget()
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,8 @@ class _Candidate:
     `shown` is false where no ocean frame has as many before it as the rule looks at.
     """
 
-    rule: FrameRule
-    tails: tuple[OceanTail | None, ...]
+    rule: MofNRule
+    tails: tuple[ExceedanceModel | None, ...]
     false_status: NDArray[np.bool_]
     blocks: NDArray[np.object_]
     found: NDArray[np.bool_]
@@ -91,7 +92,7 @@ class _Candidate:
     @property
     def margins(self) -> list[float]:
         """Of the same paths as `tails`."""
-        now = self.rule.margin_now
+        now = self.rule.instant_margin
         return [self.rule.margin] if now is None else [self.rule.margin, now]
 
     def rate(self) -> float | None:
@@ -119,15 +120,15 @@ def choose_frame_rule(
     dataset: DatasetVersion,
     score: NDArray[np.float64],
     tested: NDArray[np.bool_],
-    target: Target,
-) -> tuple[FrameRule, dict[str, Any]]:
+    target: FalseStatusTarget,
+) -> tuple[MofNRule, dict[str, Any]]:
     """Choose margin, patches and frames of an alarm for a rate of false statuses.
 
-    Each candidate's margin is where the law of `ocean_tail`, fitted to the tested ocean frames,
-    comes down to the rate; it is never so low that more of those frames than the rate allows
-    would have had a false status. A rule over several frames gets a second margin, above which
-    one patch of one frame is enough; the two share the rate evenly. Of the candidates that a law
-    could be fitted for (of all, where there is none) the one that finds most obstacle frames is
+    Each candidate's margin is where the law of `exceedance_model`, fitted to the tested ocean
+    frames, comes down to the rate; it is never so low that more of those frames than the rate
+    allows would have had a false status. A rule over several frames gets a second margin, above
+    which one patch of one frame is enough; the two share the rate evenly. Of the candidates that a
+    law could be fitted for (of all, where there is none) the one that finds most obstacle frames is
     taken; of equals the quicker one, then the simpler one.
 
     Parameters
@@ -137,11 +138,11 @@ def choose_frame_rule(
         `LinearModel.obstacle_score` by models that did not learn from the patch.
     tested : array of bool, shape (n_patches,)
         Which patches have one.
-    target : Target
+    target : FalseStatusTarget
 
     Returns
     -------
-    rule : FrameRule
+    rule : MofNRule
     chosen : dict
         JSON, for the bundle and the card: what was asked for, how it was chosen (`method`), what
         the data showed and what it cannot show (`words`), and the candidates.
@@ -157,7 +158,7 @@ def choose_frame_rule(
             else "the model's classes are all obstacles, or all clear"
         )
         words = f"Nothing was chosen: {why}. Any patch over its threshold is an alarm."
-        return FrameRule(), {**said, "method": "none", "words": words, "reachable": False}
+        return MofNRule(), {**said, "method": "none", "words": words, "reachable": False}
     shapes = _shapes_on(dataset.grid, target)
     candidates = [_candidate(shape, scores, ocean, target) for shape in shapes]
     best = max(candidates, key=_Candidate.worth)
@@ -168,13 +169,13 @@ def choose_frame_rule(
     }
 
 
-def check_target(grid: Grid, target: Target) -> None:
+def check_target(grid: Grid, target: FalseStatusTarget) -> None:
     """Raise ToktError if frames of this grid can never meet the rule asked for."""
     _shapes_on(grid, target)
 
 
-def _shapes_on(grid: Grid, target: Target) -> list[FrameRule]:
-    shapes = [shape for shape in target.shapes() if shape.least_patches <= grid.n_patches]
+def _shapes_on(grid: Grid, target: FalseStatusTarget) -> list[MofNRule]:
+    shapes = [shape for shape in target.shapes() if shape.min_patches <= grid.n_patches]
     if not shapes:
         raise ToktError(
             f"frames of {grid.n_patches} patches never show {target.least_patches} of them"
@@ -183,18 +184,18 @@ def _shapes_on(grid: Grid, target: Target) -> list[FrameRule]:
 
 
 def _candidate(
-    shape: FrameRule, scores: FrameScores, ocean: NDArray[np.bool_], target: Target
+    shape: MofNRule, scores: FrameScores, ocean: NDArray[np.bool_], target: FalseStatusTarget
 ) -> _Candidate:
     frames = scores.frames
     blocks = frames.keys.group.to_numpy()[ocean]
     # Over ocean frames alone: what is left over from an obstacle is not a false status.
     quiet_scores = scores.of_some(ocean)
-    paths = [(shape.least_patches, shape.hits, shape.window)]
-    if shape.window > 1:
+    paths = [(shape.min_patches, shape.m, shape.n)]
+    if shape.n > 1:
         paths.append((1, 1, 1))
     rate = target.rate / len(paths)
     quiet = [quiet_scores.statistic(*path)[ocean] for path in paths]
-    tails = [fit_ocean_tail(*_finite(one, blocks), rate) for one in quiet]
+    tails = [fit_exceedance_model(*_finite(one, blocks), rate) for one in quiet]
     margins = [
         _margin(one, tail, rate, target.confidence) for one, tail in zip(quiet, tails, strict=True)
     ]
@@ -203,7 +204,7 @@ def _candidate(
     seen = [scores.statistic(*path)[obstacle] for path in paths]
     limits = [margins[0], *([] if now is None else [now])]
     return _Candidate(
-        replace(shape, margin=margins[0], margin_now=now),
+        replace(shape, margin=margins[0], instant_margin=now),
         tuple(tails),
         _any_above(quiet, limits),
         blocks,
@@ -222,7 +223,7 @@ def _finite(
 
 
 def _margin(
-    statistic: NDArray[np.float64], tail: OceanTail | None, rate: float, confidence: float
+    statistic: NDArray[np.float64], tail: ExceedanceModel | None, rate: float, confidence: float
 ) -> float:
     allowed = np.sort(statistic)[::-1][math.floor(rate * len(statistic))]
     margin = max(0.0, float(allowed), tail.margin(confidence) if tail else 0.0)
@@ -244,7 +245,7 @@ def _summary(candidate: _Candidate) -> dict[str, Any]:
     }
 
 
-def _described(best: _Candidate, target: Target) -> dict[str, Any]:
+def _described(best: _Candidate, target: FalseStatusTarget) -> dict[str, Any]:
     frames, false = len(best.false_status), int(best.false_status.sum())
     blocks = len(np.unique(best.blocks))
     false_blocks = len(np.unique(best.blocks[best.false_status]))
@@ -287,7 +288,7 @@ _NO_METHOD = (
 )
 
 
-def _words(best: _Candidate, target: Target, bounds: tuple[float, float]) -> str:
+def _words(best: _Candidate, target: FalseStatusTarget, bounds: tuple[float, float]) -> str:
     """What was asked, what was seen, and what that can and cannot show."""
     frames, false = len(best.false_status), int(best.false_status.sum())
     blocks = len(np.unique(best.blocks))

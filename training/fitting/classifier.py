@@ -11,15 +11,15 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
-from ..models.linear import LinearModel
-from ..models.pipeline import linear_model_from
-from .presets import Choice, TrainingSettings
+from tokt.models.linear import LinearModel
+
+from .presets import Hyperparameters, TrainingSettings
 
 
 def fit_classifier(
     features: NDArray[np.float64],
     targets: NDArray[np.int64],
-    choice: Choice,
+    choice: Hyperparameters,
     settings: TrainingSettings,
     weights: NDArray[np.float64] | None = None,
 ) -> Pipeline:
@@ -33,7 +33,7 @@ def fit_classifier(
     ----------
     features : array of float64, shape (n, dim)
     targets : array of int, shape (n,)
-    choice : Choice
+    choice : Hyperparameters
         LinearSVC's C and the weights of the classes.
     settings : TrainingSettings
     weights : array of float64, shape (n,), optional
@@ -71,4 +71,4 @@ def linear_model(
 ) -> LinearModel:
     """The same model with the scaler folded in and thresholds of 0."""
     outputs = len(pipeline.named_steps["svc"].coef_)
-    return linear_model_from(pipeline, np.zeros(outputs), classes, obstacle)
+    return LinearModel.from_pipeline(pipeline, np.zeros(outputs), classes, obstacle)

@@ -11,25 +11,26 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
-from ..features.mission import format_frames
-from ..models.linear import LinearModel
-from ..models.operating_point import FrameRule
+from tokt.features.frames.mission import format_frames
+from tokt.models.linear import LinearModel
+from tokt.models.operating_point import MofNRule
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.splits import Fold, blocked_folds
+from tokt.training.evaluation.frame_figures import frame_figures
+from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
+from tokt.training.parallel import mapped
+
+from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_frame_rule
 from .classifier import decision_values, fit_classifier, linear_model
-from .dataset import DatasetVersion
-from .frame_figures import frame_figures
-from .metrics import class_metrics, obstacle_metrics
-from .operating_point import DEFAULT_TARGET, Target, choose_frame_rule
-from .parallel import mapped
-from .presets import Choice, TrainingSettings
-from .splits import Fold, blocked_folds
-from .trainable import check_features, inner_folds
+from .data_checks import check_features, inner_folds
+from .presets import Hyperparameters, TrainingSettings
 
 Tables = Sequence[NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
 class Split:
-    """How a dataset is split.
+    """Folds and embargo of a cross-validation.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ class Split:
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutPredictions:
     """Decision values of patches by models that did not learn from them.
 
     Parameters
@@ -50,45 +51,45 @@ class HeldOut:
     values : array of float64, shape (n_patches, n_outputs)
     fold : array of int, shape (n_patches,)
         The fold in which a patch was tested; -1 for none.
-    choices : tuple of Choice
+    choices : tuple of Hyperparameters
         What each fold's model was trained with.
-    rules : tuple of FrameRule
+    rules : tuple of MofNRule
         Each fold's frame rule, chosen on its training part alone.
     stressed : mapping of str to array of float64, shape (n_patches, n_outputs)
-        By picture change: decision values of the patches on pictures so changed.
+        By augmentation: decision values of the patches on frames so augmented.
     """
 
     values: NDArray[np.float64]
     fold: NDArray[np.int64]
-    choices: tuple[Choice, ...]
-    rules: tuple[FrameRule, ...]
+    choices: tuple[Hyperparameters, ...]
+    rules: tuple[MofNRule, ...]
     stressed: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Chosen:
+class BestCandidate:
     """The best candidate of a cross-validation.
 
     Parameters
     ----------
-    choice : Choice
+    choice : Hyperparameters
     values : array of float64, shape (n_patches, n_outputs)
         Its decision values of patches that were held out.
     """
 
-    choice: Choice
+    choice: Hyperparameters
     values: NDArray[np.float64]
 
 
-def learn(
+def fit_rows(
     features: NDArray[np.float64],
     targets: NDArray[np.int64],
     rows: NDArray[np.int64],
-    choice: Choice,
+    choice: Hyperparameters,
     settings: TrainingSettings,
-    changed: Tables = (),
+    augmented: Tables = (),
 ) -> Pipeline:
-    """Fit to some patches, as they are and as they look on changed pictures.
+    """Fit to some patches, as they are and as they look on augmented frames.
 
     Parameters
     ----------
@@ -98,24 +99,24 @@ def learn(
         What to learn from.
     choice, settings
         As for `fit_classifier`.
-    changed : sequence of arrays like `features`
-        The same patches on changed pictures.
+    augmented : sequence of arrays like `features`
+        The same patches on augmented frames.
     """
-    tables = [table[rows] for table in (features, *changed)]
+    tables = [table[rows] for table in (features, *augmented)]
     known = np.tile(targets[rows], len(tables))
-    weights = np.repeat([1.0] + [settings.change_weight] * len(changed), len(rows))
+    weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows))
     return fit_classifier(np.concatenate(tables), known, choice, settings, weights)
 
 
-def choose(
+def choose_hyperparameters(
     patches: pd.DataFrame,
     features: NDArray[np.float64],
     targets: NDArray[np.int64],
     settings: TrainingSettings,
     split: Split,
-    changed: Tables = (),
+    augmented: Tables = (),
     jobs: int = 1,
-) -> Chosen:
+) -> BestCandidate:
     """The candidate with the best pooled F1 (macro-F1 for several classes) in a blocked CV.
 
     The simpler one wins a tie.
@@ -128,8 +129,8 @@ def choose(
     targets : array of int, shape (n_patches,)
     settings : TrainingSettings
     split : Split
-    changed : sequence of arrays like `features`
-        Learnt from too, as in `learn`; tested on is `features` alone.
+    augmented : sequence of arrays like `features`
+        Learnt from too, as in `fit_rows`; tested on is `features` alone.
     jobs : int
         Processes; -1 for one a core. The result does not depend on it.
 
@@ -140,7 +141,7 @@ def choose(
     """
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
     tasks = [
-        _Fit(features, targets, fold, choice, settings, changed)
+        _Fit(features, targets, fold, choice, settings, augmented)
         for choice in settings.choices
         for fold in folds
     ]
@@ -152,7 +153,7 @@ def choose(
             values[fold.test] = next(results)
         score = _f1(targets, values)
         if best is None or score > best_score:
-            best, best_score = Chosen(choice, values), score
+            best, best_score = BestCandidate(choice, values), score
     if best is None:
         raise ValueError("settings hold no candidate")
     return best
@@ -165,15 +166,15 @@ class _Fit:
     features: NDArray[np.float64]
     targets: NDArray[np.int64]
     fold: Fold
-    choice: Choice
+    choice: Hyperparameters
     settings: TrainingSettings
-    changed: Tables
+    augmented: Tables
 
 
 def _tested(task: _Fit) -> NDArray[np.float64]:
     """Decision values of the fold's test rows."""
     rows = task.fold.train
-    model = learn(task.features, task.targets, rows, task.choice, task.settings, task.changed)
+    model = fit_rows(task.features, task.targets, rows, task.choice, task.settings, task.augmented)
     return decision_values(model, task.features[task.fold.test])
 
 
@@ -194,11 +195,11 @@ def cross_validate(
     settings: TrainingSettings,
     split: Split,
     progress: Callable[..., Any],
-    target: Target = DEFAULT_TARGET,
-    changed: Tables = (),
+    target: FalseStatusTarget = DEFAULT_TARGET,
+    augmented: Tables = (),
     stress: Mapping[str, NDArray[np.float64]] | None = None,
     jobs: int = 1,
-) -> HeldOut:
+) -> HeldOutPredictions:
     """Nested cross-validation: what is chosen is chosen inside the training part of each fold.
 
     Parameters
@@ -209,14 +210,14 @@ def cross_validate(
     split : Split
     progress : callable
         ``progress(items, total, what)`` passes the items through.
-    target : Target
+    target : FalseStatusTarget
         What the folds' frame rules are chosen for.
-    changed : sequence of arrays like `features`
-        Of the settings' picture changes; learnt from too, never tested on.
+    augmented : sequence of arrays like `features`
+        Of the settings' augmentations; learnt from too, never tested on.
     stress : mapping of str to array like `features`, optional
-        Of picture changes to test on beside.
+        By augmentation to test on beside.
     jobs : int
-        As for `choose`.
+        As for `choose_hyperparameters`.
 
     Raises
     ------
@@ -226,7 +227,7 @@ def cross_validate(
     """
     features = np.asarray(features)
     stress = stress or {}
-    for table in (features, *changed, *stress.values()):
+    for table in (features, *augmented, *stress.values()):
         check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
@@ -237,8 +238,10 @@ def cross_validate(
     choices, rules = [], []
     for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
         part = patches.iloc[fold.train], features[fold.train], targets[fold.train]
-        chosen = choose(*part, settings, inner, [table[fold.train] for table in changed], jobs)
-        pipeline = learn(features, targets, fold.train, chosen.choice, settings, changed)
+        chosen = choose_hyperparameters(
+            *part, settings, inner, [table[fold.train] for table in augmented], jobs
+        )
+        pipeline = fit_rows(features, targets, fold.train, chosen.choice, settings, augmented)
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
         rules.append(_inner_rule(dataset, fold.train, model.obstacle_score(chosen.values), target))
         values[fold.test] = decision_values(pipeline, features[fold.test])
@@ -246,15 +249,15 @@ def cross_validate(
             stressed[name][fold.test] = decision_values(pipeline, table[fold.test])
         number[fold.test] = index
         choices.append(chosen.choice)
-    return HeldOut(values, number, tuple(choices), tuple(rules), stressed)
+    return HeldOutPredictions(values, number, tuple(choices), tuple(rules), stressed)
 
 
 def _inner_rule(
     dataset: DatasetVersion,
     rows: NDArray[np.int64],
     score: NDArray[np.float64],
-    target: Target,
-) -> FrameRule:
+    target: FalseStatusTarget,
+) -> MofNRule:
     """The frame rule that a fold's training part asks for."""
     scores, tested = np.full(len(dataset.patches), np.nan), np.zeros(len(dataset.patches), bool)
     scores[rows], tested[rows] = score, True
@@ -262,14 +265,14 @@ def _inner_rule(
 
 
 def held_out_metrics(
-    dataset: DatasetVersion, held_out: HeldOut, model: LinearModel
+    dataset: DatasetVersion, held_out: HeldOutPredictions, model: LinearModel
 ) -> dict[str, Any]:
     """All figures of a cross-validation: pooled, by fold, by class, and of the ocean frames.
 
     Parameters
     ----------
     dataset : DatasetVersion
-    held_out : HeldOut
+    held_out : HeldOutPredictions
     model : LinearModel
         Says what decision values mean: thresholds, classes, obstacle flags.
     """
@@ -297,7 +300,7 @@ def held_out_metrics(
         "folds": folds,
         "frames": frame_figures(dataset, all_scores, held_out.fold, held_out.rules),
         "frames_at_zero": frame_figures(
-            dataset, all_scores, held_out.fold, [FrameRule()] * len(held_out.rules)
+            dataset, all_scores, held_out.fold, [MofNRule()] * len(held_out.rules)
         ),
         "fold_rules": [rule.to_json() for rule in held_out.rules],
         "patches_tested": int(tested.sum()),

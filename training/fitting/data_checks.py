@@ -1,13 +1,13 @@
-"""What cannot be trained on or tested, said before hours are spent on it."""
+"""Checks of a dataset before training: what cannot be learnt from or tested is refused."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.errors import ToktError
-from .dataset import DatasetVersion
-from .splits import blocked_folds
+from tokt.features.common.errors import ToktError
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.splits import blocked_folds
 
 
 def check_blocks(dataset: DatasetVersion, n_folds: int, embargo_frames: int) -> None:

@@ -15,26 +15,26 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ..models.distribution import (
+from tokt.models.distribution import (
     BINS,
-    LARGEST_WINDOW_FRAMES,
-    LEAST_STRETCHES,
-    LEAST_TYPICAL,
+    MAX_WINDOW_FRAMES,
+    MIN_STRETCHES,
+    MIN_TYPICAL,
     Distribution,
     ks_distances,
     quantile_edges,
 )
-from .dataset import DatasetVersion
+from tokt.training.datasets.dataset import DatasetVersion
 
 _KEYS = ["mission", "camera", "frame"]
-_LEAST_FILLED = 0.5
+_MIN_FILLED = 0.5
 """Part of the frames of the fullest window: a window at a gap in the labels may have fewer."""
 
 
 def training_distribution(
     dataset: DatasetVersion, features: NDArray[np.float64], embargo_frames: int
 ) -> Distribution | None:
-    """How a dataset's features are distributed, and how far its own held-back windows are from it.
+    """The distribution of a dataset's features, and its held-back windows' distances from it.
 
     Parameters
     ----------
@@ -47,18 +47,18 @@ def training_distribution(
     Returns
     -------
     Distribution or None
-        None where nothing says which patches belong together, or fewer than `LEAST_STRETCHES`
+        None where nothing says which patches belong together, or fewer than `MIN_STRETCHES`
         windows without a common frame can be held back.
     """
     if dataset.block_frames is None:
         return None
-    length = min(dataset.block_frames, LARGEST_WINDOW_FRAMES)
+    length = min(dataset.block_frames, MAX_WINDOW_FRAMES)
     grouped = dataset.patches.groupby(_KEYS)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     sizes = grouped.size()
     windows = _windows(sizes.index.to_frame(index=False), sizes.to_numpy(), length, embargo_frames)
     stretches = _stretches(windows, length + embargo_frames)
-    if stretches < LEAST_STRETCHES:
+    if stretches < MIN_STRETCHES:
         return None
     dim = features.shape[1]
     edges, counts = np.empty((dim, BINS - 1)), np.empty((dim, BINS), np.int64)
@@ -70,7 +70,7 @@ def training_distribution(
         by_frame = np.bincount(cells, minlength=len(sizes) * BINS).reshape(-1, BINS)
         counts[feature] = by_frame.sum(axis=0)
         distances = _held_back_distances(by_frame, windows)
-        typical[feature] = max(float(distances.mean()), LEAST_TYPICAL)
+        typical[feature] = max(float(distances.mean()), MIN_TYPICAL)
         largest[feature] = distances.max()
     factor = max(1.0, float((largest / typical).max()))
     return Distribution(edges, counts, typical, factor, length, len(windows), stretches)
@@ -136,7 +136,7 @@ def _windows(
         own = numbers[start:end]
         last[start:end] = start + np.searchsorted(own, own + length)
         count = last[start:end] - np.arange(start, end)
-        filled[start:end] = count >= _LEAST_FILLED * count.max()
+        filled[start:end] = count >= _MIN_FILLED * count.max()
         same = mission == mission[start]
         near[index, 0, same] = start + np.searchsorted(own, numbers[same] - embargo)
         near[index, 1, same] = start + np.searchsorted(own, numbers[same] + length + embargo)

@@ -1,4 +1,4 @@
-"""How rarely open ocean exceeds a margin: an extrapolation from few frames, and how sure it is.
+"""A model of how rarely open ocean exceeds a margin, extrapolated from few frames.
 
 A frame's statistic is the largest of some hundred patches' scores, or nearly so. Scores are sums of
 many features, so they have light tails, and the largest of many such numbers follows a Gumbel law
@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.optimize import brentq
 
-LEAST_FRAMES = 10
-LEAST_BLOCKS = 2
+MIN_FRAMES = 10
+MIN_BLOCKS = 2
 _GUMBEL_DEVIATION = np.pi / np.sqrt(6)
 _LEVELS = np.linspace(-8, 8, 1601)
 _TINY = 1e-300
@@ -37,7 +37,7 @@ _SHARES = stats.norm.pdf(_LEVELS) / stats.norm.pdf(_LEVELS).sum()
 
 
 @dataclass(frozen=True)
-class OceanTail:
+class ExceedanceModel:
     """The law of the ocean frames' statistic.
 
     Parameters
@@ -71,7 +71,7 @@ class OceanTail:
         return float(self.quantile + steps * self.standard_error)
 
     def confidence(self, margin: float) -> float:
-        """How sure it is that `margin` is large enough, were the law right."""
+        """Confidence that `margin` is large enough, were the law right."""
         if self.standard_error == 0:
             return float(margin >= self.quantile)
         steps = (margin - self.quantile) / self.standard_error
@@ -82,9 +82,9 @@ class OceanTail:
         return _rate(margin, self.mean, self.between, self.within)
 
 
-def fit_ocean_tail(
+def fit_exceedance_model(
     statistic: NDArray[np.float64], block: NDArray[np.object_], rate: float
-) -> OceanTail | None:
+) -> ExceedanceModel | None:
     """Fit the law; None where there is too little to fit.
 
     Parameters
@@ -97,7 +97,7 @@ def fit_ocean_tail(
         Of frames that may exceed a margin.
     """
     names = np.unique(block)
-    if len(statistic) < LEAST_FRAMES or len(names) < LEAST_BLOCKS:
+    if len(statistic) < MIN_FRAMES or len(names) < MIN_BLOCKS:
         return None
     # Where all but one block hold a single value there is no spread to go by.
     laws = [_law(statistic[block != name], block[block != name]) for name in names]
@@ -106,7 +106,7 @@ def fit_ocean_tail(
         return None
     without = np.array([_quantile(rate, *one) for one in laws])
     spread = (len(names) - 1) / len(names) * np.square(without - without.mean()).sum()
-    return OceanTail(*law, _quantile(rate, *law), float(np.sqrt(spread)), len(names))
+    return ExceedanceModel(*law, _quantile(rate, *law), float(np.sqrt(spread)), len(names))
 
 
 def _law(statistic: NDArray[np.float64], block: NDArray[np.object_]) -> tuple[float, float, float]:

@@ -37,22 +37,17 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from ..features.errors import ToktError
-from ..labels.audit_file import Audit, AuditedPatch
-from ..models.registry import RegisteredVersion, Registry
+from tokt.features.common.errors import ToktError
+from tokt.labels.formats.audit_csv import Audit, AuditedPatch
+from tokt.models.registry.registry import RegisteredVersion, Registry
+from tokt.training.datasets.dataset import OBSTACLE, DatasetVersion, open_dataset
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
+
 from .classifier import decision_values
-from .cross_validation import Split, Tables, choose, learn
-from .dataset import OBSTACLE, DatasetVersion, open_dataset
-from .feature_table import feature_table
-from .presets import (
-    DEFAULT_EXTRACTOR,
-    PRESETS,
-    TrainingSettings,
-    extractor_for,
-    settings_named,
-)
-from .splits import EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
-from .trainable import check_features
+from .cross_validation import Split, Tables, choose_hyperparameters, fit_rows
+from .data_checks import check_features
+from .presets import DEFAULT_EXTRACTOR, PRESETS, TrainingSettings, extractor_for, settings_named
 
 PRESET = "best"
 _CELL = ["mission", "camera", "frame", "row", "col"]
@@ -63,8 +58,8 @@ _UNGROUPED = (
 
 
 @dataclass(frozen=True)
-class Subject:
-    """What is audited, and with what.
+class AuditInput:
+    """The dataset to audit, and the model settings to audit it with.
 
     Parameters
     ----------
@@ -90,7 +85,7 @@ class Subject:
     first: NDArray[np.float64] | None = None
 
 
-def subject_named(reference: str, workspace: Path, folds: int | None = None) -> Subject:
+def audit_input_named(reference: str, workspace: Path, folds: int | None = None) -> AuditInput:
     """A dataset (``NAME``, ``NAME@HASH``) or else a model (``NAME@ALIAS``, ``NAME/VERSION``).
 
     Parameters
@@ -120,10 +115,10 @@ def subject_named(reference: str, workspace: Path, folds: int | None = None) -> 
     return _of_model(Registry(workspace), reference, root)
 
 
-def _of_dataset(dataset: DatasetVersion, folds: int) -> Subject:
+def _of_dataset(dataset: DatasetVersion, folds: int) -> AuditInput:
     # Short blocks would be left out whole by the usual embargo.
     embargo = min(EMBARGO_FRAMES, (dataset.block_frames or 0) // 4)
-    return Subject(
+    return AuditInput(
         f"dataset {dataset.label}",
         dataset.label,
         dataset,
@@ -133,7 +128,7 @@ def _of_dataset(dataset: DatasetVersion, folds: int) -> Subject:
     )
 
 
-def _of_model(registry: Registry, reference: str, datasets: Path) -> Subject:
+def _of_model(registry: Registry, reference: str, datasets: Path) -> AuditInput:
     version = registry.find(reference)
     recipe = registry.recipe(version)
     made_by = recipe["provenance"]
@@ -143,7 +138,7 @@ def _of_model(registry: Registry, reference: str, datasets: Path) -> Subject:
             f"dataset {made_by['dataset']} instead"
         )
     dataset = open_dataset(made_by["dataset"], datasets)
-    return Subject(
+    return AuditInput(
         f"model {version.label} ({dataset.label})",
         f"{version.name}-{version.version}",
         dataset,
@@ -178,7 +173,7 @@ def _first_values(table: pd.DataFrame, dataset: DatasetVersion) -> NDArray[np.fl
 
 
 def audit(
-    subject: Subject,
+    audited: AuditInput,
     cache: Path,
     progress: Callable[..., Any],
     top: int | None = None,
@@ -188,7 +183,7 @@ def audit(
 
     Parameters
     ----------
-    subject : Subject
+    subject : AuditInput
     cache : Path
         Folder of the feature cache.
     progress : callable
@@ -203,55 +198,59 @@ def audit(
     ToktError
         If the dataset cannot be cross-validated, or was changed on disk.
     """
-    dataset, split = subject.dataset, subject.split
+    dataset, split = audited.dataset, audited.split
     dataset.check()
     folds = blocked_folds(dataset.patches, dataset.targets(), split.folds, split.embargo_frames)
-    features, *changed = (
+    features, *augmented = (
         np.asarray(
-            feature_table(dataset, subject.extractor_spec, cache, progress, jobs, change=change)
+            cached_features(
+                dataset, audited.extractor_spec, cache, progress, jobs, augmentation=augmentation
+            )
         )
-        for change in ("", *subject.settings.changes)
+        for augmentation in ("", *audited.settings.changes)
     )
     check_features(dataset, features)
     with ThreadpoolController().limit(limits=1):
         passes = progress(folds, len(folds), "second pass")
-        margins, decided = _judge(subject, features, changed, passes)
+        margins, decided = _judge(audited, features, augmented, passes)
     order = np.argsort(margins, kind="stable")
     order = order[margins[order] < 0][:top]
     return Audit(
-        subject.name,
-        subject.label,
+        audited.name,
+        audited.label,
         dataset.grid,
-        _rule(subject),
+        _rule(audited),
         tuple(_doubted(dataset, order, margins, decided)),
     )
 
 
-def _rule(subject: Subject) -> str:
-    grouped = subject.dataset.block_frames is not None
+def _rule(audited: AuditInput) -> str:
+    grouped = audited.dataset.block_frames is not None
     over = "whole blocks of frames" if grouped else "single patches"
     return (
-        f"mean of two held-out margins ({subject.split.folds} folds over {over}); the second "
+        f"mean of two held-out margins ({audited.split.folds} folds over {over}); the second "
         "without learning what the first contradicts. Decision values; below 0 the label's class "
         f"loses.{'' if grouped else _UNGROUPED}"
     )
 
 
 def _judge(
-    subject: Subject, features: NDArray[np.float64], changed: Tables, folds: Iterable[Fold]
+    audited: AuditInput, features: NDArray[np.float64], augmented: Tables, folds: Iterable[Fold]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Mean margin of each patch, and the index of the best class beside its label."""
-    dataset, settings = subject.dataset, subject.settings
+    dataset, settings = audited.dataset, audited.settings
     targets = dataset.targets()
-    first, choice = subject.first, settings.choices[0]
+    first, choice = audited.first, settings.choices[0]
     if first is None:
-        chosen = choose(dataset.patches, features, targets, settings, subject.split, changed)
+        chosen = choose_hyperparameters(
+            dataset.patches, features, targets, settings, audited.split, augmented
+        )
         first, choice = chosen.values, chosen.choice
     before = label_margins(first, targets)
     second = np.empty_like(first)
     for fold in folds:
         believed = believable(fold, before, targets)
-        model = learn(features, targets, believed, choice, settings, changed)
+        model = fit_rows(features, targets, believed, choice, settings, augmented)
         second[fold.test] = decision_values(model, features[fold.test])
     mean = (before + label_margins(second, targets)) / 2
     return mean, _best_other((first + second) / 2, targets)

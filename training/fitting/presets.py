@@ -1,18 +1,18 @@
-"""How a model is trained: the presets, as plain values that are logged with every run."""
+"""The presets and settings of training, as plain values that are logged with every run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..features.errors import ToktError
-from ..features.extractor import Extractor, Haralick, extractor_named
-from ..features.grid import Grid
-from .picture_changes import change_named
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor, Haralick, extractor_named
+from tokt.features.frames.grid import Grid
+from tokt.training.datasets.augmentations import parse_augmentation
 
 
 @dataclass(frozen=True)
-class Choice:
-    """What a cross-validation chooses among.
+class Hyperparameters:
+    """One candidate of a cross-validation.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What, beside the data, decides the weights.
+    """All that decides the weights besides the data.
 
     Parameters
     ----------
@@ -41,10 +41,10 @@ class TrainingSettings:
         Candidates for the classes' weights. The choice among all pairs is made by a blocked
         cross-validation inside the training part of each fold.
     changes : tuple of str
-        Picture changes (`picture_changes`): every training part is learnt from as it is and as
-        each of them makes it. Tested on is what the camera gave.
+        Augmentations, by name: every training part is learnt from as it is and as each of them
+        makes it. Tested on is what the camera gave.
     change_weight : float
-        How much a patch of a changed picture counts, against 1 as it is.
+        How much a patch of an augmented frame counts, against 1 as it is.
     two_images : bool
         Train on one ocean image against one other image, as the thesis does, not on the
         dataset.
@@ -62,11 +62,13 @@ class TrainingSettings:
     change_weight: float = 1.0
 
     @property
-    def choices(self) -> tuple[Choice, ...]:
+    def choices(self) -> tuple[Hyperparameters, ...]:
         """The candidates, the simpler first: a smaller C, then no weights."""
         weights = sorted(self.class_weights, key=lambda weight: weight is not None)
         return tuple(
-            Choice(penalty, weight) for penalty in sorted(self.penalties) for weight in weights
+            Hyperparameters(penalty, weight)
+            for penalty in sorted(self.penalties)
+            for weight in weights
         )
 
 
@@ -138,16 +140,16 @@ def weighted(settings: TrainingSettings, class_weight: str | None) -> TrainingSe
     return replace(settings, class_weights=known[class_weight])
 
 
-def learning_changes(settings: TrainingSettings, names: str | None) -> TrainingSettings:
-    """The settings with these picture changes (``gain_0.5,jpeg_60``, or ``none``).
+def with_augmentations(settings: TrainingSettings, names: str | None) -> TrainingSettings:
+    """The settings with these augmentations (``gain_0.5,jpeg_60``, or ``none``).
 
-    Raises ToktError for a change that is not there; None keeps what the settings have.
+    Raises ToktError for one that is not there; None keeps what the settings have.
     """
     if names is None:
         return settings
     changes = () if names == "none" else tuple(dict.fromkeys(names.split(",")))
     for name in changes:
-        change_named(name)
+        parse_augmentation(name)
     if settings.two_images and changes:
         raise ToktError("preset thesis learns from two images as they are: no --changes")
     return replace(settings, changes=changes)

@@ -1,4 +1,4 @@
-"""How much worse a model gets on changed pictures, on frames that it did not learn from."""
+"""Robustness of a model: its figures on augmented frames that it did not learn from."""
 
 from __future__ import annotations
 
@@ -6,34 +6,38 @@ from typing import Any
 
 import numpy as np
 
-from ..models.linear import LinearModel
-from .cross_validation import HeldOut
-from .dataset import DatasetVersion
-from .frame_figures import frame_figures
-from .metrics import obstacle_metrics
+from tokt.models.linear import LinearModel
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.evaluation.frame_figures import frame_figures
+from tokt.training.evaluation.metrics import obstacle_metrics
+
+from .cross_validation import HeldOutPredictions
 
 
-def stress_figures(
-    dataset: DatasetVersion, held_out: HeldOut, model: LinearModel, learnt: tuple[str, ...]
+def robustness_figures(
+    dataset: DatasetVersion,
+    held_out: HeldOutPredictions,
+    model: LinearModel,
+    learnt: tuple[str, ...],
 ) -> dict[str, Any]:
-    """Figures on changed pictures beside those on the pictures as they are.
+    """Figures on augmented frames beside those on the frames as they are.
 
-    Each fold's model scores the changed pictures of its test part.
+    Each fold's model scores the augmented frames of its test part.
 
     Parameters
     ----------
     dataset : DatasetVersion
-    held_out : HeldOut
+    held_out : HeldOutPredictions
         With `stressed`.
     model : LinearModel
         Says what decision values mean.
     learnt : tuple of str
-        The changes that the models learnt from, on other frames.
+        The augmentations that the models learnt from, on other frames.
 
     Returns
     -------
     dict
-        By change: f1, fall (of F1, against the pictures as they are), false_status,
+        By augmentation: f1, fall (of F1, against the frames as they are), false_status,
         ocean_frames, detected, obstacle_frames (at the folds' rules), and learnt.
     """
     tested = held_out.fold >= 0

@@ -22,26 +22,27 @@ from mlflow.data.meta_dataset import MetaDataset
 from mlflow.entities import Metric
 from mlflow.models import infer_signature
 
-from .. import __version__
-from ..features.kernels import KERNELS
-from ..features.mission import format_frames
-from ..models.bundle import Golden, distribution_bytes, golden_bytes, lineage_bytes
-from ..models.operating_point import OperatingPoint
-from ..models.registry import RECIPE_VERSION, RegisteredVersion, Registry
-from . import plots
+from tokt import __version__
+from tokt.features.frames.mission import format_frames
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.models.bundle.bundle import Golden, distribution_bytes, golden_bytes, lineage_bytes
+from tokt.models.operating_point import OperatingPoint
+from tokt.models.registry.registry import RECIPE_VERSION, RegisteredVersion, Registry
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.evaluation import plots
+
 from .classifier import decision_values
-from .dataset import DatasetVersion
 from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
-_LONGEST_DESCRIPTION = 5000  # what MLflow's database keeps of one
+_MAX_DESCRIPTION = 5000  # what MLflow's database keeps of one
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
 
 
 def code_version() -> str:
     """The version of tokt, with the git commit where it runs from a checkout."""
-    folder = Path(__file__).parents[1]
+    folder = Path(__file__).parents[2]
     if not (folder / ".git").exists():
         return __version__  # git would describe whatever repository the install happens to be in
     try:
@@ -269,9 +270,9 @@ def _log_card(registered: RegisteredVersion, registry: Registry) -> None:
     """Keep the card, which names the version, beside what it is made from, and as description."""
     card = registry.card(registered.label)
     description = card
-    if len(card) > _LONGEST_DESCRIPTION:
+    if len(card) > _MAX_DESCRIPTION:
         more = "\n\n(The whole card is the run's artifact tokt/card.md.)"
-        description = card[: _LONGEST_DESCRIPTION - len(more)] + more
+        description = card[: _MAX_DESCRIPTION - len(more)] + more
     with registry.reported():
         registry.client.log_text(registered.run_id, card, "tokt/card.md")
         registry.client.update_model_version(registered.name, registered.version, description)

@@ -7,46 +7,53 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 from threadpoolctl import ThreadpoolController
 
-from ..features.errors import ToktError
-from ..features.extractor import Extractor
-from ..features.image_file import pixel_sha256, read_image
-from ..models.distribution import Distribution
-from ..models.linear import LinearModel
-from ..models.operating_point import FrameRule
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor
+from tokt.features.frames.image_file import pixel_sha256, read_image
+from tokt.models.bundle.bundle import frame_id
+from tokt.models.distribution import Distribution
+from tokt.models.linear import LinearModel
+from tokt.models.operating_point import MofNRule
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import blocked_folds
+
+from .choose_operating_point import (
+    DEFAULT_TARGET,
+    FalseStatusTarget,
+    check_target,
+    choose_frame_rule,
+)
 from .classifier import converged, decision_values, fit_classifier, linear_model
 from .cross_validation import (
-    HeldOut,
+    HeldOutPredictions,
     Split,
-    choose,
+    choose_hyperparameters,
     cross_validate,
+    fit_rows,
     held_out_metrics,
-    learn,
 )
-from .dataset import DatasetVersion
+from .data_checks import check_blocks, check_features, inner_folds
 from .drift_limits import training_distribution
-from .feature_table import feature_table
-from .operating_point import DEFAULT_TARGET, Target, check_target, choose_frame_rule
-from .presets import CHOSEN_ON, Choice, TrainingSettings
-from .splits import blocked_folds
-from .stress import stress_figures
-from .thesis_images import rendered_other_image
-from .trainable import check_blocks, check_features, inner_folds
+from .presets import CHOSEN_ON, Hyperparameters, TrainingSettings
+from .robustness import robustness_figures
 
-_LEAST_BLOCK_FRAMES = 5
+_MIN_BLOCK_FRAMES = 5
 _WEAK = (
-    f"WEAK SPLIT: blocks of fewer than {_LEAST_BLOCK_FRAMES} frames leave near copies on both "
+    f"WEAK SPLIT: blocks of fewer than {_MIN_BLOCK_FRAMES} frames leave near copies on both "
     "sides and the figures may be too good. "
 )
 
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """What to train.
+    """A model to train: dataset, extractor, settings and targets.
 
     Parameters
     ----------
@@ -61,7 +68,7 @@ class TrainRequest:
     ocean_image, other_image : Path or None
         For the preset `thesis` only; by default a clear frame of the dataset and a rendered
         texture.
-    target : Target
+    target : FalseStatusTarget
         What the operating point is chosen for.
     search : str or None
         The search that the extractor comes from.
@@ -77,7 +84,7 @@ class TrainRequest:
     split: Split
     ocean_image: Path | None = None
     other_image: Path | None = None
-    target: Target = DEFAULT_TARGET
+    target: FalseStatusTarget = DEFAULT_TARGET
     search: str | None = None
     selection: str = ""
 
@@ -93,14 +100,14 @@ class Trained:
         scikit-learn's, fitted on all training data.
     model : LinearModel
         The same with the scaler folded in.
-    choice : Choice
+    choice : Hyperparameters
         What it was fitted with.
-    held_out : HeldOut
+    held_out : HeldOutPredictions
     metrics : dict
         As `held_out_metrics`, with ``split``: how they were measured, in words.
     trained_on : array of uint64
         First 8 bytes of the pixel hash of every frame learnt from.
-    rule : FrameRule
+    rule : MofNRule
         Chosen on held-out decision values of all blocks; the figures of `metrics` come from the
         folds' own rules.
     operating_point : dict
@@ -112,18 +119,13 @@ class Trained:
     request: TrainRequest
     pipeline: Pipeline
     model: LinearModel
-    choice: Choice
-    held_out: HeldOut
+    choice: Hyperparameters
+    held_out: HeldOutPredictions
     metrics: dict[str, Any]
     trained_on: NDArray[np.uint64]
-    rule: FrameRule
+    rule: MofNRule
     operating_point: dict[str, Any]
     distribution: Distribution | None
-
-
-def frame_id(digest: str) -> np.uint64:
-    """The first 8 bytes of a pixel hash, as `BundleContent.trained_on` holds them."""
-    return np.uint64(int(digest[:16], 16))
 
 
 def train(
@@ -144,10 +146,10 @@ def train(
     progress : callable
         ``progress(items, total, what)`` passes the items through.
     jobs, dask
-        Where features are computed, as for `feature_table`, and on how many processes is
+        Where features are computed, as for `cached_features`, and on how many processes is
         cross-validated; the model depends on neither.
     stress : tuple of str
-        Picture changes to test on beside; `metrics` then has ``stress`` (`stress_figures`).
+        Augmentations to test on beside; `metrics` then has ``stress`` (`robustness_figures`).
 
     Raises
     ------
@@ -173,8 +175,10 @@ def train(
     wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
     tables = {
-        change: np.asarray(feature_table(dataset, spec, cache, progress, jobs, dask, change))
-        for change in wanted
+        augmentation: np.asarray(
+            cached_features(dataset, spec, cache, progress, jobs, dask, augmentation)
+        )
+        for augmentation in wanted
     }
     # One thread, so that sums are added up in the same order on every machine.
     with ThreadpoolController().limit(limits=1):
@@ -191,15 +195,17 @@ def _train_on_dataset(
     jobs: int,
 ) -> Trained:
     dataset, settings, split = request.dataset, request.settings, request.split
-    features, changed = tables[""], [tables[name] for name in settings.changes]
+    features, augmented = tables[""], [tables[name] for name in settings.changes]
     stressed = {name: tables[name] for name in stress}
     targets = dataset.targets()
     held_out = cross_validate(
-        dataset, features, settings, split, progress, request.target, changed, stressed, jobs
+        dataset, features, settings, split, progress, request.target, augmented, stressed, jobs
     )
-    chosen = choose(dataset.patches, features, targets, settings, split, changed, jobs)
+    chosen = choose_hyperparameters(
+        dataset.patches, features, targets, settings, split, augmented, jobs
+    )
     everything = np.arange(len(targets))
-    pipeline = learn(features, targets, everything, chosen.choice, settings, changed)
+    pipeline = fit_rows(features, targets, everything, chosen.choice, settings, augmented)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
     score, tested = model.obstacle_score(chosen.values), np.ones(len(targets), bool)
     rule, operating_point = choose_frame_rule(dataset, score, tested, request.target)
@@ -220,12 +226,16 @@ def _train_on_dataset(
 
 
 def _metrics(
-    request: TrainRequest, held_out: HeldOut, model: LinearModel, pipeline: Pipeline, split: str
+    request: TrainRequest,
+    held_out: HeldOutPredictions,
+    model: LinearModel,
+    pipeline: Pipeline,
+    split: str,
 ) -> dict[str, Any]:
     metrics = held_out_metrics(request.dataset, held_out, model)
     if held_out.stressed:
         learnt = request.settings.changes
-        metrics["stress"] = stress_figures(request.dataset, held_out, model, learnt)
+        metrics["stress"] = robustness_figures(request.dataset, held_out, model, learnt)
     return {**metrics, "split": split, "converged": converged(pipeline)}
 
 
@@ -242,7 +252,7 @@ def _folds_in_words(request: TrainRequest) -> str:
             "which patches come from one photo, so near copies may stand on both sides and the "
             f"figures may be too good.{_changes(request.settings)}"
         )
-    weak = request.dataset.block_frames < _LEAST_BLOCK_FRAMES
+    weak = request.dataset.block_frames < _MIN_BLOCK_FRAMES
     return (
         f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
         f"({request.dataset.block_frames} frames a block); training frames within "
@@ -328,7 +338,7 @@ def _train_on_two_images(
         held_out,
         metrics,
         np.unique(images),
-        FrameRule(),
+        MofNRule(),
         {
             "method": "none",
             "words": "As the thesis: any patch over its threshold, in any frame, is an alarm.",
@@ -348,7 +358,7 @@ def _test_on_all(
     stress: tuple[str, ...],
     pipeline: Pipeline,
     learnt_from: list[str],
-) -> HeldOut:
+) -> HeldOutPredictions:
     """Score every patch of the dataset but those of frames that were learnt from."""
     dataset = request.dataset
     split = request.split
@@ -362,13 +372,13 @@ def _test_on_all(
     values = {name: decision_values(pipeline, tables[name]) for name in ("", *stress)}
     for part in values.values():
         part[number < 0] = np.nan
-    rules = tuple([FrameRule()] * len(folds))
+    rules = tuple([MofNRule()] * len(folds))
     choices = request.settings.choices * len(folds)
-    return HeldOut(values.pop(""), number, choices, rules, values)
+    return HeldOutPredictions(values.pop(""), number, choices, rules, values)
 
 
 def parameters(trained: Trained) -> dict[str, Any]:
-    """What a run logs as its parameters."""
+    """The parameters that a run logs."""
     request = trained.request
     return {
         "dataset": request.dataset.label,
@@ -383,3 +393,31 @@ def parameters(trained: Trained) -> dict[str, Any]:
         **{f"setting_{key}": value for key, value in asdict(request.settings).items()},
         **{f"split_{key}": value for key, value in asdict(request.split).items()},
     }
+
+
+_HEIGHT, _WIDTH = 1024, 1360
+_CELL_PIXELS = (256, 128, 64, 32, 16, 8)
+_ROUGHNESS = 0.6
+
+
+def rendered_other_image(seed: int = 1) -> NDArray[np.uint8]:
+    """A textured gray image that stands in for the thesis's film still, which is not at hand.
+
+    A sum of smooth noise at six scales, stretched to grey levels 20 to 220: bright, contrasty
+    and structured at every size, as a well-lit scene is and open water is not.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, shape (1024, 1360).
+    """
+    generator = np.random.default_rng(seed)
+    total = np.zeros((_HEIGHT, _WIDTH))
+    for cell in _CELL_PIXELS:
+        coarse = generator.normal(size=(_HEIGHT // cell + 2, _WIDTH // cell + 2))
+        smooth = cv2.resize(
+            coarse.astype(np.float32), (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC
+        )
+        total += smooth * (cell / _CELL_PIXELS[0]) ** _ROUGHNESS
+    stretched = (total - total.min()) / np.ptp(total)
+    return np.asarray(stretched * 200 + 20, np.uint8)

@@ -1,11 +1,11 @@
-"""How much a run of a search may do: some minutes, or some trials."""
+"""The budget of a search: minutes, or trials."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 

@@ -1,4 +1,4 @@
-"""A search in MLflow: a parent run, and a child run a finished trial, each exactly once.
+"""MLflow runs of a search: a parent, and a child for each finished trial, exactly once.
 
 What is logged already is asked of the registry itself, by tags, and not remembered elsewhere: so
 a search that was killed between logging and remembering makes no run twice.
@@ -14,7 +14,8 @@ from typing import Any
 from mlflow.entities import Metric, Param, Run
 from mlflow.utils.mlflow_tags import MLFLOW_PARENT_RUN_ID, MLFLOW_RUN_NAME
 
-from ...models.registry import Registry
+from tokt.models.registry.registry import Registry
+
 from .space import Trial
 from .state import Finished
 

@@ -1,4 +1,4 @@
-"""The honest figure of a search: what it scores where it could not look when it chose.
+"""The nested score of a search: measured on blocks it could not see when it chose.
 
 The winner's own score was looked at to choose it, so it is somewhat too good. Here the whole
 search is repeated inside the training part of every fold; the extractor it chooses there is then
@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .rule import ranked, winner
-from .score import Tally, pooled
+from .score import BlockConfusion, pooled
+from .selection_rule import ranked, winner
 from .space import Trial
 
 HOW = (
@@ -22,7 +22,7 @@ HOW = (
 
 
 def honest_score(
-    whole: Mapping[Trial, Tally], inside: Sequence[Mapping[Trial, Tally]]
+    whole: Mapping[Trial, BlockConfusion], inside: Sequence[Mapping[Trial, BlockConfusion]]
 ) -> dict[str, Any]:
     """Score the procedure on blocks it did not see.
 

@@ -1,4 +1,4 @@
-"""The score of a trial and how sure it is: patch F1 from held-out patches, by blocks of frames."""
+"""The score of a trial and its standard error, from held-out patches by blocks of frames."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cross_validation import HeldOut
-from ..dataset import DatasetVersion
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.fitting.cross_validation import HeldOutPredictions
 
 REPLICATES = 2000
 SEED = 42
-_MOST_BLOCKS = 400
+_MAX_BLOCKS = 400
 
 SCORE = (
     "F1 of obstacle patches (macro-F1 over the classes where there are more than two), pooled "
@@ -24,8 +24,8 @@ SCORE = (
 
 
 @dataclass(frozen=True)
-class Tally:
-    """How often held-out patches of each true class were said to be of each class.
+class BlockConfusion:
+    """Confusion matrices of held-out patches, one for each block of frames.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Tally:
         }
 
     @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Tally:
+    def from_json(cls, value: dict[str, Any]) -> BlockConfusion:
         """What `to_json` gave. Raises KeyError, TypeError or ValueError if it is anything else."""
         blocks, folds = (np.array(value[name], np.int64) for name in ("blocks", "folds"))
         counts = np.array(value["counts"], np.int64)
@@ -67,7 +67,7 @@ class Tally:
     @property
     def score(self) -> float:
         """Pooled over everything."""
-        return float(np.nan_to_num(f1(self.counts.sum(axis=0))))
+        return float(np.nan_to_num(f1_of_counts(self.counts.sum(axis=0))))
 
     def of_fold(self, fold: int) -> NDArray[np.int64]:
         """The confusion matrix of one fold."""
@@ -83,7 +83,7 @@ class Tally:
             self.n_blocks, np.full(self.n_blocks, 1 / self.n_blocks), REPLICATES
         )
         # Whole numbers: the sums are exact on every machine.
-        return f1(np.einsum("rb,bij->rij", drawn, by_block))
+        return f1_of_counts(np.einsum("rb,bij->rij", drawn, by_block))
 
     @property
     def standard_error(self) -> float:
@@ -91,7 +91,7 @@ class Tally:
         return spread(self.replicates())
 
 
-def f1(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+def f1_of_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     """F1 of class 1 of two, macro-F1 over the classes present of more; NaN where undefined.
 
     Parameters
@@ -116,7 +116,7 @@ def spread(replicates: NDArray[np.float64]) -> float:
     return float(defined.std(ddof=1)) if len(defined) > 1 else 0.0
 
 
-def tally(dataset: DatasetVersion, held_out: HeldOut) -> Tally:
+def tally(dataset: DatasetVersion, held_out: HeldOutPredictions) -> BlockConfusion:
     """Count what a cross-validation said of each block.
 
     A dataset of thousands of blocks is counted by some hundred runs of neighbour blocks.
@@ -126,16 +126,16 @@ def tally(dataset: DatasetVersion, held_out: HeldOut) -> Tally:
     two = values.shape[1] == 1
     said = (values[:, 0] > 0).astype(np.int64) if two else values.argmax(axis=1)
     names, block = np.unique(dataset.patches.group.to_numpy(), return_inverse=True)
-    if len(names) > _MOST_BLOCKS:
-        block = block * _MOST_BLOCKS // len(names)
-    n_blocks, n_classes = min(len(names), _MOST_BLOCKS), 2 if two else values.shape[1]
+    if len(names) > _MAX_BLOCKS:
+        block = block * _MAX_BLOCKS // len(names)
+    n_blocks, n_classes = min(len(names), _MAX_BLOCKS), 2 if two else values.shape[1]
     pairs = np.column_stack([block[tested], held_out.fold[tested]])
     cells, place = np.unique(pairs, axis=0, return_inverse=True)
     counts = np.zeros((len(cells), n_classes, n_classes), np.int64)
     np.add.at(counts, (place.reshape(-1), truth, said), 1)
-    return Tally(cells[:, 0], cells[:, 1], counts, n_blocks)
+    return BlockConfusion(cells[:, 0], cells[:, 1], counts, n_blocks)
 
 
 def pooled(matrices: Sequence[NDArray[np.int64]]) -> float:
     """The score of several confusion matrices together."""
-    return float(np.nan_to_num(f1(np.sum(matrices, axis=0))))
+    return float(np.nan_to_num(f1_of_counts(np.sum(matrices, axis=0))))

@@ -9,31 +9,33 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ...features.errors import ToktError
-from ...features.extractor import build_extractor
-from ...models.registry import RegisteredVersion, Registry
-from ..cross_validation import Split
-from ..dataset import DatasetVersion
-from ..feature_table import feature_key
-from ..parallel import mapped, software
-from ..tracking import log_and_register
-from ..train import TrainRequest, train
-from ..trainable import check_blocks, inner_folds
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import build_extractor
+from tokt.models.registry.registry import RegisteredVersion, Registry
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.feature_cache import feature_key
+from tokt.training.fitting.cross_validation import Split
+from tokt.training.fitting.data_checks import check_blocks, inner_folds
+from tokt.training.fitting.tracking import log_and_register
+from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.parallel import mapped, software
+
 from .budget import Budget
+from .mlflow_runs import SearchRuns
 from .nested import HOW, honest_score
-from .rule import RULE, Rank, ranked, winner
-from .runs import SearchRuns
-from .score import Tally
+from .score import BlockConfusion
+from .selection_rule import RULE, Rank, ranked, winner
 from .space import Space, Trial
 from .state import Finished, SearchState, opened_state, read_finished, write_json
-from .trial import Outcome, Task, outer_training_rows, part_of, run_task
+from .trial import TrialOutcome, TrialTask, outer_training_rows, part_of, run_task
 
 _TRAINING = Path(__file__).parents[1]
+_SCORED_BY = (".", "datasets", "evaluation", "fitting", "search")
 
 
 @dataclass(frozen=True)
 class SearchRequest:
-    """What to search.
+    """A search to run: dataset, space, split and budget.
 
     Parameters
     ----------
@@ -67,7 +69,7 @@ class SearchRequest:
 
 @dataclass(frozen=True)
 class Searched:
-    """What a run of a search came to.
+    """Result of a run of a search.
 
     Parameters
     ----------
@@ -84,7 +86,7 @@ class Searched:
 def _code_hash() -> str:
     """Of the training code: a score of other code is not taken for one of this."""
     digest = hashlib.sha256()
-    for path in sorted([*_TRAINING.glob("*.py"), *Path(__file__).parent.glob("*.py")]):
+    for path in sorted(path for room in _SCORED_BY for path in (_TRAINING / room).glob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -195,9 +197,9 @@ class _Search:
         self._runs.report(figures, {"tokt.tried": tried, "tokt.winner": best.trial.name})
         return Searched(result, version)
 
-    def _task(self, trial: Trial, outer_fold: int | None, limited: bool) -> Task:
+    def _task(self, trial: Trial, outer_fold: int | None, limited: bool) -> TrialTask:
         request = self._request
-        return Task(
+        return TrialTask(
             trial,
             request.dataset.path.resolve(),
             (request.workspace / "cache").resolve(),
@@ -209,14 +211,14 @@ class _Search:
             self._not_after if limited else None,
         )
 
-    def _run(self, tasks: list[Task], what: str) -> Iterable[Outcome]:
+    def _run(self, tasks: list[TrialTask], what: str) -> Iterable[TrialOutcome]:
         if not tasks:
             return ()
         outcomes = mapped(run_task, tasks, self._request.jobs, self._request.dask)
-        shown: Iterable[Outcome] = self._progress(outcomes, len(tasks), what)
+        shown: Iterable[TrialOutcome] = self._progress(outcomes, len(tasks), what)
         return shown
 
-    def _trials(self, trials: tuple[Trial, ...]) -> dict[Trial, Tally]:
+    def _trials(self, trials: tuple[Trial, ...]) -> dict[Trial, BlockConfusion]:
         """Run the trials that are left and the budget allows; all that are finished, in order."""
         kept = {trial: read_finished(self._state.trial_file(trial.id)) for trial in trials}
         for trial, earlier in kept.items():
@@ -233,7 +235,7 @@ class _Search:
                 allowed -= outcome.fault is None
         return {trial: done.tally for trial, done in kept.items() if done is not None}
 
-    def _take(self, outcome: Outcome, kept: dict[Trial, Finished | None]) -> None:
+    def _take(self, outcome: TrialOutcome, kept: dict[Trial, Finished | None]) -> None:
         trial = outcome.task.trial
         if outcome.fault is not None:
             self._faults[trial.name] = outcome.fault
@@ -241,7 +243,7 @@ class _Search:
             self._runs.log(trial, outcome.finished)
             kept[trial] = outcome.finished
 
-    def _honest(self, whole: Mapping[Trial, Tally]) -> dict[str, Any] | None:
+    def _honest(self, whole: Mapping[Trial, BlockConfusion]) -> dict[str, Any] | None:
         """The nested figure, asked for now or measured before; None while trials of it are left."""
         if len(whole) + len(self._faults) < len(self._request.space.trials):
             return None

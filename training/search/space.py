@@ -24,11 +24,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...features.canonical import canonical_json, json_sha256
-from ...features.errors import ToktError
-from ...features.extractor import Extractor, build_extractor, extractor_named
-from ..picture_changes import change_named
-from ..presets import TrainingSettings
+from tokt.features.common.canonical import canonical_json, json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor, build_extractor, extractor_named
+from tokt.training.datasets.augmentations import parse_augmentation
+from tokt.training.fitting.presets import TrainingSettings
 
 SPACE_FORMAT = 1
 PRESET = "search"
@@ -66,7 +66,7 @@ class Trial:
 
     @property
     def cost(self) -> tuple[int, int, str]:
-        """What orders trials from simple to rich; no measured time, which is never twice the same.
+        """Order of trials from simple to rich; no measured time, which is never twice the same.
 
         Number of features, then of pictures, then the name.
         """
@@ -75,14 +75,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class Space:
-    """What a search tries.
+    """The trials of a search and their common settings.
 
     Parameters
     ----------
     trials : tuple of Trial
         Simple ones first.
     settings : TrainingSettings
-        The candidates for C and class weight, the picture changes, and the seed.
+        The candidates for C and class weight, the augmentations, and the seed.
     """
 
     trials: tuple[Trial, ...]
@@ -167,7 +167,7 @@ def _changes(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
         raise ToktError("changes is a list of names, as gain_0.5")
     for name in value:
-        change_named(name)
+        parse_augmentation(name)
     return tuple(dict.fromkeys(value))
 
 

@@ -1,4 +1,4 @@
-"""What a search has done so far, on disk: killed at any instant, it goes on where it was.
+"""State of a search on disk: killed at any instant, it goes on where it was.
 
 Below the workspace::
 
@@ -25,12 +25,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...features import atomic
-from ...features.canonical import json_sha256
-from ...features.errors import ToktError
-from ...features.file_lock import locked
-from ..presets import Choice
-from .score import Tally
+from tokt.features.common import atomic
+from tokt.features.common.canonical import json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.common.file_lock import locked
+from tokt.training.fitting.presets import Hyperparameters
+
+from .score import BlockConfusion
 
 STATE_FORMAT = 1
 _KEY_CHARS = 16
@@ -42,15 +43,15 @@ class Finished:
 
     Parameters
     ----------
-    tally : Tally
-    choices : tuple of Choice
+    tally : BlockConfusion
+    choices : tuple of Hyperparameters
         C and class weight of each fold.
     seconds : float
         What it took; for people.
     """
 
-    tally: Tally
-    choices: tuple[Choice, ...]
+    tally: BlockConfusion
+    choices: tuple[Hyperparameters, ...]
     seconds: float
 
 
@@ -78,8 +79,10 @@ def read_finished(path: Path) -> Finished | None:
         value = json.loads(path.read_text("utf-8"))
         if value["format"] > STATE_FORMAT:
             raise ToktError(f"{path} was written by a newer tokt")
-        choices = tuple(Choice(float(penalty), weight) for penalty, weight in value["choices"])
-        return Finished(Tally.from_json(value["tally"]), choices, float(value["seconds"]))
+        choices = tuple(
+            Hyperparameters(float(penalty), weight) for penalty, weight in value["choices"]
+        )
+        return Finished(BlockConfusion.from_json(value["tally"]), choices, float(value["seconds"]))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError):

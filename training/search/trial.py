@@ -13,20 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ..cross_validation import Split, cross_validate
-from ..dataset import DatasetVersion
-from ..feature_table import feature_table
-from ..presets import TrainingSettings
-from ..splits import blocked_folds
-from ..trainable import inner_folds
+from tokt.features.common.errors import ToktError
+from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import blocked_folds
+from tokt.training.fitting.cross_validation import Split, cross_validate
+from tokt.training.fitting.data_checks import inner_folds
+from tokt.training.fitting.presets import TrainingSettings
+
 from .score import tally
 from .space import Trial
 from .state import Finished, write_finished
 
 
 @dataclass(frozen=True)
-class Task:
+class TrialTask:
     """A trial to be run, on any process that sees the same files.
 
     Parameters
@@ -54,48 +55,52 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What became of a task.
+class TrialOutcome:
+    """Result of a trial, or its error.
 
     Parameters
     ----------
-    task : Task
+    task : TrialTask
     finished : Finished or None
     fault : str or None
         Why the extractor cannot be tried. With neither, the time was up.
     """
 
-    task: Task
+    task: TrialTask
     finished: Finished | None = None
     fault: str | None = None
 
 
-def run_task(task: Task) -> Outcome:
+def run_task(task: TrialTask) -> TrialOutcome:
     """Run a trial and keep its outcome; the same on every process."""
     if task.not_after is not None and time.time() > task.not_after:
-        return Outcome(task)
+        return TrialOutcome(task)
     began = time.monotonic()
     dataset, split = _dataset(task.dataset), task.split
     names = ("", *task.settings.changes)
     try:
-        features, *changed = [_features(task, dataset, name) for name in names]
+        features, *augmented = [_features(task, dataset, name) for name in names]
         if task.outer_fold is not None:
             rows = outer_training_rows(dataset, split, task.outer_fold)
             dataset, features = part_of(dataset, rows), features[rows]
-            changed = [table[rows] for table in changed]
+            augmented = [table[rows] for table in augmented]
             split = Split(inner_folds(split.folds), split.embargo_frames)
-        held_out = cross_validate(dataset, features, task.settings, split, _silent, changed=changed)
+        held_out = cross_validate(
+            dataset, features, task.settings, split, _silent, augmented=augmented
+        )
     except ToktError as error:
-        return Outcome(task, fault=str(error))
+        return TrialOutcome(task, fault=str(error))
     seconds = time.monotonic() - began
     finished = Finished(tally(dataset, held_out), tuple(held_out.choices), seconds)
     write_finished(task.file, finished)
-    return Outcome(task, finished)
+    return TrialOutcome(task, finished)
 
 
-def _features(task: Task, dataset: DatasetVersion, change: str) -> NDArray[np.float64]:
+def _features(task: TrialTask, dataset: DatasetVersion, augmentation: str) -> NDArray[np.float64]:
     spec = task.trial.spec
-    return np.asarray(feature_table(dataset, spec, task.cache, _silent, jobs=1, change=change))
+    return np.asarray(
+        cached_features(dataset, spec, task.cache, _silent, jobs=1, augmentation=augmentation)
+    )
 
 
 @lru_cache(maxsize=1)

@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True
-"""The compiled kernels: C headers behind checked arrays. Called by `tokt.features.compiled_kernels`.
+"""The compiled kernels: C headers behind checked arrays. Called by `tokt.features.kernels.compiled_kernels`.
 
 Every function works on a range of rows into arrays its caller made, without the GIL, so that
 several threads can share one frame. The caller vouches for the sizes; what it may not get wrong
@@ -85,38 +85,38 @@ cdef extern from "area.h" nogil:
                         uint8_t *out)
 
 
-cdef extern from "deep.h" nogil:
-    ctypedef struct DeepTable:
+cdef extern from "gray16.h" nogil:
+    ctypedef struct Gray16Table:
         const int32_t *first
         const int32_t *source
         const int32_t *weight
 
-    size_t deep_scratch(const AreaFrame *frame, int width)
-    void deep_gray_rows(const AreaFrame *frame, const DeepTable *rows, const DeepTable *columns,
-                        int first, int last, int width, double step, int32_t *scratch,
-                        uint16_t *out)
+    size_t gray16_scratch(const AreaFrame *frame, int width)
+    void gray16_rows(const AreaFrame *frame, const Gray16Table *rows, const Gray16Table *columns,
+                     int first, int last, int width, double step, int32_t *scratch,
+                     uint16_t *out)
 
 
-cdef extern from "levels.h" nogil:
-    ctypedef struct DeepPicture:
+cdef extern from "quantization.h" nogil:
+    ctypedef struct Gray16Picture:
         const uint16_t *pixels
         int height
         int width
 
-    ctypedef struct LevelsRecipe:
+    ctypedef struct QuantizeSettings:
         int smooth
         int window
         int ratio
         double ratio_of
-        double least_around
+        double min_around
         double offset
         double top
 
-    void levels_total(const DeepPicture *picture, int64_t *total)
-    size_t levels_scratch(const LevelsRecipe *recipe, int width)
-    void levels_rows(const DeepPicture *picture, const LevelsRecipe *recipe, double scale, int first,
-                     int last, double *scratch, uint8_t *out)
-    void levels_count(const uint8_t *pixels, Py_ssize_t stride, int height, int width,
+    void gray16_sum(const Gray16Picture *picture, int64_t *total)
+    size_t quantize_scratch(const QuantizeSettings *settings, int width)
+    void quantize_rows(const Gray16Picture *picture, const QuantizeSettings *settings,
+                       double scale, int first, int last, double *scratch, uint8_t *out)
+    void count_levels(const uint8_t *pixels, Py_ssize_t stride, int height, int width,
                       int64_t *counts)
 
 
@@ -181,7 +181,7 @@ cdef extern from "match.h" nogil:
                      int16_t *out)
 
 
-INTERFACE = 3
+INTERFACE = 4
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -335,10 +335,10 @@ def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables column
                        &scratch[0], &out[0, 0])
 
 
-cdef class DeepTables:
-    """How the rows or columns of a frame make up those of a deep picture; see ``deep.h``."""
+cdef class Gray16Tables:
+    """The rows or columns of a frame that make up a 16-bit gray picture's; see ``gray16.h``."""
 
-    cdef DeepTable table
+    cdef Gray16Table table
     cdef const int32_t[::1] first, source, weight
 
     def __init__(self, const int32_t[::1] first, const int32_t[::1] source,
@@ -349,58 +349,58 @@ cdef class DeepTables:
         self.table.weight = &self.weight[0]
 
 
-def deep_scratch_size(const uint8_t[:, :, ::1] frame, int width):
-    """Number of int32 values that `deep_gray` needs for a picture of this width."""
+def gray16_scratch_size(const uint8_t[:, :, ::1] frame, int width):
+    """Number of int32 values that `resized_gray16` needs for a picture of this width."""
     cdef AreaFrame view = area_frame(frame)
-    return deep_scratch(&view, width)
+    return gray16_scratch(&view, width)
 
 
-def deep_gray(const uint8_t[:, :, ::1] frame, DeepTables rows, DeepTables columns, int first,
-              int last, double step, int32_t[::1] scratch, uint16_t[:, ::1] out):
-    """Write rows first..last of a frame's deep picture."""
+def resized_gray16(const uint8_t[:, :, ::1] frame, Gray16Tables rows, Gray16Tables columns,
+                   int first, int last, double step, int32_t[::1] scratch, uint16_t[:, ::1] out):
+    """Write rows first..last of a frame's 16-bit gray picture."""
     cdef AreaFrame view = area_frame(frame)
     with nogil:
-        deep_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], step,
-                       &scratch[0], &out[0, 0])
+        gray16_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], step,
+                    &scratch[0], &out[0, 0])
 
 
-cdef DeepPicture deep_picture(const uint16_t[:, ::1] deep) noexcept nogil:
-    cdef DeepPicture picture
-    picture.pixels = &deep[0, 0]
-    picture.height, picture.width = deep.shape[0], deep.shape[1]
+cdef Gray16Picture gray16_picture(const uint16_t[:, ::1] gray16) noexcept nogil:
+    cdef Gray16Picture picture
+    picture.pixels = &gray16[0, 0]
+    picture.height, picture.width = gray16.shape[0], gray16.shape[1]
     return picture
 
 
-def deep_total(const uint16_t[:, ::1] deep):
-    """Sum of a deep picture."""
-    cdef DeepPicture picture = deep_picture(deep)
+def gray16_total(const uint16_t[:, ::1] gray16):
+    """Sum of a 16-bit gray picture."""
+    cdef Gray16Picture picture = gray16_picture(gray16)
     cdef int64_t total
     with nogil:
-        levels_total(&picture, &total)
+        gray16_sum(&picture, &total)
     return total
 
 
-cdef class LevelsKernel:
-    """How a deep picture becomes levels; see ``levels.h``."""
+cdef class Quantizer:
+    """Quantization of a 16-bit gray picture; see ``quantization.h``."""
 
-    cdef LevelsRecipe recipe
+    cdef QuantizeSettings settings
 
-    def __init__(self, int smooth, int window, bint ratio, double ratio_of, double least_around,
+    def __init__(self, int smooth, int window, bint ratio, double ratio_of, double min_around,
                  double offset, double top):
-        self.recipe.smooth, self.recipe.window, self.recipe.ratio = smooth, window, ratio
-        self.recipe.ratio_of, self.recipe.least_around = ratio_of, least_around
-        self.recipe.offset, self.recipe.top = offset, top
+        self.settings.smooth, self.settings.window, self.settings.ratio = smooth, window, ratio
+        self.settings.ratio_of, self.settings.min_around = ratio_of, min_around
+        self.settings.offset, self.settings.top = offset, top
 
     def scratch_size(self, int width):
         """Number of doubles that `rows` needs for a picture of this width."""
-        return levels_scratch(&self.recipe, width)
+        return quantize_scratch(&self.settings, width)
 
-    def rows(self, const uint16_t[:, ::1] deep, double scale, int first, int last,
+    def rows(self, const uint16_t[:, ::1] gray16, double scale, int first, int last,
              double[::1] scratch, uint8_t[:, ::1] out):
         """Write rows first..last of the picture in levels."""
-        cdef DeepPicture picture = deep_picture(deep)
+        cdef Gray16Picture picture = gray16_picture(gray16)
         with nogil:
-            levels_rows(&picture, &self.recipe, scale, first, last, &scratch[0], &out[0, 0])
+            quantize_rows(&picture, &self.settings, scale, first, last, &scratch[0], &out[0, 0])
 
 
 def level_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
@@ -410,7 +410,7 @@ def level_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int pat
     with nogil:
         for row in range(first, last):
             for col in range(cols):
-                levels_count(&gray[row * patch_height, col * patch_width], gray.shape[1],
+                count_levels(&gray[row * patch_height, col * patch_width], gray.shape[1],
                              patch_height, patch_width, &counts[row * cols + col, 0])
 
 

@@ -1,9 +1,9 @@
-/* A deep picture flattened and spread over levels, and how often each level occurs in a patch.
+/* A 16-bit gray picture flattened and quantized, and how often each level occurs in a patch.
  *
  * Sums over boxes are exact whole numbers; from there on the steps are those of
  * numpy_pictures.py, one by one, so that both give the same bits. */
-#ifndef TOKT_LEVELS_H
-#define TOKT_LEVELS_H
+#ifndef TOKT_QUANTIZATION_H
+#define TOKT_QUANTIZATION_H
 
 #include <stddef.h>
 #include <stdint.h>
@@ -14,14 +14,14 @@
 typedef struct {
     const uint16_t *pixels;
     int height, width;
-} DeepPicture;
+} Gray16Picture;
 
 typedef struct {
     int smooth, window; /* sides of the boxes, pixels, odd; a window of 0 does not flatten */
     int ratio;
-    double ratio_of, least_around; /* in steps of the deep picture */
+    double ratio_of, min_around; /* in steps of the 16-bit gray picture */
     double offset, top;
-} LevelsRecipe;
+} QuantizeSettings;
 
 /* Sums over a box that moves down the picture. */
 typedef struct {
@@ -31,25 +31,26 @@ typedef struct {
     double *share;     /* [width] one by the box's columns that lie in the picture */
     uint32_t *sums;    /* [width] of a narrow box */
     double *mean;      /* [width] */
-} LevelsBox;
+} QuantizeBox;
 
 enum {
-    LEVELS_VALUES = 256,
-    LEVELS_SUMMED = 4096, /* pixels whose sum fits 32 bits */
-    LEVELS_NARROW = 11 /* side of a box up to which columns are added one by one */
+    QUANTIZE_VALUES = 256,
+    QUANTIZE_SUMMED = 4096, /* pixels whose sum fits 32 bits */
+    QUANTIZE_NARROW = 11 /* side of a box up to which columns are added one by one */
 };
 
-static size_t levels_box_scratch(int width, int side) { return (size_t)width * 5 + side + 1; }
+static size_t quantize_box_scratch(int width, int side) { return (size_t)width * 5 + side + 1; }
 
-/* Doubles that `levels_rows` needs as scratch. */
-static size_t levels_scratch(const LevelsRecipe *recipe, int width) {
-    return levels_box_scratch(width, recipe->smooth) + levels_box_scratch(width, recipe->window);
+/* Doubles that `quantize_rows` needs as scratch. */
+static size_t quantize_scratch(const QuantizeSettings *settings, int width) {
+    return quantize_box_scratch(width, settings->smooth) +
+           quantize_box_scratch(width, settings->window);
 }
 
-static inline int levels_less(int one, int two) { return one < two ? one : two; }
-static inline int levels_more(int one, int two) { return one > two ? one : two; }
+static inline int quantize_min(int one, int two) { return one < two ? one : two; }
+static inline int quantize_max(int one, int two) { return one > two ? one : two; }
 
-static double *levels_lay_out(LevelsBox *box, int side, int width, double *memory) {
+static double *quantize_lay_out(QuantizeBox *box, int side, int width, double *memory) {
     box->reach = side / 2;
     box->share = memory;
     box->mean = memory + width;
@@ -58,24 +59,26 @@ static double *levels_lay_out(LevelsBox *box, int side, int width, double *memor
     box->up_to = (uint32_t *)(memory + 4 * (size_t)width);
     for (int x = 0; x < width; x++)
         box->share[x] =
-            1.0 / (levels_less(x + box->reach, width - 1) - levels_more(x - box->reach, 0) + 1);
+            1.0 / (quantize_min(x + box->reach, width - 1) - quantize_max(x - box->reach, 0) + 1);
     memset(box->column, 0, (size_t)width * sizeof(uint32_t));
     memset(box->up_to, 0, ((size_t)width + side + 1) * sizeof(uint32_t));
-    return memory + levels_box_scratch(width, side);
+    return memory + quantize_box_scratch(width, side);
 }
 
-TOKT_BODY void levels_add_row(const DeepPicture *picture, int y, uint32_t *TOKT_RESTRICT column) {
+TOKT_BODY void quantize_add_row(const Gray16Picture *picture, int y,
+                                uint32_t *TOKT_RESTRICT column) {
     const uint16_t *TOKT_RESTRICT row = picture->pixels + (ptrdiff_t)y * picture->width;
     for (int x = 0; x < picture->width; x++) column[x] += row[x];
 }
 
-TOKT_BODY void levels_drop_row(const DeepPicture *picture, int y, uint32_t *TOKT_RESTRICT column) {
+TOKT_BODY void quantize_drop_row(const Gray16Picture *picture, int y,
+                                 uint32_t *TOKT_RESTRICT column) {
     const uint16_t *TOKT_RESTRICT row = picture->pixels + (ptrdiff_t)y * picture->width;
     for (int x = 0; x < picture->width; x++) column[x] -= row[x];
 }
 
 /* The box's means for row y, when the row before was done last or y is the first one. */
-TOKT_BODY void levels_box(const DeepPicture *picture, LevelsBox *box, int y, int first) {
+TOKT_BODY void quantize_box(const Gray16Picture *picture, QuantizeBox *box, int y, int first) {
     int width = picture->width, reach = box->reach;
     if (reach == 0) {
         const uint16_t *TOKT_RESTRICT row = picture->pixels + (ptrdiff_t)y * width;
@@ -83,18 +86,18 @@ TOKT_BODY void levels_box(const DeepPicture *picture, LevelsBox *box, int y, int
         for (int x = 0; x < width; x++) mean[x] = row[x];
         return;
     }
-    int top = levels_more(y - reach, 0), bottom = levels_less(y + reach, picture->height - 1);
+    int top = quantize_max(y - reach, 0), bottom = quantize_min(y + reach, picture->height - 1);
     if (y == first) {
-        for (int row = top; row <= bottom; row++) levels_add_row(picture, row, box->column);
+        for (int row = top; row <= bottom; row++) quantize_add_row(picture, row, box->column);
     } else {
-        if (y + reach < picture->height) levels_add_row(picture, y + reach, box->column);
-        if (y > reach) levels_drop_row(picture, y - reach - 1, box->column);
+        if (y + reach < picture->height) quantize_add_row(picture, y + reach, box->column);
+        if (y > reach) quantize_drop_row(picture, y - reach - 1, box->column);
     }
     int side = 2 * reach + 1;
     const double *TOKT_RESTRICT share = box->share;
     double *TOKT_RESTRICT mean = box->mean;
     double rows = 1.0 / (bottom - top + 1);
-    if (side <= LEVELS_NARROW) {
+    if (side <= QUANTIZE_NARROW) {
         /* `up_to` holds the columns themselves, zeros beside them. */
         uint32_t *TOKT_RESTRICT sums = box->sums;
         memcpy(box->up_to + reach, box->column, (size_t)width * sizeof(uint32_t));
@@ -116,12 +119,12 @@ TOKT_BODY void levels_box(const DeepPicture *picture, LevelsBox *box, int y, int
 }
 
 /* Sum of the whole picture. */
-TOKT_BODY void levels_total_body(const DeepPicture *picture, int64_t *total) {
+TOKT_BODY void gray16_sum_body(const Gray16Picture *picture, int64_t *total) {
     *total = 0;
     for (int y = 0; y < picture->height; y++) {
         const uint16_t *TOKT_RESTRICT row = picture->pixels + (ptrdiff_t)y * picture->width;
         for (int x = 0; x < picture->width;) {
-            int stop = levels_less(picture->width, x + LEVELS_SUMMED);
+            int stop = quantize_min(picture->width, x + QUANTIZE_SUMMED);
             uint32_t sum = 0;
             for (; x < stop; x++) sum += row[x];
             *total += sum;
@@ -129,24 +132,25 @@ TOKT_BODY void levels_total_body(const DeepPicture *picture, int64_t *total) {
     }
 }
 
-TOKT_VARIANTS(levels_total, (const DeepPicture *picture, int64_t *total), (picture, total))
+TOKT_VARIANTS(gray16_sum, (const Gray16Picture *picture, int64_t *total), (picture, total))
 
 /* Rows first..last of the picture in levels; `scale` is how many levels a step becomes. */
-TOKT_BODY void levels_rows_body(const DeepPicture *picture, const LevelsRecipe *recipe,
-                                double scale, int first, int last, double *scratch, uint8_t *out) {
+TOKT_BODY void quantize_rows_body(const Gray16Picture *picture, const QuantizeSettings *settings,
+                                  double scale, int first, int last, double *scratch,
+                                  uint8_t *out) {
     int width = picture->width;
-    LevelsBox small, large;
-    levels_lay_out(&large, recipe->window, width,
-                   levels_lay_out(&small, recipe->smooth, width, scratch));
-    int flat = recipe->window > 0, ratio = flat && recipe->ratio;
+    QuantizeBox small, large;
+    quantize_lay_out(&large, settings->window, width,
+                     quantize_lay_out(&small, settings->smooth, width, scratch));
+    int flat = settings->window > 0, ratio = flat && settings->ratio;
     const double *TOKT_RESTRICT value = small.mean;
     const double *TOKT_RESTRICT around = large.mean;
-    double offset = recipe->offset, top = recipe->top;
-    double ratio_of = recipe->ratio_of, least = recipe->least_around;
+    double offset = settings->offset, top = settings->top;
+    double ratio_of = settings->ratio_of, least = settings->min_around;
     for (int y = first; y < last; y++) {
         uint8_t *TOKT_RESTRICT levels = out + (ptrdiff_t)y * width;
-        levels_box(picture, &small, y, first);
-        if (flat) levels_box(picture, &large, y, first);
+        quantize_box(picture, &small, y, first);
+        if (flat) quantize_box(picture, &large, y, first);
         for (int x = 0; x < width; x++) {
             double level = value[x];
             if (flat) level -= around[x];
@@ -159,21 +163,21 @@ TOKT_BODY void levels_rows_body(const DeepPicture *picture, const LevelsRecipe *
     }
 }
 
-TOKT_VARIANTS(levels_rows,
-              (const DeepPicture *picture, const LevelsRecipe *recipe, double scale, int first,
-               int last, double *scratch, uint8_t *out),
-              (picture, recipe, scale, first, last, scratch, out))
+TOKT_VARIANTS(quantize_rows,
+              (const Gray16Picture *picture, const QuantizeSettings *settings, double scale,
+               int first, int last, double *scratch, uint8_t *out),
+              (picture, settings, scale, first, last, scratch, out))
 
 /* Add a patch's levels to its 256 counts; in two sets, as neighbours often have the same. */
-static void levels_count(const uint8_t *pixels, ptrdiff_t stride, int height, int width,
+static void count_levels(const uint8_t *pixels, ptrdiff_t stride, int height, int width,
                          int64_t *counts) {
-    uint32_t other[2][LEVELS_VALUES];
+    uint32_t other[2][QUANTIZE_VALUES];
     memset(other, 0, sizeof other);
     for (int y = 0; y < height; y++) {
         const uint8_t *row = pixels + y * stride;
         for (int x = 0; x < width; x++) other[x & 1][row[x]]++;
     }
-    for (int level = 0; level < LEVELS_VALUES; level++)
+    for (int level = 0; level < QUANTIZE_VALUES; level++)
         counts[level] = (int64_t)other[0][level] + other[1][level];
 }
 

@@ -1,4 +1,4 @@
-"""What a camera's driver is, and what it delivers: the one interface between drivers and source.
+"""The camera drivers' contract and their captures: the one interface between drivers and source.
 
 A driver knows one camera and nothing of the other. It opens the camera, sets its features and
 delivers captures; `live_source.CameraSource` watches it, starts it again when its camera is lost,
@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..reason import NO_FAULT, Fault
+from tokt.inference.reason import NO_FAULT, Fault
 
 LEFT, RIGHT = 0, 1
 SIDES = ("left", "right")

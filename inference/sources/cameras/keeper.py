@@ -12,22 +12,23 @@ from __future__ import annotations
 import threading
 from typing import Protocol
 
-from ...features.errors import ToktError
-from ..clock import Clock
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import Clock
+
 from .capture import SIDES, CameraDriver, Capture
 
-LEAST_PAUSE_S, MOST_PAUSE_S = 0.2, 2.0
+MIN_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
 """Seconds until a lost camera is tried again: the first time, and at most."""
 
 _LOOK_S = 0.05  # how often a camera is looked after
 _SILENT_PERIODS = 5
-_LEAST_SILENCE_S = 1.0
+_MIN_SILENCE_S = 1.0
 _FIRST_SILENCE_S = 3.0  # until there are two captures: a camera may take a second to begin
 _DOUBT_S = 0.15  # of silence, after which the driver is asked whether its camera is there
 
 
-class KeptCamera(Protocol):
-    """Whoever is told what becomes of a camera; called on the camera's own threads."""
+class CameraListener(Protocol):
+    """Told what becomes of a camera; called on the camera's own threads."""
 
     def captured(self, capture: Capture) -> None:
         """It delivered."""
@@ -45,25 +46,25 @@ class CameraKeeper:
         `LEFT` or `RIGHT`.
     driver : CameraDriver
     clock : Clock
-    told : KeptCamera
+    listener : CameraListener
     wait : bool
         Whether a camera that cannot be opened at first is tried again, as one that was lost is.
     """
 
     def __init__(
-        self, camera: int, driver: CameraDriver, clock: Clock, told: KeptCamera, wait: bool
+        self, camera: int, driver: CameraDriver, clock: Clock, listener: CameraListener, wait: bool
     ) -> None:
         self.driver = driver
         self.refused: ToktError | None = None
         self._camera = camera
         self._clock = clock
-        self._told = told
+        self._listener = listener
         self._wait = wait
         self._stopped = False
         self._started_s = 0.0
         self._captured_s: float | None = None
         self._gap_s: float | None = None
-        self._pause_s = LEAST_PAUSE_S
+        self._pause_s = MIN_PAUSE_S
         self._tried = threading.Event()
         self._thread = threading.Thread(
             target=self._keep, name=f"tokt {SIDES[camera]} camera", daemon=True
@@ -98,9 +99,9 @@ class CameraKeeper:
                 self._tried.set()
                 if self._stopped or self.refused:
                     return
-                self._told.lost(self._camera, words)
+                self._listener.lost(self._camera, words)
                 self._sleep(self._pause_s)
-                self._pause_s = min(2 * self._pause_s, MOST_PAUSE_S)
+                self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
         finally:
             self._tried.set()
             self.driver.stop()
@@ -122,8 +123,8 @@ class CameraKeeper:
         if self._captured_s is not None:
             self._gap_s = capture.arrived - self._captured_s
         self._captured_s = capture.arrived
-        self._pause_s = LEAST_PAUSE_S
-        self._told.captured(capture)
+        self._pause_s = MIN_PAUSE_S
+        self._listener.captured(capture)
 
     def _watched(self) -> str:
         """Look after a camera until it delivers no more; why."""
@@ -139,7 +140,7 @@ class CameraKeeper:
         silent_s = self._clock.monotonic() - since
         limit_s = _FIRST_SILENCE_S
         if self._gap_s is not None:
-            limit_s = max(_LEAST_SILENCE_S, _SILENT_PERIODS * self._gap_s)
+            limit_s = max(_MIN_SILENCE_S, _SILENT_PERIODS * self._gap_s)
         if silent_s > limit_s:
             return f"camera {self.driver.name} has sent nothing for {silent_s:.1f} s"
         return self.driver.lost() if silent_s > _DOUBT_S else ""

@@ -3,7 +3,7 @@
 ::
 
     left driver ──> capture ─┐                 overtaken: counted, told as missed
-                             ├─ Pairer ──> newest moment ──> frame
+                             ├─ Pairer ──> latest moment ──> frame
     right driver ─> capture ─┘     (one place, never a queue)
 
 A camera's keeper starts it again for as long as it is lost. Meanwhile frames without its picture
@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..clock import Clock
-from ..observer import Event
-from ..reason import NO_FAULT, Fault, Reason
-from ..sources import MANY_MISSED, Frame
+from tokt.inference.clock import Clock
+from tokt.inference.events import Event
+from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+
 from .capture import LEFT, RIGHT, SIDES, CameraDriver, Capture
 from .keeper import CameraKeeper
 from .pairing import ClockFit, Moment, Pairer
@@ -40,7 +41,7 @@ _NOTHING = Fault(Reason.MISSING, "no frame")
 
 @dataclass
 class CameraCounts:
-    """What one camera's captures came to.
+    """Counts of one camera's captures.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ class CameraSource:
         self._changed = threading.Condition()
         self._pairer = Pairer()
         self._lost: list[Fault] = [NO_FAULT for _ in drivers]
-        self._newest: Moment | None = None
+        self._latest: Moment | None = None
         self._skipped = 0
         self._gap = False
         # The reader's alone.
@@ -141,7 +142,7 @@ class CameraSource:
                 keeper.join(_JOIN_S)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Deliver the newest frame, again and again, until `stop`.
+        """Deliver the latest frame, again and again, until `stop`.
 
         Raises
         ------
@@ -163,7 +164,7 @@ class CameraSource:
             self.close()
 
     def figures(self) -> dict[str, Any]:
-        """What was counted so far: plain JSON."""
+        """The counts so far, as plain JSON."""
         with self._changed:
             cameras = {
                 SIDES[camera]: {**asdict(counts), "failures": keeper.driver.failures}
@@ -222,31 +223,31 @@ class CameraSource:
         return [Moment(capture, None, NO_FAULT, math.nan if at is None else at)]
 
     def _put(self, moments: Sequence[Moment]) -> None:
-        """The newest takes the place of the one before; locked."""
+        """The latest takes the place of the one before; locked."""
         for moment in moments:
             if moment.alone:
                 camera = RIGHT if moment.left is None else LEFT
                 self.counts[camera].unpaired += not self._lost[1 - camera]
-            if self._newest is not None:
+            if self._latest is not None:
                 self.overtaken += 1
                 self._skipped += 1
-            self._newest = moment
+            self._latest = moment
         if moments:
             self._changed.notify()
 
     # What the reader does, on its thread.
 
     def _next(self, told_s: float) -> Frame | None:
-        """The newest frame; None if it is time to look whether all is well."""
+        """The latest frame; None if it is time to look whether all is well."""
         self._look_after()
         with self._changed:
             now = self._clock.monotonic()
             self._put(self._pairer.expired(now))
-            if self._newest is None:
+            if self._latest is None:
                 due = self._pairer.due()
                 wait_s = _CHECK_S if due is None else min(max(due - now, 0.0), _CHECK_S)
                 self._changed.wait(wait_s)
-            moment, self._newest = self._newest, None
+            moment, self._latest = self._latest, None
             if moment is not None:
                 return self._frame(moment)
             if self._lost[LEFT] and self._clock.monotonic() - told_s >= _LOST_EVERY_S:

@@ -1,13 +1,13 @@
-"""What a user names as live cameras: ``pymba:ID[,ID]`` or ``genicam:ID[,ID]``."""
+"""Open live cameras as a user names them: ``pymba:ID[,ID]`` or ``genicam:ID[,ID]``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ...features.errors import ToktError
-from ..clock import Clock
-from ..observer import Event
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import Clock
+from tokt.inference.events import Event
 
 if TYPE_CHECKING:
     from .live_source import CameraSource
@@ -49,9 +49,9 @@ def open_camera_source(
     from .live_source import CameraSource
 
     if prefix == PYMBA:
-        from .vimba import open_drivers
+        from tokt.inference.sources.cameras.vimba.driver import open_drivers
     else:
-        from .genicam import open_drivers
+        from tokt.inference.sources.cameras.genicam.driver import open_drivers
     source = CameraSource(open_drivers(ids, options, clock), clock, on_event, options.wait)
     source.start()
     return source

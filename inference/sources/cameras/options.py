@@ -1,17 +1,17 @@
-"""How live cameras are to be set: what a user may ask for, checked before a camera is touched."""
+"""Camera options: what a user may ask for, checked before a camera is touched."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
 
-from ...features.camera_frame import PIXEL_FORMATS
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.camera_frame import PIXEL_FORMATS
 
 GIGABIT_BYTES_S = 115_000_000.0
 """Image data that one gigabit link carries, in bytes a second: Vimba's own default."""
 
-_LEAST_PACKET, _MOST_PACKET = 500, 16_384  # bytes; what GigE cameras' GevSCPSPacketSize spans
+_MIN_PACKET, _MAX_PACKET = 500, 16_384  # bytes; what GigE cameras' GevSCPSPacketSize spans
 _POSITIVE = {
     "exposure_us": "an exposure is a positive number of microseconds",
     "frame_rate": "a frame rate is a positive number of frames per second",
@@ -21,7 +21,7 @@ _POSITIVE = {
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """What both cameras are set to; None leaves a camera as it is.
+    """Settings of both cameras; None leaves a camera as it is.
 
     A camera that has no such setting refuses what was asked for, and takes no notice of defaults.
 
@@ -32,8 +32,8 @@ class CameraOptions:
     gain_db : float, optional
         Gain in dB; the camera's own control of it is switched off.
     pixel_format : str, optional
-        One of `tokt.features.camera_frame.PIXEL_FORMATS`. By default the camera's own where it is
-        one of these, otherwise the first of these that it has.
+        One of `tokt.features.frames.camera_frame.PIXEL_FORMATS`. By default the camera's own where
+        it is one of these, otherwise the first of these that it has.
     packet_size : int, optional
         Bytes of a packet of a GigE camera. By default the largest that the network lets through.
     bandwidth_bytes_s : float
@@ -78,8 +78,8 @@ class CameraOptions:
             known = ", ".join(PIXEL_FORMATS)
             raise ToktError(f"unknown pixel format {self.pixel_format!r} (choose from {known})")
         size = self.packet_size
-        if size is not None and not _LEAST_PACKET <= size <= _MOST_PACKET:
-            raise ToktError(f"a packet has {_LEAST_PACKET} to {_MOST_PACKET} bytes, not {size}")
+        if size is not None and not _MIN_PACKET <= size <= _MAX_PACKET:
+            raise ToktError(f"a packet has {_MIN_PACKET} to {_MAX_PACKET} bytes, not {size}")
         if self.trigger is not None and not self.trigger.isidentifier():
             raise ToktError(f"a trigger is a name such as Line1, not {self.trigger!r}")
         if self.trigger is not None and self.frame_rate is not None:

@@ -1,4 +1,4 @@
-"""Which captures of two cameras are of the same moment.
+"""Pairing the captures of two cameras that were taken at the same moment.
 
 Two captures are of one moment when they were taken within half a period of each other. What makes
 that hard is that each camera stamps with a clock of its own, of any zero and a little drift:
@@ -28,14 +28,15 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from ..reason import NO_FAULT, Fault, Reason
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+
 from .capture import LEFT, RIGHT, Capture
 
 _WINDOW = 64  # intervals between captures, for the period
 # A camera's crystal is within 100 ppm, and a PC's clock is corrected by 500 ppm at most.
 _DRIFT = 600e-6
-_LEAST_SAMPLES = 8  # more than a driver has buffers: no single stall has delayed all of them
-_MOST_WAITING = 4  # captures of a camera that wait for the other's
+_MIN_SAMPLES = 8  # more than a driver has buffers: no single stall has delayed all of them
+_MAX_WAITING = 4  # captures of a camera that wait for the other's
 
 NOT_FITTED = Fault(Reason.UNPAIRED, "the cameras' clocks have not been compared yet")
 _NO_TIME = Fault(Reason.UNPAIRED, "the camera gave no time of exposure")
@@ -43,7 +44,7 @@ _NO_PARTNER = Fault(Reason.UNPAIRED, "no frame within half a period")
 
 
 class ClockFit:
-    """What a camera's clock and period are, seen from its captures.
+    """A camera's clock against this machine's, and its period, estimated from its captures.
 
     Parameters
     ----------
@@ -109,14 +110,14 @@ class ClockFit:
         """
         if shared:
             return taken_s
-        if self._samples < _LEAST_SAMPLES:
+        if self._samples < _MIN_SAMPLES:
             return None
         return taken_s + self._offset_s
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What the cameras have of one moment.
+    """The captures of one moment: a pair, or that of one camera alone.
 
     Parameters
     ----------
@@ -204,7 +205,7 @@ class Pairer:
         if self._newest[other] >= at + half_s:  # the other camera is further already
             return [*settled, _moment(capture, _NO_PARTNER, at)]
         self._waiting[camera].append((at, capture))
-        if len(self._waiting[camera]) > _MOST_WAITING:
+        if len(self._waiting[camera]) > _MAX_WAITING:
             settled += self._alone(camera, 1)
         return settled
 

@@ -1,4 +1,4 @@
-"""Who may ask the server what: hosts, token, same-origin writes, and the headers of each answer.
+"""Access to the server: host names, token, same-origin writes, and security headers.
 
 A page in another tab can send requests to this computer, and by a name server that answers with
 a loopback address (DNS rebinding) read what comes back. So the Host header must be a name of
@@ -19,7 +19,7 @@ from starlette.datastructures import Headers
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from .answers import failed
+from .responses import error_response
 
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 MAX_BODY = 1_000_000  # bytes
@@ -40,7 +40,7 @@ _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d{1,5}))?")
 
 @dataclass(frozen=True)
 class AccessRules:
-    """What the server demands.
+    """The rules that a request must meet.
 
     Parameters
     ----------
@@ -114,10 +114,10 @@ class Access:
     def _refuse(self, scope: Scope, headers: Headers) -> Response | None:
         hosts = headers.getlist("host")
         if len(hosts) != 1 or not self._rules.is_our_host(hosts[0]):
-            return failed(403, "this server is not addressed by that host name")
+            return error_response(403, "this server is not addressed by that host name")
         # The page itself may be opened by a link anywhere; all else only our own page asks for.
         if scope["path"] != "/" and headers.get("sec-fetch-site", "none") not in _OWN_SITES:
-            return failed(403, "a page of another site may not ask for anything here")
+            return error_response(403, "a page of another site may not ask for anything here")
         if scope["method"] not in _SAFE_METHODS:
             refused = _refuse_write(headers, f"http://{hosts[0].lower()}")
             if refused is not None:
@@ -143,21 +143,23 @@ class Access:
             _cookie(headers, self._rules.cookie).encode(), self._rules.cookie_value.encode()
         ):
             return None
-        return failed(401, "this page needs its token: open the address that tokt label printed")
+        return error_response(
+            401, "this page needs its token: open the address that tokt label printed"
+        )
 
 
 def _refuse_write(headers: Headers, own_origin: str) -> Response | None:
     origin = headers.get("origin")
     if origin is not None and origin.lower() != own_origin:
-        return failed(403, "a page of another origin may not change anything here")
+        return error_response(403, "a page of another origin may not change anything here")
     if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
-        return failed(415, "the body must be application/json")
+        return error_response(415, "the body must be application/json")
     length = headers.get("content-length", "")
     # Where both are given the parts of the body count, and nothing limits them.
     if _LENGTH.fullmatch(length) is None or "transfer-encoding" in headers:
-        return failed(411, "the body's length must be told")
+        return error_response(411, "the body's length must be told")
     if int(length) > MAX_BODY:
-        return failed(413, f"the body is longer than {MAX_BODY} bytes")
+        return error_response(413, f"the body is longer than {MAX_BODY} bytes")
     return None
 
 

@@ -1,4 +1,4 @@
-"""Where the page is served: the listening socket, the names it answers to, its URL."""
+"""The address of the page: the listening socket, its host names, its URL."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import socket
 from dataclasses import dataclass
 from urllib.parse import quote
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
+
 from .access import LOOPBACK_NAMES, AccessRules
 
 _WILDCARDS = ("0.0.0.0", "::")

@@ -1,14 +1,15 @@
-"""Two annotators side by side: how well they agree, and what is to be settled."""
+"""Agreement of two annotators, and the patches to settle."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter
 from starlette.responses import Response
 
-from ...features.errors import ToktError
-from ..agreement import agreement_of_counts
-from .answers import answered, refuse
-from .queries import Blind, SessionOf, Who, refuse_blind
+from tokt.features.common.errors import ToktError
+from tokt.labels.agreement import agreement_of_counts
+
+from .requests import Blind, SessionOf, Who, refuse_blind
+from .responses import json_response, refuse
 
 router = APIRouter(prefix="/api")
 
@@ -32,7 +33,7 @@ def get_agreement(session: SessionOf, a: Who, b: Who, blind: Blind = False) -> R
         )
     except ToktError as error:
         raise refuse(409, str(error)) from None
-    return answered(
+    return json_response(
         {
             "a": a,
             "b": b,

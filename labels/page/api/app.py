@@ -1,4 +1,4 @@
-"""The web application: all routes, and the page's own files."""
+"""The web application: all routes, the page's own files, and a watch over the store."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Scope
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
+from tokt.labels.page.state.session import Session
+
 from . import (
     agreement_routes,
     audit_routes,
@@ -27,8 +29,7 @@ from . import (
     sheet_routes,
 )
 from .access import Access, AccessRules
-from .answers import add_error_answers
-from .session import Session
+from .responses import add_error_handlers
 
 _ROUTES = (
     agreement_routes,
@@ -66,7 +67,7 @@ class _PageFiles(StaticFiles):
 
 
 def create_app(session: Session, rules: AccessRules) -> ASGIApp:
-    """The application that serves one session to whom the rules let in."""
+    """The application that serves one session to those whom the rules admit."""
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -78,10 +79,10 @@ def create_app(session: Session, rules: AccessRules) -> ASGIApp:
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
     app.state.session = session
-    add_error_answers(app)
+    add_error_handlers(app)
     for routes in _ROUTES:
         app.include_router(routes.router)
-    files = _PageFiles(packages=[(__package__, "static")])
+    files = _PageFiles(packages=[("tokt.labels.page", "static")])
 
     @app.get("/")
     async def get_page(request: Request) -> Response:
@@ -93,25 +94,25 @@ def create_app(session: Session, rules: AccessRules) -> ASGIApp:
 
 async def watch(session: Session) -> None:
     """Look for what others wrote and for faults, and tell the pages; until cancelled."""
-    told, look = session.status(), _Look(session)
+    told, store = session.status(), _StoreWatch(session)
     while True:
         await asyncio.sleep(LOOK_S)
-        await run_in_threadpool(look.again)
+        await run_in_threadpool(store.look)
         status = session.status()
         if status != told:
             told = status
-            session.live.tell_status(status)
+            session.live.publish_status(status)
 
 
-class _Look:
-    """One look after the other at the store."""
+class _StoreWatch:
+    """A watch over the store: new labels of other processes, and faults."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._version: int | None = None
         self._checked_at = time.monotonic()
 
-    def again(self) -> None:
+    def look(self) -> None:
         """Refresh the board if anybody wrote, and now and then try whether writing works."""
         wait = CHECK_FAULT_S if self._session.fault else CHECK_S
         if time.monotonic() - self._checked_at > wait:

@@ -1,4 +1,4 @@
-"""Label audits for the review sheet: which there are, and their patches, the worst first."""
+"""Label audits for the review sheet, each with its worst patches first."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from ...features.errors import ToktError
-from .answers import answered, refuse
-from .audits import Doubt
-from .bodies import MAX_NAME
-from .queries import Blind, SessionOf, Who, refuse_blind
-from .session import Session
+from tokt.features.common.errors import ToktError
+from tokt.labels.page.state.audits import Doubt
+from tokt.labels.page.state.session import Session
+
+from .requests import MAX_NAME, Blind, SessionOf, Who, refuse_blind
+from .responses import json_response, refuse
 
 router = APIRouter(prefix="/api")
-MOST_PATCHES = 2000
+MAX_PATCHES = 2000
 
 
 @router.get("/audits")
@@ -23,7 +23,7 @@ def get_audits(session: SessionOf, blind: Blind = False) -> Response:
     """The audits that speak of this mission; ``fault`` says why one cannot be read."""
     refuse_blind(blind)
     found = [_listed(session, name) for name in session.audits.names()]
-    return answered({"audits": [one for one in found if one["patches"] or one["fault"]]})
+    return json_response({"audits": [one for one in found if one["patches"] or one["fault"]]})
 
 
 @router.get("/audit")
@@ -42,13 +42,13 @@ def get_audit(
     except ToktError as error:
         raise refuse(409, str(error)) from None
     doubts = session.audits.doubts(audit)
-    return answered(
+    return json_response(
         {
             "name": audit.name,
             "of": audit.of,
             "rule": audit.rule,
             "total": len(doubts),
-            "patches": _doubts(session, who or session.annotator, doubts[:MOST_PATCHES]),
+            "patches": _doubts(session, who or session.annotator, doubts[:MAX_PATCHES]),
         }
     )
 

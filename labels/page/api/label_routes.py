@@ -9,27 +9,30 @@ from typing import Any
 from fastapi import APIRouter
 from starlette.responses import Response
 
-from ...features.errors import ToktError
-from ...features.mission import parse_frames
-from ..action import Action, Applied, Change, Conflict
-from ..record import SETTLED, Cell
-from .answers import answered, refuse
-from .bodies import ActionBody, Camera, StepBody
-from .queries import (
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import parse_frames
+from tokt.labels.page.state.session import Session
+from tokt.labels.record import SETTLED, Cell
+from tokt.labels.store.actions import Action, ActionResult, Change, Conflict
+
+from .requests import (
+    ActionBody,
     Blind,
+    Camera,
     Frame,
     SessionOf,
+    StepBody,
     Version,
     Who,
     check_frame,
     check_version,
     refuse_blind,
 )
-from .session import Session
-from .suggested import suggestions_of
+from .responses import json_response, refuse
 
 router = APIRouter(prefix="/api")
-MOST_FRAMES = 60
+MAX_FRAMES = 60
+_VALUE_DECIMALS = 4
 _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
 
 
@@ -43,7 +46,7 @@ def get_labels(
     suggest: bool = False,
     version: Version = "",
 ) -> Response:
-    """Labels of up to `MOST_FRAMES` frames, as ``17,18,19`` or ``17-19``."""
+    """Labels of up to `MAX_FRAMES` frames, as ``17,18,19`` or ``17-19``."""
     check_version(session, version)
     numbers = _frame_numbers(frames)
     for number in numbers:
@@ -52,17 +55,17 @@ def get_labels(
     event = session.board.event
     for number in numbers:
         said = _labels(session, who or session.annotator, blind, camera, number)
-        suggestions = suggestions_of(session, camera, number) if suggest and not blind else None
+        suggestions = _suggestions(session, camera, number) if suggest and not blind else None
         found.append({**said, "suggestions": suggestions})
-    return answered({"event": event, "frames": found})
+    return json_response({"event": event, "frames": found})
 
 
 @router.post("/actions")
 def post_action(session: SessionOf, body: ActionBody) -> Response:
-    """Do what a person did: on disk when this answers."""
+    """Apply a person's action; it is on disk when this answers."""
     _check_addressee(session, body)
     action = _action(session, body)
-    return answered(_applied(session, body, session.store.apply(action)))
+    return json_response(_applied(session, body, session.store.apply(action)))
 
 
 @router.post("/undo")
@@ -89,7 +92,7 @@ def get_history(
     row, col = divmod(cell, session.grid.cols)
     patch = Cell(session.mission.name, camera, frame, session.grid, row, col)
     fields = ("label", "annotator", "time", "source", "model_version")
-    return answered(
+    return json_response(
         {
             "events": [
                 {name: getattr(said, name) for name in fields}
@@ -112,8 +115,8 @@ def _frame_numbers(text: str) -> list[int]:
 
 
 def _check_number(n: int) -> None:
-    if n > MOST_FRAMES:
-        raise refuse(400, f"{n} frames at once; the most is {MOST_FRAMES}")
+    if n > MAX_FRAMES:
+        raise refuse(400, f"{n} frames at once; the most is {MAX_FRAMES}")
 
 
 def _labels(session: Session, who: str, blind: bool, camera: str, frame: int) -> dict[str, Any]:
@@ -125,6 +128,25 @@ def _labels(session: Session, who: str, blind: bool, camera: str, frame: int) ->
         "models": board.versions(who, camera, frame),
         "others": {} if blind else board.others(who, camera, frame),
         "settled": ([None] * session.grid.n_patches if blind else board.settled(camera, frame)),
+    }
+
+
+def _suggestions(session: Session, camera: str, frame: int) -> dict[str, Any] | None:
+    """Suggested classes (indices into the model's) and margins by cell; None without a model."""
+    if session.suggester is None:
+        return None
+    found = session.suggester.of(camera, frame)
+    if found is None:
+        return None
+    # A page that was opened with another model must not take these for that one's.
+    label = session.suggester.bundle.label
+    if found.fault:
+        return {"model": label, "classes": [], "values": [], "fault": found.fault}
+    return {
+        "model": label,
+        "classes": found.classes.tolist(),
+        "values": found.values.round(_VALUE_DECIMALS).tolist(),
+        "fault": "",
     }
 
 
@@ -169,19 +191,23 @@ def _action(session: Session, body: ActionBody) -> Action:
         raise refuse(400, str(error)) from None
 
 
-def _step(session: Session, body: StepBody, reverse: Callable[..., Applied | None]) -> Response:
+def _step(
+    session: Session, body: StepBody, reverse: Callable[..., ActionResult | None]
+) -> Response:
     _check_addressee(session, body)
     applied = reverse(
         body.who, session.mission.name, session.grid, body.key, body.time, body.target
     )
     if applied is None:
-        return answered({"nothing": True})
+        return json_response({"nothing": True})
     frames = [list(frame) for frame in applied.frames]
     answer = _applied(session, body, applied)
-    return answered({**answer, "kind": applied.kind, "frames": frames})
+    return json_response({**answer, "kind": applied.kind, "frames": frames})
 
 
-def _applied(session: Session, body: ActionBody | StepBody, applied: Applied) -> dict[str, Any]:
+def _applied(
+    session: Session, body: ActionBody | StepBody, applied: ActionResult
+) -> dict[str, Any]:
     session.refresh()
     return {
         "key": applied.key,

@@ -9,10 +9,11 @@ from fastapi import APIRouter, Query
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
-from .changed import Changed
-from .live import ALIVE, event_text
-from .queries import Blind, SessionOf, Who
-from .session import Session
+from tokt.labels.page.state.board import LabelChanges
+from tokt.labels.page.state.live import ALIVE, event_text
+from tokt.labels.page.state.session import Session
+
+from .requests import Blind, SessionOf, Who
 
 router = APIRouter(prefix="/api")
 
@@ -51,7 +52,7 @@ def _status(status: dict[str, Any], blind: bool) -> dict[str, Any]:
     return {**status, "model": None} if blind else status
 
 
-def _news(session: Session, who: str, blind: bool, changed: Changed) -> dict[str, Any]:
+def _news(session: Session, who: str, blind: bool, changed: LabelChanges) -> dict[str, Any]:
     return {
         "event": changed.event,
         "since": changed.since,

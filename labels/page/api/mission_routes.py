@@ -1,4 +1,4 @@
-"""What a page loads first: the mission, its classes, the state of every frame."""
+"""The first requests of a page: the mission, its classes, the state of every frame."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from ...features.mission import format_frames
-from ..taxonomy import UNSURE, UNSURE_KEY
-from .answers import answered, refuse
-from .bodies import SeenBody
-from .changed import FrameName
-from .queries import Blind, SessionOf, Who, check_frame
-from .session import Session
+from tokt.features.frames.mission import format_frames
+from tokt.labels.page.state.board import FrameName
+from tokt.labels.page.state.session import Session
+from tokt.labels.taxonomy import UNSURE, UNSURE_KEY
+
+from .requests import Blind, SeenBody, SessionOf, Who, check_frame
+from .responses import json_response, refuse
 
 router = APIRouter(prefix="/api")
 _NO_CLASS_COLOR = "#b0b0b0"
@@ -26,7 +26,7 @@ def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False
     board = session.board
     session.refresh()
     board.reload_seen(who)
-    return answered(
+    return json_response(
         {
             "mission": session.mission.name,
             "version": session.version,
@@ -53,7 +53,7 @@ def get_labelled(session: SessionOf, of: Who) -> Response:
     cameras = _by_camera(session, session.board.labelled_frames(of))
     if not any(cameras.values()):
         raise refuse(404, f"{of} labelled nothing in mission {session.mission.name}")
-    return answered({"of": of, "cameras": cameras})
+    return json_response({"of": of, "cameras": cameras})
 
 
 @router.get("/frames_with")
@@ -62,7 +62,7 @@ def get_frames_with(
 ) -> Response:
     """Frames in which this person gave some patch a label; nobody else's count."""
     found = session.board.frames_with(who or session.annotator, label)
-    return answered({"cameras": _by_camera(session, found)})
+    return json_response({"cameras": _by_camera(session, found)})
 
 
 @router.post("/seen")
@@ -72,7 +72,7 @@ def post_seen(session: SessionOf, body: SeenBody) -> Response:
     session.shown(body.camera, body.frame)
     session.mark_seen(body.who, body.camera, body.frame)
     frames = [(body.camera, body.frame)]
-    return answered({"states": session.board.states_of(body.who, body.blind, frames)})
+    return json_response({"states": session.board.states_of(body.who, body.blind, frames)})
 
 
 def _by_camera(session: Session, found: list[FrameName]) -> dict[str, list[int]]:

@@ -8,17 +8,17 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query
 from starlette.responses import Response
 
-from ...features.errors import ToktError
-from .answers import refuse
-from .bodies import Camera
-from .pictures import frame_picture
-from .queries import SessionOf, Version, check_frame, check_version
-from .session import Session
+from tokt.features.common.errors import ToktError
+from tokt.labels.page.state.pictures import frame_picture
+from tokt.labels.page.state.session import Session
+
+from .requests import Camera, SessionOf, Version, check_frame, check_version
+from .responses import refuse
 
 router = APIRouter(prefix="/api")
 _KEEP = {"cache-control": "private, max-age=31536000, immutable"}
 _KEEP_NOT = {"cache-control": "no-store"}
-MOST_PATCHES = 400
+MAX_PATCHES = 400
 _CELL = re.compile(r"(left|right):(\d{1,10}):(\d{1,10})", re.ASCII)
 
 CameraPart = Annotated[Camera, Path()]
@@ -59,7 +59,7 @@ def get_thumb(
 @router.get("/patches")
 def get_patches(
     session: SessionOf,
-    cells: Annotated[str, Query(max_length=MOST_PATCHES * 30)],
+    cells: Annotated[str, Query(max_length=MAX_PATCHES * 30)],
     size: Annotated[int, Query(ge=16, le=256)] = 72,
     margin: Annotated[float, Query(ge=0, le=1)] = 0.25,
     enhance: Enhance = 0,
@@ -84,8 +84,8 @@ def _cells(text: str) -> list[tuple[str, int, int]]:
         if match is None:
             raise refuse(400, f"not a patch: {part!r} (write CAMERA:FRAME:CELL)")
         found.append((match[1], int(match[2]), int(match[3])))
-    if len(found) > MOST_PATCHES:
-        raise refuse(400, f"{len(found)} patches at once; the most is {MOST_PATCHES}")
+    if len(found) > MAX_PATCHES:
+        raise refuse(400, f"{len(found)} patches at once; the most is {MAX_PATCHES}")
     return found
 
 

@@ -1,4 +1,4 @@
-"""Which frame to label next."""
+"""The queue of frames to label next."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from .answers import answered
-from .bodies import Camera
-from .queries import Blind, Frame, SessionOf, Who
-from .queue import order
+from tokt.labels.page.suggestions.queue import next_frames
+
+from .requests import Blind, Camera, Frame, SessionOf, Who
+from .responses import json_response
 
 router = APIRouter(prefix="/api")
 _SCORE_DECIMALS = 4
@@ -40,7 +40,7 @@ def get_queue(
             "why": entry.why,
             "score": round(entry.score, _SCORE_DECIMALS),
         }
-        for entry in order(session.suggester, labelled, n, now)
+        for entry in next_frames(session.suggester, labelled, n, now)
     ]
     return _queue(frames, "", done, total)
 
@@ -50,7 +50,7 @@ def _none(why_not: str) -> Response:
 
 
 def _queue(frames: list[dict[str, Any]], why_not: str, done: int, total: int) -> Response:
-    return answered(
+    return json_response(
         {
             "ready": bool(total) and done == total,
             "done": done,

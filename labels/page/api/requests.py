@@ -1,14 +1,18 @@
-"""What pages send: every field is checked before anything is done with it."""
+"""Requests of pages: their parameters and bodies, checked before anything is done with them."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
+from fastapi import Depends, Query, Request
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from ...features.errors import ToktError
-from ...features.mission import LEFT, RIGHT
-from ..record import HUMAN, SETTLED, check_name, utc_text
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import LEFT, RIGHT
+from tokt.labels.page.state.session import Session
+from tokt.labels.record import HUMAN, SETTLED, check_name, utc_text
+
+from .responses import refuse
 
 MAX_NAME = 200  # letters
 
@@ -95,3 +99,38 @@ class SeenBody(_Body):
     blind: Flag = False
     camera: Camera
     frame: FrameNumber
+
+
+async def _session(request: Request) -> Session:
+    session = cast(Session, request.app.state.session)
+    session.give_way()
+    return session
+
+
+SessionOf = Annotated[Session, Depends(_session)]
+Who = Annotated[str, Query(min_length=1, max_length=MAX_NAME)]
+Blind = Annotated[bool, Query()]
+CameraOf = Annotated[Camera, Query()]
+Version = Annotated[str, Query(alias="v", max_length=MAX_NAME)]
+"""Which mission's frames a page means: another one may be served on this port tomorrow."""
+Frame = Annotated[int, Query(ge=0, le=2**31 - 1)]
+
+
+def check_frame(session: Session, camera: str, frame: int) -> None:
+    """Answer 404 unless the mission has this frame."""
+    if not session.board.has(camera, frame):
+        raise refuse(404, f"mission {session.mission.name} has no {camera} frame {frame}")
+
+
+def check_version(session: Session, version: str) -> None:
+    """Answer 409 to a page that was opened on another mission, or on other pictures of it."""
+    if version and version != session.pictures_version:
+        raise refuse(
+            409, f"the server now shows {session.mission.name} with other pictures: load the page"
+        )
+
+
+def refuse_blind(blind: bool) -> None:
+    """Answer 403 to a blind annotator who asks for what others say."""
+    if blind:
+        raise refuse(403, "not while labelling blind: it would show what others say")

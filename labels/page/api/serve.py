@@ -1,4 +1,4 @@
-"""Run the server of the labelling page until it is told to end."""
+"""Running the web application until it is told to end."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from collections.abc import Callable
 
 import uvicorn
 
+from tokt.labels.page.state.session import Session
+
 from .access import AccessRules
 from .app import create_app
-from .session import Session
 
 _LAST_ANSWERS_S = 1  # how long answers that are under way may take when the server ends
 _IDLE_S = 60  # how long a connection is kept for the next request
 
 
-class _Server(uvicorn.Server):
+class _PageServer(uvicorn.Server):
     """A uvicorn server that says when it answers, and that open event streams do not hold up."""
 
     def __init__(
@@ -59,4 +60,4 @@ def serve(
         timeout_keep_alive=_IDLE_S,
         timeout_graceful_shutdown=_LAST_ANSWERS_S,
     )
-    _Server(config, ready, session.live.close).run([listener])
+    _PageServer(config, ready, session.live.close).run([listener])

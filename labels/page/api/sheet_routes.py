@@ -8,12 +8,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from .answers import answered, refuse
-from .bodies import MAX_NAME
-from .queries import SessionOf, Who
+from .requests import MAX_NAME, SessionOf, Who
+from .responses import json_response, refuse
 
 router = APIRouter(prefix="/api")
-MOST_PATCHES = 2000
+MAX_PATCHES = 2000
 _VALUE_DECIMALS = 4
 
 
@@ -23,13 +22,13 @@ def get_sheet(
     label: Annotated[str, Query(alias="class", max_length=MAX_NAME)],
     who: Who | None = None,
     offset: Annotated[int, Query(ge=0)] = 0,
-    limit: Annotated[int, Query(ge=1, le=MOST_PATCHES)] = 200,
+    limit: Annotated[int, Query(ge=1, le=MAX_PATCHES)] = 200,
 ) -> Response:
     """A part of the sheet; ``value`` is null where the patch has not been looked at."""
     if label not in session.board.names:
         raise refuse(404, f"no class {label!r}")
     ranked = session.sheet.ranked(who or session.annotator, label)
-    return answered(
+    return json_response(
         {
             "total": len(ranked.patches),
             "by": ranked.by,

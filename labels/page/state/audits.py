@@ -6,8 +6,9 @@ import threading
 from pathlib import Path
 from typing import NamedTuple
 
-from ..audit_file import Audit, AuditedPatch, audit_files, read_audit
-from ..store import LabelStore
+from tokt.labels.formats.audit_csv import Audit, AuditedPatch, audit_files, read_audit
+from tokt.labels.store.store import LabelStore
+
 from .board import Board
 
 

@@ -5,27 +5,29 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.grid import Grid
-from ...features.mission import Mission
-from ..record import SETTLED
-from ..store import EventRow, LabelStore
-from ..taxonomy import UNSURE, Taxonomy
-from .changed import Changed, FrameName
-from .layer import Codes, Layer, Said
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import Mission
+from tokt.labels.record import SETTLED
+from tokt.labels.store.store import EventRow, LabelStore
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+
+Codes = NDArray[np.int16]
+FrameName: TypeAlias = tuple[str, int]
+"""Camera and number of a frame."""
 
 _AT_ONCE = 50_000  # events; what is held as Python objects at one time
 _UNSEEN, _SEEN, _PART, _DONE, _DISAGREEMENT = b"uspdx"
 _NOBODY_SURE = np.int16(np.iinfo(np.int16).max)
 
 
-class _Words(dict[str | None, int]):
+class _Vocabulary(dict[str | None, int]):
     """Words and their codes; a new word gets the next code."""
 
     def __init__(self, words: Iterable[str | None]) -> None:
@@ -43,7 +45,7 @@ class _Words(dict[str | None, int]):
         return np.fromiter((self[word] for word in words), np.int16, n)
 
 
-class Difference(NamedTuple):
+class LabelDifference(NamedTuple):
     """A patch that two annotators labelled differently; `sure` where neither is unsure."""
 
     camera: str
@@ -56,8 +58,167 @@ class Difference(NamedTuple):
     settled_by: str | None
 
 
+@dataclass(frozen=True)
+class LabelEvents:
+    """Label events of `n` patches, in order.
+
+    Attributes
+    ----------
+    flat : int64 array, shape (n,)
+        Patches as ``frame * n_cells + cell``.
+    codes, notes : int16 array, shape (n,)
+        Codes of the labels, and of what is to be known beside them; 0 is none.
+    blind : bool array, shape (n,)
+        Whether it was said without seeing what others said.
+    """
+
+    flat: NDArray[np.int64]
+    codes: Codes
+    notes: Codes
+    blind: NDArray[np.bool_]
+
+    def of(self, chosen: slice | NDArray[np.int64]) -> LabelEvents:
+        """Some of it."""
+        return LabelEvents(
+            self.flat[chosen], self.codes[chosen], self.notes[chosen], self.blind[chosen]
+        )
+
+
+class LabelArray:
+    """One annotator's label of every patch, or the settlement of every patch.
+
+    All arrays begin as untouched zeros, so that a large grid costs memory only where it is used.
+
+    Parameters
+    ----------
+    n_frames, n_cells : int
+        Frames of all cameras together, and patches of a frame.
+
+    Attributes
+    ----------
+    labels : int16 array, shape (n_frames, n_cells)
+        Code of the label of each patch; 0 is none.
+    filled : int64 array, shape (n_frames,)
+        Number of labelled patches of each frame.
+    counts : int64 array
+        Patches by label code; as long as the highest code met needs.
+    event : int
+        The last event that changed something.
+    """
+
+    def __init__(self, n_frames: int, n_cells: int) -> None:
+        self.labels: Codes = np.zeros((n_frames, n_cells), np.int16)
+        self.filled = np.zeros(n_frames, np.int64)
+        self.counts = np.zeros(1, np.int64)
+        self.event = 0
+        self._notes: Codes | None = None
+        self._blind: NDArray[np.bool_] | None = None
+
+    def put(self, said: LabelEvents) -> None:
+        """Set patches, in order: the last one holds where a patch is named twice."""
+        touched = np.unique(said.flat // self.labels.shape[1])
+        before = self._counts(touched)
+        self.labels.reshape(-1)[said.flat] = said.codes
+        if said.notes.any() and self._notes is None:
+            self._notes = np.zeros_like(self.labels)
+        if self._notes is not None:
+            self._notes.reshape(-1)[said.flat] = said.notes
+        if said.blind.any() and self._blind is None:
+            self._blind = np.zeros(self.labels.shape, bool)
+        if self._blind is not None:
+            self._blind.reshape(-1)[said.flat] = said.blind
+        self._count(before, -1)
+        self._count(self._counts(touched), 1)
+        self.filled[touched] = np.count_nonzero(self.labels[touched], axis=1)
+
+    def clear(self, flat: NDArray[np.int64]) -> None:
+        """Take back the labels of patches."""
+        self.labels.reshape(-1)[flat] = 0
+
+    def note(self, frame: int, cell: int) -> int:
+        """Note of one patch."""
+        return 0 if self._notes is None else int(self._notes[frame, cell])
+
+    def notes(self, frame: int) -> dict[int, int]:
+        """Notes of a frame by cell, where there is one."""
+        if self._notes is None:
+            return {}
+        cells = np.flatnonzero(self._notes[frame])
+        return {int(cell): int(self._notes[frame, cell]) for cell in cells}
+
+    def count(self, code: int) -> int:
+        """Number of patches with that label."""
+        return int(self.counts[code]) if code < len(self.counts) else 0
+
+    def blind_count(self) -> int:
+        """Number of labelled patches that were labelled blind."""
+        return 0 if self._blind is None else int(np.count_nonzero(self._blind & (self.labels > 0)))
+
+    def _counts(self, frames: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.bincount(self.labels[frames].reshape(-1))
+
+    def _count(self, counts: NDArray[np.int64], sign: int) -> None:
+        if len(counts) > len(self.counts):
+            self.counts = np.pad(self.counts, (0, len(counts) - len(self.counts)))
+        self.counts[: len(counts)] += sign * counts
+
+
+@dataclass(frozen=True)
+class LabelChanges:
+    """Frames in which something was said.
+
+    Attributes
+    ----------
+    event : int
+        The last event that is counted in.
+    labelled, settled : dict of str to set of (camera, frame)
+        Frames in which that annotator labelled, and in which that annotator settled something.
+    since : int
+        Events up to this one are not counted in.
+    """
+
+    event: int
+    labelled: dict[str, set[FrameName]] = field(default_factory=dict)
+    settled: dict[str, set[FrameName]] = field(default_factory=dict)
+    since: int = 0
+
+    def __bool__(self) -> bool:
+        return bool(self.labelled or self.settled)
+
+    @property
+    def frames(self) -> set[FrameName]:
+        """All of the frames."""
+        return set().union(*self.labelled.values(), *self.settled.values())
+
+    @property
+    def annotators(self) -> set[str]:
+        """Everybody who said something."""
+        return {*self.labelled, *self.settled}
+
+    def seen_by(self, who: str, blind: bool) -> LabelChanges:
+        """The part that `who` may hear of: when `blind`, only what `who` labelled."""
+        if not blind:
+            return self
+        mine = {who: self.labelled[who]} if who in self.labelled else {}
+        return LabelChanges(self.event, mine, since=self.since)
+
+    def add(self, who: str, source: str, frames: Iterable[FrameName]) -> None:
+        """Add frames in which `who` labelled or settled something."""
+        said = self.settled if source == SETTLED else self.labelled
+        said.setdefault(who, set()).update(frames)
+
+    def merged(self, other: LabelChanges) -> LabelChanges:
+        """Both together."""
+        return LabelChanges(
+            max(self.event, other.event),
+            _union(self.labelled, other.labelled),
+            _union(self.settled, other.settled),
+            min(self.since, other.since),
+        )
+
+
 class Board:
-    """Who says what of every patch, as fast as a page must know it.
+    """The labels of every patch by every annotator, as fast as a page needs them.
 
     Everything here follows from the store's events; `refresh` reads the new ones. Frames that
     the mission does not have are left out. Threads may share a board.
@@ -83,17 +244,17 @@ class Board:
         every = [(camera, frame) for camera, frames in self.frames.items() for frame in frames]
         self._every: list[FrameName] = every
         self._position = {name: n for n, name in enumerate(every)}
-        self._labels = _Words((None, *taxonomy.names, UNSURE))
+        self._labels = _Vocabulary((None, *taxonomy.names, UNSURE))
         self._unsure = self._labels[UNSURE]
         self._usual = frozenset(self._labels)
-        self._notes = _Words((None,))
-        self._said: dict[str, Layer] = {}
-        self._settled = Layer(len(every), grid.n_patches)
+        self._notes = _Vocabulary((None,))
+        self._said: dict[str, LabelArray] = {}
+        self._settled = LabelArray(len(every), grid.n_patches)
         self._seen: dict[str, NDArray[np.bool_]] = {}
         self._disagree = np.zeros(len(every), bool)
 
-    def refresh(self) -> Changed:
-        """Read what the store has new.
+    def refresh(self) -> LabelChanges:
+        """Read the new events of the store.
 
         Raises
         ------
@@ -103,7 +264,7 @@ class Board:
         with self._lock:
             # Read first: events of other missions up to there need not be looked at again.
             last = self._store.last_event()
-            changed = Changed(self.event, since=self.event)
+            changed = LabelChanges(self.event, since=self.event)
             rows = self._store.rows_after(self.event, self.mission_name, self.grid)
             while chunk := list(islice(rows, _AT_ONCE)):
                 self._take([row for row in chunk if (row[1], row[2]) in self._position], changed)
@@ -111,10 +272,10 @@ class Board:
             self.event = max(self.event, last)
             return replace(changed, event=self.event)
 
-    def changed_since(self, event: int) -> Changed:
-        """What was said after `event` up to now."""
+    def changed_since(self, event: int) -> LabelChanges:
+        """The changes after `event`, up to now."""
         rows = self._store.rows_after(event, self.mission_name, self.grid)
-        changed = Changed(max(event, self.event), since=event)
+        changed = LabelChanges(max(event, self.event), since=event)
         for number, camera, frame, _row, _col, _label, who, source, *_ in rows:
             if (camera, frame) in self._position:
                 changed.add(who, source, [(camera, frame)])
@@ -147,29 +308,29 @@ class Board:
         position = self._position[camera, frame]
         with self._lock:
             return {
-                name: self._words(layer, position)
-                for name, layer in sorted(self._said.items())
-                if name != who and layer.filled[position]
+                name: self._words(array, position)
+                for name, array in sorted(self._said.items())
+                if name != who and array.filled[position]
             }
 
     def settled(self, camera: str, frame: int) -> list[str | None]:
-        """What is settled of a frame, one a cell."""
+        """The settlements of a frame, one a cell."""
         with self._lock:
             return self._words(self._settled, self._position[camera, frame])
 
     def versions(self, who: str, camera: str, frame: int) -> dict[int, str]:
         """Model versions whose suggestions this annotator confirmed, by cell."""
         with self._lock:
-            layer = self._said.get(who)
-            codes = layer.notes(self._position[camera, frame]) if layer else {}
+            array = self._said.get(who)
+            codes = array.notes(self._position[camera, frame]) if array else {}
             return {cell: str(self._notes.words[code]) for cell, code in codes.items()}
 
     def counts(self, who: str) -> dict[str, int]:
         """One annotator's patches by label: classes, ``unsure``, and what else this person used."""
         with self._lock:
-            layer = self._said.get(who)
+            array = self._said.get(who)
             counts = {
-                name: layer.count(code) if layer else 0
+                name: array.count(code) if array else 0
                 for name, code in self._labels.items()
                 if name is not None
             }
@@ -210,10 +371,10 @@ class Board:
     def cells_of_class(self, who: str, label: str) -> list[tuple[str, int, int]]:
         """One annotator's patches of one label: (camera, frame, cell), in order."""
         with self._lock:
-            layer = self._said.get(who)
-            if layer is None or label not in self._labels:
+            array = self._said.get(who)
+            if array is None or label not in self._labels:
                 return []
-            positions, cells = np.nonzero(layer.labels == self._labels[label])
+            positions, cells = np.nonzero(array.labels == self._labels[label])
         return [
             (*self._every[position], cell)
             for position, cell in zip(positions.tolist(), cells.tolist(), strict=True)
@@ -227,16 +388,16 @@ class Board:
     def labelled_frames(self, who: str) -> list[FrameName]:
         """Frames in which this annotator labelled something, in order."""
         with self._lock:
-            layer = self._said.get(who)
-            return [self._every[n] for n in np.flatnonzero(layer.filled)] if layer else []
+            array = self._said.get(who)
+            return [self._every[n] for n in np.flatnonzero(array.filled)] if array else []
 
     def frames_with(self, who: str, label: str) -> list[FrameName]:
         """Frames in which this annotator gave at least one patch that label, in order."""
         with self._lock:
-            layer = self._said.get(who)
-            if layer is None or label not in self._labels:
+            array = self._said.get(who)
+            if array is None or label not in self._labels:
                 return []
-            some = (layer.labels == self._labels[label]).any(axis=1)
+            some = (array.labels == self._labels[label]).any(axis=1)
             return [self._every[n] for n in np.flatnonzero(some)]
 
     def pairs(self, a: str, b: str) -> Counter[tuple[str, str]]:
@@ -258,7 +419,7 @@ class Board:
             }
         )
 
-    def differences(self, a: str, b: str) -> list[Difference]:
+    def differences(self, a: str, b: str) -> list[LabelDifference]:
         """Patches that `a` and `b` labelled differently, settled or not, in order."""
         with self._lock:
             if a not in self._said or b not in self._said:
@@ -270,11 +431,11 @@ class Board:
                 for position, cell in zip(positions.tolist(), cells.tolist(), strict=True)
             ]
 
-    def _difference(self, position: int, cell: int, of_a: Codes, of_b: Codes) -> Difference:
+    def _difference(self, position: int, cell: int, of_a: Codes, of_b: Codes) -> LabelDifference:
         words, settled = self._labels.words, self._settled.labels[position, cell]
         code_a, code_b = of_a[position, cell], of_b[position, cell]
         by = self._notes.words[self._settled.note(position, cell)] if settled else None
-        return Difference(
+        return LabelDifference(
             *self._every[position],
             cell,
             str(words[code_a]),
@@ -308,24 +469,24 @@ class Board:
             self._seen[who] = seen
         return self._seen[who]
 
-    def _words(self, layer: Layer | None, position: int) -> list[str | None]:
-        if layer is None:
+    def _words(self, array: LabelArray | None, position: int) -> list[str | None]:
+        if array is None:
             return [None] * self.grid.n_patches
         words = self._labels.words
-        return [words[code] for code in layer.labels[position].tolist()]
+        return [words[code] for code in array.labels[position].tolist()]
 
     def _letters(self, who: str, blind: bool, positions: NDArray[np.int64]) -> NDArray[np.uint8]:
         letters = np.where(self._seen_by(who)[positions], _SEEN, _UNSEEN).astype(np.uint8)
-        layer = self._said.get(who)
-        if layer is not None:
-            filled = layer.filled[positions]
+        array = self._said.get(who)
+        if array is not None:
+            filled = array.filled[positions]
             letters[filled > 0] = _PART
             letters[filled == self.grid.n_patches] = _DONE
         if not blind:
             letters[self._disagree[positions]] = _DISAGREEMENT
         return letters
 
-    def _take(self, rows: list[EventRow], changed: Changed) -> None:
+    def _take(self, rows: list[EventRow], changed: LabelChanges) -> None:
         if not rows:
             return
         events, cameras, frames, row, col, labels, who, sources, versions, blind = zip(
@@ -341,7 +502,7 @@ class Board:
             for source, name, version in zip(sources, who, versions, strict=True)
         ]
         # Beside a settlement who made it; beside a label which model's suggestion it confirmed.
-        said = Said(
+        said = LabelEvents(
             position * self.grid.n_patches + cell,
             self._labels.codes(labels, n),
             self._notes.codes(notes, n),
@@ -360,24 +521,28 @@ class Board:
             for name in set(who[part]):
                 mine = np.flatnonzero(names[part] == name) + start
                 if not settles[start]:
-                    self._layer(name).put(said.of(mine))
-                    self._layer(name).event = events[mine[-1]]
+                    self._array(name).put(said.of(mine))
+                    self._array(name).event = events[mine[-1]]
                 touched = np.unique(position[mine]).tolist()
                 changed.add(name, sources[start], [self._every[place] for place in touched])
         self._find_disagreements(np.unique(position))
 
-    def _layer(self, who: str) -> Layer:
+    def _array(self, who: str) -> LabelArray:
         if who not in self._said:
-            self._said[who] = Layer(len(self._every), self.grid.n_patches)
+            self._said[who] = LabelArray(len(self._every), self.grid.n_patches)
         return self._said[who]
 
     def _find_disagreements(self, positions: NDArray[np.int64]) -> None:
         shape = (len(positions), self.grid.n_patches)
         least, most = np.full(shape, _NOBODY_SURE), np.zeros(shape, np.int16)
-        for layer in self._said.values():
-            codes = layer.labels[positions]
+        for array in self._said.values():
+            codes = array.labels[positions]
             sure = (codes > 0) & (codes != self._unsure)
             np.minimum(least, codes, out=least, where=sure)
             np.maximum(most, codes, out=most, where=sure)
         differ = (least < most) & (self._settled.labels[positions] == 0)
         self._disagree[positions] = differ.any(axis=1)
+
+
+def _union(a: dict[str, set[FrameName]], b: dict[str, set[FrameName]]) -> dict[str, set[FrameName]]:
+    return {who: a.get(who, set()) | b.get(who, set()) for who in {*a, *b}}

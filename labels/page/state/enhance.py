@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.checks import check_frame
+from tokt.features.kernels.checks import check_frame
 
 STRONGEST = 100
 DEFAULT_AMOUNT = 60
@@ -25,7 +25,7 @@ camera's grey levels show as rings."""
 _FULL_BACKGROUND = 40.0  # the amount from which the light of the lamps is gone altogether
 _WORKING_WIDTH = 680  # pixels; what is amplified has no finer detail, as single pixels are noise
 _SMOOTHING = 1.5  # pixels of the working picture, when it is as wide as that
-_LEAST_SMOOTHING = 0.8
+_MIN_SMOOTHING = 0.8
 _LOW_STEP = 8  # working pixels for one of the background's
 _BACKGROUND = 0.08  # standard deviation of the background's window, of the width
 _ROUNDS = 4
@@ -109,7 +109,7 @@ def _change(picture: _Float, amount: int) -> _Float:
     """What to add to a working picture, of its shape."""
     height, width = picture.shape[:2]
     gray = np.asarray(cv2.transform(picture, _GRAY)) if picture.ndim == 3 else picture
-    smoothing = max(_LEAST_SMOOTHING, _SMOOTHING * width / _WORKING_WIDTH)
+    smoothing = max(_MIN_SMOOTHING, _SMOOTHING * width / _WORKING_WIDTH)
     gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), smoothing))
     low_size = (max(1, width // _LOW_STEP), max(1, height // _LOW_STEP))
     low = cv2.resize(gray, low_size, interpolation=cv2.INTER_AREA)

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.extractor import extractor_named
-from ...features.grid import Grid
-from ...features.mission import Mission
-from .background import Background
-from .frames import for_background, read_frame
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import extractor_named
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import Mission
+from tokt.labels.page.background import Background
+from tokt.labels.page.frames import for_background, read_frame
 
 WHAT = "LBP and Haralick features"
 _EXTRACTOR = extractor_named("lbp_10_5_frame+haralick")
@@ -25,8 +25,8 @@ _FrameName = tuple[str, int]
 
 
 @dataclass(frozen=True)
-class Located:
-    """Patches as places in `Known`.
+class PatchLocations:
+    """Places of patches in a `FeatureSnapshot`.
 
     Attributes
     ----------
@@ -39,8 +39,8 @@ class Located:
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known at one moment; row i of each array is one frame.
+class FeatureSnapshot:
+    """The features known at one moment; row i of each array is one frame.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Known:
     done: int
 
 
-class _Rows(dict[_FrameName, int]):
+class _RowOfFrame(dict[_FrameName, int]):
     """Frames and their rows; a frame that is new gets the next row."""
 
     def __init__(self) -> None:
@@ -88,7 +88,7 @@ class FrameFeatures:
         self._mission = for_background(mission)
         self._grid = grid
         self._lock = threading.Lock()
-        self._rows = _Rows()
+        self._rows = _RowOfFrame()
         self._good: list[bool] = []
         self._features = np.zeros((_FIRST_ROOM, grid.n_patches, _EXTRACTOR.dim), np.float32)
         self.background = Background("tokt-sheet", self._step)
@@ -105,25 +105,25 @@ class FrameFeatures:
                 self._rows[name]
         self.background.wake()
 
-    def locate(self, cells: Sequence[CellName]) -> Located:
-        """Where to find patches in `known`; asks for their frames."""
+    def locate(self, cells: Sequence[CellName]) -> PatchLocations:
+        """Places of patches in the next `snapshot`; their frames are computed if need be."""
         with self._lock:
             rows = (self._rows[camera, frame] for camera, frame, _ in cells)
-            located = Located(
+            located = PatchLocations(
                 np.fromiter(rows, np.int64, len(cells)),
                 np.fromiter((cell for _, _, cell in cells), np.int64, len(cells)),
             )
         self.background.wake()
         return located
 
-    def known(self) -> Known:
+    def snapshot(self) -> FeatureSnapshot:
         """All that is known; what comes later does not change it."""
         with self._lock:
             n = len(self._rows.names)
             good = np.zeros(n, bool)
             good[: len(self._good)] = self._good
             numbers = np.fromiter((frame for _, frame in self._rows.names), np.int64, n)
-            return Known(self._features, numbers, good, len(self._good))
+            return FeatureSnapshot(self._features, numbers, good, len(self._good))
 
     def _step(self) -> bool:
         row = len(self._good)

@@ -1,4 +1,4 @@
-"""Server-sent events: every open page hears what changed, whoever changed it."""
+"""Server-sent events: every open page hears of every change."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from .changed import Changed
+from .board import LabelChanges
 
 ALIVE_S = 2.0  # a comment that often, so that either side notices when the other is gone
 ALIVE = ": alive\n\n"
@@ -19,11 +19,11 @@ ALIVE = ": alive\n\n"
 class Listener:
     """One open stream and what it has not been told yet."""
 
-    changed: Changed | None = None
+    changed: LabelChanges | None = None
     status: dict[str, Any] | None = None
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def add_change(self, changed: Changed) -> None:
+    def add_change(self, changed: LabelChanges) -> None:
         """Something was said; a slow page gets several changes as one."""
         self.changed = changed if self.changed is None else self.changed.merged(changed)
         self.wake.set()
@@ -33,7 +33,7 @@ class Listener:
         self.status = status
         self.wake.set()
 
-    def take(self) -> tuple[Changed | None, dict[str, Any] | None]:
+    def take(self) -> tuple[LabelChanges | None, dict[str, Any] | None]:
         """What is to be told now."""
         taken = self.changed, self.status
         self.changed = self.status = None
@@ -41,8 +41,8 @@ class Listener:
         return taken
 
 
-class Live:
-    """All open streams. `tell` and `tell_status` may be called from any thread."""
+class Broadcaster:
+    """All open streams. `publish` and `publish_status` may be called from any thread."""
 
     def __init__(self) -> None:
         self._listeners: set[Listener] = set()
@@ -59,15 +59,15 @@ class Live:
         for listener in self._listeners:
             listener.wake.set()
 
-    def tell(self, changed: Changed) -> None:
+    def publish(self, changed: LabelChanges) -> None:
         """Send a change to every page."""
         self._to_all(lambda listener: listener.add_change(changed))
 
-    def tell_status(self, status: dict[str, Any]) -> None:
+    def publish_status(self, status: dict[str, Any]) -> None:
         """Send the server's own state to every page."""
         self._to_all(lambda listener: listener.set_status(status))
 
-    async def listen(self) -> AsyncIterator[tuple[Changed | None, dict[str, Any] | None]]:
+    async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, dict[str, Any] | None]]:
         """Yield what is to be told, or (None, None) every `ALIVE_S`, until the server ends."""
         listener = Listener()
         self._listeners.add(listener)

@@ -1,20 +1,21 @@
-"""Put a session together: mission, store and board, and the model if there is one."""
+"""Opening a session: mission, store and board, and the model if there is one."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
 
-from ...features.errors import FrameError, ToktError
-from ...features.grid import Grid
-from ...features.mission import Mission
-from ...models.bundle import Bundle
-from ..mission_book import note_mission
-from ..record import LabelRecord, utc_now
-from ..store import FILE_NAME, LabelStore
-from ..taxonomy import load_taxonomy
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import Mission
+from tokt.labels.page.suggestions.suggestion_table import mission_stamp
+from tokt.labels.record import LabelRecord, utc_now
+from tokt.labels.store.known_missions import note_mission
+from tokt.labels.store.store import FILE_NAME, LabelStore
+from tokt.labels.taxonomy import load_taxonomy
+from tokt.models.bundle.bundle import Bundle
+
 from .board import Board
-from .judged import mission_stamp
 from .session import Session
 
 CACHE = "cache"
@@ -65,7 +66,7 @@ def open_session(
         session.pictures_version = _pictures_version(mission, version)
         session.find_fault()
         if bundle is not None:
-            from .suggestions import Suggester
+            from tokt.labels.page.suggestions.suggester import Suggester
 
             session.suggester = Suggester(bundle, mission, grid, workspace / CACHE)
     except ToktError:

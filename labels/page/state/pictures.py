@@ -11,13 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError, ToktError
-from ...features.grid import Grid
-from ...features.image_file import decode_image
-from ...features.mission import Mission
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import decode_image
+from tokt.features.frames.mission import Mission
+from tokt.labels.page.frames import encoded_frame, read_frame
+
 from .enhance import enhanced as enhanced
 from .enhance import enhanced_small, working_width
-from .frames import encoded_frame, read_frame
 
 SPRITE_COLUMNS = 10
 JPEG_QUALITY = 88
@@ -25,7 +26,7 @@ JPEG_QUALITY = 88
 _JPEG = "image/jpeg"
 _SHOWN_BY_BROWSERS = {".jpg": _JPEG, ".jpeg": _JPEG, ".png": "image/png"}
 _WIDEST = 4096  # pixels, of a picture made smaller
-_LARGEST_TILE, _MOST_TILES = 512, 1000
+_MAX_TILE, _MAX_TILES = 512, 1000
 _KEPT_BYTES = 64 * 1024 * 1024
 _FAULT_BGR = (70, 70, 70), (150, 150, 150)
 
@@ -119,8 +120,8 @@ class PatchPictures:
     def _check(
         self, cells: Sequence[tuple[str, int, int]], size: int, margin: float, enhance: int
     ) -> None:
-        _check_range("patches", len(cells), 1, _MOST_TILES)
-        _check_range("size", size, 8, _LARGEST_TILE)
+        _check_range("patches", len(cells), 1, _MAX_TILES)
+        _check_range("size", size, 8, _MAX_TILE)
         _check_range("margin", margin, 0, 1)
         _check_range("enhance", enhance, 0, 100)
         for _, _, cell in cells:

@@ -1,4 +1,4 @@
-"""All patches that were given a label, those that look least like it first."""
+"""The review sheet: all patches that were given a label, those that look least like it first."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from typing import NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.grid import Grid
-from ...features.mission import Mission
-from ..taxonomy import UNSURE
-from .frame_features import WHAT, CellName, FrameFeatures, Known, Located
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import Mission
+from tokt.labels.taxonomy import UNSURE
+
+from .board import Board
+from .frame_features import WHAT, CellName, FeatureSnapshot, FrameFeatures, PatchLocations
 
 BLOCK = 20
 """Frames that are kept together, of both cameras: neighbours are near copies of each other."""
 
-MOST_TRAINED = 20_000
+MAX_TRAINED = 20_000
 """Patches a classifier learns from at most, half of each side."""
 
 _FOLDS = 5
@@ -88,7 +90,7 @@ class Ranked:
         return self.done == self.of
 
 
-class Sheet:
+class PatchRanker:
     """Ranks labelled patches by how they look. For any number of threads.
 
     Parameters
@@ -152,7 +154,7 @@ class Sheet:
             if version is not None and last and last[:2] == (version, label) and last[2].ready:
                 return last[2]
             located = {name: self._features.locate(c) for name, c in cells_by_class.items()}
-            known = self._features.known()
+            known = self._features.snapshot()
             own = located.get(label, self._features.locate([]))
             # What nobody was sure of is no example of anything.
             names = [name for name in located if name not in (label, UNSURE)]
@@ -165,33 +167,78 @@ class Sheet:
             return ranked
 
 
+class ReviewSheet:
+    """A person's labels, ranked from the board when first asked for. For any number of threads.
+
+    Parameters
+    ----------
+    mission : Mission
+    board : Board
+    """
+
+    def __init__(self, mission: Mission, board: Board) -> None:
+        self._board = board
+        self._ranker = PatchRanker(mission, board.grid)
+        self._lock = threading.Lock()
+        self._started = False
+        self._version: tuple[str, int] | None = None
+        self._cells: dict[str, list[CellName]] = {}
+
+    def ranked(self, who: str, label: str) -> Ranked:
+        """A person's patches of one label, odd ones first."""
+        with self._lock:
+            if not self._started:
+                # Not before: it keeps a processor busy for as long as there are labelled frames.
+                self._ranker.start()
+                self._started = True
+            version = who, self._board.last_event(who)
+            if version != self._version:
+                # A million patches take a while to list; pages ask for them bit by bit.
+                names = self._board.names
+                self._cells = {name: self._board.cells_of_class(who, name) for name in names}
+                self._version = version
+            return self._ranker.patches(self._cells, label, version)
+
+    def give_way(self) -> None:
+        """Say that a request is being served."""
+        self._ranker.give_way()
+
+    def close(self) -> None:
+        """Stop."""
+        self._ranker.close()
+
+
 @dataclass(frozen=True)
-class _Looks:
+class _Samples:
     """How patches look: their features, and the block of frames each is from."""
 
     features: NDArray[np.float32]
     blocks: NDArray[np.int64]
 
     @classmethod
-    def of(cls, known: Known, located: Located, chosen: NDArray[np.int64]) -> _Looks:
+    def of(
+        cls, known: FeatureSnapshot, located: PatchLocations, chosen: NDArray[np.int64]
+    ) -> _Samples:
         rows = located.rows[chosen]
         return cls(known.features[rows, located.cells[chosen]], known.numbers[rows] // BLOCK)
 
 
-def _values(known: Known, own: Located, others: list[Located]) -> tuple[NDArray[np.float64], str]:
+def _values(
+    known: FeatureSnapshot, own: PatchLocations, others: list[PatchLocations]
+) -> tuple[NDArray[np.float64], str]:
     """A value a patch, the odder the lower, and what it is."""
     values = np.full(len(own.rows), np.nan)
     places = np.flatnonzero(known.good[own.rows])
     if not len(places):
         return values, "in the order of the frames: none has been looked at so far"
-    looks = _Looks.of(known, own, places)
-    rest = [_sample(known, other, MOST_TRAINED // len(others)) for other in others]
+    looks = _Samples.of(known, own, places)
+    rest = [_sample(known, other, MAX_TRAINED // len(others)) for other in others]
     rest = [part for part in rest if len(part.blocks)]
     found = None
     if rest:
         found = _cross_validated(
             looks,
-            _Looks(
+            _Samples(
                 np.concatenate([part.features for part in rest]),
                 np.concatenate([part.blocks for part in rest]),
             ),
@@ -208,15 +255,15 @@ def _values(known: Known, own: Located, others: list[Located]) -> tuple[NDArray[
     )
 
 
-def _sample(known: Known, located: Located, most: int) -> _Looks:
+def _sample(known: FeatureSnapshot, located: PatchLocations, most: int) -> _Samples:
     """Some of the patches, drawn at random, the same ones each time."""
     places = np.flatnonzero(known.good[located.rows])
     if len(places) > most:
         places = np.random.default_rng(_SEED).choice(places, most, replace=False)
-    return _Looks.of(known, located, places)
+    return _Samples.of(known, located, places)
 
 
-def _cross_validated(own: _Looks, rest: _Looks) -> tuple[NDArray[np.float64], int] | None:
+def _cross_validated(own: _Samples, rest: _Samples) -> tuple[NDArray[np.float64], int] | None:
     """Decision values of one class's patches by classifiers that did not see their blocks.
 
     None where a classifier would see one class only. Also returns the number of folds.
@@ -253,7 +300,7 @@ def _cross_validated(own: _Looks, rest: _Looks) -> tuple[NDArray[np.float64], in
 
 
 def _some(random: np.random.Generator, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    most = MOST_TRAINED // 2
+    most = MAX_TRAINED // 2
     return random.choice(places, most, replace=False) if len(places) > most else places
 
 

@@ -1,4 +1,4 @@
-"""What one running server holds: the mission, its labels, and what is computed of them."""
+"""The session of one running server: the mission, its labels, and what follows from them."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...features.errors import ToktError
-from ...features.grid import Grid
-from ...features.mission import Mission
-from ..action import ActionHead
-from ..record import utc_now
-from ..store import LabelStore
-from ..taxonomy import Taxonomy
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import Mission
+from tokt.labels.record import utc_now
+from tokt.labels.store.actions import ActionHead
+from tokt.labels.store.store import LabelStore
+from tokt.labels.taxonomy import Taxonomy
+
 from .audits import Audits
-from .board import Board
-from .changed import FrameName
-from .label_sheet import LabelSheet
-from .live import Live
+from .board import Board, FrameName
+from .live import Broadcaster
 from .pictures import PatchPictures
+from .review_sheet import ReviewSheet
 
 if TYPE_CHECKING:
-    from .suggestions import Suggester
+    from tokt.labels.page.suggestions.suggester import Suggester
 
 LITTLE_BYTES = 20_000_000
 
@@ -48,7 +48,7 @@ class Session:
         Number of other grids in which this mission is labelled.
     pictures_version : str
         Changes with the mission's files and with tokt: the same one, the same pictures.
-    live : Live
+    live : Broadcaster
     fault : str
         Why nothing can be saved at present, or an empty string.
     """
@@ -62,13 +62,13 @@ class Session:
     suggester: Suggester | None = None
     other_grids: int = 0
     pictures_version: str = ""
-    live: Live = field(default_factory=Live)
+    live: Broadcaster = field(default_factory=Broadcaster)
     fault: str = ""
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
         self.pictures = PatchPictures(self.mission, self.grid)
-        self.sheet = LabelSheet(self.mission, self.board)
+        self.sheet = ReviewSheet(self.mission, self.board)
         self.audits = Audits(self.store, self.board)
 
     @property
@@ -88,7 +88,7 @@ class Session:
         with self._refreshing:
             changed = self.board.refresh()
             if changed:
-                self.live.tell(changed)
+                self.live.publish(changed)
 
     def find_fault(self) -> str:
         """Try whether something could be saved; sets and returns `fault`."""

@@ -1,4 +1,4 @@
-"""Which frames to label next: those the model is unsure of, and not the same thing twice.
+"""The queue of frames to label next: the model is unsure of them, and no two are alike.
 
 A frame's score is its uncertainty times how far it is from everything that is labelled or comes
 before it in the queue (greedy farthest-point traversal weighted by uncertainty). Neighbour frames
@@ -14,25 +14,25 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .judged import Judged
+from .suggestion_table import MissionSuggestions
 
 _NEAR_SHARE = 0.25  # a patch is near the threshold below this share of the median distance to it
 _HALF_UNSURE = 3.0  # patches on the threshold that make a frame half as unsure as can be
-_LEAST_UNSURE = 0.02  # so that frames the model is sure of come too, later and far apart
+_MIN_UNSURE = 0.02  # so that frames the model is sure of come too, later and far apart
 _ALIKE = 0.5  # standard deviations a feature, where two frames count as half the same and more
 _AT_ONCE = 5.0  # frames, within which the camera still sees the same
 _UNLIKE = 1.0  # standard deviations a feature; two frames of a dive taken at random: 1.4
-_MOST_CANDIDATES = 3000  # the most unsure ones; what is compared with each labelled frame
+_MAX_CANDIDATES = 3000  # the most unsure ones; what is compared with each labelled frame
 _SPREAD = 2654435761  # an odd number far from simple fractions of 2**32: spreads equal ones out
 
 _Name = tuple[str, int]
 _Float = NDArray[np.float32]
 
 
-class HasJudged(Protocol):
+class HasSuggestions(Protocol):
     """A `Suggester`."""
 
-    def judged(self) -> Judged:
+    def known(self) -> MissionSuggestions:
         """All frames known so far."""
 
 
@@ -56,8 +56,8 @@ class QueueEntry:
     why: str
 
 
-def order(
-    suggester: HasJudged,
+def next_frames(
+    suggester: HasSuggestions,
     labelled: Mapping[_Name, bool],
     n: int,
     now: _Name | None = None,
@@ -78,8 +78,8 @@ def order(
     camera : str, optional
         Only frames of this camera.
     """
-    judged = suggester.judged()
-    names = list(zip(judged.cameras.tolist(), judged.frames.tolist(), strict=True))
+    known = suggester.known()
+    names = list(zip(known.cameras.tolist(), known.frames.tolist(), strict=True))
     seen = {name for name, is_labelled in labelled.items() if is_labelled}
     shown = {now} - seen if now else set()
     is_seen, is_shown = (
@@ -87,11 +87,11 @@ def order(
     )
     free = ~is_seen & ~is_shown
     if camera is not None:
-        free &= judged.cameras == camera
+        free &= known.cameras == camera
     if not free.any():
         return []
-    uncertainty = _Uncertainty.of(judged)
-    queue = _Queue(judged, uncertainty, _candidates(uncertainty.unsure, free))
+    uncertainty = _Uncertainty.of(known)
+    queue = _Queue(known, uncertainty, _candidates(uncertainty.unsure, free))
     queue.leave(np.flatnonzero(is_seen), [frame for _, frame in seen], "labelled")
     queue.leave(np.flatnonzero(is_shown), [frame for _, frame in shown], "shown now")
     entries = []
@@ -119,21 +119,21 @@ class _Uncertainty:
     unsure: NDArray[np.float64]
 
     @classmethod
-    def of(cls, judged: Judged) -> _Uncertainty:
+    def of(cls, known: MissionSuggestions) -> _Uncertainty:
         # Two digits, as the reason given says them.
-        near = float(f"{_NEAR_SHARE * float(np.median(judged.values)):.2g}")
-        share = 1 - judged.values / max(near, 1e-300)
+        near = float(f"{_NEAR_SHARE * float(np.median(known.values)):.2g}")
+        share = 1 - known.values / max(near, 1e-300)
         sums = share.clip(0, None).sum(axis=1)
-        unsure = _LEAST_UNSURE + (1 - _LEAST_UNSURE) * sums / (sums + _HALF_UNSURE)
-        return cls(near, (judged.values <= near).sum(axis=1), unsure)
+        unsure = _MIN_UNSURE + (1 - _MIN_UNSURE) * sums / (sums + _HALF_UNSURE)
+        return cls(near, (known.values <= near).sum(axis=1), unsure)
 
 
 def _candidates(unsure: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Places of the most unsure free frames, in order; of equal ones some from everywhere."""
     places = np.flatnonzero(free)
-    if len(places) > _MOST_CANDIDATES:
+    if len(places) > _MAX_CANDIDATES:
         spread = places * _SPREAD % 2**32
-        places = np.sort(places[np.lexsort((spread, -unsure[places]))][:_MOST_CANDIDATES])
+        places = np.sort(places[np.lexsort((spread, -unsure[places]))][:_MAX_CANDIDATES])
     return places
 
 
@@ -141,14 +141,14 @@ class _Queue:
     """Candidates, and how alike each is to the frames that are known or taken."""
 
     def __init__(
-        self, judged: Judged, uncertainty: _Uncertainty, candidates: NDArray[np.int64]
+        self, known: MissionSuggestions, uncertainty: _Uncertainty, candidates: NDArray[np.int64]
     ) -> None:
         self.candidates = candidates
-        self._judged = judged
+        self._known = known
         self._uncertainty = uncertainty
-        self._looks = looks(judged.features)
+        self._looks = looks(known.features)
         self._own_looks = self._looks[candidates]
-        self._own_frames = judged.frames[candidates]
+        self._own_frames = known.frames[candidates]
         self._unsure = uncertainty.unsure[candidates]
         self._distance = np.full(len(candidates), np.inf, np.float32)
         self._nearest = np.full(len(candidates), -1)
@@ -173,8 +173,8 @@ class _Queue:
         best = int(np.where(self._free, scores, -1.0).argmax())
         place = int(self.candidates[best])
         entry = QueueEntry(
-            str(self._judged.cameras[place]),
-            int(self._judged.frames[place]),
+            str(self._known.cameras[place]),
+            int(self._known.frames[place]),
             float(scores[best]),
             self._why(place, best),
         )
@@ -192,7 +192,7 @@ class _Queue:
     def _why(self, place: int, candidate: int) -> str:
         patches, near = self._uncertainty.patches[place], self._uncertainty.near
         number = f"{patches or 'no'} patch{'' if patches == 1 else 'es'}"
-        of_what = "of a second class" if self._judged.several else "of the threshold"
+        of_what = "of a second class" if self._known.several else "of the threshold"
         unsure = f"{number} within {near:g} {of_what}"
         nearest = int(self._nearest[candidate])
         if nearest < 0:
@@ -203,9 +203,9 @@ class _Queue:
         return f"{unsure}; looks unlike anything {what} (nearest: {self._named(nearest)})"
 
     def _named(self, place: int) -> str:
-        frame = f"frame {self._judged.frames[place]}"
-        several = len(set(self._judged.cameras.tolist())) > 1
-        return f"{self._judged.cameras[place]} {frame}" if several else frame
+        frame = f"frame {self._known.frames[place]}"
+        several = len(set(self._known.cameras.tolist())) > 1
+        return f"{self._known.cameras[place]} {frame}" if several else frame
 
 
 def looks(features: _Float) -> _Float:

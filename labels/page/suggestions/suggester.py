@@ -1,4 +1,4 @@
-"""What a model suggests for the frames of a mission, computed beside the page."""
+"""The suggester: a model's suggestions for a mission's frames, computed beside the page."""
 
 from __future__ import annotations
 
@@ -10,15 +10,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.atomic import write_bytes
-from ...features.errors import ToktError
-from ...features.grid import Grid
-from ...features.mission import Mission, VideoMission
-from ...models.bundle import Bundle
-from ...models.linear import LinearModel
-from .background import Background
-from .frames import for_background, read_frame
-from .judged import Judged, JudgedTable, Suggestions, mission_stamp, no_suggestions
+from tokt.features.common.atomic import write_bytes
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import Mission, VideoMission
+from tokt.labels.page.background import Background
+from tokt.labels.page.frames import for_background, read_frame
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.linear import LinearModel
+
+from .suggestion_table import (
+    FrameSuggestions,
+    MissionSuggestions,
+    SuggestionTable,
+    mission_stamp,
+    no_suggestions,
+)
 
 _ASPECT_TOLERANCE = 0.02  # of width over height; a row more or less is a crop of the same picture
 _OTHER_CAMERA = 50  # frames; so much nearer the shown camera's frames are computed first
@@ -53,7 +60,7 @@ class Suggester:
         self.bundle = bundle
         self._mission = mission
         self._own_mission = for_background(mission)
-        self._table = JudgedTable(mission, grid.n_patches, bundle.extractor.dim)
+        self._table = SuggestionTable(mission, grid.n_patches, bundle.extractor.dim)
         self._lock = threading.Lock()
         self._near: NDArray[np.float64] = np.arange(len(self._table.names), dtype=np.float64)
         place = hashlib.sha256(f"{bundle.sha256}\n{mission.path.resolve()}".encode()).hexdigest()
@@ -93,8 +100,8 @@ class Suggester:
             distance[distance < 0] += 2.0**32
         self._near = np.abs(distance) + _OTHER_CAMERA * (self._table.cameras != camera)
 
-    def of(self, camera: str, frame: int) -> Suggestions | None:
-        """The suggestions of a frame, computed now if need be; None for a frame that is not."""
+    def of(self, camera: str, frame: int) -> FrameSuggestions | None:
+        """The suggestions of a frame, computed now if need be; None if there is no such frame."""
         index = self._table.position.get((camera, frame))
         if index is None:
             return None
@@ -103,10 +110,10 @@ class Suggester:
                 return self._table.get(index, self.bundle.model.obstacle)
         return self._compute(index, self._mission)
 
-    def judged(self) -> Judged:
+    def known(self) -> MissionSuggestions:
         """Everything known so far."""
         with self._lock:
-            return self._table.judged(len(self.bundle.model.classes) > 2)
+            return self._table.known(len(self.bundle.model.classes) > 2)
 
     def _step(self) -> bool:
         if self._saved < 0:
@@ -120,7 +127,7 @@ class Suggester:
             self._save()
         return True
 
-    def _compute(self, index: int, mission: Mission) -> Suggestions:
+    def _compute(self, index: int, mission: Mission) -> FrameSuggestions:
         camera, frame = self._table.names[index]
         features = None
         try:
@@ -164,7 +171,7 @@ class Suggester:
             self._key = None  # no space or no permission: computed again next time
 
 
-def suggestions(model: LinearModel, features: NDArray[np.float64]) -> Suggestions:
+def suggestions(model: LinearModel, features: NDArray[np.float64]) -> FrameSuggestions:
     """A model's classes and margins for the patches of one frame.
 
     Parameters
@@ -185,4 +192,4 @@ def suggestions(model: LinearModel, features: NDArray[np.float64]) -> Suggestion
     else:
         best = np.sort(excess, axis=1)[:, -2:]
         margins = best[:, 1] - best[:, 0]
-    return Suggestions(classes, margins, np.asarray(model.obstacle, bool)[classes])
+    return FrameSuggestions(classes, margins, np.asarray(model.obstacle, bool)[classes])

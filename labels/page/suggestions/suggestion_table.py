@@ -1,4 +1,4 @@
-"""What a model said of each frame of a mission, kept in a file between runs of the server."""
+"""The table of a model's suggestions, kept in a file between runs of the server."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.mission import FolderMission, Mission
+from tokt.features.frames.mission import FolderMission, Mission
 
 FORMAT = 1
 _TO_DO, _JUDGED, _FAULTY = range(3)
@@ -21,8 +21,8 @@ _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
 
 @dataclass(frozen=True)
-class Suggestions:
-    """What a model suggests for one frame.
+class FrameSuggestions:
+    """A model's suggestions for one frame.
 
     Attributes
     ----------
@@ -44,15 +44,15 @@ class Suggestions:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """All frames that a model has judged so far; row i of each array is frame i.
+class MissionSuggestions:
+    """Suggestions of all frames judged so far; row i of each array is frame i.
 
     Attributes
     ----------
     cameras : array of str, shape (n,)
     frames : array of int64, shape (n,)
     values : array of float64, shape (n, n_patches)
-        As in `Suggestions`.
+        As in `FrameSuggestions`.
     features : array of float32, shape (n, 2 * dim)
         Mean and standard deviation of each feature over the frame's patches.
     several : bool
@@ -66,7 +66,7 @@ class Judged:
     several: bool = False
 
 
-class JudgedTable:
+class SuggestionTable:
     """Suggestions of all frames of a mission, as far as they are known. Not for several threads.
 
     Parameters
@@ -98,7 +98,9 @@ class JudgedTable:
         """Whether a frame is known, by its place in `names`."""
         return bool(self._states[index] != _TO_DO)
 
-    def put(self, index: int, found: Suggestions, features: NDArray[np.float64] | None) -> None:
+    def put(
+        self, index: int, found: FrameSuggestions, features: NDArray[np.float64] | None
+    ) -> None:
         """Keep what the model said of a frame; `features` of its patches, unless it is faulty."""
         self.done += not self.knows(index)
         if found.fault or features is None:
@@ -109,17 +111,19 @@ class JudgedTable:
         self._features[index] = np.concatenate([features.mean(axis=0), features.std(axis=0)])
         self._states[index] = _JUDGED
 
-    def get(self, index: int, obstacle: tuple[bool, ...]) -> Suggestions:
+    def get(self, index: int, obstacle: tuple[bool, ...]) -> FrameSuggestions:
         """The suggestions of a frame that is known."""
         if self._states[index] == _FAULTY:
             return no_suggestions(self._faults[index])
         classes = self._classes[index].astype(np.int64)
-        return Suggestions(classes, self._values[index].copy(), np.asarray(obstacle, bool)[classes])
+        return FrameSuggestions(
+            classes, self._values[index].copy(), np.asarray(obstacle, bool)[classes]
+        )
 
-    def judged(self, several: bool) -> Judged:
+    def known(self, several: bool) -> MissionSuggestions:
         """A copy of everything known, without faulty frames."""
         known = self._states == _JUDGED
-        return Judged(
+        return MissionSuggestions(
             self.cameras[known],
             self.frames[known],
             self._values[known],
@@ -174,9 +178,9 @@ class JudgedTable:
         }
 
 
-def no_suggestions(fault: str) -> Suggestions:
-    """Of a frame that cannot be judged, and why."""
-    return Suggestions(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), fault)
+def no_suggestions(fault: str) -> FrameSuggestions:
+    """The suggestions of a frame that cannot be judged: none, and why."""
+    return FrameSuggestions(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), fault)
 
 
 def mission_stamp(mission: Mission) -> str:

@@ -7,30 +7,15 @@ from typing import Annotated
 
 import typer
 
-from ..features.errors import ToktError
-from . import (
-    bench,
-    calibrate,
-    compare,
-    dataset,
-    demo,
-    deploy,
-    depth,
-    doctor,
-    evaluate,
-    keygen,
-    label,
-    labels,
-    listen,
-    models,
-    replay,
-    reproduce,
-    run,
-    search,
-    shadow,
-    simulate,
-    train,
-)
+from tokt.cli.deploy import deploy, keygen
+from tokt.cli.labels import label, labels
+from tokt.cli.rig import calibrate, depth
+from tokt.cli.run import listen, replay, run, shadow
+from tokt.cli.studies import bench, demo, reproduce, simulate
+from tokt.cli.training import compare, dataset, evaluate, models, search, train
+from tokt.features.common.errors import ToktError
+
+from . import doctor
 
 _EXTRAS = {
     "scipy": "train",
@@ -59,7 +44,7 @@ def _new_app() -> typer.Typer:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from .. import __version__
+        from tokt import __version__
 
         typer.echo(f"tokt {__version__}")
         raise typer.Exit
@@ -93,7 +78,7 @@ app.command("keygen")(keygen.keygen)
 app.command("deploy")(deploy.deploy)
 app.command("rollback")(deploy.rollback)
 app.command("store")(deploy.store)
-app.command("run")(run.run)
+app.command("run", cls=run.RunCommand)(run.run)
 app.command("replay")(replay.replay)
 app.command("shadow")(shadow.shadow)
 app.command("calibrate")(calibrate.calibrate)
@@ -112,14 +97,19 @@ def _app_for(arguments: list[str]) -> typer.Typer:
     if arguments[:1] != ["run"]:
         return app
     alone = _new_app()
-    alone.command("run")(run.run)
+    alone.command("run", cls=run.RunCommand)(run.run)
     return alone
 
 
 def main() -> None:
-    """Run the command line; a user's mistake is one line on stderr and exit code 2."""
+    """Run the command line."""
+    run_app(_app_for(sys.argv[1:]))
+
+
+def run_app(commands: typer.Typer) -> None:
+    """Run commands; a user's mistake is one line on stderr and exit code 2."""
     try:
-        code = _app_for(sys.argv[1:])(standalone_mode=False)
+        code = commands(standalone_mode=False)
     except ToktError as error:
         _fail(str(error))
     except typer.TyperException as error:

@@ -10,8 +10,9 @@ from typing import Annotated
 
 import typer
 
-from ..features.errors import ToktError
-from ..features.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.errors import ToktError
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
 from .output import print_json
 
@@ -22,12 +23,12 @@ _STYLES = {OK: "green", NOTE: "yellow", FAULT: "bold red"}
 
 def doctor(
     store: Annotated[
-        Path | None, typer.Option(metavar="STORE", help="Deploy store to examine as well.")
+        Path | None, typer.Option(metavar="STORE", help="Store to check as well.")
     ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Versions, kernels, camera driver, store and registry health; exit code 1 if a fault.
+    """Check versions, kernels, camera driver, store and registry; exit code 1 on a fault.
 
     Every line is ok, a note (worth knowing, perhaps as intended) or a fault. Nothing on disk is
     changed.
@@ -70,37 +71,37 @@ def _installation() -> Iterable[Finding]:
 
 
 def _kernels() -> Iterable[Finding]:
-    from ..features.kernel_check import kernel_findings
+    from tokt.features.kernels.health import kernel_findings
 
     return kernel_findings()
 
 
 def _camera() -> Iterable[Finding]:
-    from ..inference.camera_driver import camera_driver_finding
+    from tokt.inference.sources.cameras.vimba.health import camera_driver_finding
 
     return [camera_driver_finding()]
 
 
 def _genicam() -> Iterable[Finding]:
-    from ..inference.genicam_finding import genicam_finding
+    from tokt.inference.sources.cameras.genicam.health import genicam_finding
 
     return [genicam_finding()]
 
 
 def _store(path: Path) -> Iterable[Finding]:
-    from ..models.store_check import store_findings
+    from tokt.models.store.health import store_findings
 
     return store_findings(path)
 
 
 def _labels(workspace: Path) -> Iterable[Finding]:
-    from ..labels.store_check import label_store_finding
+    from tokt.labels.store.health import label_store_finding
 
     return [label_store_finding(workspace)]
 
 
 def _registry(workspace: Path) -> Iterable[Finding]:
-    from ..models.registry_check import registry_finding
+    from tokt.models.registry.health import registry_finding
 
     return [registry_finding(workspace)]
 

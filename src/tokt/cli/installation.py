@@ -1,4 +1,4 @@
-"""What is installed: versions, the machine, and which extras are there."""
+"""Findings of `tokt doctor` about the installation: versions, the machine, the extras."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from ..features.finding import FAULT, NOTE, OK, Finding
-from ..features.machine import machine
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.machine import machine
 
 EXTRAS = ("train", "label", "camera", "cluster")
 

@@ -1,4 +1,4 @@
-"""What commands print: JSON for scripts, progress on a terminal, plain lines elsewhere."""
+"""Output of commands: JSON for scripts, progress on a terminal, plain lines elsewhere, figures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-_LONGEST_SILENCE_S = 30.0
+_MAX_SILENCE_S = 30.0
 
 
 def print_json(value: Any) -> None:
@@ -47,16 +47,36 @@ def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
     for done, item in enumerate(items, 1):
         yield item
         now = time.monotonic()
-        if done % step == 0 or done == total or now - said > _LONGEST_SILENCE_S:
+        if done % step == 0 or done == total or now - said > _MAX_SILENCE_S:
             said = now
             say(f"{what}: {done}/{total}{_remaining((now - began) / done * (total - done))}")
 
 
 def _remaining(seconds: float) -> str:
     """A rough time to go, where it is long enough to matter."""
-    if seconds < _LONGEST_SILENCE_S:
+    if seconds < _MAX_SILENCE_S:
         return ""
     minutes = math.ceil(seconds / 60)
     if minutes < 120:
         return f", about {minutes} min left"
     return f", about {math.ceil(minutes / 60)} h left"
+
+
+def print_patches(patch: dict[str, Any]) -> None:
+    """Obstacle figures where they mean something, and those by class for several classes."""
+    if patch["f1"] is not None:
+        print(
+            f"  obstacle patches: F1 {figure(patch['f1'])}, precision "
+            f"{figure(patch['precision'])}, recall {figure(patch['recall'])}, "
+            f"AP {figure(patch['average_precision'])}"
+        )
+    if patch["f1"] is None or len(patch["per_class"]) > 2:
+        by_class = ", ".join(
+            f"{name} {figure(row['f1'])}" for name, row in patch["per_class"].items()
+        )
+        print(f"  classes: macro-F1 {figure(patch['macro_f1'])} ({by_class})")
+
+
+def figure(value: float | None) -> str:
+    """A figure with three decimals, or ``-`` where it is undefined."""
+    return "-" if value is None else f"{value:.3f}"

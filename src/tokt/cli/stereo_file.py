@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .output import say
+from tokt.cli.output import say
 
 if TYPE_CHECKING:
-    from ..inference.calibration import Described, StereoCalibration
+    from tokt.inference.stereo.calibration import CheckedCalibration, StereoCalibration
 
 
 def read_calibration_file(path: Path) -> StereoCalibration:
@@ -26,7 +26,7 @@ def read_calibration_file(path: Path) -> StereoCalibration:
     return calibration
 
 
-def describe_calibration_file(path: Path) -> Described:
+def describe_calibration_file(path: Path) -> CheckedCalibration:
     """Read a calibration that is to be looked at, usable or not.
 
     Raises
@@ -34,10 +34,10 @@ def describe_calibration_file(path: Path) -> Described:
     ToktError
         If it cannot be read.
     """
-    from ..inference.calibration import describe, read_calibration
+    from tokt.inference.stereo.calibration import check_calibration, read_calibration
 
     if path.suffix.lower() != ".mat":
         return read_calibration(path)
-    from ..training.stereo.matlab_file import read_matlab_numbers
+    from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
 
-    return describe(read_matlab_numbers(path))
+    return check_calibration(read_matlab_numbers(path))

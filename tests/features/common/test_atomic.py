@@ -9,14 +9,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from tokt.features import atomic
+
+from tokt.features.common import atomic
 
 SIZE = 300_000
 # Forks a child that writes without end, and kills it after the delay read from stdin.
 KILLER = f"""
 import os, signal, sys, time
 from pathlib import Path
-from tokt.features import atomic
+from tokt.features.common import atomic
 file, folder = Path(sys.argv[1]) / "file", Path(sys.argv[1]) / "folder"
 def write():
     for turn in range(10**9):
@@ -63,11 +64,15 @@ def test_killed_writers_leave_whole_content(
     assert signal.SIGKILL
     delays = random.Random(1)
     (tmp_path / "file").write_bytes(b"a" * SIZE)
-    partials = 0
-    for _ in range(60):
-        write_and_kill(delays.uniform(0.0, 0.02))
+    partials, whole = 0, 0
+    for trial in range(600):
+        if trial >= 60 and partials and whole:
+            break
+        # Later ones live longer: on a busy machine a child may not get far in 0.02 s.
+        write_and_kill(delays.uniform(0.0, 0.02 * (1 + trial // 60)))
         assert (tmp_path / "file").read_bytes() in (b"a" * SIZE, b"b" * SIZE)
         for folder in tmp_path.glob("folder-*"):
+            whole += 1
             content = sorted((path.name, path.read_bytes()) for path in folder.iterdir())
             letter = content[0][1][:1]
             assert content == [("one", letter * 1000), ("two", letter * 1000)]
@@ -76,7 +81,7 @@ def test_killed_writers_leave_whole_content(
         assert atomic.remove_partials(tmp_path) == len(left)
         assert not list(tmp_path.glob(".partial-*"))
     assert partials > 0, "no kill hit a write; the test proves nothing"
-    assert list(tmp_path.glob("folder-*"))
+    assert whole > 0, "no write was finished; the test proves nothing"
 
 
 def test_write_text_and_parents(tmp_path: Path) -> None:

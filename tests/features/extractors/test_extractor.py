@@ -13,29 +13,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
-from tokt.features import frame_pictures
-from tokt.features.canonical import canonical_json, json_sha256
-from tokt.features.errors import ToktError
-from tokt.features.extractor import (
+
+from tests.tiers import scaled
+from tokt.features.common.canonical import canonical_json, json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors import frame_pictures
+from tokt.features.extractors.extractor import (
     NAMED,
     Context,
     Haralick,
     Join,
     Lbp,
-    Levels,
     Lines,
     Moments,
+    Quantization,
     Structure,
     build_extractor,
     extractor_named,
     gray_picture,
 )
-from tokt.features.frame_pictures import FramePictures
-from tokt.features.grid import Grid
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.frames.grid import Grid
 
 Image = NDArray[np.uint8]
 GRID = Grid(4, 5, 110)
-FLAT = Levels(8, 64, 3, 21)
+FLAT = Quantization(8, 64, 3, 21)
 LBP_NAMES = [name for name, one in NAMED.items() if isinstance(one, Lbp) and one.image is None]
 
 
@@ -225,7 +227,7 @@ SPECS = [
     Moments().spec,
     Moments(FLAT).spec,
     Haralick(False, FLAT).spec,
-    Context(Lbp(8, 1, "frame", Levels(8.5, 32)), "max").spec,
+    Context(Lbp(8, 1, "frame", Quantization(8.5, 32)), "max").spec,
     Context(Join([Haralick(True, FLAT), Lbp(24, 8, "frame")]), "mean").spec,
     Join([Context(Haralick(True, FLAT), "range"), Lbp(24, 16, "frame")]).spec,
     Haralick(True, FLAT, "log").spec,
@@ -361,7 +363,7 @@ def damaged_specs(draw: st.DrawFn) -> Any:
     return spec
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=scaled(400))
 @given(damaged_specs() | json_values)
 def test_a_spec_is_read_whole_or_refused(spec: Any) -> None:
     try:
@@ -482,7 +484,7 @@ def test_pictures_are_prepared_once(colour: Image, monkeypatch: pytest.MonkeyPat
 
     kernels = frame_pictures.KERNELS
     monkeypatch.setattr(frame_pictures, "KERNELS", Counted())
-    other = Levels(2.0, 32)
+    other = Quantization(2.0, 32)
     joined = Join(
         [Haralick(False, FLAT), Lbp(8, 1, "frame", FLAT), Moments(other), Lbp(8, 2, "frame")]
     )
@@ -491,7 +493,7 @@ def test_pictures_are_prepared_once(colour: Image, monkeypatch: pytest.MonkeyPat
     assert np.array_equal(plain, gray_picture(colour, GRID))
     calls.clear()
     found = Context(joined, "mean").describe_pictures(pictures)
-    assert calls == ["deep_gray", "to_levels", "to_levels"]
+    assert calls == ["resized_gray16", "quantize", "quantize"]
     assert np.array_equal(found, Context(joined, "mean").describe(colour, GRID))
     assert found.shape == (20, 2 * (13 + 10 + 9 + 10)) and np.isfinite(found).all()
     assert len(set(Context(joined, "mean").names)) == found.shape[1]

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.camera_frame import MOSAIC_FORMATS, PIXEL_FORMATS, frame_from_camera
+
+from tokt.features.frames.camera_frame import MOSAIC_FORMATS, PIXEL_FORMATS, frame_from_camera
 
 BAYER = tuple(name for name in PIXEL_FORMATS if name.startswith("Bayer"))
 BLUE, GREEN, RED = 0, 1, 2

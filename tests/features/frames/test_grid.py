@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.features.grid import DEFAULT_GRID, Grid
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
 grids = st.builds(
     Grid,
@@ -38,7 +40,7 @@ def test_thesis_frame() -> None:
 
 
 @given(grids, sides, sides)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=scaled(150))
 def test_patches_are_equal_disjoint_and_inside(grid: Grid, height: int, width: int) -> None:
     height, width = _resized(grid, height, width)
     boxes = grid.boxes(height, width)
@@ -56,7 +58,7 @@ def test_patches_are_equal_disjoint_and_inside(grid: Grid, height: int, width: i
 
 
 @given(grids, sides, sides, st.integers(0, 2**32 - 1))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=scaled(100))
 def test_boxes_cells_and_paint_agree(grid: Grid, height: int, width: int, seed: int) -> None:
     height, width = _resized(grid, height, width)
     rng = np.random.default_rng(seed)
@@ -119,7 +121,7 @@ json_values = st.none() | st.booleans() | st.integers() | st.floats() | st.text(
     | st.lists(json_values, max_size=3)
     | json_values
 )
-@settings(max_examples=200)
+@settings(max_examples=scaled(200))
 def test_json_is_read_exactly_or_refused(value: Any) -> None:
     try:
         grid = Grid.from_json(value)

@@ -8,8 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.errors import FrameError
-from tokt.features.image_file import decode_image, pixel_sha256, read_image
+
+from tests.tiers import scaled
+from tokt.features.common.errors import FrameError
+from tokt.features.frames.image_file import decode_image, pixel_sha256, read_image
 
 Image = NDArray[np.uint8]
 
@@ -71,7 +73,7 @@ def test_prefixes_are_refused(picture: tuple[bytes, Image]) -> None:
             decode_image(data[:end], "cut")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 @given(fraction=st.floats(0, 1, exclude_max=True))
 def test_any_prefix_is_refused(picture: tuple[bytes, Image], fraction: float) -> None:
     data, _ = picture
@@ -130,13 +132,13 @@ def only_a_frame_error(data: bytes) -> None:
 heads = st.sampled_from([b"", b"\xff\xd8", b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n", b"BM", b"P5\n"])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=scaled(200))
 @given(head=heads, data=st.binary(max_size=300))
 def test_junk(head: bytes, data: bytes) -> None:
     only_a_frame_error(head + data)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=scaled(40), suppress_health_check=[HealthCheck.too_slow])
 @given(
     edits=st.lists(
         st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255), st.booleans()),
@@ -196,7 +198,7 @@ def test_pixel_hash_is_of_pixels(tmp_path: Path, gray: Image) -> None:
 
 @pytest.mark.mission
 def test_every_real_frame_is_accepted(mission: Path) -> None:
-    from tokt.features.image_file import _jpeg_is_whole
+    from tokt.features.frames.image_file import _jpeg_is_whole
 
     files = sorted(mission.glob("*/*.jpg"))
     assert len(files) == 492

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.errors import FrameError, ToktError
-from tokt.features.mission import format_frames, open_mission, parse_frames
+
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.mission import format_frames, open_mission, parse_frames
 
 N_VIDEO = 14
 

@@ -8,7 +8,9 @@ import numpy as np
 from hypothesis import settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.grid import Grid
+
+from tests.tiers import scaled
+from tokt.features.frames.grid import Grid
 
 Image = NDArray[np.uint8]
 
@@ -21,7 +23,7 @@ CONTENTS = ("noise", "two levels", "constant", "few levels", "gradient", "pixel"
 def examples(usual: int) -> settings:
     """That many examples, or as many times as the variable TOKT_EXAMPLES says."""
     times = int(os.environ.get("TOKT_EXAMPLES", "1"))
-    return settings(max_examples=usual * times, deadline=None)
+    return settings(max_examples=scaled(usual * times))
 
 
 def paint(content: str, shape: tuple[int, ...], seed: int, low: int, high: int) -> Image:

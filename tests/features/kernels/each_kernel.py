@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import strategies as st
-from tokt.features.kernels import COMPILED, LIBRARY, NUMPY, load_kernels
+
+from tokt.features.kernels.dispatch import COMPILED, LIBRARY, NUMPY, load_kernels
 
 REFERENCE = load_kernels(LIBRARY)
 try:

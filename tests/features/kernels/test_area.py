@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.kernels import COMPILED, NUMPY, Kernels, load_kernels
+
+from tokt.features.kernels.dispatch import COMPILED, NUMPY, Kernels, load_kernels
 
 from .drawn import Image, examples, paint, painted
 
@@ -153,7 +154,6 @@ def test_any_layout(kernels: Kernels, depth: tuple[int, ...]) -> None:
 
 @needs_compiled
 @pytest.mark.mission
-@pytest.mark.slow
 @pytest.mark.parametrize("camera", ["Left", "Right"])
 def test_mission_frames(camera: str, mission: Path) -> None:
     paths = sorted((mission / camera).iterdir())[::3]  # `tokt bench --mission` compares them all

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.block_matching import BlockMatching
-from tokt.features.kernels import Kernels
+
+from tests.tiers import scaled
+from tokt.features.kernels.block_matching import BlockMatching
+from tokt.features.kernels.dispatch import Kernels
 
 from .each_kernel import COMPILED_KERNELS, fast
 
@@ -47,7 +49,7 @@ def opencv(left: np.ndarray, right: np.ndarray, matching: BlockMatching) -> np.n
 
 
 @fast
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 @given(
     matching=matchings,
     height=st.integers(1, 70),
@@ -81,7 +83,7 @@ def test_the_wanted_pixels_have_opencvs_disparities(
 
 @pytest.mark.skipif(COMPILED_KERNELS is None, reason="not built here")
 def test_each_instruction_set_gives_the_same_at_the_runtimes_settings() -> None:
-    from tokt.features import _native
+    from tokt.features.kernels import _native
 
     matching = BlockMatching(32, 176, 21, 31, 150, 12)
     left, _ = views(60, 330, 1, 1.5, 1)

@@ -8,19 +8,22 @@ import sys
 from pathlib import Path
 
 import pytest
-import tokt.features
-from tokt.features.errors import ToktError
-from tokt.features.kernels import load_kernels
 
 import tokt
+import tokt.features
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
+from tokt.features.kernels.dispatch import load_kernels
 
 FEATURES = Path(tokt.features.__file__).parent
 PARTS = ("labels", "training", "models", "inference")
-NAME_AND_WHY = "from tokt.features.kernels import KERNELS; print(KERNELS.name, '|', KERNELS.why)"
+NAME_AND_WHY = (
+    "from tokt.features.kernels.dispatch import KERNELS; print(KERNELS.name, '|', KERNELS.why)"
+)
 LIBRARIES = "import sys; print({'skimage', 'mahotas', 'scipy'} & set(sys.modules))"
 DESCRIBE = (
-    "import numpy as np; from tokt.features.grid import Grid; "
-    "from tokt.features.extractor import extractor_named as named; "
+    "import numpy as np; from tokt.features.frames.grid import Grid; "
+    "from tokt.features.extractors.extractor import extractor_named as named; "
     "named('haralick+lbp').describe(np.ones((60, 80, 3), np.uint8), Grid(3, 4, 40))"
 )
 # An editable install looks for modules that a package lacks in the checkout.
@@ -44,7 +47,7 @@ def run(*arguments: str, kernels: str = "", path: Path | None = None) -> tuple[i
     if path:
         environment |= {"PYTHONPATH": str(path), "PYTHONSAFEPATH": "1"}
     done = subprocess.run(
-        [sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=120
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=MAX_S
     )
     return done.returncode, done.stdout, done.stderr
 
@@ -55,12 +58,15 @@ def without_extension(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("package")
     (root / "sitecustomize.py").write_text(NO_EDITABLE_INSTALL, encoding="utf-8")
     package = root / "tokt"
-    (package / "features").mkdir(parents=True)
+    (package / "features" / "kernels").mkdir(parents=True)
     for path in Path(tokt.__file__).parent.iterdir():
         if path.name != "features":
             (package / path.name).symlink_to(path)
-    for path in FEATURES.glob("*.py"):
-        (package / "features" / path.name).symlink_to(path)
+    for path in FEATURES.iterdir():
+        if path.name != "kernels":
+            (package / "features" / path.name).symlink_to(path)
+    for path in (FEATURES / "kernels").glob("*.py"):
+        (package / "features" / "kernels" / path.name).symlink_to(path)
     for part in PARTS:
         if not (package / part).exists():
             (package / part).symlink_to(FEATURES.parent / part)
@@ -127,7 +133,8 @@ def test_compiled_asked_for_but_not_there(
 
 
 def test_an_extension_built_from_other_sources_is_not_used() -> None:
-    old = "import sys, types; sys.modules['tokt.features._native'] = types.ModuleType('_native'); "
+    native = "tokt.features.kernels._native"
+    old = f"import sys, types; sys.modules[{native!r}] = types.ModuleType('_native'); "
     code, out, err = run("-c", old + NAME_AND_WHY)
     assert code == 0, err
     assert out.startswith("numpy | no compiled ones: the extension was built from other sources")

@@ -12,11 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features import reference
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
-from tokt.features.kernels import COMPILED, NUMPY, Kernels, load_kernels
-from tokt.features.levels import Levels
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels import reference
+from tokt.features.kernels.dispatch import COMPILED, NUMPY, Kernels, load_kernels
+from tokt.features.kernels.quantization import Quantization
 
 from .drawn import Image, examples, paint, painted, pictures
 from .exact_haralick import exact_haralick, matrices, spreads
@@ -56,7 +57,7 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
     height, width = gray.shape
     plain = np.asarray(gray)
     bgr = np.stack([plain, plain[::-1], plain[:, ::-1]], axis=2)
-    deep = kernels.deep_gray(bgr, height * 5 // 7, width * 2 // 3, threads)
+    gray16 = kernels.resized_gray16(bgr, height * 5 // 7, width * 2 // 3, threads)
     return [
         kernels.lbp_counts(gray, grid, 10, 5, "patch", threads),
         kernels.lbp_counts(gray, grid, 7, 1.5, "frame", threads),
@@ -64,10 +65,10 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
         kernels.haralick_features(gray, grid, True, threads),
         kernels.resized_gray(gray, height * 5 // 8, width * 3 // 4, threads),
         kernels.resized_gray(bgr, height * 5 // 7, width * 2 // 3, threads),
-        kernels.deep_gray(gray, height * 3 // 2, width, threads),
-        deep,
-        kernels.to_levels(deep, Levels(8, 256, 3, 21), threads),
-        kernels.to_levels(deep, Levels(0.7, 32, 1, 255, "ratio"), threads),
+        kernels.resized_gray16(gray, height * 3 // 2, width, threads),
+        gray16,
+        kernels.quantize(gray16, Quantization(8, 256, 3, 21), threads),
+        kernels.quantize(gray16, Quantization(0.7, 32, 1, 255, "ratio"), threads),
         kernels.level_counts(gray, grid, threads),
         kernels.lbp_nearest_counts(gray, grid, 8, 5, "patch", threads),
         kernels.lbp_nearest_counts(gray, grid, 8, 13, "frame", threads),
@@ -252,7 +253,9 @@ def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
 @pytest.fixture
 def levels() -> Iterator[Any]:
     """Runs a function at each instruction level of this processor."""
-    native = pytest.importorskip("tokt.features._native", reason="the kernels are not built here")
+    native = pytest.importorskip(
+        "tokt.features.kernels._native", reason="the kernels are not built here"
+    )
 
     def run(function: Any) -> list[Any]:
         results = []
@@ -346,7 +349,7 @@ def test_what_was_computed_before_does_not_matter(kernels: Kernels) -> None:
 
 @needs_compiled
 def test_what_the_scratch_memory_holds_does_not_matter() -> None:
-    from tokt.features.compiled_scratch import SCRATCH
+    from tokt.features.kernels.compiled_scratch import SCRATCH
 
     gray, grid = paint("noise", (80, 150), 1, 0, 0), Grid(2, 3, None)
     expected = described(COMPILED_KERNELS, gray, grid)
@@ -422,7 +425,7 @@ def calls(kernels: Kernels) -> Calls:
         ("structure", lambda picture: kernels.structure_sums(picture, ONE)),
         ("lines", lambda picture: kernels.line_sums(picture, ONE, 128, (2, 4))),
         ("area", lambda picture: kernels.resized_gray(picture, 7, 9)),
-        ("area_deep", lambda picture: kernels.deep_gray(picture, 7, 9)),
+        ("area_deep", lambda picture: kernels.resized_gray16(picture, 7, 9)),
     ]
 
 
@@ -482,8 +485,8 @@ def test_threads_out_of_range(kernels: Kernels, threads: Any) -> None:
         lambda: kernels.lbp_counts(PIXELS, ONE, 8, 1, "patch", threads),
         lambda: kernels.haralick_features(PIXELS, ONE, False, threads),
         lambda: kernels.resized_gray(PIXELS, 7, 9, threads),
-        lambda: kernels.deep_gray(PIXELS, 7, 9, threads),
-        lambda: kernels.to_levels(PIXELS.astype(np.uint16), Levels(1), threads),
+        lambda: kernels.resized_gray16(PIXELS, 7, 9, threads),
+        lambda: kernels.quantize(PIXELS.astype(np.uint16), Quantization(1), threads),
         lambda: kernels.level_counts(PIXELS, ONE, threads),
         lambda: kernels.lbp_nearest_counts(PIXELS, ONE, 8, 1, "patch", threads),
         lambda: kernels.structure_sums(PIXELS, ONE, threads),

@@ -1,4 +1,4 @@
-"""Deep pictures, their levels and how often they occur: all kernels give the same bits."""
+"""16-bit gray pictures, their levels and how often they occur: all kernels give the same bits."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.kernels import Kernels
-from tokt.features.levels import DIFFERENCE, FRAME, RATIO, Levels
+
+from tokt.features.kernels.dispatch import Kernels
+from tokt.features.kernels.quantization import DIFFERENCE, FRAME, RATIO, Quantization
 
 from .drawn import Image, examples, paint, painted, pictures
 from .each_kernel import REFERENCE, THREADS, fast
@@ -19,8 +20,8 @@ SIDES = st.integers(1, 40) | st.integers(1, 300)
 
 
 @st.composite
-def recipes(draw: st.DrawFn) -> Levels:
-    return Levels(
+def recipes(draw: st.DrawFn) -> Quantization:
+    return Quantization(
         draw(st.sampled_from((1, 8, 0.3, 1024.0)) | st.floats(1e-3, 64)),
         draw(st.integers(8, 256)),
         draw(st.sampled_from((1, 1, 3, 5, 255))),
@@ -37,13 +38,13 @@ def test_any_size(kernels: Kernels, data: st.DataObject, threads: int) -> None:
     shape = (data.draw(SIDES), data.draw(SIDES), *data.draw(st.sampled_from(((), (3,)))))
     height, width = data.draw(SIDES), data.draw(SIDES)
     frame = data.draw(painted(shape))
-    found = kernels.deep_gray(frame, height, width, threads)
+    found = kernels.resized_gray16(frame, height, width, threads)
     assert found.dtype == np.uint16 and found.shape == (height, width)
-    assert np.array_equal(found, REFERENCE.deep_gray(frame, height, width))
+    assert np.array_equal(found, REFERENCE.resized_gray16(frame, height, width))
 
 
 def exact_pixel(frame: Image, height: int, width: int, row: int, column: int) -> int:
-    """A deep picture's pixel by its definition, in fractions."""
+    """A 16-bit gray picture's pixel by its definition, in fractions."""
     gray = (frame.astype(int) @ (1868, 9617, 4899)).tolist()
     down, across = Fraction(len(frame), height), Fraction(frame.shape[1], width)
     total = Fraction(0)
@@ -60,7 +61,7 @@ def exact_pixel(frame: Image, height: int, width: int, row: int, column: int) ->
 @pytest.mark.parametrize(("height", "width"), [(5, 7), (11, 3), (20, 23), (1, 1)])
 def test_the_definition(kernels: Kernels, height: int, width: int) -> None:
     frame = paint("noise", (13, 17, 3), 3, 0, 0)
-    found = kernels.deep_gray(frame, height, width)
+    found = kernels.resized_gray16(frame, height, width)
     expected = [
         [exact_pixel(frame, height, width, row, column) for column in range(width)]
         for row in range(height)
@@ -76,7 +77,7 @@ def test_near_opencv_on_floats(kernels: Kernels, size: tuple[int, int]) -> None:
     height, width = size[0] * 271 // 1024, 360
     small = cv2.resize(frame.astype(np.float64), (width, height), interpolation=cv2.INTER_AREA)
     gray = small @ np.array((1868, 9617, 4899)) / 16384
-    assert np.abs(kernels.deep_gray(frame, height, width) / 256 - gray).max() <= 1 / 256
+    assert np.abs(kernels.resized_gray16(frame, height, width) / 256 - gray).max() <= 1 / 256
 
 
 @fast
@@ -84,83 +85,83 @@ def test_what_one_picture_keeps(kernels: Kernels) -> None:
     """Frames of one grey have it exactly; a tenth of a level is seen, where plain ones lose it."""
     for grey in (0, 1, 127, 255):
         for shape in ((40, 56), (40, 56, 3)):
-            found = kernels.deep_gray(np.full(shape, grey, np.uint8), 9, 30)
+            found = kernels.resized_gray16(np.full(shape, grey, np.uint8), 9, 30)
             assert (found == 256 * grey).all()
     frame = np.full((100, 100), 60, np.uint8)
     frame[::3, ::3] = 61
-    assert np.abs(kernels.deep_gray(frame, 10, 10) / 256 - 60 - 1 / 9).max() < 0.06
+    assert np.abs(kernels.resized_gray16(frame, 10, 10) / 256 - 60 - 1 / 9).max() < 0.06
 
 
 @fast
 def test_frames_too_large_for_32_bits(kernels: Kernels) -> None:
     frame = np.full((2900, 2910), 255, np.uint8)
     frame[::2] = 254
-    found = kernels.deep_gray(frame, 29, 10)
+    found = kernels.resized_gray16(frame, 29, 10)
     assert (found == 254.5 * 256).all()
 
 
 @fast
 @examples(100)
 @given(data=st.data(), levels=recipes(), threads=THREADS)
-def test_levels(kernels: Kernels, data: st.DataObject, levels: Levels, threads: int) -> None:
+def test_levels(kernels: Kernels, data: st.DataObject, levels: Quantization, threads: int) -> None:
     """Boxes larger than the picture among them."""
     height, width = data.draw(SIDES), data.draw(SIDES)
     frame = data.draw(painted((height, width, 3)))
-    deep = REFERENCE.deep_gray(frame, height, max(1, width // 2))
-    found = kernels.to_levels(deep, levels, threads)
+    gray16 = REFERENCE.resized_gray16(frame, height, max(1, width // 2))
+    found = kernels.quantize(gray16, levels, threads)
     assert found.dtype == np.uint8 and found.max() < levels.levels
-    assert np.array_equal(found, REFERENCE.to_levels(deep, levels))
+    assert np.array_equal(found, REFERENCE.quantize(gray16, levels))
 
 
 @fast
 @pytest.mark.parametrize("side", [181, 183, 255])
 def test_the_largest_boxes_of_a_saturated_picture(kernels: Kernels, side: int) -> None:
     """Their sums need all of 32 bits."""
-    deep = np.full((260, 260), 255 * 256, np.uint16)
-    assert (kernels.to_levels(deep, Levels(1, 256, side)) == 255).all()
-    assert (kernels.to_levels(deep, Levels(8, 256, 1, side)) == 128).all()
+    gray16 = np.full((260, 260), 255 * 256, np.uint16)
+    assert (kernels.quantize(gray16, Quantization(1, 256, side)) == 255).all()
+    assert (kernels.quantize(gray16, Quantization(8, 256, 1, side)) == 128).all()
 
 
 @fast
 @pytest.mark.parametrize("by", [DIFFERENCE, RATIO, FRAME])
 def test_levels_by_their_definition(kernels: Kernels, by: str) -> None:
     """Boxes cut out one by one."""
-    deep = 256 * paint("gradient", (12, 15), 14, 3, 0).astype(np.uint16)
-    deep += np.random.default_rng(2).integers(0, 256, deep.shape, np.uint16)
+    gray16 = 256 * paint("gradient", (12, 15), 14, 3, 0).astype(np.uint16)
+    gray16 += np.random.default_rng(2).integers(0, 256, gray16.shape, np.uint16)
 
     def mean(y: int, x: int, side: int) -> float:
         half = side // 2
-        box = deep[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
+        box = gray16[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
         return float(box.mean()) / 256
 
-    for y, x in np.ndindex(deep.shape):
+    for y, x in np.ndindex(gray16.shape):
         around = mean(y, x, 7)
         apart = mean(y, x, 3) - around
         if by == RATIO:
             apart *= 32 / max(around, 4)
         if by == FRAME:
-            apart *= 20 / (deep.mean() / 256)
+            apart *= 20 / (gray16.mean() / 256)
         exact = apart * 5 * 64 / 256 + 32 + 0.5
-        level = int(kernels.to_levels(deep, Levels(5, 64, 3, 7, by))[y, x])
+        level = int(kernels.quantize(gray16, Quantization(5, 64, 3, 7, by))[y, x])
         assert level == min(max(np.floor(exact), 0), 63) or abs(exact - round(exact)) < 1e-9
 
 
 @fast
 def test_each_option_has_an_effect(kernels: Kernels) -> None:
-    deep = kernels.deep_gray(paint("noise", (200, 300, 3), 1, 0, 0), 50, 80)
-    usual = Levels(2, 64, 3, 21)
+    gray16 = kernels.resized_gray16(paint("noise", (200, 300, 3), 1, 0, 0), 50, 80)
+    usual = Quantization(2, 64, 3, 21)
     others = (
-        Levels(2.1, 64, 3, 21),
-        Levels(2, 63, 3, 21),
-        Levels(2, 64, 1, 21),
-        Levels(2, 64, 3, 23),
-        Levels(2, 64, 3, 0),
-        Levels(2, 64, 3, 21, RATIO),
-        Levels(2, 64, 3, 21, FRAME),
+        Quantization(2.1, 64, 3, 21),
+        Quantization(2, 63, 3, 21),
+        Quantization(2, 64, 1, 21),
+        Quantization(2, 64, 3, 23),
+        Quantization(2, 64, 3, 0),
+        Quantization(2, 64, 3, 21, RATIO),
+        Quantization(2, 64, 3, 21, FRAME),
     )
-    found = kernels.to_levels(deep, usual)
+    found = kernels.quantize(gray16, usual)
     for other in others:
-        assert not np.array_equal(kernels.to_levels(deep, other), found), other
+        assert not np.array_equal(kernels.quantize(gray16, other), found), other
 
 
 @fast
@@ -168,8 +169,8 @@ def test_a_fall_of_light_is_taken_away(kernels: Kernels) -> None:
     """A step of half a grey level under a ramp of 60: lost in whole levels, plain here."""
     ramp = np.linspace(20, 80, 360)[None, :] + np.zeros((271, 1))
     ramp[100:140, 150:200] += 0.5
-    deep = np.round(ramp * 256).astype(np.uint16)
-    found = kernels.to_levels(deep, Levels(64, 256, 1, 121)).astype(int)
+    gray16 = np.round(ramp * 256).astype(np.uint16)
+    found = kernels.quantize(gray16, Quantization(64, 256, 1, 121)).astype(int)
     inside, outside = found[105:135, 155:195], found[20:60, 150:200]
     assert 20 <= inside.mean() - outside.mean() <= 32
     assert np.abs(outside - 128).max() <= 2
@@ -177,11 +178,12 @@ def test_a_fall_of_light_is_taken_away(kernels: Kernels) -> None:
 
 @fast
 def test_a_brighter_lamp_changes_nothing_by_frame(kernels: Kernels) -> None:
-    deep = 100 * np.random.default_rng(3).integers(20, 120, (60, 80), np.uint16)
-    brighter = deep * np.uint16(4)
+    gray16 = 100 * np.random.default_rng(3).integers(20, 120, (60, 80), np.uint16)
+    brighter = gray16 * np.uint16(4)
     for gain in (8, 0.7):
         dim, bright = (
-            kernels.to_levels(one, Levels(gain, 256, 3, 31, FRAME)) for one in (deep, brighter)
+            kernels.quantize(one, Quantization(gain, 256, 3, 31, FRAME))
+            for one in (gray16, brighter)
         )
         assert np.abs(dim.astype(int) - bright).max() <= 1 and len(np.unique(dim)) > 8
         assert (dim == bright).mean() > 0.99
@@ -189,7 +191,7 @@ def test_a_brighter_lamp_changes_nothing_by_frame(kernels: Kernels) -> None:
 
 @fast
 @pytest.mark.parametrize(
-    "deep",
+    "gray16",
     [
         np.zeros((3, 4), np.uint8),
         np.zeros((3, 4), np.float64),
@@ -198,9 +200,9 @@ def test_a_brighter_lamp_changes_nothing_by_frame(kernels: Kernels) -> None:
         None,
     ],
 )
-def test_no_deep_picture(kernels: Kernels, deep: np.ndarray) -> None:
+def test_no_gray16_picture(kernels: Kernels, gray16: np.ndarray) -> None:
     with pytest.raises((TypeError, ValueError)):
-        kernels.to_levels(deep, Levels(1))
+        kernels.quantize(gray16, Quantization(1))
 
 
 @fast

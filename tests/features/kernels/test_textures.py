@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.grid import Grid
-from tokt.features.kernels import Kernels
+
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.dispatch import Kernels
 
 from .drawn import Image, examples, pictures
 from .each_kernel import REFERENCE, THREADS, fast

@@ -10,16 +10,17 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.mission import open_mission
-from tokt.inference.detector import GridDetector
-from tokt.inference.drift import LARGEST_WORST, LOOKS_A_WINDOW, DriftMonitor, DriftState
-from tokt.inference.observer import Event
-from tokt.inference.policy import Judgement, SinglePolicy
+
+from tokt.features.frames.mission import open_mission
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame
+from tokt.inference.monitoring.drift import LOOKS_A_WINDOW, MAX_WORST, DriftMonitor, DriftState
+from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
-from tokt.inference.sources import Frame
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import unknown_verdict
-from tokt.models.bundle import read_bundle
+from tokt.models.bundle.bundle import read_bundle
 from tokt.models.distribution import Distribution, bin_counts, ks_distances, quantile_edges
 
 WINDOW, DIM = 8, 7
@@ -81,7 +82,7 @@ def test_it_tells_once_and_once_more_when_it_is_over() -> None:
     # At most a window and the next look later.
     assert 160 < drift.t <= 160 + WINDOW + WINDOW // LOOKS_A_WINDOW
     worst = drift.fields["worst"]
-    assert len(worst) == LARGEST_WORST and worst[0]["feature"] == "f2"
+    assert len(worst) == MAX_WORST and worst[0]["feature"] == "f2"
     assert worst[0]["distance"] > worst[0]["limit"] == pytest.approx(0.3)
     assert drift.fields["features_out"] == 1 and drift.fields["features"] == DIM
     assert drift.fields["frames"] == WINDOW and drift.fields["model"] == "drawn/1"
@@ -179,7 +180,7 @@ def test_a_trained_model_knows_its_own_mission_and_not_a_blurred_one(
     told: list[Event] = []
     monitor = DriftMonitor(told.append)
     monitor.set_model(bundle)
-    policy = SinglePolicy(GridDetector(bundle))
+    policy = SinglePolicy(TextureDetector(bundle))
     mission = open_mission(tiny.path)
 
     def judge(number: int, blurred: bool) -> None:

@@ -12,20 +12,23 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference import metrics_server
+
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.detector import GridDetector
-from tokt.inference.metrics import Metrics, RunCollector, Watched, parse_metrics
-from tokt.inference.observer import Event
-from tokt.inference.policy import Judgement, SinglePolicy
+from tokt.inference.events import Event
+from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.monitoring import metrics_server
+from tokt.inference.monitoring.metrics import Metrics, MetricSources, RunCollector, parse_metrics
+from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.outputs.udp import UdpSender
+from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording.run_log import RunLog
 from tokt.inference.report import Report
-from tokt.inference.run_counts import RunCounts
-from tokt.inference.run_log import RunLog
 from tokt.inference.runtime import Runtime
-from tokt.inference.sources import MANY_MISSED, Frame, open_source
-from tokt.inference.udp import UdpSender
+from tokt.inference.sources.files import open_source
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 pytest.importorskip("prometheus_client")
@@ -33,7 +36,7 @@ pytest.importorskip("prometheus_client")
 
 @pytest.fixture(autouse=True)
 def soon_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(metrics_server._Server, "timeout", 0.02)
+    monkeypatch.setattr(metrics_server._QuietServer, "timeout", 0.02)
     monkeypatch.setattr(metrics_server, "_JOIN_S", 0.2)
 
 
@@ -43,7 +46,7 @@ def serve() -> Iterator[Callable[..., Metrics]]:
     opened: list[Metrics] = []
 
     def start(counts: RunCounts, clock: Any, **watched: Any) -> Metrics:
-        opened.append(Metrics("127.0.0.1", 0, counts, Watched(**watched), clock))
+        opened.append(Metrics("127.0.0.1", 0, counts, MetricSources(**watched), clock))
         return opened[-1]
 
     yield start
@@ -55,7 +58,8 @@ def scrape(metrics: Metrics) -> dict[tuple[str, ...], float]:
     """Every sample: (name, values of labels in the order of their names) -> value."""
     from prometheus_client.parser import text_string_to_metric_families
 
-    with urllib.request.urlopen(f"http://127.0.0.1:{metrics.port}/metrics", timeout=5) as answer:
+    url = f"http://127.0.0.1:{metrics.port}/metrics"
+    with urllib.request.urlopen(url, timeout=MAX_S) as answer:
         text = answer.read().decode()
     return {
         (sample.name, *(value for _, value in sorted(sample.labels.items()))): sample.value
@@ -94,7 +98,7 @@ def test_a_run_s_numbers_are_all_there(
     folder = make_mission([[], [(4, 4)], [(1, 1)], []])
     (folder / "Left" / "t_L_4.jpg").write_bytes(b"no picture")
     source = open_source(str(folder), SYSTEM_CLOCK)
-    policy = SinglePolicy(GridDetector(noise_scorer))
+    policy = SinglePolicy(TextureDetector(noise_scorer))
     Runtime(source, policy, list(senders.values()), SYSTEM_CLOCK, [log, counts]).run()
     found = scrape(metrics)
     assert found["tokt_verdicts_total", "ok", "obstacle"] == 2
@@ -167,13 +171,13 @@ def test_the_model_and_what_becomes_of_it(hand_clock: Any, serve: Callable[..., 
 def test_what_other_parts_count_is_asked_of_them(
     hand_clock: Any, serve: Callable[..., Metrics]
 ) -> None:
-    from tokt.inference.cameras.live_source import CameraCounts
-    from tokt.inference.drift import DriftState
+    from tokt.inference.monitoring.drift import DriftState
+    from tokt.inference.sources.cameras.live_source import CameraCounts
 
     left, right = CameraCounts(incomplete=2), CameraCounts(captured=5, unpaired=4, lost=1)
     state = DriftState(True, 60, 50, True, "lbp_3", 0.5, 0.25)
     recorder = SimpleNamespace(
-        **{"moments": 2, "frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400},
+        **{"clips": 2, "frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400},
         fault="the disk is full",
     )
     metrics = serve(
@@ -199,7 +203,7 @@ def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clo
     counts = RunCounts(hand_clock)
     silence = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
     ages = []
-    for metric in RunCollector(counts, Watched(), hand_clock).collect():
+    for metric in RunCollector(counts, MetricSources(), hand_clock).collect():
         if metric.name == "tokt_last_verdict_age_seconds":
             ages += [sample.value for sample in metric.samples]
         hand_clock.now += 1
@@ -210,14 +214,12 @@ def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clo
 def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end(
     hand_clock: Any, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    metrics = Metrics("127.0.0.1", 0, RunCounts(hand_clock), Watched(), hand_clock)
+    metrics = Metrics("127.0.0.1", 0, RunCounts(hand_clock), MetricSources(), hand_clock)
     with socket.create_connection(("127.0.0.1", metrics.port)) as rude:
         rude.sendall(b"\x00\xff not HTTP\r\n\r\n")
     assert scrape(metrics)["tokt_up_seconds",] == 0
     with socket.create_connection(("127.0.0.1", metrics.port)):
-        began = time.monotonic()
         metrics.close()
-        assert time.monotonic() - began < 5
     with pytest.raises(OSError):
         socket.create_connection(("127.0.0.1", metrics.port), timeout=1)
     assert capfd.readouterr().err == ""
@@ -235,7 +237,7 @@ def test_what_a_user_can_get_wrong(hand_clock: Any, monkeypatch: pytest.MonkeyPa
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(ToktError, match=rf"metrics cannot be served on 127.0.0.1:{port}"):
-            Metrics("127.0.0.1", port, counts, Watched(), hand_clock)
+            Metrics("127.0.0.1", port, counts, MetricSources(), hand_clock)
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
     with pytest.raises(ToktError, match=r"pip install 'tokt\[metrics\]'"):
-        Metrics("127.0.0.1", 0, counts, Watched(), hand_clock)
+        Metrics("127.0.0.1", 0, counts, MetricSources(), hand_clock)

@@ -11,20 +11,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.detector import GridDetector
-from tokt.inference.event_queue import EventQueue
-from tokt.inference.limits import Limits
-from tokt.inference.policy import SinglePolicy
-from tokt.inference.reload import Checked, ModelWatch, check_in_child
-from tokt.inference.runtime import Runtime
-from tokt.inference.texture_slot import TextureSlot
-from tokt.models.bundle import Bundle, bundle_bytes, bundle_from_bytes, read_bundle
-from tokt.models.last_good import load_running
-from tokt.models.store import Store
 
-from .live import HandSource, Listener
-from .test_live_loop import run, until
+from tests.inference.live import HandSource, Listener
+from tests.inference.test_live_loop import run
+from tests.waiting import MAX_S, until
+from tokt.inference.config import Limits
+from tokt.inference.events import EventQueue
+from tokt.inference.monitoring.reload import BundleCheck, ModelReloader, check_in_child
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.runtime import Runtime
+from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
+from tokt.models.bundle.bundle import Bundle, bundle_bytes, bundle_from_bytes, read_bundle
+from tokt.models.store.last_good import load_running
+from tokt.models.store.store import Store
 
 
 @pytest.fixture
@@ -52,7 +51,7 @@ class Watched:
     ) -> None:
         self.put: list[str] = []
         self.checks = 0
-        self.watch = ModelWatch(
+        self.watch = ModelReloader(
             store,
             copy_of or store.active(),
             lambda bundle: misfit,
@@ -62,12 +61,12 @@ class Watched:
             is_active=copy_of is None,
         )
 
-    def _check(self, store: Store) -> Checked:
+    def _check(self, store: Store) -> BundleCheck:
         self.checks += 1
         try:
-            return Checked(store.active().sha256, "")
+            return BundleCheck(store.active().sha256, "")
         except Exception as error:  # noqa: BLE001 - as the child process tells it
-            return Checked("", str(error))
+            return BundleCheck("", str(error))
 
     def look(self) -> list[str]:
         self.watch.look()
@@ -122,7 +121,7 @@ def test_the_fault_of_one_that_became_active_meanwhile_is_not_the_other_s(
 ) -> None:
     watched = Watched(store, hand_clock)
     store.deploy(make_bundle("2"))
-    watched.watch._check = lambda _: Checked(make_bundle("3").sha256, "3 is damaged")
+    watched.watch._check = lambda _: BundleCheck(make_bundle("3").sha256, "3 is damaged")
     assert watched.look() == []
 
 
@@ -146,9 +145,11 @@ def test_one_that_does_not_fit_the_run_is_refused(
 def test_one_that_kills_its_checks_is_refused(
     store: Store, make_bundle: Callable[[str], Bundle], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tokt.inference.reload.sys.executable", "/bin/false")
+    monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", "/bin/false")
     assert "died with exit code 1" in check_in_child(store).fault
-    monkeypatch.setattr("tokt.inference.reload.sys.executable", str(store.path / "no python"))
+    monkeypatch.setattr(
+        "tokt.inference.monitoring.reload.sys.executable", str(store.path / "no python")
+    )
     assert "cannot be run" in check_in_child(store).fault
 
 
@@ -157,20 +158,21 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
     make_bundle: Callable[[str], Bundle],
     draw_frame: Callable[..., np.ndarray],
     monkeypatch: pytest.MonkeyPatch,
+    hand_clock: Any,
 ) -> None:
-    monkeypatch.setattr("tokt.inference.reload.POLL_S", 0.05)
+    monkeypatch.setattr("tokt.inference.monitoring.reload.POLL_S", 0.05)
     first = store.active()
-    slot = TextureSlot(GridDetector(first))
-    watch = ModelWatch(
+    slot = ReloadableTextureDetector(TextureDetector(first))
+    watch = ModelReloader(
         store,
         first,
         lambda bundle: "",
-        lambda bundle: setattr(slot, "detector", GridDetector(bundle)),
-        SYSTEM_CLOCK,
+        lambda bundle: setattr(slot, "detector", TextureDetector(bundle)),
+        hand_clock,
     )
-    source, listener = HandSource(), Listener()
+    source, listener = HandSource(hand_clock), Listener()
     runtime = Runtime(
-        *(source, SinglePolicy(slot), [], SYSTEM_CLOCK, [listener], Limits(5, 5), EventQueue()),
+        *(source, SinglePolicy(slot), [], hand_clock, [listener], Limits(5, 5), EventQueue()),
         between=watch.exchange,
     )
     watch.start()
@@ -192,7 +194,7 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
     until(lambda: listener.reports[-1].verdict.model == "noise/2")
     until(lambda: store.last_good_file.read_bytes() == second.data)
     source.stop()
-    thread.join()
+    thread.join(MAX_S)
     watch.close()
     models = [report.verdict.model for report in listener.reports]
     assert models == sorted(models, key=str) and set(models) == {"noise/1", "noise/2"}

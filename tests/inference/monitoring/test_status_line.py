@@ -14,15 +14,17 @@ from typing import Any
 
 import pytest
 from rich.console import Console
-from tokt.inference import status_line
+
+from tests.waiting import until
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.observer import Event
-from tokt.inference.policy import Judgement
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame
+from tokt.inference.monitoring import status_line
+from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.monitoring.status_line import PERIOD_S, StatusLine
+from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
-from tokt.inference.run_counts import RunCounts
-from tokt.inference.sources import Frame
-from tokt.inference.status_line import PERIOD_S, StatusLine
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pty")
@@ -161,18 +163,25 @@ def test_one_line_is_rewritten_and_events_stand_above_it(
     shown, stream = terminal(60)
     counts = RunCounts(SYSTEM_CLOCK)
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
+    text = ""
+
+    def shows(words: str) -> bool:
+        nonlocal text
+        text += shown_text(shown)
+        return screen(text)[-1].startswith(words)
+
     began = time.monotonic()
-    for seq in range(1, 150):
-        tell(counts, CLEAR if seq < 149 else OBSTACLE, seq, age_ms=1.0)
-        if seq == 75:
-            line.event(Event(3661.0, "model", "model reef/8 runs\x07"))
-        time.sleep(0.002)
-    time.sleep(2 * PERIOD_S)
-    text = shown_text(shown)
+    for seq in range(1, 75):
+        tell(counts, CLEAR, seq, age_ms=1.0)
+    until(lambda: shows("clear"))
+    line.event(Event(3661.0, "model", "model reef/8 runs\x07"))
+    for seq in range(75, 150):
+        tell(counts, OBSTACLE, seq, age_ms=1.0)
+    until(lambda: shows("obstacle 2.3 m  age "))
     took = time.monotonic() - began
     first, second = screen(text)
     assert first == "01:01:01Z model reef/8 runs?"
-    assert second.startswith("obstacle 2.3 m  age ") and len(second) <= 59
+    assert len(second) <= 59
     assert 2 <= text.count("\x1b[2K") <= took / PERIOD_S + 1
     assert "\x1b[1;31mobstacle" in text
     line.close()
@@ -186,13 +195,11 @@ def test_a_terminal_that_is_held_keeps_nobody_waiting(
     shown, stream = terminal(60)  # nobody reads its other end
     counts = RunCounts(SYSTEM_CLOCK)
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
-    began = time.monotonic()
     for _ in range(3000):
         line.event(Event(0.0, "odd", "x" * 200))
     time.sleep(PERIOD_S * 1.5)
     line.event(Event(0.0, "odd", "one more"))
-    line.close()
-    assert time.monotonic() - began < 5
+    line.close()  # where anything waited for the terminal, it would wait for ever
     while True:  # let the thread go
         with contextlib.suppress(BlockingIOError):
             os.read(shown, 65536)

@@ -8,136 +8,167 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.notify import EVERY_S, Notifier
-from tokt.inference.watchdog import Patience, Watchdog
+from tokt.inference.monitoring import watchdog
+from tokt.inference.monitoring.notify import EVERY_S, Notifier
+from tokt.inference.monitoring.watchdog import Watchdog
 
 # What a runtime tells, without what makes it slow to start.
 CHILD = """
 import os, signal, socket, sys, time
+from pathlib import Path
 port, token, _ = os.environ["TOKT_WATCHDOG"].split(":")
 signs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 tell = lambda words: signs.sendto(f"{token} {words}".encode(), ("127.0.0.1", int(port)))
 with open(sys.argv[1], "a") as lives:
-    lives.write(f"{os.getpid()} {os.environ['TOKT_RESTARTS']} {time.monotonic()}\\n")
+    lives.write(f"{os.getpid()} {os.environ['TOKT_RESTARTS']}\\n")
+said, go_on = Path(sys.argv[1] + ".said"), Path(sys.argv[1] + ".go_on")
 life = int(os.environ["TOKT_RESTARTS"])
 """
 LOOP = "\nwhile True:\n    tell('WATCHDOG=1'); time.sleep(0.02)\n"
 
 
 class Kept:
-    """A watchdog in a thread, over a program."""
+    """A watchdog in a thread, over a program; time passes only where a test says so."""
 
-    def __init__(self, folder: Path, program: str, patience: Patience | None = None) -> None:
+    def __init__(self, folder: Path, program: str, clock: Any) -> None:
         self.lives_file = folder / "lives"
         self.lives_file.touch()
+        self.said, self.go_on = folder / "lives.said", folder / "lives.go_on"
+        self.clock = clock
         self.lines: list[str] = []
         command = [sys.executable, "-S", "-c", CHILD + program, str(self.lives_file)]
-        self.dog = Watchdog(command, self.lines.append, Notifier(SYSTEM_CLOCK, {}), patience)
+        self.dog = Watchdog(command, self.lines.append, Notifier(clock, {}))
         self.codes: list[int] = []
-        self.thread = threading.Thread(target=lambda: self.codes.append(self.dog.run()))
+        self.thread = threading.Thread(
+            target=lambda: self.codes.append(self.dog.run()), daemon=True
+        )
         self.thread.start()
 
-    def lives(self) -> list[tuple[int, int, float]]:
-        """Process, restarts so far, and time of each start."""
+    def lives(self) -> list[tuple[int, int]]:
+        """Process, and restarts so far, of each start."""
         rows = [line.split() for line in self.lives_file.read_text().splitlines()]
-        return [(int(pid), int(restarts), float(at)) for pid, restarts, at in rows]
+        return [(int(pid), int(restarts)) for pid, restarts in rows]
 
     def wait_for(self, lives: int) -> None:
-        deadline = time.monotonic() + 10
-        while len(self.lives()) < lives:
-            assert time.monotonic() < deadline, self.lines
-            time.sleep(0.005)
+        until(lambda: len(self.lives()) >= lives, lambda: self.lines)
+
+    def wait_until_ready(self) -> None:
+        until(lambda: self.dog._was_ready, lambda: self.lines)
+
+    def pass_time(self, true: Callable[[], Any]) -> None:
+        """Let time pass until something is true."""
+
+        def passing() -> Any:
+            self.clock.now += 0.25
+            return true()
+
+        until(passing, lambda: self.lines)
+
+    def lose_patience(self) -> str:
+        """Let time pass until the runtime's life has ended; what is said of it."""
+        lines = len(self.lines)
+        self.pass_time(lambda: len(self.lines) > lines)
+        return self.lines[lines]
+
+    def ended(self) -> int:
+        """The exit code; it ends by itself."""
+        self.thread.join(MAX_S)
+        return self.codes[0]
 
     def end(self) -> int:
         self.dog.stop()
-        self.thread.join(10)
+        self.pass_time(lambda: not self.thread.is_alive())
         return self.codes[0]
 
 
 @pytest.fixture
-def keep(tmp_path: Path) -> Any:
+def keep(tmp_path: Path, hand_clock: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr(watchdog, "time", hand_clock)
     kept: list[Kept] = []
 
-    def start(program: str, patience: Patience | None = None) -> Kept:
-        kept.append(Kept(tmp_path, program, patience))
+    def start(program: str) -> Kept:
+        kept.append(Kept(tmp_path, program, hand_clock))
         return kept[-1]
 
     yield start
     for one in kept:
-        one.dog.stop()
-        one.thread.join(10)
+        one.end()
 
 
 def test_a_runtime_that_is_killed_is_back_at_once(keep: Callable[..., Kept]) -> None:
     kept = keep("tell('READY=1')" + LOOP)
     for life in (1, 2, 3):
         kept.wait_for(life)
-        time.sleep(0.1)
+        kept.wait_until_ready()
         os.kill(kept.lives()[-1][0], signal.SIGKILL)
-        killed = time.monotonic()
         kept.wait_for(life + 1)
-        if life == 1:  # those that cannot stay up are started more slowly
-            assert kept.lives()[-1][2] - killed < 1
-    assert [restarts for _, restarts, _ in kept.lives()] == [0, 1, 2, 3]
+        assert bool(kept.clock.slept) == (life > 1)  # those that cannot stay up start more slowly
+    assert [restarts for _, restarts in kept.lives()] == [0, 1, 2, 3]
     assert "signal 9; started again (1)" in kept.lines[0]
     assert kept.end() == 0
 
 
 def test_a_runtime_that_hangs_is_killed(keep: Callable[..., Kept]) -> None:
-    hangs = "tell('READY=1')\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
-    kept = keep(f"{hangs}if life == 0: time.sleep(60)" + LOOP, Patience(hang_s=0.2, stop_s=0.2))
+    hangs = "signal.signal(signal.SIGTERM, signal.SIG_IGN)\ntell('READY=1')\n"
+    kept = keep(f"{hangs}if life == 0: time.sleep(600)" + LOOP)
+    kept.wait_until_ready()
+    assert "does not answer and was killed" in kept.lose_patience()
     kept.wait_for(2)
-    assert "does not answer and was killed" in kept.lines[0]
     assert kept.end() == 0  # killed as well, as it does not listen
     assert not _alive(kept.lives()[-1][0])
 
 
 def test_one_that_never_gets_ready_is_killed_too(keep: Callable[..., Kept]) -> None:
-    kept = keep("time.sleep(60)", Patience(start_s=0.7))
+    kept = keep("time.sleep(600)")
+    kept.wait_for(1)
+    assert "did not get ready" in kept.lose_patience()
     kept.wait_for(2)
-    assert "did not get ready" in kept.lines[0]
 
 
 def test_what_a_user_wrote_wrong_ends_it(keep: Callable[..., Kept]) -> None:
     kept = keep("sys.exit(2)")
-    kept.thread.join(10)
-    assert kept.codes == [2] and len(kept.lives()) == 1
+    assert kept.ended() == 2 and len(kept.lives()) == 1
 
 
 def test_the_same_code_after_it_has_worked_does_not(keep: Callable[..., Kept]) -> None:
-    kept = keep("tell('READY=1'); time.sleep(0.1)\nif life == 0: sys.exit(2)" + LOOP)
+    waits = "while life == 0 and not go_on.exists(): time.sleep(0.002)\n"
+    kept = keep(f"tell('READY=1')\n{waits}if life == 0: sys.exit(2)" + LOOP)
+    kept.wait_until_ready()
+    kept.go_on.touch()
     kept.wait_for(2)
     assert "exit code 2" in kept.lines[0]
 
 
 def test_one_that_has_done_its_work_ends_it(keep: Callable[..., Kept]) -> None:
     kept = keep("tell('READY=1')")
-    kept.thread.join(10)
-    assert kept.codes == [0] and len(kept.lives()) == 1
+    assert kept.ended() == 0 and len(kept.lives()) == 1
 
 
 def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(
     keep: Callable[..., Kept],
 ) -> None:
-    kept = keep("tell('READY=1'); tell('STOPPING=1'); time.sleep(60)", Patience(stop_s=0.2))
-    kept.thread.join(10)
+    kept = keep("tell('READY=1'); tell('STOPPING=1'); time.sleep(600)")
+    until(lambda: kept.dog._finished)
+    kept.pass_time(lambda: not kept.thread.is_alive())
     assert kept.codes == [0] and len(kept.lives()) == 1
 
 
 def test_what_the_one_before_said_is_no_sign_of_the_next(keep: Callable[..., Kept]) -> None:
     late = "signs.sendto(f'{first} READY=1'.encode(), ('127.0.0.1', int(port)))"
     token = "name = sys.argv[1] + '.token'\nif life == 0: open(name, 'w').write(token); sys.exit(1)"
-    program = f"{token}\nfirst = open(name).read()\n{late}\ntime.sleep(60)"
-    kept = keep(program, Patience(start_s=0.7, hang_s=0.1))
+    kept = keep(f"{token}\nfirst = open(name).read()\n{late}\nsaid.touch()\ntime.sleep(600)")
+    until(kept.said.exists)
+    assert "did not get ready" in kept.lose_patience()
+    assert "exit code 1" in kept.lines[0] and not kept.dog._was_ready
     kept.wait_for(3)
-    assert "did not get ready" in kept.lines[1]
 
 
 def test_a_runtime_that_cannot_be_started_is_tried_again(
@@ -158,9 +189,10 @@ def test_a_runtime_that_cannot_be_started_is_tried_again(
 
 
 def test_signs_of_others_are_none(keep: Callable[..., Kept]) -> None:
-    kept = keep("token = 'guessed'\ntell('READY=1')" + LOOP, Patience(start_s=0.7))
+    kept = keep("token = 'guessed'\ntell('READY=1')\nsaid.touch()" + LOOP)
+    until(kept.said.exists)
+    assert "did not get ready" in kept.lose_patience()
     kept.wait_for(2)
-    assert "did not get ready" in kept.lines[0]
 
 
 def _alive(pid: int) -> bool:
@@ -181,7 +213,7 @@ def test_systemd_hears_the_words_of_sd_notify(
     name = f"@tokt-{os.getpid()}" if abstract else str(tmp_path / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind("\0" + name[1:] if abstract else name)
-        systemd.settimeout(5)
+        systemd.settimeout(MAX_S)
         notifier = Notifier(hand_clock, {"NOTIFY_SOCKET": name})
         notifier.ready()
         for _ in range(3):
@@ -216,8 +248,10 @@ import os, subprocess, sys
 os.environ["TOKT_WATCHDOG"] = f"9:x:{os.getpid()}"
 subprocess.Popen([sys.executable, "-c", '''
 import sys, time
+from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.notify import Notifier
+from tokt.inference.monitoring import watchdog
+from tokt.inference.monitoring.notify import Notifier
 notifier = Notifier(SYSTEM_CLOCK)
 print(notifier.orphaned, flush=True)
 sys.stdin.read()

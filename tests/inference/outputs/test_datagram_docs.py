@@ -17,17 +17,20 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.inference.anchor import Anchor
-from tokt.inference.followed import in_whole
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.outputs.udp import decode, encode_v1, encode_v2
+from tokt.inference.policy.anchor import Anchor
+from tokt.inference.policy.temporal_cues import wholly_in_view
+from tokt.inference.policy.trend import GROWING
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import HEALTH_BYTES, Report
-from tokt.inference.trend import GROWING
-from tokt.inference.udp import decode, encode_v1, encode_v2
+from tokt.inference.report import FIELDS, HEALTH_BYTES, LOG_ONLY, V2_FIELDS, Report
 from tokt.inference.verdict import Verdict, unknown_verdict
 
-DOCS = Path(__file__).parents[2] / "docs"
-UDP, LABVIEW = (DOCS / "udp.md").read_text(), (DOCS / "labview.md").read_text()
+DOCS = Path(__file__).parents[3] / "docs"
+UDP, LABVIEW, OBSERVABILITY = (
+    (DOCS / name).read_text() for name in ("udp.md", "labview.md", "observability.md")
+)
 MAX_SIZE = 8192
 """What docs/labview.md has LabVIEW read at most of a v2 datagram."""
 ETHERNET = 1472
@@ -78,10 +81,28 @@ def test_v2_examples_decode_to_every_key(page: str) -> None:
     assert {decode(example.encode())["status"] for example in lines_of(UDP, "{")} == {1, 0, -1}
 
 
-def test_the_table_of_keys_is_that_of_a_datagram() -> None:
+WORDS = {int: "whole number", float: "number", str: "text", list: "array"}
+
+
+def test_the_table_of_keys_is_that_of_the_code() -> None:
+    """What a field means stands in the docs alone; the other columns are made here."""
+    made = []
+    for each in V2_FIELDS:
+        also = [*["v1"] * each.v1, *[f"`{each.metric}`"] * bool(each.metric)]
+        kind = WORDS[each.kind] + " or null" * each.nullable
+        made.append([each.name, kind, each.unit, str(each.since), ", ".join(also)])
+    assert [row[:-1] for row in rows(UDP, "key")] == made
+    assert all(row[-1] for row in rows(UDP, "key"))
     sent = list(report(unknown_verdict(Fault(Reason.DARK, "dark"))).fields())
-    named = [name for row in rows(UDP, "key") for name in row[0].split(", ")]
-    assert named == sent
+    assert [row[0] for row in made] == sent
+
+
+def test_a_log_line_s_own_keys_and_the_metrics_are_in_their_tables() -> None:
+    named = [name for row in rows(OBSERVABILITY, "key") for name in row[0].split(", ")]
+    assert named == [*(each.name for each in LOG_ONLY), "decision_values"]
+    metrics = OBSERVABILITY.split("\n## Metrics\n")[1].split("\n## ")[0]
+    for each in FIELDS:
+        assert each.metric in re.findall(r"\w+", metrics) or not each.metric
 
 
 def test_every_reason_is_in_the_table() -> None:
@@ -241,7 +262,7 @@ def test_the_example_s_anchor_is_what_its_box_and_mean_come_to(page: str) -> Non
     )
     names = ("anchor_x", "anchor_y", "anchor_size")
     assert tuple(example[name] for name in names) == Anchor(0.1).errors(verdict)
-    assert example["trend"] == GROWING and in_whole(verdict)
+    assert example["trend"] == GROWING and wholly_in_view(verdict)
 
 
 def test_the_reference_decoder_of_the_page_works() -> None:

@@ -10,11 +10,20 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
+from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.listen import MOST_SENDERS, Heard, Watch, as_json, as_words, listen
+from tokt.inference.outputs.listen import (
+    MAX_SENDERS,
+    ReceivedDatagram,
+    SenderMonitor,
+    as_json,
+    as_words,
+    listen,
+)
+from tokt.inference.outputs.udp import encode_v2
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
-from tokt.inference.udp import encode_v2
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 V1 = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
@@ -27,7 +36,7 @@ def v2(seq: int) -> bytes:
 
 
 def accounts(*numbers: int) -> list[tuple[int | None, bool, bool]]:
-    watch = Watch(0.0, None)
+    watch = SenderMonitor(0.0, None)
     heard = [watch.heard("a", v2(seq), 0.0) for seq in numbers]
     return [(one.lost, one.restarted, one.overtaken) for one in heard]
 
@@ -61,7 +70,7 @@ def test_one_that_was_overtaken_or_doubled_is_old() -> None:
 
 
 def test_each_sender_is_counted_by_itself() -> None:
-    watch = Watch(0.0, None)
+    watch = SenderMonitor(0.0, None)
     for seq in (1, 2, 3):
         watch.heard("a", v2(seq), 0.0)
         watch.heard("b", v2(100 + seq), 0.0)
@@ -71,7 +80,7 @@ def test_each_sender_is_counted_by_itself() -> None:
 
 
 def test_v1_and_garbage_have_no_number() -> None:
-    watch = Watch(0.0, None)
+    watch = SenderMonitor(0.0, None)
     assert watch.heard("a", V1, 0.0).lost is None
     assert watch.heard("a", v2(7), 0.0).lost == 0
     assert "error" in watch.heard("a", b"\x1b[2J garbage", 0.0).fields
@@ -80,14 +89,14 @@ def test_v1_and_garbage_have_no_number() -> None:
 
 @given(st.sets(st.integers(1, 60), min_size=1))
 def test_what_did_not_come_is_lost(arrived: set[int]) -> None:
-    watch = Watch(0.0, None)
+    watch = SenderMonitor(0.0, None)
     for seq in sorted(arrived):
         watch.heard("a", v2(seq), 0.0)
     assert watch.lost == max(arrived) - min(arrived) + 1 - len(arrived)
 
 
 def test_silence_is_told_once_and_when_it_ends() -> None:
-    watch = Watch(10.0, 1.5)
+    watch = SenderMonitor(10.0, 1.5)
     assert watch.silences(11.4) == []
     (nobody,) = watch.silences(11.5)
     assert nobody.sender is None and watch.silences(13.0) == []
@@ -103,29 +112,29 @@ def test_silence_is_told_once_and_when_it_ends() -> None:
 
 
 def test_without_a_time_out_silence_is_not_told() -> None:
-    watch = Watch(0.0, None)
+    watch = SenderMonitor(0.0, None)
     watch.heard("a", v2(1), 1.0)
     assert watch.silences(1e6) == []
 
 
 def test_many_senders_fill_no_memory() -> None:
-    watch = Watch(0.0, 1.0)
-    for number in range(MOST_SENDERS + 10):
+    watch = SenderMonitor(0.0, 1.0)
+    for number in range(MAX_SENDERS + 10):
         watch.heard(f"s{number}", v2(1), float(number) / 1000)
     silent = [one.sender for one in watch.silences(1e3)]
-    assert len(silent) == MOST_SENDERS and silent[0] == "s10"
+    assert len(silent) == MAX_SENDERS and silent[0] == "s10"
 
 
 @given(st.text(max_size=40), st.text(max_size=20))
 def test_no_sender_moves_the_cursor(health: str, model: str) -> None:
     verdict = Verdict(0, 0, 0, None, 0.0, None, "texture", model, health)
-    heard = Watch(0.0, None).heard("a", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0)
+    heard = SenderMonitor(0.0, None).heard("a", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0)
     assert as_words(heard).isprintable()
     assert json.loads(as_json(heard))["health"] == health
 
 
 def test_a_line_says_what_was_odd() -> None:
-    watch = Watch(0.0, None)
+    watch = SenderMonitor(0.0, None)
     unknown = unknown_verdict(Fault(Reason.DARK, "left: too dark"))
     first = watch.heard("1.2.3.4:5", encode_v2(Report(1, 1, None, 2.0, unknown, 3.0)), 0.0)
     assert as_words(first) == (
@@ -138,7 +147,7 @@ def test_a_line_says_what_was_odd() -> None:
 
 
 def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
-    heard: list[Heard] = []
+    heard: list[ReceivedDatagram] = []
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
@@ -149,12 +158,12 @@ def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
                 one.sendto(v2(seq), ("127.0.0.1", closed_port))
                 two.sendto(v2(seq * 10), ("127.0.0.1", closed_port))
 
-        watch = Watch(SYSTEM_CLOCK.monotonic(), None)
+        watch = SenderMonitor(SYSTEM_CLOCK.monotonic(), None)
         events = listen(
             "127.0.0.1", closed_port, watch, SYSTEM_CLOCK, lambda: len(heard) == 6, ready
         )
         for event in events:
-            assert isinstance(event, Heard)
+            assert isinstance(event, ReceivedDatagram)
             heard.append(event)
         mine = f"127.0.0.1:{one.getsockname()[1]}"
     assert [one.lost for one in heard if one.sender == mine] == [0, 0, 1]
@@ -187,12 +196,16 @@ def test_the_command_tells_silence_and_loss(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for seq in (1, 4):
             sender.sendto(v2(seq), ("127.0.0.1", closed_port))
-        shown = [json.loads(process.stdout.readline()) for _ in range(3)]
-        port = sender.getsockname()[1]
-    assert [one.get("lost") for one in shown] == [0, 2, None]
-    assert shown[2]["silent_s"] >= 0.3 and shown[2]["from"] == f"127.0.0.1:{port}"
+        address = f"127.0.0.1:{sender.getsockname()[1]}"
+        shown = []
+        # On a busy machine nobody may have been heard for so long once more, or between the two.
+        while len(shown) < 3 or "silent_s" not in shown[-1]:
+            shown += [json.loads(process.stdout.readline())]
+            shown = [one for one in shown if one["from"] == address]
+    heard = [one for one in shown if "silent_s" not in one]
+    assert [one["lost"] for one in heard] == [0, 2] and shown[-1]["silent_s"] >= 0.3
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=MAX_S)
     assert (process.returncode, out, err) == (0, "", "2 datagrams are missing\n")
 
 
@@ -204,7 +217,9 @@ def test_a_trend_is_shown_in_words() -> None:
         expansion_contact_s=10.37,
         anchor_size=-0.363,
     )
-    heard = Watch(0.0, None).heard("1.2.3.4:5", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0)
+    heard = SenderMonitor(0.0, None).heard(
+        "1.2.3.4:5", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0
+    )
     told = "trend=growing  trend_confidence=0.962  expansion_contact_s=10.37  anchor_size=-0.363"
     assert as_words(heard).endswith(told)
     assert json.loads(as_json(heard))["anchor_x"] is None

@@ -14,20 +14,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.inference.calibration import StereoCalibration
+
+from tests.tiers import scaled
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
-from tokt.inference.lens import Lens, lens_of, sectors_touching, sectors_within
-from tokt.inference.mavlink import (
+from tokt.inference.outputs.mavlink import (
     MavlinkOptions,
     MavlinkSender,
     Messages,
     WhenUnknown,
     parse_device,
 )
-from tokt.inference.ranges import ranges_of
+from tokt.inference.outputs.ranges import ranges_of
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.lens import Lens, lens_of, sectors_touching, sectors_within
 from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 
 common = pytest.importorskip("pymavlink.dialects.v20.common")
@@ -251,14 +254,14 @@ verdicts = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=scaled(80))
 @given(verdicts, anything, st.sampled_from(WhenUnknown), st.floats(0.1, 100), st.floats(10, 170))
 def test_unknown_is_never_no_obstacle_and_an_obstacle_always_one(
     verdict: Verdict, age_ms: float, unknown: WhenUnknown, assumed_m: float, fov_deg: float
 ) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(5)
+        receiver.settimeout(MAX_S)
         options = MavlinkOptions(Lens.of_fov_deg(fov_deg), assumed_m, unknown=unknown)
         sender = MavlinkSender(*receiver.getsockname(), options, _STILL)
         sender.send(Report(1, 1, 0.0, 1.0, verdict, age_ms))
@@ -378,10 +381,10 @@ def test_a_receiver_that_is_not_there_costs_nothing(closed_port: int) -> None:
 def test_without_pymavlink_the_extra_is_named(tmp_path: Path) -> None:
     (tmp_path / "pymavlink.py").write_text("raise ImportError('not here')\n")
     program = (
-        "from tokt.features.errors import ToktError\n"
+        "from tokt.features.common.errors import ToktError\n"
         "from tokt.inference.clock import SYSTEM_CLOCK\n"
-        "from tokt.inference.lens import Lens\n"
-        "from tokt.inference.mavlink import MavlinkOptions, MavlinkSender\n"
+        "from tokt.inference.stereo.lens import Lens\n"
+        "from tokt.inference.outputs.mavlink import MavlinkOptions, MavlinkSender\n"
         "try:\n"
         "    MavlinkSender('127.0.0.1', 9, MavlinkOptions(Lens.of_fov_deg(60)), SYSTEM_CLOCK)\n"
         "except ToktError as error:\n"
@@ -391,7 +394,7 @@ def test_without_pymavlink_the_extra_is_named(tmp_path: Path) -> None:
         [sys.executable, "-c", program],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=MAX_S,
         check=True,
         env={"PYTHONPATH": str(tmp_path), "PATH": ""},
     )
@@ -412,7 +415,7 @@ def test_the_command_sends_what_the_frames_show(
         *("--mavlink", f"udpout:127.0.0.1:{receiver.getsockname()[1]}"),
         *("--mavlink-messages", "obstacle_distance", "--mavlink-assumed-m", "2"),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=MAX_S, check=False)
     assert done.returncode == 0, done.stderr
     parser = common.MAVLink(None)
     beat, left, right, water = (parser.parse_buffer(receiver.recv(4096))[0] for _ in range(4))

@@ -8,19 +8,22 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import Report
-from tokt.inference.trend import TRENDS
-from tokt.inference.udp import (
+
+from tests.tiers import scaled
+from tests.waiting import MAX_S
+from tokt.features.common.address import parse_address
+from tokt.features.common.errors import ToktError
+from tokt.inference.outputs.udp import (
     Receiver,
     UdpSender,
     decode,
     encode_v1,
     encode_v2,
-    parse_address,
     parse_receiver,
 )
+from tokt.inference.policy.trend import TRENDS
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import FIRST, V2_FIELDS, Report, ReportField
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 positions = st.integers(-100_000, 100_000)
@@ -61,7 +64,7 @@ def test_an_independent_parser_reads_v1_over_a_real_socket(
 ) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(5)
+        receiver.settimeout(MAX_S)
         sender = UdpSender(*receiver.getsockname(), 1)
         sender.send(Report(1, 1, 0.0, 1.0, a_verdict(status, x, y, mean)))
         sender.close()
@@ -110,7 +113,7 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
     assert fields["mean"] == float(f"{mean:.12g}")
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=scaled(40))
 @given(
     st.builds(
         Verdict,
@@ -174,7 +177,7 @@ def with_changes(changes: dict[str, Any], overflows: str) -> bytes:
     return text.replace("Infinity", overflows).encode("utf-8", "surrogatepass")
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=scaled(50))
 @given(
     st.binary(max_size=200)
     | st.builds(
@@ -237,6 +240,20 @@ def test_v2_outside_the_contract_is_refused(change: dict[str, Any]) -> None:
     decode(json.dumps(good).encode())
     with pytest.raises(ToktError, match="not a tokt datagram"):
         decode(json.dumps({**good, **change}).encode())
+
+
+@pytest.mark.parametrize("each", V2_FIELDS, ids=[each.name for each in V2_FIELDS])
+def test_a_datagram_holds_to_each_row_of_the_table(each: ReportField) -> None:
+    def is_read(**change: Any) -> bool:
+        fields = {name: value for name, value in {**good, **change}.items() if value is not ...}
+        try:
+            return decode(json.dumps(fields).encode())[each.name] is None
+        except ToktError:
+            return False
+
+    assert is_read(**{each.name: None}) == each.nullable
+    assert is_read(**{each.name: ...}) == (each.since > FIRST)
+    assert not is_read(**{each.name: {}}) and not is_read(**{each.name: True})
 
 
 @pytest.mark.parametrize("later", list(good)[13:])
@@ -327,7 +344,7 @@ def test_receivers_fail_each_for_itself(receiver: socket.socket, closed_port: in
         # Whoever was not there gets what is sent once they are.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late:
             late.bind(("127.0.0.1", closed_port))
-            late.settimeout(5)
+            late.settimeout(MAX_S)
             unreachable.send(Report(21, 21, 0.0, 1.0, a_verdict()))
             assert decode(late.recv(4096))["seq"] == 21
     finally:

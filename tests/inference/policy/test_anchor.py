@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.features.grid import DEFAULT_GRID
-from tokt.inference.anchor import Anchor, AnchorErrors
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.inference.policy.anchor import Anchor, AnchorErrors
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 
 HEIGHT, WIDTH = 271, 360
-LABVIEW = (Path(__file__).parents[2] / "docs" / "labview.md").read_text()
+LABVIEW = (Path(__file__).parents[3] / "docs" / "labview.md").read_text()
 
 
 def seen(rows: slice, cols: slice) -> Verdict:

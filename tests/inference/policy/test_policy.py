@@ -6,23 +6,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
-from tokt.inference.assemble import Stereo, assemble, build_policy
-from tokt.inference.detector import Detection, GridDetector
-from tokt.inference.disparity import DisparityDetector
-from tokt.inference.followed import FollowedPolicy
-from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
-from tokt.inference.pushbroom import PushbroomDetector
-from tokt.inference.reason import Fault, Reason
-from tokt.inference.sources import Frame
-from tokt.inference.stopwatch import ClockStopwatch
 
-from .plain_rig import PLAIN as CALIBRATION
+from tests.inference.stereo.plain_rig import PLAIN as CALIBRATION
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.inference.clock import ClockStopwatch
+from tokt.inference.detector import Detection
+from tokt.inference.frame import Frame
+from tokt.inference.policy.assembly import StereoSetup, assemble, build_policy
+from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
+from tokt.inference.policy.temporal_cues import TemporalCues
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.pushbroom import PushbroomDetector
+from tokt.inference.texture.detector import TextureDetector
 
 NO_PICTURE = Fault(Reason.MISSING, "no picture")
 FRAME = Frame(1, 0.0, None, None, NO_PICTURE, NO_PICTURE)
-STEREO = Stereo(CALIBRATION)
+STEREO = StereoSetup(CALIBRATION)
 
 
 def mask(*columns: int) -> np.ndarray:
@@ -56,7 +57,7 @@ class Warns(Says):
 
     def detect(self, frame: Frame) -> Detection:
         return Detection(
-            None, self.method, fault=Fault(Reason.STEREO, self.answer), against_clear=True
+            None, self.method, fault=Fault(Reason.STEREO, self.answer), vetoes_clear=True
         )
 
 
@@ -104,7 +105,7 @@ def test_a_picture_in_memory_is_judged_like_a_frame(
 ) -> None:
     image = draw_frame([(2, 3)])
     judged = judge_image(noise_scorer, image)
-    expected = SinglePolicy(GridDetector(noise_scorer)).judge(Frame(9, 8.0, image, None))
+    expected = SinglePolicy(TextureDetector(noise_scorer)).judge(Frame(9, 8.0, image, None))
     assert judged.verdict == expected.verdict and judged.verdict.status == 1
     np.testing.assert_array_equal(judged.decision_values, noise_scorer.decision_values(image))
     assert judge_image(noise_scorer, np.zeros_like(image)).verdict.status == -1
@@ -190,14 +191,14 @@ def test_speed_and_contact_reach_the_verdict() -> None:
 
 def test_what_stereo_has_no_use_for_is_refused() -> None:
     for options, message in (
-        ({"way": "dense"}, "unknown stereo 'dense'"),
-        ({"way": "pushbroom", "scale": 0.25}, "a scale of its own"),
+        ({"algorithm": "dense"}, "unknown stereo 'dense'"),
+        ({"algorithm": "pushbroom", "scale": 0.25}, "a scale of its own"),
         ({"odometry": {}}, "odometry is for pushbroom only"),
     ):
         with pytest.raises(ToktError, match=message):
-            Stereo(CALIBRATION, **options)
-    assert isinstance(Stereo(CALIBRATION, "pushbroom").detector(Grid()), PushbroomDetector)
-    assert isinstance(Stereo(CALIBRATION, "sgbm").detector(Grid()), DisparityDetector)
+            StereoSetup(CALIBRATION, **options)
+    assert isinstance(StereoSetup(CALIBRATION, "pushbroom").detector(Grid()), PushbroomDetector)
+    assert isinstance(StereoSetup(CALIBRATION, "sgbm").detector(Grid()), DisparityDetector)
 
 
 def broken_model() -> Any:
@@ -211,7 +212,7 @@ def test_fallback_goes_on_without_a_model_and_says_so() -> None:
 
 
 @pytest.mark.parametrize(("name", "stereo"), [("texture", None), ("either", STEREO)])
-def test_other_policies_stop_without_their_model(name: str, stereo: Stereo | None) -> None:
+def test_other_policies_stop_without_their_model(name: str, stereo: StereoSetup | None) -> None:
     with pytest.raises(ToktError, match="a hash does not match"):
         build_policy(name, broken_model, stereo)
 
@@ -249,7 +250,7 @@ def test_the_names_are_fixed(noise_scorer: Any) -> None:
     for name, kind in kinds.items():
         load = None if name == "disparity" else lambda: noise_scorer
         policy = build_policy(name, load, STEREO)
-        assert isinstance(policy, FollowedPolicy) and isinstance(policy.policy, kind)
+        assert isinstance(policy, TemporalCues) and isinstance(policy.policy, kind)
 
 
 @pytest.mark.parametrize("threads", [0, -1])
@@ -260,5 +261,5 @@ def test_at_least_one_thread(noise_scorer: Any, threads: int) -> None:
 
 def test_threads_reach_the_detector(noise_scorer: Any) -> None:
     slot = assemble("texture", lambda: noise_scorer, None, threads=3).texture
-    assert slot is not None and isinstance(slot.detector, GridDetector)
+    assert slot is not None and isinstance(slot.detector, TextureDetector)
     assert slot.detector.threads == 3

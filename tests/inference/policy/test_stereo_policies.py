@@ -8,23 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.features.image_file import read_image
-from tokt.features.mission import LEFT, RIGHT, open_mission
-from tokt.inference.assemble import Stereo, build_policy
-from tokt.inference.calibration import load_calibration
-from tokt.inference.policy import Policy
+
+from tokt.features.frames.image_file import read_image
+from tokt.features.frames.mission import LEFT, RIGHT, open_mission
+from tokt.inference.frame import Frame
+from tokt.inference.policy.assembly import StereoSetup, build_policy
+from tokt.inference.policy.policy import Policy
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.sources import Frame
+from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
-from tokt.models.bundle import read_bundle
+from tokt.models.bundle.bundle import read_bundle
 
 pytestmark = pytest.mark.mission
 TOWER, WATER = 180, 50
 
 
 @pytest.fixture(scope="module")
-def stereo(calibration_path: Path) -> Stereo:
-    return Stereo(load_calibration(calibration_path))
+def stereo(calibration_path: Path) -> StereoSetup:
+    return StereoSetup(load_calibration(calibration_path))
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,7 @@ class Sees:
 
 
 @pytest.fixture
-def policy(stereo: Stereo, noise_scorer: Any) -> Callable[[str], Policy]:
+def policy(stereo: StereoSetup, noise_scorer: Any) -> Callable[[str], Policy]:
     def build(name: str) -> Policy:
         load = None if name == "disparity" else lambda: Sees(noise_scorer)
         return build_policy(name, load, None if name == "texture" else stereo)
@@ -136,7 +137,7 @@ def test_a_dark_left_camera_is_unknown_whatever_the_policy(
 
 
 def test_a_killed_model_file_leaves_disparity(
-    bundle_file: Path, tmp_path: Path, stereo: Stereo, pair: Callable[[int], Frame]
+    bundle_file: Path, tmp_path: Path, stereo: StereoSetup, pair: Callable[[int], Frame]
 ) -> None:
     killed = tmp_path / "killed.tokt"
     killed.write_bytes(bundle_file.read_bytes()[:-200])

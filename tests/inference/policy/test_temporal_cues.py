@@ -6,18 +6,18 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from tokt.inference.anchor import Anchor
-from tokt.inference.assemble import Stereo, assemble
-from tokt.inference.followed import FollowedPolicy, in_whole
-from tokt.inference.policy import Judgement
+
+from tests.inference.stereo.plain_rig import PLAIN
+from tokt.inference.frame import Frame
+from tokt.inference.outputs.udp import encode_v1
+from tokt.inference.policy.anchor import Anchor
+from tokt.inference.policy.assembly import StereoSetup, assemble
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.policy.temporal_cues import TemporalCues, wholly_in_view
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
-from tokt.inference.sources import Frame
-from tokt.inference.texture_slot import TextureSlot
-from tokt.inference.udp import encode_v1
+from tokt.inference.texture.detector import ReloadableTextureDetector
 from tokt.inference.verdict import Verdict, unknown_verdict
-
-from .plain_rig import PLAIN
 
 SIZE = (271, 360)
 WHOLE = (144, 108, 72, 81)
@@ -47,7 +47,7 @@ class Dive:
 
     def __init__(self, **more: Any) -> None:
         self.said = Said()
-        self.policy = FollowedPolicy(self.said, **more)
+        self.policy = TemporalCues(self.said, **more)
         self.frames = 0
 
     def judge(self, verdict: Verdict, timed: bool = True) -> Verdict:
@@ -114,7 +114,7 @@ def test_another_method_begins_anew() -> None:
 
 def test_an_exchange_of_the_model_begins_anew_even_for_the_same_one() -> None:
     detector, again = (object() for _ in range(2))
-    slot = TextureSlot(detector)  # type: ignore[arg-type]
+    slot = ReloadableTextureDetector(detector)  # type: ignore[arg-type]
     dive = Dive(texture=slot)
     assert dive.approach(0, 16).trend == "growing"
     slot.put(detector)  # type: ignore[arg-type]
@@ -129,31 +129,35 @@ def test_an_exchange_of_the_model_begins_anew_even_for_the_same_one() -> None:
     [(0, 100, 50, 50), (100, 0, 50, 50), (300, 100, 60, 50), (100, 220, 50, 50), (10, 100, 50, 50)],
 )
 def test_what_touches_the_edge_is_not_in_whole(box: tuple[int, int, int, int]) -> None:
-    assert in_whole(obstacle(0)) and not in_whole(obstacle(0, box=box))
+    assert wholly_in_view(obstacle(0)) and not wholly_in_view(obstacle(0, box=box))
     found = Dive().approach(0, 21, box=box)
     assert found.trend == "growing" and found.expansion_contact_s is None
 
 
 def test_patches_next_to_the_edge_s_are_in_whole() -> None:
-    assert in_whole(obstacle(0, box=(36, 27, 288, 216)))  # all but the outer ones
-    assert not in_whole(obstacle(0, box=(36, 27, 288, 243)))  # the lowest ends at 270 of 271
-    assert not in_whole(obstacle(0, box=None)) and not in_whole(obstacle(0, mask_size=None))
+    assert wholly_in_view(obstacle(0, box=(36, 27, 288, 216)))  # all but the outer ones
+    assert not wholly_in_view(obstacle(0, box=(36, 27, 288, 243)))  # the lowest ends at 270 of 271
+    assert not wholly_in_view(obstacle(0, box=None)) and not wholly_in_view(
+        obstacle(0, mask_size=None)
+    )
 
 
 def test_where_the_right_camera_does_not_see_it_is_cut_off() -> None:
     # 2200 px, 0.3 m, 1360 px wide: at 2 m the left quarter of the picture is blind.
-    blind_m = Stereo(PLAIN).blind_m
+    blind_m = StereoSetup(PLAIN).blind_m
     assert blind_m == pytest.approx(2200 * 0.3 / 1360)
     for x0, distance_m, whole in ((90, 2.0, False), (110, 2.0, True), (90, 4.0, True)):
         verdict = obstacle(0, box=(x0, 108, 72, 81), distance_m=distance_m)
-        assert in_whole(verdict, blind_m) == whole
-    assert in_whole(obstacle(0, box=(20, 108, 72, 81)), blind_m)  # texture: no distance, no pair
-    assert not in_whole(obstacle(0, distance_m=0.0), blind_m)
+        assert wholly_in_view(verdict, blind_m) == whole
+    assert wholly_in_view(
+        obstacle(0, box=(20, 108, 72, 81)), blind_m
+    )  # texture: no distance, no pair
+    assert not wholly_in_view(obstacle(0, distance_m=0.0), blind_m)
 
 
 @pytest.mark.parametrize("name", ["texture", "disparity", "either", "fallback"])
 def test_every_policy_is_followed(name: str, noise_scorer: Any) -> None:
-    stereo = None if name == "texture" else Stereo(PLAIN)
+    stereo = None if name == "texture" else StereoSetup(PLAIN)
     load = None if name == "disparity" else lambda: noise_scorer
     policy = assemble(name, load, stereo, anchor=Anchor(0.2)).policy
-    assert isinstance(policy, FollowedPolicy) and policy.anchor == Anchor(0.2)
+    assert isinstance(policy, TemporalCues) and policy.anchor == Anchor(0.2)

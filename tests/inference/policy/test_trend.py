@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.inference import trend as module
-from tokt.inference.trend import (
+
+from tests.tiers import scaled
+from tokt.inference.policy import trend as module
+from tokt.inference.policy.trend import (
     GROWING,
     HORIZON_S,
     PATCH_MEAN,
@@ -26,7 +28,7 @@ from tokt.inference.trend import (
     STEADY_PER_S,
     TRENDS,
     Trend,
-    TrendWatch,
+    TrendEstimator,
 )
 
 pytestmark = pytest.mark.xdist_group("trend")
@@ -38,7 +40,7 @@ LATER = 1_461_149_301.0
 
 def after(means: list[float | None], step_s: float = STEP_S, whole: bool = True) -> Trend:
     """What is known after means at a regular pace."""
-    watch, last = TrendWatch(), Trend()
+    watch, last = TrendEstimator(), Trend()
     for index, mean in enumerate(means):
         last = watch.add(LATER + index * step_s, mean, whole)
     return last
@@ -59,7 +61,7 @@ def test_an_even_approach_is_exact(contact_s: float) -> None:
 
 def test_irregular_times_change_nothing() -> None:
     times = LATER + np.cumsum(np.random.default_rng(0).uniform(0.02, 0.5, 40))
-    watch = TrendWatch()
+    watch = TrendEstimator()
     for t_s in times:
         left = times[-1] + 4.0 - t_s
         found = watch.add(float(t_s), 500.0 / left**2)
@@ -88,7 +90,7 @@ def test_a_growth_slower_than_the_steady_band_is_steady() -> None:
 
 
 def test_too_few_means_or_too_short_a_time_have_no_trend() -> None:
-    assert after(approach(module.LEAST_SLOTS - 1, 4.0), step_s=0.5) == Trend()
+    assert after(approach(module.MIN_SLOTS - 1, 4.0), step_s=0.5) == Trend()
     assert after(approach(6, 4.0)) == Trend()  # 1.25 s
     assert after(approach(7, 4.0)).trend == GROWING
 
@@ -111,7 +113,7 @@ def test_a_long_time_without_anything_starts_anew() -> None:
 
 
 def test_two_frames_of_one_tick_of_the_clock_leave_the_means() -> None:
-    watch = TrendWatch()
+    watch = TrendEstimator()
     for index, mean in enumerate(approach(20, 5.0)):
         found = [watch.add(LATER + index * STEP_S, mean) for _ in range(2)]
     assert [each.trend for each in found] == [GROWING] * 2
@@ -122,7 +124,7 @@ def test_two_frames_of_one_tick_of_the_clock_leave_the_means() -> None:
 
 @pytest.mark.parametrize("t_s", [LATER, LATER + 3.0, math.nan, -math.inf, math.inf, 1e308])
 def test_time_that_does_not_go_on_starts_anew(t_s: float) -> None:
-    watch = TrendWatch()
+    watch = TrendEstimator()
     for index, mean in enumerate(approach(20, 5.0)):
         watch.add(LATER + index * STEP_S, mean)
     assert watch.add(t_s, 41.0) == Trend()
@@ -136,7 +138,7 @@ def test_what_is_cut_off_by_the_edge_has_a_trend_but_no_contact() -> None:
     found = after(means, whole=False)
     assert (found.trend, found.contact_s) == (GROWING, None)
     # Coming in at the side it grows and is no nearer: as long as such means count, no contact.
-    watch = TrendWatch()
+    watch = TrendEstimator()
     given_ = [
         watch.add(LATER + index * STEP_S, mean, whole=index != 10)
         for index, mean in enumerate(approach(30, 5.0, 80.0))
@@ -148,7 +150,7 @@ def test_what_is_cut_off_by_the_edge_has_a_trend_but_no_contact() -> None:
 
 
 def test_one_frame_that_is_cut_off_is_enough() -> None:
-    watch = TrendWatch()
+    watch = TrendEstimator()
     for index in range(40):  # two frames in a slot
         mean = 1000.0 / (10.0 - 0.125 * index) ** 2
         found = watch.add(LATER + 0.125 * index, mean, whole=index != 30)
@@ -165,10 +167,10 @@ def test_nothing_older_than_the_horizon_has_a_part() -> None:
     rng = np.random.default_rng(3)
     times = LATER + np.cumsum(rng.uniform(0.05, 0.4, 120))
     means = rng.integers(0, 30, len(times)) * PATCH_MEAN
-    long = TrendWatch()
+    long = TrendEstimator()
     all_ = [long.add(float(t), float(m)) for t, m in zip(times, means, strict=True)]
     for begin in range(0, 60, 7):
-        late = TrendWatch()
+        late = TrendEstimator()
         rest = [
             late.add(float(t), float(m)) for t, m in zip(times[begin:], means[begin:], strict=True)
         ]
@@ -181,7 +183,7 @@ def test_nothing_older_than_the_horizon_has_a_part() -> None:
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 @given(
     st.lists(
         st.tuples(
@@ -193,7 +195,7 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
     )
 )
 def test_nothing_raises_and_memory_is_bounded(points: list[tuple[float, float, bool]]) -> None:
-    watch = TrendWatch()
+    watch = TrendEstimator()
     t_s = LATER
     for step_s, mean, whole in points:
         t_s = t_s + step_s if math.isfinite(t_s + step_s) else step_s
@@ -249,7 +251,7 @@ def curve(
 
 def answer(one: Curve) -> Trend:
     """The last trend that is told: one a curve, as the next frame's would be nearly the same."""
-    watch, last = TrendWatch(), Trend()
+    watch, last = TrendEstimator(), Trend()
     for t, mean in zip(one.times, one.means, strict=True):
         found = watch.add(float(t), float(mean))
         last = found if found.trend is not None else last
@@ -339,7 +341,7 @@ def test_what_only_moves_sideways_is_steady() -> None:
     words: Counter[str | None] = Counter()
     for _ in range(40):
         phase, sway, radius = rng.uniform(0, 6.28), rng.uniform(0.3, 1.5), rng.uniform(1.2, 2.5)
-        watch = TrendWatch()
+        watch = TrendEstimator()
         for index in range(24):
             turn = phase + index * STEP_S
             at_x, at_y = 5 + sway * math.sin(turn), 5 + sway / 2 * math.sin(1.6 * turn)
@@ -365,7 +367,7 @@ def test_the_time_to_contact_is_right_within_its_spread(rate_per_s: float, sprea
     ratios = []
     for _ in range(100):
         one = curve(rng, rate_per_s, 20)
-        watch = TrendWatch()
+        watch = TrendEstimator()
         for t, mean in zip(one.times, one.means, strict=True):
             found = watch.add(float(t), float(mean))
         if found.contact_s is not None:

@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.inference.udp import decode
-from tokt.models.bundle import read_bundle
-from tokt.models.store import Store
+
+from tests.waiting import MAX_S, until
+from tokt.inference.outputs.udp import decode
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.store import Store
 
 TOKT = [sys.executable, "-m", "tokt"]
 
@@ -27,7 +28,7 @@ CHANGING = ("t", "latency_ms", "age_ms", "run")
 
 def tokt(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*TOKT, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+        [*TOKT, *map(str, arguments)], capture_output=True, text=True, timeout=MAX_S, check=False
     )
 
 
@@ -42,13 +43,6 @@ def start(*arguments: object) -> subprocess.Popen[str]:
 
 def lines(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def test_a_run_sends_logs_and_sums_up(
@@ -116,6 +110,34 @@ def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
     assert other.returncode == 1 and "anchor_size" in other.stdout
 
 
+def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
+    make_mission: Callable[..., Path], bundle_file: Path, closed_port: int, tmp_path: Path
+) -> None:
+    """The command line wins: its bundle over the file's store, which is not there."""
+    folder, log = make_mission([[], [(4, 4)]]), tmp_path / "log.jsonl"
+    file = tmp_path / "dive.toml"
+    file.write_text(
+        f"[source]\nsource = {json.dumps(str(folder))}\n[model]\nstore = 'none'\n"
+        f"[outputs]\nudp = ['127.0.0.1:{closed_port}']\n"
+        "[monitoring]\nwatchdog = true\njson = true\n"
+        f"[recording]\nlog = {json.dumps(str(log))}\nlog-keep = 3\n"
+    )
+    done = tokt("run", "--config", file, "--bundle", bundle_file, "--policy", "texture")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["obstacle"] == 1
+    (start_event,) = lines(tmp_path / "log.events.jsonl")
+    assert start_event["source"] == str(folder) and start_event["models_from"] == str(bundle_file)
+    plain = tmp_path / "plain.jsonl"
+    options = ("--source", folder, "--bundle", bundle_file, "--policy", "texture", "--log", plain)
+    assert tokt("run", *options, "--udp", f"127.0.0.1:{closed_port}").returncode == 0
+    (same,) = lines(tmp_path / "plain.events.jsonl")
+    changing = {"t", "run"}
+    assert {key: same[key] for key in same.keys() - changing} == {
+        key: start_event[key] for key in start_event.keys() - changing
+    }
+    assert list(same) == list(start_event)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_cleanly(
     make_mission: Callable[..., Path],
@@ -129,9 +151,9 @@ def test_ctrl_c_ends_cleanly(
         *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)]] * 200)),
         *("--udp", f"127.0.0.1:{closed_port}", "--rate", "20", "--log", log, "--json"),
     )
-    wait_for(lambda: log.is_file() and len(log.read_bytes().splitlines()) >= 3)
+    until(lambda: log.is_file() and len(log.read_bytes().splitlines()) >= 3)
     process.send_signal(number)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=MAX_S)
     assert process.returncode == 0, err
     said = err.splitlines()
     assert len(said) == 3 and "tokt run on" in said[1] and "frames in" in said[2]
@@ -258,7 +280,7 @@ def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> No
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for data in (v1, b"\x1b[2J garbage", v1):
             sender.sendto(data, ("127.0.0.1", closed_port))
-    out, _ = process.communicate(timeout=20)
+    out, _ = process.communicate(timeout=MAX_S)
     shown = [json.loads(line) for line in out.splitlines()]
     assert process.returncode == 0 and len(shown) == 3
     assert shown[0]["x"] == -120 and "not a tokt datagram" in shown[1]["error"]
@@ -276,7 +298,7 @@ def test_listen_ends_quietly_when_its_reader_does(
         assert "not a tokt datagram" in process.stdout.readline()
         process.stdout.close()
         sender.sendto(b"two", ("127.0.0.1", closed_port))
-    assert process.wait(timeout=20) == 0
+    assert process.wait(timeout=MAX_S) == 0
     assert process.stderr.read() == ""
 
 
@@ -294,5 +316,5 @@ def test_listen_ends_cleanly_and_says_when_the_port_is_taken(closed_port: int) -
     assert process.stdout is not None
     assert "v1  clear  x=0  y=0  mean=0.0" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=MAX_S)
     assert process.returncode == 0 and (out, err) == ("", "")

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.moments import LONGEST_S, REST_S, Around, Moments
+
+from tokt.features.common.errors import ToktError
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording.clip_trigger import MAX_S, REST_S, ClipPadding, ClipTrigger
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 OBSTACLE = Verdict(1, 3, 4, None, 9.0, None, "texture", "reef/7")
@@ -17,71 +18,73 @@ RULE = unknown_verdict(Fault(Reason.FRAME_RULE, "frames before are not known"))
 LOST = unknown_verdict(Fault(Reason.CAMERA_LOST, "gone"))
 
 
-def kept(moments: Moments, verdict_at: Callable[[float], Verdict], seconds: float) -> list[float]:
+def kept(
+    trigger: ClipTrigger, verdict_at: Callable[[float], Verdict], seconds: float
+) -> list[float]:
     """Times of the frames that are kept, at 10 a second."""
     times = [tenth / 10 for tenth in range(round(10 * seconds))]
-    return [now for now in times if moments.look(now, verdict_at(now))]
+    return [now for now in times if trigger.should_keep(now, verdict_at(now))]
 
 
 def test_a_detection_is_kept_with_what_comes_after() -> None:
-    moments = Moments(Around(2, 1))
-    times = kept(moments, lambda now: OBSTACLE if 5 <= now < 6 or now == 6.5 else CLEAR, 20)
+    trigger = ClipTrigger(ClipPadding(2, 1))
+    times = kept(trigger, lambda now: OBSTACLE if 5 <= now < 6 or now == 6.5 else CLEAR, 20)
     assert times == [t / 10 for t in range(50, 76)]
-    assert (moments.moment, moments.cause) == (1, "obstacle")
+    assert (trigger.clip, trigger.cause) == (1, "obstacle")
 
 
 def test_two_detections_far_apart_are_two_moments() -> None:
-    moments = Moments(Around(0, 0))
+    trigger = ClipTrigger(ClipPadding(0, 0))
     opened = [
-        (now, moments.moment)
+        (now, trigger.clip)
         for now in (1.0, 2.0, 3.0, 10.0)
-        if moments.look(now, OBSTACLE if now != 2 else CLEAR) and moments.opened
+        if trigger.should_keep(now, OBSTACLE if now != 2 else CLEAR) and trigger.opened
     ]
     assert opened == [(1.0, 1), (3.0, 2), (10.0, 3)]
 
 
 def test_hours_before_a_wall_are_a_frame_a_second() -> None:
-    moments = Moments(Around(2, 2))
-    times = kept(moments, lambda now: OBSTACLE, 100)
-    full = [t for t in times if t <= LONGEST_S]
-    thin = [t for t in times if t > LONGEST_S]
-    assert len(full) == 10 * LONGEST_S + 1 and len(thin) == 69
+    trigger = ClipTrigger(ClipPadding(2, 2))
+    times = kept(trigger, lambda now: OBSTACLE, 100)
+    full = [t for t in times if t <= MAX_S]
+    thin = [t for t in times if t > MAX_S]
+    assert len(full) == 10 * MAX_S + 1 and len(thin) == 69
     # In parts, so that the oldest can make room for the newest.
-    assert moments.moment == 4
+    assert trigger.clip == 4
 
 
 @pytest.mark.parametrize("verdict", [DARK, RULE])
 def test_a_doubt_is_kept_when_it_begins(verdict: Verdict) -> None:
-    moments = Moments(Around(2, 1))
-    assert kept(moments, lambda now: CLEAR if now < 5 else verdict, 200) == [
+    trigger = ClipTrigger(ClipPadding(2, 1))
+    assert kept(trigger, lambda now: CLEAR if now < 5 else verdict, 200) == [
         t / 10 for t in range(50, 61)
     ]
-    assert moments.cause == verdict.reason.value
+    assert trigger.cause == verdict.reason.value
 
 
 def test_a_doubt_that_comes_and_goes_is_kept_once_a_minute() -> None:
-    moments = Moments(Around(2, 0))
-    kept(moments, lambda now: DARK if now % 2 < 1 else CLEAR, 3 * REST_S + 1)
-    assert moments.moment == 4
+    trigger = ClipTrigger(ClipPadding(2, 0))
+    kept(trigger, lambda now: DARK if now % 2 < 1 else CLEAR, 3 * REST_S + 1)
+    assert trigger.clip == 4
 
 
 def test_what_has_no_picture_is_no_cause() -> None:
-    assert kept(Moments(Around()), lambda now: LOST, 10) == []
+    assert kept(ClipTrigger(ClipPadding()), lambda now: LOST, 10) == []
 
 
 def test_a_moment_can_be_asked_for() -> None:
-    moments = Moments(Around(1, 1))
+    trigger = ClipTrigger(ClipPadding(1, 1))
     times = []
     for tenth in range(1300):
         if tenth in (50, 60, 700):  # the second one within the minute
-            moments.ask("drift")
-        if moments.look(tenth / 10, CLEAR):
+            trigger.request("drift")
+        if trigger.should_keep(tenth / 10, CLEAR):
             times.append(tenth)
     assert times == [*range(50, 61), *range(700, 711)]
-    assert moments.cause == "drift"
+    assert trigger.cause == "drift"
 
 
 @pytest.mark.parametrize("around", [(-1, 0), (0, 31), (float("nan"), 0)])
 def test_what_a_user_can_get_wrong(around: tuple[float, float]) -> None:
     with pytest.raises(ToktError, match="0 to 30 s"):
-        Around(*around)
+        ClipPadding(*around)

@@ -16,18 +16,20 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.inference.log import JsonLines, LogGap, Rotation, read_log
-from tokt.inference.log_rotation import older_file
 
-SMALL = Rotation(max_mb=0.0001, keep=3)  # 100 bytes: some seven short lines
+from tests.tiers import scaled
+from tests.waiting import until
+from tokt.features.common.errors import ToktError
+from tokt.inference.recording.log import JsonLines, LogGap, LogRotation, older_file, read_log
+
+SMALL = LogRotation(max_mb=0.0001, keep=3)  # 100 bytes: some seven short lines
 
 
 def numbers(path: Path, gaps: list[LogGap] | None = None) -> list[int]:
     return [line["n"] for line in read_log(path, gaps)]
 
 
-def write(path: Path, first: int, last: int, rotation: Rotation | None = SMALL) -> JsonLines:
+def write(path: Path, first: int, last: int, rotation: LogRotation | None = SMALL) -> JsonLines:
     log = JsonLines(path, rotation)
     for n in range(first, last + 1):
         log.write({"n": n})
@@ -74,7 +76,7 @@ def test_files_of_others_with_similar_names_are_left_alone(tmp_path: Path) -> No
 def test_a_step_that_dies_after_any_rename_loses_no_line(
     renames: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, roomy = tmp_path / "run.jsonl", Rotation(SMALL.max_mb, keep=20)
+    path, roomy = tmp_path / "run.jsonl", LogRotation(SMALL.max_mb, keep=20)
     write(path, 100, 130, roomy)  # 4 files
     whole, done = Path.replace, 0
 
@@ -117,8 +119,8 @@ def test_a_step_that_cannot_be_goes_on_in_the_same_file(
 
 _WRITER = """
 import sys
-from tokt.inference.log import JsonLines, Rotation
-log = JsonLines(sys.argv[1], Rotation(0.0002, 50))
+from tokt.inference.recording.log import JsonLines, LogRotation
+log = JsonLines(sys.argv[1], LogRotation(0.0002, 50))
 for n in range(int(sys.argv[2]), 10**9):
     log.write({"n": n})
 """
@@ -129,8 +131,7 @@ def test_a_killed_process_loses_nothing_but_what_it_had_not_said(tmp_path: Path)
     rng = random.Random(5)
     for _ in range(3):
         process = subprocess.Popen([sys.executable, "-c", _WRITER, str(path), str(after)])
-        while not older_file(path, 50).exists():
-            time.sleep(0.01)
+        until(older_file(path, 50).exists)
         time.sleep(rng.uniform(0, 0.05))
         process.send_signal(signal.SIGKILL)
         process.wait()
@@ -144,7 +145,7 @@ def test_a_killed_process_loses_nothing_but_what_it_had_not_said(tmp_path: Path)
 
 def test_a_log_that_is_written_meanwhile_is_read_without_a_gap(tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
-    log = JsonLines(path, Rotation(0.01, 8))
+    log = JsonLines(path, LogRotation(0.01, 8))
     log.write({"n": 0})
     stop = threading.Event()
 
@@ -187,7 +188,7 @@ def test_a_log_is_added_to_after_a_torn_line(tmp_path: Path) -> None:
     assert path.read_bytes() == b'{"n":1}\n{"n\n{"n":2}\n{"n":3}\n'
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=scaled(40))
 @given(st.lists(st.binary(max_size=12), max_size=6), st.integers(0, 40))
 def test_whatever_is_in_the_file_reading_goes_on(parts: list[bytes], cut: int) -> None:
     with TemporaryDirectory() as folder:
@@ -198,7 +199,7 @@ def test_whatever_is_in_the_file_reading_goes_on(parts: list[bytes], cut: int) -
 
 _FULL = """
 import json, resource, sys
-from tokt.inference.log import JsonLines
+from tokt.inference.recording.log import JsonLines
 log = JsonLines(sys.argv[1])
 unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
 resource.setrlimit(resource.RLIMIT_FSIZE, (105, unlimited[1]))  # the disk is full at 105 bytes
@@ -274,4 +275,4 @@ def test_what_a_user_can_get_wrong(tmp_path: Path) -> None:
         list(read_log(tmp_path / "none.jsonl"))
     for rotation in ({"max_mb": 0}, {"max_mb": float("nan")}, {"keep": 0}, {"keep": 100}):
         with pytest.raises(ToktError):
-            Rotation(**rotation)
+            LogRotation(**rotation)

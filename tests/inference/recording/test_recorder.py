@@ -16,25 +16,26 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
-from tokt.features.mission import RIGHT, open_mission
-from tokt.inference.disk_budget import DiskLimits, whole_blocks
-from tokt.inference.moments import REST_S, Around
-from tokt.inference.observer import Event
-from tokt.inference.pixel_mark import pixel_mark
-from tokt.inference.policy import Judgement
+
+from tests.waiting import MAX_S, until
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import RIGHT, open_mission
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame, pixel_mark
+from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.recorder import Recorder
-from tokt.inference.recording import (
+from tokt.inference.recording.clip_trigger import REST_S, ClipPadding
+from tokt.inference.recording.disk_budget import DiskLimits, whole_blocks
+from tokt.inference.recording.recorder import Recorder
+from tokt.inference.recording.recording import (
     RECORDING_FORMAT,
-    Encoded,
+    EncodedFrame,
     RecordedFrame,
     RecordingFolder,
     read_recording,
 )
-from tokt.inference.recording_writer import BEHIND, NO_ROOM, REPEATED, RESERVE
+from tokt.inference.recording.writer import BEHIND, NO_ROOM, REPEATED, RESERVE
 from tokt.inference.report import Report
-from tokt.inference.sources import Frame
 from tokt.inference.verdict import Verdict
 
 OBSTACLE = Verdict(1, 3, 4, None, 9.0, 2.5, "texture", "reef/7")
@@ -78,21 +79,14 @@ def sea(tmp_path: Path, hand_clock: Any) -> Callable[..., Sea]:
         **more: Any,
     ) -> Sea:
         folder = tmp_path / "rec"
-        return Sea(Recorder(folder, run, hand_clock, Around(*around), disk, **more))
+        return Sea(Recorder(folder, run, hand_clock, ClipPadding(*around), disk, **more))
 
     return start
 
 
-def eventually(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
 def written(recorder: Recorder, frames: int) -> None:
     """Wait until so many frames are on disk, or left out."""
-    eventually(lambda: recorder.frames + recorder.dropped >= frames)
+    until(lambda: recorder.frames + recorder.dropped >= frames)
 
 
 def frame_lines(folder: Path) -> list[dict[str, Any]]:
@@ -153,7 +147,7 @@ def test_frames_around_a_detection_are_a_mission(sea: Callable[..., Sea], tmp_pa
     assert (ninth["status"], ninth["t"], ninth["texture_s"]) == (1, 1001.125, 0.25)
     assert (ninth["seq"], ninth["judged"], ninth["moment"]) == (9, 9, 1)
     assert [event.words for event in told] == ["recording frames around frame 9: obstacle"]
-    assert (at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.moments) == (7, 0, 1)
+    assert (at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.clips) == (7, 0, 1)
 
 
 def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(
@@ -346,7 +340,7 @@ def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_pa
     recording = RecordingFolder(tmp_path / "run-1", "run-1")
     recording.tell({"event": "start"})
 
-    def encoded(number: int) -> Encoded:
+    def encoded(number: int) -> EncodedFrame:
         return recording.encode(RecordedFrame(number, 1, {"left": noise(1)}, {"frame": number}))
 
     recording.write(encoded(1))
@@ -399,13 +393,13 @@ def test_a_recording_of_format_1_is_read(tmp_path: Path) -> None:
 _AT_SEA = """
 import resource, sys, time
 from pathlib import Path
-from tests.inference.test_recorder import CLEAR, OBSTACLE, Sea, noise, written
-from tokt.inference.disk_budget import DiskLimits
-from tokt.inference.moments import Around
-from tokt.inference.recorder import Recorder
+from tests.inference.recording.test_recorder import CLEAR, OBSTACLE, Sea, noise, written
+from tokt.inference.recording.disk_budget import DiskLimits
+from tokt.inference.recording.clip_trigger import ClipPadding
+from tokt.inference.recording.recorder import Recorder
 from tokt.inference.clock import SYSTEM_CLOCK
 folder, run, most_mb, frames = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4])
-at_sea = Sea(Recorder(folder, run, SYSTEM_CLOCK, Around(0.2, 0.2), DiskLimits(most_mb, 0)))
+at_sea = Sea(Recorder(folder, run, SYSTEM_CLOCK, ClipPadding(0.2, 0.2), DiskLimits(most_mb, 0)))
 """
 _FOR_EVER = """
 for moment in range(frames):
@@ -430,7 +424,7 @@ print(at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.fault)
 
 def at_sea_process(program: str, *arguments: object) -> subprocess.Popen[str]:
     command = [sys.executable, "-c", _AT_SEA + program, *map(str, arguments)]
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[3]
     return subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True)
 
 
@@ -441,9 +435,9 @@ def test_a_kill_at_any_moment_leaves_a_recording(tmp_path: Path) -> None:
         bound_mb = 0.35 * int(run[-1])
         process = at_sea_process(_FOR_EVER, tmp_path, run, bound_mb, 10**6)
         lines = tmp_path / run / "recording.jsonl"
-        eventually(lines.exists)
+        until(lines.exists)
         began = lines.stat().st_ino
-        eventually(lambda lines=lines, began=began: lines.stat().st_ino != began)  # made room once
+        until(lambda lines=lines, began=began: lines.stat().st_ino != began)  # made room once
         time.sleep(rng.uniform(0, 0.2))
         process.send_signal(signal.SIGKILL)
         process.communicate()
@@ -453,7 +447,7 @@ def test_a_kill_at_any_moment_leaves_a_recording(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
 def test_a_full_disk_is_counted_and_recording_goes_on_when_it_is_not(tmp_path: Path) -> None:
     process = at_sea_process(_FULL, tmp_path, "run-1", 100, 0)
-    out, _ = process.communicate(timeout=60)
+    out, _ = process.communicate(timeout=MAX_S)
     full, after = out.splitlines()
     assert full == "5 5 File too large" and after == "10 5 "
     assert check_whole(tmp_path / "run-1") == [*range(1, 6), *range(11, 16)]

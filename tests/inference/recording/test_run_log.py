@@ -10,17 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.detector import GridDetector
-from tokt.inference.log import Rotation, read_log
-from tokt.inference.observer import Event
-from tokt.inference.pixel_mark import pixel_mark
-from tokt.inference.policy import Judgement, SinglePolicy
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame, pixel_mark
+from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import Report
-from tokt.inference.run_log import RunLog, events_path, new_run_id
+from tokt.inference.recording.log import LogRotation, read_log
+from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
+from tokt.inference.report import FIELDS, Report
 from tokt.inference.runtime import Runtime
-from tokt.inference.sources import Frame, open_source
+from tokt.inference.sources.files import open_source
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import unknown_verdict
 
 NOTHING = unknown_verdict(Fault(Reason.STALE, "no frame judged for 0.5 s"))
@@ -42,13 +43,18 @@ def test_a_frame_s_line_has_what_was_sent_and_what_was_seen(
 
     log = RunLog(tmp_path / "log.jsonl", "run-x", values=True)
     source = open_source(str(folder), hand_clock)
-    policy = SinglePolicy(GridDetector(noise_scorer))
+    policy = SinglePolicy(TextureDetector(noise_scorer))
     Runtime(source, policy, [Keep()], hand_clock, [log]).run()
     log.close()
     first, second = read_log(tmp_path / "log.jsonl")
     frames = list(open_source(str(folder), hand_clock))
     for line, report, frame in zip((first, second), reports, frames, strict=True):
         assert report.fields().items() <= line.items()
+        assert list(line) == [*(each.name for each in FIELDS), "decision_values"]
+        for each in FIELDS:
+            value = line[each.name]
+            kinds = {float: (float, int), str: (str, dict)}.get(each.kind, (each.kind,))
+            assert type(value) in kinds or (value is None and each.nullable), each.name
         assert (line["run"], line["frame"], line["missed"]) == ("run-x", frame.number, 0)
         assert line["timed"] is False and line["texture_s"] is None and line["left_out"] == 0
         assert frame.left is not None and line["left"] == pixel_mark(frame.left)
@@ -91,7 +97,7 @@ def test_values_that_are_not_finite_cost_no_line(tmp_path: Path) -> None:
 
 
 def test_both_files_step_on(tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "a.jsonl", "run-x", Rotation(0.002, 2))
+    log = RunLog(tmp_path / "a.jsonl", "run-x", LogRotation(0.002, 2))
     for seq in range(1, 60):
         log.heartbeat(Report(seq, None, None, None, NOTHING))
         log.event(Event(0.0, "overload", "no time", {"frames": seq}))

@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.inference.limits import Limits
-from tokt.inference.logged_run import VERDICT, LoggedFrame, open_run
-from tokt.inference.run_start import ModelName, RunStart, UsedFile
-from tokt.inference.shadow_report import read_shadow
 
-from tokt.cli.shadow import _show as show
+from tests.tiers import scaled
+from tokt.cli.run.shadow import _show as show
+from tokt.features.common.errors import ToktError
+from tokt.inference.config import Limits
+from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile
+from tokt.inference.replay.logged_run import VERDICT, LoggedFrame, open_run
+from tokt.inference.replay.shadow_report import read_shadow
 
 MODEL = ModelName("noise/7", "ab" * 32)
 START = {"event": "start", "t": 1.5, "words": "a run", "run": "r", "seq": 0}
@@ -28,8 +29,8 @@ FRAME = {
     "right": {"reason": "missing", "words": "not read"},
 }  # fmt: skip
 TODAY = {
-    **FRAME, "trend": "growing", "trend_confidence": 0.962, "expansion_contact_s": 10.37,
-    "anchor_x": 0.667, "anchor_y": 0.259, "anchor_size": -0.363,
+    **dict.fromkeys(VERDICT), **FRAME, "trend": "growing", "trend_confidence": 0.962,
+    "expansion_contact_s": 10.37, "anchor_x": 0.667, "anchor_y": 0.259, "anchor_size": -0.363,
 }  # fmt: skip
 SHADOW = [
     {
@@ -121,10 +122,10 @@ def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path: P
     assert [each.follows for each in frames] == [True, True, True, False]  # 6 is nowhere
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 @given(ms=st.floats(0, 1e7, allow_nan=False))
 def test_milliseconds_become_the_seconds_they_were_made_of(ms: float) -> None:
-    from tokt.inference.logged_run import _seconds
+    from tokt.inference.replay.logged_run import _seconds
 
     seconds = _seconds({"age_ms": 1000 * ms}, "age_ms", 1000.0)
     assert seconds is not None and 1000 * seconds == 1000 * ms
@@ -150,7 +151,7 @@ def shadow_shown(log: Path) -> None:
     show(report)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=scaled(30))
 @given(data=st.data())
 def test_any_value_anywhere_is_read_or_refused(folder: Path, data: st.DataObject) -> None:
     lines = [{**START, **started().fields()}, TODAY, *SHADOW]

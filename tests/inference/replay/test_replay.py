@@ -13,26 +13,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.mission import open_mission
-from tokt.inference.assemble import Stereo
-from tokt.inference.calibration import load_calibration
-from tokt.inference.calibration_writer import write_calibration
-from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.disk_budget import DiskLimits
-from tokt.inference.limits import Limits
-from tokt.inference.moments import Around
-from tokt.inference.observer import Observer
-from tokt.inference.recorder import Recorder
-from tokt.inference.run_log import events_path
-from tokt.inference.run_start import used_file
-from tokt.inference.sources import MissionSource
-from tokt.models.bundle import read_bundle
-from tokt.models.operating_point import FrameRule
-from tokt.models.store import Store
 
-from .live import HandSource
-from .logged_runs import (
+from tests.inference.live import HandSource
+from tests.inference.logged_runs import (
     Seconds,
     Switch,
     log_run,
@@ -41,10 +24,27 @@ from .logged_runs import (
     texture_start,
     variant,
 )
-from .plain_rig import HEIGHT, PLAIN, WIDTH
+from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import open_mission
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import Limits
+from tokt.inference.observer import Observer
+from tokt.inference.policy.assembly import StereoSetup
+from tokt.inference.recording.clip_trigger import ClipPadding
+from tokt.inference.recording.disk_budget import DiskLimits
+from tokt.inference.recording.recorder import Recorder
+from tokt.inference.recording.run_log import events_path
+from tokt.inference.recording.run_start import used_file
+from tokt.inference.sources.files import MissionSource
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.calibration_writer import write_calibration
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.operating_point import MofNRule
+from tokt.models.store.store import Store
 
 Mission = Callable[..., Path]
-TWO_OF_THREE = FrameRule(hits=2, window=3)
+TWO_OF_THREE = MofNRule(m=2, n=3)
 SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5)], []]
 
 
@@ -226,7 +226,7 @@ def test_pairs_late_durations_and_speeds_come_out_the_same(
     policy: str, rig: Any, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
 ) -> None:
     folder, bundle, calibration = rig
-    stereo = Stereo(load_calibration(calibration))
+    stereo = StereoSetup(load_calibration(calibration))
     start = stereo_start(texture_start(folder, bundle), policy, used_file(calibration))
     log = tmp_path / "run.jsonl"
     source = mission_source(folder, hand_clock, rate=5.0)
@@ -246,7 +246,7 @@ def test_a_run_that_began_without_a_model_comes_out_the_same(
     rig: Any, tmp_path: Path, run_tokt: Callable[..., Any]
 ) -> None:
     folder, bundle, calibration = rig
-    model, stereo = read_bundle(bundle), Stereo(load_calibration(calibration))
+    model, stereo = read_bundle(bundle), StereoSetup(load_calibration(calibration))
     fault = "bundle x.tokt: truncated"
     start = stereo_start(texture_start(folder, bundle), "fallback", used_file(calibration))
     start = replace(start, model=None, model_fault=fault)
@@ -354,7 +354,7 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
 
     def recorder(run: str) -> list[Observer]:
         disk = DiskLimits(most_mb=100.0, reserve_mb=0.0)
-        return [Recorder(tmp_path / "kept", run, hand_clock, Around(0.5, 0.5), disk)]
+        return [Recorder(tmp_path / "kept", run, hand_clock, ClipPadding(0.5, 0.5), disk)]
 
     source = mission_source(folder, hand_clock, rate=5.0)
     run = log_run(source, start, log, hand_clock, read_bundle(ruled), observers=recorder)
@@ -385,7 +385,7 @@ def test_a_calibration_that_is_another_one_is_refused(
     start = stereo_start(texture_start(folder, bundle), "fallback", used_file(own))
     log = tmp_path / "run.jsonl"
     source = MissionSource(open_mission(folder), SYSTEM_CLOCK, frames=[1, 2])
-    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle), Stereo(PLAIN))
+    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle), StereoSetup(PLAIN))
     write_calibration(own, replace(PLAIN, T_mm=PLAIN.T_mm * 1.1), {})
     refused = run_tokt("replay", log)
     assert refused.code == 2 and "is not the one that the run had" in refused.err
@@ -394,11 +394,11 @@ def test_a_calibration_that_is_another_one_is_refused(
 
 
 def test_old_frames_overload_and_a_frozen_camera_in_real_time(
-    draw_frame: Any, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+    draw_frame: Any, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any], hand_clock: Any
 ) -> None:
     folder = tmp_path / "dive" / "Left"
     folder.mkdir(parents=True)
-    source, log = HandSource(), tmp_path / "run.jsonl"
+    source, log = HandSource(hand_clock), tmp_path / "run.jsonl"
     judged = threading.Semaphore(0)
 
     class Counted(Observer):
@@ -415,6 +415,7 @@ def test_old_frames_overload_and_a_frozen_camera_in_real_time(
 
     def give() -> None:
         for number, picture in enumerate(shown, 1):
+            hand_clock.now += 0.01
             source.give(picture, age_s=0.7 if number in (3, 4) else 0.0, missed=int(number == 7))
             if number != 5:  # overtaken, perhaps
                 judged.acquire()
@@ -422,7 +423,7 @@ def test_old_frames_overload_and_a_frozen_camera_in_real_time(
 
     giving = threading.Thread(target=give)
     giving.start()
-    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(ruled), observers=lambda run: [Counted()])
+    log_run(source, start, log, hand_clock, read_bundle(ruled), observers=lambda run: [Counted()])
     giving.join()
     reasons = [line["reason"] for line in lines(log) if line["frame"] is not None]
     assert reasons.count("stale") == 2 and "frozen" in reasons

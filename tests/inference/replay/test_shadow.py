@@ -7,33 +7,33 @@ import multiprocessing
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference import shadow as shadow_module
-from tokt.inference.assemble import assemble
-from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.event_queue import EventQueue
-from tokt.inference.log import JsonLines
-from tokt.inference.policy import Judgement
+
+from tests.inference.live import HandSource, Listener
+from tests.inference.logged_runs import mission_source, variant
+from tests.waiting import MAX_S, until
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import SYSTEM_CLOCK, Clock
+from tokt.inference.events import EventQueue
+from tokt.inference.frame import Frame
+from tokt.inference.policy.assembly import assemble
+from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording.log import JsonLines
+from tokt.inference.replay import shadow as shadow_module
+from tokt.inference.replay.shadow import Shadow
+from tokt.inference.replay.shadow_process import Challenger
+from tokt.inference.replay.shadow_report import read_shadow
 from tokt.inference.report import Report
 from tokt.inference.runtime import Runtime
-from tokt.inference.shadow import Shadow
-from tokt.inference.shadow_process import Challenger
-from tokt.inference.shadow_report import read_shadow
-from tokt.inference.sources import Frame
 from tokt.inference.verdict import unknown_verdict
-from tokt.models.bundle import Bundle, read_bundle
-from tokt.models.operating_point import FrameRule
-
-from .live import HandSource, Listener
-from .logged_runs import mission_source, variant
+from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.operating_point import MofNRule
 
 SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5)], []]
 
@@ -41,15 +41,22 @@ SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5
 class Shadowed:
     """A run of policy texture with a challenger."""
 
-    def __init__(self, model: Bundle, challenger: Challenger, source: Any, log: Path) -> None:
+    def __init__(
+        self,
+        model: Bundle,
+        challenger: Challenger,
+        source: Any,
+        log: Path,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:
         self.events = EventQueue()
         self.listener = Listener()
         self.shadow = Shadow(
-            challenger, JsonLines(log), "run-1", source.live, SYSTEM_CLOCK, self.events.put
+            challenger, JsonLines(log), "run-1", source.live, clock, self.events.put
         )
         policy = assemble("texture", lambda: model, None).policy
         watching = [self.listener, self.shadow]
-        self.runtime = Runtime(source, policy, [], SYSTEM_CLOCK, watching, events=self.events)
+        self.runtime = Runtime(source, policy, [], clock, watching, events=self.events)
 
     def run(self) -> None:
         self.runtime.run()
@@ -61,13 +68,6 @@ class Shadowed:
 
 def lines(log: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in log.read_text().splitlines()]
-
-
-def until(true: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 20
-    while not true():
-        assert time.monotonic() < deadline, "it never came true"
-        time.sleep(0.002)
 
 
 def test_the_same_model_agrees_on_every_frame(
@@ -119,12 +119,13 @@ def test_where_another_model_says_otherwise_is_found(
 
 
 def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
-    draw_frame: Any, bundle_file: Path, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    log, source = tmp_path / "shadow.jsonl", HandSource()
-    rule = FrameRule(hits=2, window=3)
+    draw_frame: Any, bundle_file: Path, tmp_path: Path, hand_clock: Any,
+    request: pytest.FixtureRequest,
+) -> None:  # fmt: skip
+    log, source = tmp_path / "shadow.jsonl", HandSource(hand_clock)
+    rule = MofNRule(m=2, n=3)
     model = read_bundle(variant(bundle_file, tmp_path / "ruled.tokt", rule=rule))
-    run = Shadowed(model, Challenger.of(model, "texture"), source, log)
+    run = Shadowed(model, Challenger.of(model, "texture"), source, log, hand_clock)
     thread = threading.Thread(target=run.run, daemon=True)
     thread.start()
     reports, shadow = run.listener.reports, run.shadow
@@ -142,7 +143,9 @@ def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
     assert child is not None and child != os.getpid()
     request.addfinalizer(shadow._kill)  # a stopped one would keep the tests from ending
     os.kill(child, signal.SIGSTOP)
-    for _ in range(5):
+    give([(4, 4)])
+    until(lambda: shadow._waiting is None)
+    for _ in range(4):
         give([(4, 4)])
     # One is with the stopped process, one waits; those between are overtaken.
     assert shadow.dropped >= 3
@@ -152,7 +155,7 @@ def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
     give([])
     until(lambda: shadow.fault)
     source.stop()
-    thread.join(10)
+    thread.join(MAX_S)
     assert not thread.is_alive() and len(reports) == 9
     assert [report.verdict.status for report in reports[1:8]] == [1] * 7
     assert run.told() == ["shadow_failed"]

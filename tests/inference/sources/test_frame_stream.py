@@ -15,11 +15,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from tokt.features.errors import ToktError
+
+from tests.tiers import scaled
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.frame_stream import LARGEST_SIDE, LONGEST_HEADER, StreamSource, encode_frame
-from tokt.inference.sources import Frame
-from tokt.inference.udp import decode
+from tokt.inference.frame import Frame
+from tokt.inference.outputs.udp import decode
+from tokt.inference.sources.stream import MAX_HEADER, MAX_SIDE, StreamSource, encode_frame
 
 
 @contextmanager
@@ -50,7 +53,7 @@ PICTURES = st.none() | arrays(
 )  # fmt: skip
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=scaled(25))
 @given(
     frames=st.lists(
         st.tuples(
@@ -87,7 +90,7 @@ def header(**changes: object) -> bytes:
         (header() + b"123", "ended within a frame"),
         (b'{"frame":1', "ended within a frame"),
         (b"hello\n", "sends no frames: 'hello'"),
-        (b"[" * 5000, f"a line of {LONGEST_HEADER} bytes"),
+        (b"[" * 5000, f"a line of {MAX_HEADER} bytes"),
         (b"[" * 3000 + b"\n", "sends no frames"),
         (header(frame="1"), "sends no frames"),
         (header(t=None), "sends no frames"),
@@ -97,7 +100,7 @@ def header(**changes: object) -> bytes:
         (header(frame=10**300), "sends no frames"),
         (header(left=[2, 2, 4]), "sends no frames"),
         (header(left=[0, 2]), "sends no frames"),
-        (header(left=[2, LARGEST_SIDE + 1]), "sends no frames"),
+        (header(left=[2, MAX_SIDE + 1]), "sends no frames"),
         (header(left=[2, True]), "sends no frames"),
         (header(missed=-1), "sends no frames"),
         (b"5\n", "sends no frames"),
@@ -150,7 +153,7 @@ def test_the_real_runtime_answers_each_frame_with_its_time(bundle_file: Path) ->
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
     ):
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(20)
+        receiver.settimeout(MAX_S)
         stream = f"stream:127.0.0.1:{server.getsockname()[1]}"
         udp = f"v2@127.0.0.1:{receiver.getsockname()[1]}"
         process = subprocess.Popen(
@@ -174,7 +177,7 @@ def test_the_real_runtime_answers_each_frame_with_its_time(bundle_file: Path) ->
             with pytest.raises(BlockingIOError):
                 receiver.recv(2000)
             process.send_signal(signal.SIGTERM)
-            assert process.wait(20) == 0
+            assert process.wait(MAX_S) == 0
             connection.close()
         finally:
             process.kill()

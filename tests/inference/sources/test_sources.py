@@ -7,8 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.sources import open_source
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.sources.files import open_source
 
 
 def test_a_stereo_folder_gives_pairs_in_numeric_order(

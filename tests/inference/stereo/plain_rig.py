@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from tokt.inference.calibration import StereoCalibration
+
+from tokt.inference.stereo.calibration import StereoCalibration
 
 WIDTH, HEIGHT = 1360, 1024
 FOCAL_PX, BASELINE_M = 2200.0, 0.3

@@ -8,9 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.calibration import load_calibration, oddities, read_calibration
-from tokt.inference.distortion import folds_back_at_px
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.calibration import load_calibration, oddities, read_calibration
+from tokt.inference.stereo.distortion import folds_back_at_px
 
 CAMERA = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
 PARTS: dict[str, Any] = {

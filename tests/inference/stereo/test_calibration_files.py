@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.inference.calibration import StereoCalibration, load_calibration, read_calibration
-from tokt.inference.calibration_writer import write_calibration
-from tokt.inference.distortion import distortion
 
+from tests.tiers import scaled
 from tokt.cli.stereo_file import read_calibration_file
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.calibration import StereoCalibration, load_calibration, read_calibration
+from tokt.inference.stereo.calibration_writer import write_calibration
+from tokt.inference.stereo.distortion import distortion
 
 OF_YESTERDAY = """%YAML 1.2
 ---
@@ -278,7 +279,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 words = st.text(st.characters(exclude_categories=["C"]), max_size=60)
-written = settings(max_examples=12, deadline=None)
+written = settings(max_examples=scaled(12))
 
 
 @pytest.mark.parametrize("name", ["c.yml", "c.json", "c.xml", "c.m"])
@@ -300,7 +301,7 @@ def test_what_is_written_is_read_to_the_last_digit(
 
 
 @given(calibrations(), st.data())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=scaled(25))
 def test_damaged_files_are_refused_or_read_never_worse(
     folder: Path, calibration: StereoCalibration, data: st.DataObject
 ) -> None:

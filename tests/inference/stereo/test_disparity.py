@@ -6,16 +6,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
-from tokt.features.image_file import read_image
-from tokt.features.kernels import KERNELS, load_kernels
-from tokt.inference.calibration import load_calibration
-from tokt.inference.disparity import DisparityDetector, Matches
-from tokt.inference.matching import NEAREST_M, disparity_range
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import read_image
+from tokt.features.kernels.dispatch import KERNELS, load_kernels
+from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.rectify import Rectifier
-from tokt.inference.sources import Frame
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.disparity import DisparityDetector, Matches
+from tokt.inference.stereo.matching import NEAREST_M, disparity_range
+from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
 from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH
@@ -89,7 +90,7 @@ def test_an_even_sea_is_clear(plain: DisparityDetector) -> None:
 def test_texture_that_matches_nowhere_is_unknown_not_clear(plain: DisparityDetector) -> None:
     left, right = pair(700)
     found = plain.detect(Frame(1, 0.0, left, np.ascontiguousarray(right[::-1])))
-    assert found.mask is None and "do not match" in found.fault and found.against_clear
+    assert found.mask is None and "do not match" in found.fault and found.vetoes_clear
 
 
 def plane(depth_m: float, columns: slice, seed: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +116,7 @@ def test_what_is_nearer_than_is_searched_is_unknown_not_clear(
     depth_m: float, columns: slice, plain: DisparityDetector
 ) -> None:
     found = plain.detect(Frame(1, 0.0, *plane(depth_m, columns)))
-    assert found.mask is None and "something too near" in found.fault and found.against_clear
+    assert found.mask is None and "something too near" in found.fault and found.vetoes_clear
 
 
 def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(
@@ -140,7 +141,7 @@ def test_too_little_light_for_texture_is_no_open_water(plain: DisparityDetector)
     assert found.mask is not None and found.mask.any() and "too dim" in found.note
     left, right = sea() // 4 + noise[2], sea() // 4 + noise[3]
     found = plain.detect(Frame(2, 0.1, left, right))
-    assert found.mask is None and "too dim" in found.fault and not found.against_clear
+    assert found.mask is None and "too dim" in found.fault and not found.vetoes_clear
 
 
 def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: DisparityDetector) -> None:
@@ -159,7 +160,7 @@ def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: Disparity
     right += rng.integers(0, 2, right.shape, np.uint8)
     found = plain.detect(Frame(1, 0.0, left, right))
     assert found.mask is None and "left: " in found.fault and "damaged" in found.fault
-    assert not found.against_clear
+    assert not found.vetoes_clear
 
 
 def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
@@ -174,7 +175,7 @@ def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
     }
     for word, frame in cases.items():
         found = plain.detect(frame)
-        assert found.mask is None and word in found.fault and not found.against_clear
+        assert found.mask is None and word in found.fault and not found.vetoes_clear
 
 
 def test_a_calibration_that_turns_the_view_away_is_refused() -> None:

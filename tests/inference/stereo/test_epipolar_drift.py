@@ -1,4 +1,4 @@
-"""The row offset of a pair of views, and the trim that follows it."""
+"""The row offset of a pair of views, and the correction that follows it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.grid import Grid
-from tokt.features.image_file import read_image
-from tokt.inference import row_trim
-from tokt.inference.calibration import load_calibration
-from tokt.inference.disparity import DisparityDetector
-from tokt.inference.matching import Matches
-from tokt.inference.row_trim import RowOffset, RowTrim, row_offset
+
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import read_image
+from tokt.inference.stereo import epipolar_drift
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.epipolar_drift import (
+    EpipolarDriftCorrection,
+    EpipolarOffset,
+    epipolar_offset,
+)
+from tokt.inference.stereo.matching import Matches
 
 WIDTH, HEIGHT, SCALE = 340, 256, 0.5
 DISPARITY_PX = 40.25
@@ -58,8 +63,8 @@ def matches(columns: slice = slice(60, 300), rows: slice = slice(None)) -> Match
     return Matches(np.full(valid.shape, DISPARITY_PX, np.float32), valid, everywhere, everywhere)
 
 
-def measured(right: View, found: Matches | None = None) -> RowOffset:
-    offset = row_offset(LEFT, right, found or matches(), SCALE)
+def measured(right: View, found: Matches | None = None) -> EpipolarOffset:
+    offset = epipolar_offset(LEFT, right, found or matches(), SCALE)
     assert offset is not None
     return offset
 
@@ -89,88 +94,90 @@ def test_a_turn_is_not_told_from_a_narrow_strip() -> None:
     [
         matches(slice(0)),
         matches(slice(60, 76), slice(60, 76)),
-        matches(rows=slice(row_trim.SEARCH_ROWS)),
+        matches(rows=slice(epipolar_drift.SEARCH_ROWS)),
         matches(slice(0, int(DISPARITY_PX))),
     ],
     ids=["none", "few", "at the upper edge", "outside the right view"],
 )
 def test_too_few_matches_measure_nothing(found: Matches) -> None:
-    assert row_offset(LEFT, right_of(LEFT), found, SCALE) is None
+    assert epipolar_offset(LEFT, right_of(LEFT), found, SCALE) is None
 
 
 def test_views_smaller_than_a_patch_measure_nothing() -> None:
     tiny = np.ones((6, 9), bool)
     found = Matches(np.full(tiny.shape, 2, np.float32), tiny, tiny, tiny)
-    assert row_offset(LEFT[:6, :9], LEFT[:6, :9], found, SCALE) is None
+    assert epipolar_offset(LEFT[:6, :9], LEFT[:6, :9], found, SCALE) is None
 
 
 def test_flat_views_measure_nothing() -> None:
     flat = np.full_like(LEFT, 30)
-    assert row_offset(flat, flat, matches(), SCALE) is None
+    assert epipolar_offset(flat, flat, matches(), SCALE) is None
 
 
-def follow(trim: RowTrim, true_px: float, pairs: int) -> list[float]:
-    """Trims over some pairs whose right view is corrected by the trim, as the detector does."""
+def follow(drift: EpipolarDriftCorrection, true_px: float, pairs: int) -> list[float]:
+    """Trims over some pairs whose right view is corrected by the drift, as the detector does."""
     found = []
     for _ in range(pairs):
-        trim.add(LEFT, right_of(LEFT, true_px - trim.px), matches(), SCALE)
-        found.append(trim.px)
+        drift.add(LEFT, right_of(LEFT, true_px - drift.px), matches(), SCALE)
+        found.append(drift.px)
     return found
 
 
-def test_the_trim_reaches_an_offset_slowly_and_stays_there() -> None:
-    trims = follow(RowTrim(), 4.0, 20)
-    assert trims[: row_trim.SETTLED_PAIRS - 1] == [0.0] * (row_trim.SETTLED_PAIRS - 1)
-    assert np.abs(np.diff([0.0, *trims])).max() <= row_trim.STEP_PX + 1e-9
-    assert trims[-1] == pytest.approx(4.0, abs=row_trim.STILL_PX)
-    assert len(set(trims[-5:])) == 1
+def test_the_correction_reaches_an_offset_slowly_and_stays_there() -> None:
+    corrections = follow(EpipolarDriftCorrection(), 4.0, 20)
+    assert corrections[: epipolar_drift.SETTLED_PAIRS - 1] == [0.0] * (
+        epipolar_drift.SETTLED_PAIRS - 1
+    )
+    assert np.abs(np.diff([0.0, *corrections])).max() <= epipolar_drift.STEP_PX + 1e-9
+    assert corrections[-1] == pytest.approx(4.0, abs=epipolar_drift.STILL_PX)
+    assert len(set(corrections[-5:])) == 1
 
 
-def test_the_trim_keeps_its_limit_and_its_memory() -> None:
-    trim = RowTrim(limit_px=2.0)
-    assert follow(trim, 5.0, 40)[-1] == 2.0
-    assert follow(trim, -4.0, 40)[-1] == -2.0
-    assert len(trim._recent) == row_trim.REMEMBERED_PAIRS
+def test_the_correction_keeps_its_limit_and_its_memory() -> None:
+    drift = EpipolarDriftCorrection(limit_px=2.0)
+    assert follow(drift, 5.0, 40)[-1] == 2.0
+    assert follow(drift, -4.0, 40)[-1] == -2.0
+    assert len(drift._recent) == epipolar_drift.REMEMBERED_PAIRS
 
 
 def test_a_small_offset_is_left_alone() -> None:
-    assert follow(RowTrim(), 0.8 * row_trim.STILL_PX, 20)[-1] == 0.0
+    assert follow(EpipolarDriftCorrection(), 0.8 * epipolar_drift.STILL_PX, 20)[-1] == 0.0
 
 
-def test_a_wrong_right_frame_leaves_the_trim() -> None:
-    trim = RowTrim()
-    settled = follow(trim, 3.0, 20)[-1]
+def test_a_wrong_right_frame_leaves_the_correction() -> None:
+    drift = EpipolarDriftCorrection()
+    settled = follow(drift, 3.0, 20)[-1]
     for seed in range(1, 31):
-        assert trim.add(LEFT, right_of(scene(seed)), matches(), SCALE) is None
-    assert trim.px == settled
-    assert trim.settled
+        assert drift.add(LEFT, right_of(scene(seed)), matches(), SCALE) is None
+    assert drift.px == settled
+    assert drift.settled
 
 
-def test_a_turned_view_leaves_the_trim() -> None:
-    trim = RowTrim()
+def test_a_turned_view_leaves_the_correction() -> None:
+    drift = EpipolarDriftCorrection()
     for _ in range(20):
-        trim.add(LEFT, right_of(LEFT, 3.0, 1.0), matches(), SCALE)
-    assert trim.px == 0.0
+        drift.add(LEFT, right_of(LEFT, 3.0, 1.0), matches(), SCALE)
+    assert drift.px == 0.0
 
 
-def test_a_camera_out_of_step_leaves_the_trim_and_is_told_by_the_variation() -> None:
-    trim = RowTrim()
+def test_a_camera_out_of_step_leaves_the_correction_and_is_told_by_the_variation() -> None:
+    drift = EpipolarDriftCorrection()
     for too_high in 2.5 * np.sin(np.arange(40)):  # the vehicle heaves
-        trim.add(LEFT, right_of(LEFT, float(too_high)), matches(), SCALE)
-    assert trim.px == 0.0
-    assert not trim.settled
-    assert trim.variation_px is not None and trim.variation_px > 1.0
+        drift.add(LEFT, right_of(LEFT, float(too_high)), matches(), SCALE)
+    assert drift.px == 0.0
+    assert not drift.settled
+    assert drift.variation_px is not None and drift.variation_px > 1.0
 
 
 def test_one_pair_off_the_others_is_told_by_its_deviation_and_moves_nothing() -> None:
-    trim = RowTrim()
-    settled = follow(trim, 2.0, 15)[-1]
-    assert trim.deviation_px == pytest.approx(0.0, abs=0.2)
-    trim.add(LEFT, right_of(LEFT, 2.0 + 2.5 - trim.px), matches(), SCALE)
-    assert trim.deviation_px == pytest.approx(2.5, abs=0.3)
-    assert trim.px == settled
-    trim.add(LEFT, right_of(LEFT, 0.0), matches(slice(0)), SCALE)
-    assert trim.deviation_px is None
+    drift = EpipolarDriftCorrection()
+    settled = follow(drift, 2.0, 15)[-1]
+    assert drift.deviation_px == pytest.approx(0.0, abs=0.2)
+    drift.add(LEFT, right_of(LEFT, 2.0 + 2.5 - drift.px), matches(), SCALE)
+    assert drift.deviation_px == pytest.approx(2.5, abs=0.3)
+    assert drift.px == settled
+    drift.add(LEFT, right_of(LEFT, 0.0), matches(slice(0)), SCALE)
+    assert drift.deviation_px is None
 
 
 @pytest.mark.mission
@@ -179,19 +186,23 @@ def test_on_the_sea_trial(mission: Path, calibration_path: Path) -> None:
     detector = DisparityDetector(load_calibration(calibration_path), Grid())
     rectifier = detector.rectifier
 
-    def add(trim: RowTrim, number: int, right_number: int, lower_px: float = 0.0) -> RowOffset:
+    def add(
+        drift: EpipolarDriftCorrection, number: int, right_number: int, lower_px: float = 0.0
+    ) -> EpipolarOffset:
         left = read_image(mission / "Left" / f"tokt1_L_{number}.jpg")
         right = read_image(mission / "Right" / f"tokt1_R_{right_number}.jpg")
         down = np.array([[1, 0, 0], [0, 1, lower_px]])
         moved = np.asarray(cv2.warpAffine(right, down, right.shape[1::-1]), np.uint8)
-        views = rectifier.left(left), rectifier.right(moved, trim.px)
-        offset = trim.add(*views, detector.match(left, moved, trim.px), rectifier.scale)
+        views = rectifier.left(left), rectifier.right(moved, drift.px)
+        offset = drift.add(*views, detector.match(left, moved, drift.px), rectifier.scale)
         assert offset is not None
         return offset
 
     for lower_px in (0.0, 2.2, -6.0):
-        assert add(RowTrim(), 170, 170, lower_px).px == pytest.approx(-lower_px, abs=0.5)
-    out_of_step = RowTrim()
+        assert add(EpipolarDriftCorrection(), 170, 170, lower_px).px == pytest.approx(
+            -lower_px, abs=0.5
+        )
+    out_of_step = EpipolarDriftCorrection()
     for number in range(158, 172):
         add(out_of_step, number, number + 1)
     assert out_of_step.px == 0.0

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.inference.odometry import load_odometry, motion_between, parse_odometry
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.odometry import load_odometry, motion_between, parse_odometry
 
 HEADER = "frame,t,x_m,y_m,z_m,qw,qx,qy,qz"
 STILL = "0,0,0,1,0,0,0"

@@ -10,14 +10,15 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.grid import Grid
-from tokt.features.image_file import read_image
-from tokt.inference import stereo_health
-from tokt.inference.calibration import load_calibration
-from tokt.inference.disparity import DisparityDetector
-from tokt.inference.matching import Matches
-from tokt.inference.row_trim import RowOffset, RowTrim
-from tokt.inference.stereo_health import MISFIT, PairFault, StereoHealth, pair_fault
+
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import read_image
+from tokt.inference.stereo import pair_health
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.stereo.pair_health import MISFIT, PairFault, PairHealth, pair_fault
 
 HEIGHT, WIDTH = 128, 170
 
@@ -55,7 +56,7 @@ def matches(
 
 OPEN_WATER = matches()
 SEEN = matches(textured=0.3, matched=0.2)
-GOOD = RowOffset(0.2, 0.3, 0.1, 0.05, 0.95, 46)
+GOOD = EpipolarOffset(0.2, 0.3, 0.1, 0.05, 0.95, 46)
 
 
 def test_open_water_and_a_true_pair_have_no_fault() -> None:
@@ -65,7 +66,7 @@ def test_open_water_and_a_true_pair_have_no_fault() -> None:
 
 def test_texture_that_does_not_match_is_a_sign_of_danger() -> None:
     fault = pair_fault(water(), water(), matches(textured=0.3, matched=0.02), None)
-    assert fault == PairFault(MISFIT, against_clear=True)
+    assert fault == PairFault(MISFIT, vetoes_clear=True)
 
 
 def test_texture_where_the_right_camera_cannot_see_is_no_misfit() -> None:
@@ -81,15 +82,15 @@ def test_a_covered_camera_is_named_in_open_water(rows: slice) -> None:
     assert left is not None and "the left view is 8 times darker" in left.reason
     assert right is not None and "the right view is 8 times darker" in right.reason
     # The texture detector looks through the left camera: its clear would be wrong, too.
-    assert left.against_clear and not right.against_clear
+    assert left.vetoes_clear and not right.vetoes_clear
     right = pair_fault(bright, covered, SEEN, None)
-    assert right is not None and right.against_clear
+    assert right is not None and right.vetoes_clear
 
 
 def test_what_the_right_camera_alone_sees_is_not_clear() -> None:
     fault = pair_fault(water(), with_texture(water(), slice(60, 160)), OPEN_WATER, None)
     assert fault is not None and "the right view shows" in fault.reason
-    assert fault.against_clear
+    assert fault.vetoes_clear
     both = with_texture(water(), slice(60, 160))
     assert pair_fault(both, both, OPEN_WATER, None) is None
     # A thing that reaches beyond the left view is no fault while enough of it matches.
@@ -99,19 +100,19 @@ def test_what_the_right_camera_alone_sees_is_not_clear() -> None:
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_view_too_dim_for_texture_leaves_only_an_obstacle_standing(side: str) -> None:
     views = (water(9), water(20)) if side == "left" else (water(20), water(9))
-    fault = judge(StereoHealth(), *views, RowTrim())
+    fault = judge(PairHealth(), *views, EpipolarDriftCorrection())
     assert fault is not None and f"the {side} view is too dim" in fault.reason
-    assert fault.matches_stand and not fault.against_clear
+    assert fault.matches_stand and not fault.vetoes_clear
 
 
 def test_texture_without_a_match_near_by_leaves_only_an_obstacle_standing() -> None:
     valid, textured = np.zeros((2, HEIGHT, WIDTH), bool)
     textured[:, 20:] = valid[:, 100:] = True
     seen = replace(SEEN, valid=valid, textured=textured)
-    fault = StereoHealth().judge(water(), water(seed=1), seen, GOOD, RowTrim())
-    assert fault == PairFault(stereo_health.NEARER, against_clear=True, matches_stand=True)
+    fault = PairHealth().judge(water(), water(seed=1), seen, GOOD, EpipolarDriftCorrection())
+    assert fault == PairFault(pair_health.NEARER, vetoes_clear=True, matches_stand=True)
     valid[::8, ::8] = True  # a match here and there
-    assert StereoHealth().judge(water(), water(seed=1), seen, GOOD, RowTrim()) is None
+    assert PairHealth().judge(water(), water(seed=1), seen, GOOD, EpipolarDriftCorrection()) is None
 
 
 @pytest.mark.parametrize(
@@ -122,51 +123,53 @@ def test_texture_without_a_match_near_by_leaves_only_an_obstacle_standing() -> N
         (replace(GOOD, turn_deg=-1.0), "-1.0 degrees"),
     ],
 )
-def test_rows_that_do_not_agree(offset: RowOffset, told: str) -> None:
+def test_rows_that_do_not_agree(offset: EpipolarOffset, told: str) -> None:
     fault = pair_fault(water(), water(), SEEN, offset)
-    assert fault is not None and fault.against_clear
+    assert fault is not None and fault.vetoes_clear
     assert "rows" in fault.reason and told in fault.reason
 
 
-def judge(health: StereoHealth, left: View, right: View, trim: RowTrim) -> PairFault | None:
-    return health.judge(left, right, OPEN_WATER, None, trim)
+def judge(
+    health: PairHealth, left: View, right: View, drift: EpipolarDriftCorrection
+) -> PairFault | None:
+    return health.judge(left, right, OPEN_WATER, None, drift)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_frozen_camera_is_named(side: str) -> None:
-    health, trim = StereoHealth(), RowTrim()
+    health, drift = PairHealth(), EpipolarDriftCorrection()
     for number in range(3):
         views = {"left": water(seed=number), "right": water(seed=100 + number)}
-        assert judge(health, views["left"], views["right"], trim) is None
+        assert judge(health, views["left"], views["right"], drift) is None
     for number in range(3, 6):
         moving = water(seed=number)
         left, right = (views[side], moving) if side == "left" else (moving, views[side])
-        fault = judge(health, left, right, trim)
+        fault = judge(health, left, right, drift)
         assert fault is not None and f"the {side} camera repeats" in fault.reason
-        assert fault.against_clear == (side == "left")
-    assert judge(health, water(seed=50), water(seed=51), trim) is None
+        assert fault.vetoes_clear == (side == "left")
+    assert judge(health, water(seed=50), water(seed=51), drift) is None
 
 
 def test_a_repeated_pair_and_a_view_without_noise_are_not_frozen() -> None:
-    health, trim = StereoHealth(), RowTrim()
+    health, drift = PairHealth(), EpipolarDriftCorrection()
     flat = np.full_like(water(), 30)
     for left, right in ((water(seed=1), water(seed=2)),) * 6:
-        assert judge(health, left, right, trim) is None
+        assert judge(health, left, right, drift) is None
     for number in range(2):
-        assert judge(health, water(seed=number), flat, trim) is None
+        assert judge(health, water(seed=number), flat, drift) is None
 
 
 def test_both_cameras_frozen_are_no_open_water() -> None:
-    health, trim = StereoHealth(), RowTrim()
-    faults = [judge(health, water(seed=1), water(seed=2), trim) for _ in range(8)]
+    health, drift = PairHealth(), EpipolarDriftCorrection()
+    faults = [judge(health, water(seed=1), water(seed=2), drift) for _ in range(8)]
     assert faults[:6] == [None] * 6
     assert all(fault and "both cameras repeat" in fault.reason for fault in faults[6:])
-    assert all(fault and fault.against_clear for fault in faults[6:])
-    assert judge(health, water(seed=3), water(seed=4), trim) is None
+    assert all(fault and fault.vetoes_clear for fault in faults[6:])
+    assert judge(health, water(seed=3), water(seed=4), drift) is None
 
 
-class StubTrim(RowTrim):
-    """A trim of which the last pair, or the remembered ones, do not agree."""
+class StubTrim(EpipolarDriftCorrection):
+    """A correction of which the last pair, or the remembered ones, do not agree."""
 
     def __init__(self, deviation_px: float | None, variation_px: float | None) -> None:
         super().__init__()
@@ -179,7 +182,7 @@ class StubTrim(RowTrim):
 
 
 @pytest.mark.parametrize(
-    ("trim", "told"),
+    ("drift", "told"),
     [
         (StubTrim(None, None), None),
         (StubTrim(0.5, 0.2), None),
@@ -188,14 +191,14 @@ class StubTrim(RowTrim):
     ],
 )
 def test_rows_that_differ_from_those_before_are_out_of_step(
-    trim: RowTrim, told: str | None
+    drift: EpipolarDriftCorrection, told: str | None
 ) -> None:
-    fault = StereoHealth().judge(water(), water(seed=1), SEEN, GOOD, trim)
+    fault = PairHealth().judge(water(), water(seed=1), SEEN, GOOD, drift)
     assert (fault is None) == (told is None)
     if fault is not None and told is not None:
-        assert told in fault.reason and fault.against_clear
+        assert told in fault.reason and fault.vetoes_clear
     # Later open water shows nothing that could be at a wrong distance.
-    assert StereoHealth().judge(water(), water(seed=1), OPEN_WATER, None, trim) is None
+    assert PairHealth().judge(water(), water(seed=1), OPEN_WATER, None, drift) is None
 
 
 Frame = NDArray[np.uint8]
@@ -222,12 +225,12 @@ def test_the_cause_of_a_misfit_is_found_with_one_matching_a_pair(
         true_pair = np.array_equal(one, LEFT) and np.array_equal(other, RIGHT)
         return SEEN if true_pair else matches(textured=0.3)
 
-    health, fault = StereoHealth(), PairFault(MISFIT, against_clear=True)
+    health, fault = PairHealth(), PairFault(MISFIT, vetoes_clear=True)
     for pair in range(5):
         explained = health.explained(fault, left, right, match)
         assert len(matched) <= pair + 1
-    assert told in explained.reason and explained.against_clear
-    assert len(matched) <= len(stereo_health.CAUSES)
+    assert told in explained.reason and explained.vetoes_clear
+    assert len(matched) <= len(pair_health.CAUSES)
 
 
 def test_a_pair_that_fits_forgets_the_cause_and_other_faults_are_left_as_they_are() -> None:
@@ -237,11 +240,11 @@ def test_a_pair_that_fits_forgets_the_cause_and_other_faults_are_left_as_they_ar
     def hopeless(_left: Frame, _right: Frame) -> Matches:
         return matches(textured=0.3)
 
-    health, misfit = StereoHealth(), PairFault(MISFIT, against_clear=True)
+    health, misfit = PairHealth(), PairFault(MISFIT, vetoes_clear=True)
     assert "swapped" in health.explained(misfit, LEFT, RIGHT, undone).reason
-    assert health.judge(water(), water(seed=1), SEEN, GOOD, RowTrim()) is None
+    assert health.judge(water(), water(seed=1), SEEN, GOOD, EpipolarDriftCorrection()) is None
     assert health.explained(misfit, LEFT, RIGHT, hopeless) == misfit
-    other = PairFault("the right camera repeats its last picture: frozen", against_clear=False)
+    other = PairFault("the right camera repeats its last picture: frozen", vetoes_clear=False)
     assert health.explained(other, LEFT, RIGHT, undone) == other
 
 
@@ -259,13 +262,13 @@ def judged(mission: Path, calibration_path: Path) -> Run:
         return read_image(mission / side / f"tokt1_{side[0]}_{abs(number)}.jpg")
 
     def run(pairs: list[tuple[int, int]]) -> list[str]:
-        trim, health, reasons = RowTrim(), StereoHealth(), []
+        drift, health, reasons = EpipolarDriftCorrection(), PairHealth(), []
         for left_number, right_number in pairs:
             left, right = frame("Left", left_number), frame("Right", right_number)
-            views = detector.rectifier.left(left), detector.rectifier.right(right, trim.px)
-            found = detector.match(left, right, trim.px)
-            offset = trim.add(*views, found, detector.rectifier.scale)
-            fault = health.judge(*views, found, offset, trim)
+            views = detector.rectifier.left(left), detector.rectifier.right(right, drift.px)
+            found = detector.match(left, right, drift.px)
+            offset = drift.add(*views, found, detector.rectifier.scale)
+            fault = health.judge(*views, found, offset, drift)
             if fault is not None:
                 fault = health.explained(fault, left, right, detector.match)
             reasons.append(fault.reason if fault else "")

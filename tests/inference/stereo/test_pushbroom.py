@@ -7,16 +7,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
-from tokt.features.image_file import read_image
-from tokt.inference import pushbroom
-from tokt.inference.calibration import load_calibration
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import read_image
 from tokt.inference.detector import Detection
-from tokt.inference.odometry import Odometry, parse_odometry
-from tokt.inference.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
+from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.sources import Frame
+from tokt.inference.stereo import pushbroom
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.odometry import Odometry, parse_odometry
+from tokt.inference.stereo.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
 from tokt.inference.verdict import verdict_from_mask
 
 from .plain_rig import BASELINE_M, CENTRE, FOCAL_PX, HEIGHT, PLAIN, WIDTH
@@ -83,7 +84,7 @@ def test_what_stands_elsewhere_is_not_found_and_not_called_clear(
     detector: PushbroomDetector, distance_m: float
 ) -> None:
     found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
-    assert found.mask is None and found.against_clear
+    assert found.mask is None and found.vetoes_clear
     assert found.fault.startswith("something is in view, but at none of 8, 6, 4, 3 and 2 m")
 
 
@@ -134,7 +135,7 @@ def test_an_obstacle_is_remembered_for_some_frames_as_it_was(
     lost = detector.detect(
         Frame(3, 0.0, EMPTY[0], None, NO_FAULT, Fault(Reason.MISSING, "no right frame 3"))
     )
-    assert lost.mask is None and lost.fault == "no right frame 3" and lost.against_clear
+    assert lost.mask is None and lost.fault == "no right frame 3" and lost.vetoes_clear
     late = detector.detect(Frame(KEPT_FRAMES + 1, 0.0, *EMPTY, missed=KEPT_FRAMES - 3))
     assert corners(late).any()
     assert is_clear(detector.detect(Frame(KEPT_FRAMES + 2, 0.0, *EMPTY)))
@@ -190,7 +191,7 @@ def test_what_is_remembered_but_has_become_too_small_is_not_clear() -> None:
     small = cv2.resize(np.random.default_rng(8).uniform(20, 120, (12, 12)), (60, 60))
     assert detector.detect(Frame(1, 0.0, *draw(2.0, small))).distance_m is not None
     found = detector.detect(Frame(2, 0.0, *EMPTY))
-    assert found.mask is None and found.against_clear and "met before" in found.fault
+    assert found.mask is None and found.vetoes_clear and "met before" in found.fault
 
 
 def noise(seed: int, light: float = 1.0) -> np.ndarray:
@@ -203,11 +204,11 @@ def test_a_camera_that_sees_nothing_makes_no_clear(detector: PushbroomDetector) 
     tower = draw(1.5)[1]  # before the right camera alone
     assert is_clear(detector.detect(Frame(1, 0.0, noise(1), noise(2))))
     frozen = detector.detect(Frame(2, 0.0, noise(1), noise(3)))
-    assert frozen.mask is None and frozen.against_clear and "left camera repeats" in frozen.fault
+    assert frozen.mask is None and frozen.vetoes_clear and "left camera repeats" in frozen.fault
     covered = detector.detect(Frame(3, 0.0, noise(4), tower))
-    assert covered.mask is None and covered.against_clear and "right view shows" in covered.fault
+    assert covered.mask is None and covered.vetoes_clear and "right view shows" in covered.fault
     dark = detector.detect(Frame(4, 0.0, noise(5), noise(6, light=0.2)))
-    assert dark.mask is None and not dark.against_clear and "times darker" in dark.fault
+    assert dark.mask is None and not dark.vetoes_clear and "times darker" in dark.fault
     assert is_clear(detector.detect(Frame(5, 0.0, noise(7), noise(8))))
 
 
@@ -225,7 +226,7 @@ def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(
     }
     for words, frame in cases.items():
         found = detector.detect(frame)
-        assert found.mask is None and words in found.fault and not found.against_clear
+        assert found.mask is None and words in found.fault and not found.vetoes_clear
     left, right = draw(4.0, y=650)
     left[:600], right[:600] = 255, 255
     found = detector.detect(Frame(1, 0.0, left, right))
@@ -295,7 +296,7 @@ def test_the_tower_is_met_as_it_crosses_each_distance(
         assert not look(real, mission, number, number).any()
         left = read_image(mission / "Left" / f"tokt1_L_{number}.jpg")
         right = read_image(mission / "Right" / f"tokt1_R_{number}.jpg")
-        assert real.detect(Frame(number, 0.0, left, right)).against_clear  # and never clear
+        assert real.detect(Frame(number, 0.0, left, right)).vetoes_clear  # and never clear
 
 
 @pytest.mark.mission

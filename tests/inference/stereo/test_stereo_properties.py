@@ -12,16 +12,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.grid import Grid
-from tokt.inference.calibration import StereoCalibration
+
+from tests.tiers import scaled
+from tokt.features.frames.grid import Grid
 from tokt.inference.detector import Detection, Detector
-from tokt.inference.disparity import DisparityDetector
-from tokt.inference.distortion import distortion
-from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy
-from tokt.inference.pushbroom import PushbroomDetector
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.rectify import Rectifier, rectified
-from tokt.inference.sources import Frame
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.distortion import distortion
+from tokt.inference.stereo.pushbroom import PushbroomDetector
+from tokt.inference.stereo.rectify import Rectifier, rectified
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 
 GRID = Grid()
@@ -106,7 +108,7 @@ UNFIT: dict[str, Callable[[Picture], Picture | None]] = {
 
 @pytest.mark.parametrize("kind", DETECTORS)
 @given(st.sampled_from(SIZES), st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(ALIKE)))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=scaled(12))
 def test_a_pair_is_judged_however_it_lies_in_memory(
     kind: str, size: tuple[int, int], left: str, right: str
 ) -> None:
@@ -142,7 +144,7 @@ class Texture:
     st.lists(st.sampled_from([*sorted(ALIKE), *sorted(UNFIT)]), min_size=2, max_size=2),
     st.booleans(),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=scaled(30))
 def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(
     kind: str, size: tuple[int, int], names: list[str], judges: bool
 ) -> None:
@@ -174,7 +176,7 @@ def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(
         max_size=8,
     )
 )
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=scaled(8))
 def test_a_good_pair_is_an_obstacle_whatever_came_before_it(
     kind: str, before: list[tuple[str, str, bool]]
 ) -> None:
@@ -223,7 +225,7 @@ def frames_of(points_m: Picture, rig: StereoCalibration) -> tuple[Picture, Pictu
 
 
 scales = st.sampled_from([0.5, 1.0, 0.27])
-few = settings(max_examples=20, deadline=None)
+few = settings(max_examples=scaled(20))
 
 
 def in_right_view(points: np.ndarray, rectifier: Rectifier) -> np.ndarray:
@@ -276,7 +278,7 @@ def test_points_in_metres_are_where_both_cameras_see_them(
 @given(rigs(), st.sampled_from([0.5, 1.0]), st.floats(-4, 4))
 @few
 def test_the_views_show_what_the_points_say(
-    rig: StereoCalibration, scale: float, trim_px: float
+    rig: StereoCalibration, scale: float, shift_px: float
 ) -> None:
     rectifier = Rectifier(rig, scale)
     width, height = rig.frame_size
@@ -287,10 +289,10 @@ def test_the_views_show_what_the_points_say(
     views = np.stack([rectifier.left(picture).ravel() for picture in (across, down)], axis=1)
     within = ((places > 4) & (places < np.array([width, height]) - 5)).all(axis=1)
     assert within.any() and np.abs(views - places)[within].max() < 0.1
-    # A right view that stands too high by the trim is moved down by it: it shows what was above.
-    moved = rectifier.right(down) - rectifier.right(down, trim_px)
+    # A right view that stands too high by the shift is moved down by it: it shows what was above.
+    moved = rectifier.right(down) - rectifier.right(down, shift_px)
     centre = moved[rectifier.size[1] // 2, rectifier.size[0] // 2]
-    assert centre == pytest.approx(trim_px, abs=0.1 + 0.1 * abs(trim_px))
+    assert centre == pytest.approx(shift_px, abs=0.1 + 0.1 * abs(shift_px))
 
 
 @given(rigs(), st.sampled_from([(90, 120), (61, 77)]))

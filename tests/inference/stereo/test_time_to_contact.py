@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.inference import closing
-from tokt.inference.closing import Closing, ClosingSpeed
+
+from tests.tiers import scaled
+from tokt.inference.stereo import time_to_contact
+from tokt.inference.stereo.time_to_contact import Closing, ClosingSpeed
 
 STEP_S = 0.1
 
@@ -65,16 +67,16 @@ def test_a_retreat_is_negative_and_has_no_contact() -> None:
 
 
 def test_standing_still_has_no_contact() -> None:
-    found = after(approach(30, closing_m_s=closing.LEAST_CLOSING_M_S * 0.9))
+    found = after(approach(30, closing_m_s=time_to_contact.MIN_CLOSING_M_S * 0.9))
     assert found.closing_m_s is not None
     assert found.contact_s is None
 
 
 def test_too_few_points_or_too_short_a_time_give_no_speed() -> None:
-    whole = math.ceil(closing.LEAST_SPAN_S / STEP_S)
+    whole = math.ceil(time_to_contact.MIN_SPAN_S / STEP_S)
     assert after(approach(whole)) == Closing()
     assert after(approach(whole + 1)).closing_m_s is not None
-    assert after(approach(closing.LEAST_POINTS - 1), step_s=0.5) == Closing()
+    assert after(approach(time_to_contact.MIN_POINTS - 1), step_s=0.5) == Closing()
 
 
 def test_a_missed_distance_gives_no_speed_itself_but_leaves_the_line() -> None:
@@ -85,7 +87,7 @@ def test_a_missed_distance_gives_no_speed_itself_but_leaves_the_line() -> None:
 
 
 def test_a_long_gap_starts_anew() -> None:
-    missed = math.ceil(closing.GAP_S / STEP_S)
+    missed = math.ceil(time_to_contact.GAP_S / STEP_S)
     assert after([*approach(30), *[None] * missed, 3.0]) == Closing()
 
 
@@ -123,7 +125,7 @@ def test_time_that_does_not_go_on_starts_anew(t_s: float) -> None:
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 @given(st.lists(st.tuples(numbers | st.integers(0, 9), st.none() | numbers | st.floats(0, 9))))
 def test_nothing_raises_and_contact_only_lies_ahead(points: list[tuple[float, float]]) -> None:
     speed = ClosingSpeed()
@@ -131,5 +133,5 @@ def test_nothing_raises_and_contact_only_lies_ahead(points: list[tuple[float, fl
         found = speed.add(t_s, distance)
         if found.contact_s is not None:
             assert found.closing_m_s is not None
-            assert found.closing_m_s >= closing.LEAST_CLOSING_M_S
+            assert found.closing_m_s >= time_to_contact.MIN_CLOSING_M_S
             assert 0 <= found.contact_s < math.inf

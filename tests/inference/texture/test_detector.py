@@ -7,22 +7,23 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.extractor import gray_picture
-from tokt.features.frame_pictures import FramePictures
-from tokt.features.grid import Grid
-from tokt.features.image_file import decode_image, read_image
-from tokt.inference.detector import GridDetector
-from tokt.inference.frame_check import frame_fault
+
+from tokt.features.extractors.extractor import gray_picture
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import decode_image, read_image
+from tokt.inference.frame import Frame
+from tokt.inference.frame_checks.picture import frame_fault
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.sources import Frame
-from tokt.models.bundle import read_bundle
+from tokt.inference.texture.detector import TextureDetector
+from tokt.models.bundle.bundle import read_bundle
 
 
 def test_the_mask_is_the_grid_painted(
     noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
 ) -> None:
     picture = draw_frame([(2, 3), (7, 9)])
-    found = GridDetector(noise_scorer).detect(Frame(1, 0.0, picture, None))
+    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, picture, None))
     obstacle = np.zeros((10, 10), bool)
     obstacle[2, 3] = obstacle[7, 9] = True
     assert found.mask is not None
@@ -35,7 +36,7 @@ def test_a_real_bundle_is_a_scorer(
 ) -> None:
     bundle = read_bundle(bundle_file)
     picture = draw_frame([(2, 3)], seed=5)
-    found = GridDetector(bundle).detect(Frame(1, 0.0, picture, None))
+    found = TextureDetector(bundle).detect(Frame(1, 0.0, picture, None))
     assert found.mask is not None and found.model == "noise/7"
     assert found.mask[54:81, 108:144].all() and found.mask.sum() == 255 * 27 * 36
     np.testing.assert_array_equal(found.decision_values, bundle.decision_values(picture))
@@ -54,7 +55,7 @@ def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None
 
     noise_scorer.features, noise_scorer.frame_sizes = listen, ((1024, 1360),)
     picture = noisy(60, 9, 1024, 1360)[:, :, None].repeat(3, 2)
-    detector = GridDetector(noise_scorer, threads=2)
+    detector = TextureDetector(noise_scorer, threads=2)
     for shift in (0, 40):
         # As a camera does: the same buffer with another picture in it.
         picture += np.uint8(shift)
@@ -67,7 +68,7 @@ def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None
 
 
 def test_no_frame_is_unknown_with_the_source_s_reason(noise_scorer: Any) -> None:
-    found = GridDetector(noise_scorer).detect(
+    found = TextureDetector(noise_scorer).detect(
         Frame(1, 0.0, None, None, Fault(Reason.UNREADABLE, "a.jpg is truncated"))
     )
     assert found.mask is None and found.fault == "a.jpg is truncated"
@@ -77,7 +78,7 @@ def test_values_that_are_not_finite_are_unknown(
     noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
 ) -> None:
     noise_scorer.values_of = lambda features: np.full((100, 1), np.nan)
-    found = GridDetector(noise_scorer).detect(Frame(1, 0.0, draw_frame([]), None))
+    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, draw_frame([]), None))
     assert found.mask is None and "not finite" in found.fault
 
 
@@ -98,7 +99,7 @@ def test_frames_unlike_the_training_frames_are_unknown(
     noise_scorer: Any, width: int, height: int, fit: bool
 ) -> None:
     noise_scorer.frame_sizes = ((480, 640), (1024, 1360))
-    found = GridDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 9, height, width), None))
+    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 9, height, width), None))
     assert (found.mask is not None) == fit
     fault = f"frames are {width}x{height}, the model learnt from 640x480 or 1360x1024"
     assert found.fault == ("" if fit else fault)
@@ -107,9 +108,9 @@ def test_frames_unlike_the_training_frames_are_unknown(
 def test_frames_narrower_than_the_grid_are_unknown_unless_learnt_from(noise_scorer: Any) -> None:
     frame = Frame(1, 0.0, noisy(60, 9, 240, 320), None)
     noise_scorer.frame_sizes = ((300, 400),)
-    assert "320x240" in GridDetector(noise_scorer).detect(frame).fault
+    assert "320x240" in TextureDetector(noise_scorer).detect(frame).fault
     noise_scorer.frame_sizes = ((240, 320),)
-    assert GridDetector(noise_scorer).detect(frame).fault == ""
+    assert TextureDetector(noise_scorer).detect(frame).fault == ""
 
 
 def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.ndarray:
@@ -233,7 +234,6 @@ def test_a_picture_with_zeroed_data_is_refused(mission: Path, suffix: str) -> No
 
 
 @pytest.mark.mission
-@pytest.mark.slow
 def test_every_frame_of_the_sea_trial_can_be_judged(mission: Path) -> None:
     paths = sorted(mission.glob("*/*.jpg"))
     assert len(paths) == 492

@@ -14,13 +14,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.grid import Grid
-from tokt.inference.detector import Detection, GridDetector
-from tokt.inference.policy import EitherPolicy, FallbackPolicy, SinglePolicy
-from tokt.inference.sources import Frame, open_source
+
+from tests.tiers import scaled
+from tokt.features.frames.grid import Grid
+from tokt.inference.detector import Detection
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy
+from tokt.inference.sources.files import open_source
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
-from tokt.models.bundle import bundle_bytes, read_bundle
-from tokt.models.operating_point import FrameRule, FrameRuleState, OperatingPoint
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
+from tokt.models.operating_point import MofNRule, MofNState, OperatingPoint
 
 PICTURE = np.random.default_rng(1).integers(40, 60, (60, 60), np.uint8)
 
@@ -32,7 +36,7 @@ class Script:
     frame_sizes = ((60, 60),)
     images = (None,)
 
-    def __init__(self, rule: FrameRule, answers: list[Any], grid: Grid | None = None) -> None:
+    def __init__(self, rule: MofNRule, answers: list[Any], grid: Grid | None = None) -> None:
         self.operating_point = OperatingPoint(rule)
         self.grid = grid or Grid(2, 2, 60)
         self._answers = iter(answers)
@@ -65,7 +69,7 @@ VALUES = st.lists(st.sampled_from([-1.0, 0.25, 1.0, 3.0]), min_size=4, max_size=
 STEPS = st.tuples(VALUES | st.just(ValueError("broken")), st.sampled_from([0, 0, 0, 1, 2, 9]))
 
 
-@settings(max_examples=60)
+@settings(max_examples=scaled(60))
 @given(
     st.sampled_from([1, 2, 3]),
     st.integers(1, 3),
@@ -76,9 +80,9 @@ STEPS = st.tuples(VALUES | st.just(ValueError("broken")), st.sampled_from([0, 0,
 def test_verdicts_are_the_rule_s(
     window: int, least: int, now: float | None, steps: list[tuple[Any, int]], data: Any
 ) -> None:
-    rule = FrameRule(0.5, least, data.draw(st.integers(1, window)), window, now)
-    policy = SinglePolicy(GridDetector(Script(rule, [answer for answer, _ in steps])))
-    state = FrameRuleState(rule)
+    rule = MofNRule(0.5, least, data.draw(st.integers(1, window)), window, now)
+    policy = SinglePolicy(TextureDetector(Script(rule, [answer for answer, _ in steps])))
+    state = MofNState(rule)
 
     for (answer, missed), frame in zip(steps, frames([gap for _, gap in steps]), strict=True):
         verdict = policy.judge(frame).verdict
@@ -99,9 +103,9 @@ def test_verdicts_are_the_rule_s(
 
 
 def test_each_run_starts_anew() -> None:
-    rule = FrameRule(hits=2, window=2)
+    rule = MofNRule(m=2, n=2)
     for _ in range(2):
-        policy = SinglePolicy(GridDetector(Script(rule, [[1, -1, -1, -1]] * 2)))
+        policy = SinglePolicy(TextureDetector(Script(rule, [[1, -1, -1, -1]] * 2)))
         assert [policy.judge(frame).verdict.status for frame in frames([0, 0])] == [-1, 1]
 
 
@@ -110,9 +114,7 @@ def test_one_patch_of_a_fine_grid_is_no_status_for_the_rule_either() -> None:
     few, many = np.full(900, -1.0), np.full(900, -1.0)
     few[7], many[7:9] = 1, 1
     grid = Grid(30, 30, 90)
-    policy = SinglePolicy(
-        GridDetector(Script(FrameRule(hits=2, window=2), [many, few, many], grid))
-    )
+    policy = SinglePolicy(TextureDetector(Script(MofNRule(m=2, n=2), [many, few, many], grid)))
     verdicts = [policy.judge(frame).verdict for frame in frames([0, 0, 0])]
     assert [verdict.status for verdict in verdicts] == [UNKNOWN, CLEAR, CLEAR]
 
@@ -132,7 +134,7 @@ class Says:
 def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(
     policy: Any, white: bool, status: int
 ) -> None:
-    texture = GridDetector(Script(FrameRule(hits=2, window=3), [[1, 1, 1, 1]]))
+    texture = TextureDetector(Script(MofNRule(m=2, n=3), [[1, 1, 1, 1]]))
     verdict = policy(texture, Says(white)).judge(frames([0])[0]).verdict
     assert verdict.status == status
     assert "frame rule waits, frames before are not known: 4 patches over" in verdict.health
@@ -150,7 +152,7 @@ def test_the_loop_applies_the_rule_across_a_frame_that_cannot_be_read(
     folder = make_mission(seen)
     (folder / "Left" / "t_L_4.jpg").write_bytes(b"no picture")
     content = replace(
-        read_bundle(bundle_file).content, operating_point=OperatingPoint(FrameRule(0, 1, 2, 3))
+        read_bundle(bundle_file).content, operating_point=OperatingPoint(MofNRule(0, 1, 2, 3))
     )
     file, log = tmp_path / "ruled.tokt", tmp_path / "log.jsonl"
     file.write_bytes(bundle_bytes(content))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from hypothesis import strategies as st
-from tokt.features.grid import Grid
+
+from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_text
 from tokt.labels.taxonomy import Taxonomy
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
-from tokt.labels.audit_file import Audit, AuditedPatch, audit_files, read_audit, write_audit
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.labels.formats.audit_csv import Audit, AuditedPatch, audit_files, read_audit, write_audit
 
 PATCH = AuditedPatch(
     "dive", "left", 17, 3, 4, "ocean", "subsea_installation", -1.25, "takes it for obstacle"

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels.formats.coco import read_coco, write_coco
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.record import LabelRecord
@@ -18,7 +20,7 @@ from tokt.labels.taxonomy import Taxonomy
 from .examples import damaged, said, some_records, with_odd_values
 
 SLOW = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=scaled(25), suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.errors import FrameError, ToktError
-from tokt.features.grid import Grid
-from tokt.features.mission import open_mission
+
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
+from tokt.labels.formats.box_attributes import to_attributes
 from tokt.labels.formats.boxes import Box, Size, patch_box, patches_in_box
-from tokt.labels.formats.carried import to_attributes
-from tokt.labels.formats.exchange import FORMATS, format_named, format_to_read, format_to_write
+from tokt.labels.formats.formats import FORMATS, format_named, format_to_read, format_to_write
 from tokt.labels.formats.images import FrameKey, MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.record import LabelRecord

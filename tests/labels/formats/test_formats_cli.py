@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tokt.labels.store import LabelStore
+
+from tokt.labels.store.store import LabelStore
 
 from .examples import said
 

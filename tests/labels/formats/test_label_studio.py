@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
 from tokt.labels.formats.label_studio import read_label_studio, write_label_studio
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.record import LabelRecord
@@ -16,7 +18,7 @@ from tokt.labels.record import LabelRecord
 from .examples import damaged, said, some_records, with_odd_values
 
 SLOW = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=scaled(25), suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

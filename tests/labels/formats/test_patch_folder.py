@@ -10,20 +10,22 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.features.extractor import Lbp
-from tokt.features.grid import Grid
-from tokt.features.mission import open_mission
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Lbp
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.formats.patch_folder import MANIFEST, read_patch_folder, write_patch_folder
 from tokt.labels.record import LabelRecord
-from tokt.training.mission_source import plan_from_patch_folder
+from tokt.training.datasets.mission_source import plan_from_patch_folder
 
 from .examples import TAXONOMY, damaged, said, some_records, with_odd_values
 
 QUICK = settings(
-    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=scaled(12), suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 CELLS = [said("sand", 1, 2), said("reef", 9, 9), said("unsure", camera="right", frame=20)]
 

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.formats.viame_csv import read_viame_csv, write_viame_csv
 from tokt.labels.record import LabelRecord
@@ -18,7 +20,7 @@ from tokt.labels.record import LabelRecord
 from .examples import TAXONOMY, damaged, said, some_records
 
 SLOW = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=scaled(25), suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 # What DIVE writes: 2x2 patches of the 10x10 grid are 36.2 px wide and 26.9 px high here (the
 # resized frame is 360x272, so a patch is 18.1 x 13.6 px of the 181x137 frame).

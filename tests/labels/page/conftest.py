@@ -19,10 +19,11 @@ from urllib.parse import urlencode, urlsplit
 
 import pytest
 
+from tests.waiting import MAX_S
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request
 
-ANSWERS_S = 20.0
 TIME = "2016-04-20T10:00:00Z"
 _TOKT = (sys.executable, "-c", "from tokt.cli import main; main()")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -90,7 +91,7 @@ class PageServer:
         return self._ended()
 
     def _ended(self) -> int:
-        code = self.process.wait(ANSWERS_S)
+        code = self.process.wait(MAX_S)
         for stream in (self.process.stdout, self.process.stderr):
             if stream is not None:
                 stream.close()
@@ -98,7 +99,7 @@ class PageServer:
 
     def connect(self) -> http.client.HTTPConnection:
         """A connection of its own."""
-        return http.client.HTTPConnection("127.0.0.1", self.port, timeout=ANSWERS_S)
+        return http.client.HTTPConnection("127.0.0.1", self.port, timeout=MAX_S)
 
     def request(
         self,
@@ -326,7 +327,7 @@ def browsing(browser: Browser) -> Iterator[Callable[..., Page]]:
         if context is None:
             viewport = {"width": width, "height": height}
             context = browser.new_context(viewport=viewport, **options)  # type: ignore[arg-type]
-            context.set_default_timeout(ANSWERS_S * 500)
+            context.set_default_timeout(500 * MAX_S)
             watched = Watched(server.url)
             watched.context(context)
             contexts.append((context, watched))

@@ -8,13 +8,15 @@ from pathlib import Path
 from tokt.labels import page
 
 STATIC = Path(page.__file__).parent / "static"
-_IMPORT = re.compile(r"""^(?:import|export|\})[^;"]*"\./([\w.]+)";""", re.MULTILINE)
+_IMPORT = re.compile(r"""^(?:import|export|\})[^;"]*"(\.\.?/[\w./]+)";""", re.MULTILINE)
 
 
 def imported(module: str, found: set[str]) -> set[str]:
     """All modules that one loads before it runs."""
     found.add(module)
-    for other in _IMPORT.findall((STATIC / module).read_text("utf-8")):
+    path = STATIC / module
+    for text in _IMPORT.findall(path.read_text("utf-8")):
+        other = (path.parent / text).resolve().relative_to(STATIC.resolve()).as_posix()
         if other not in found:
             imported(other, found)
     return found
@@ -22,8 +24,8 @@ def imported(module: str, found: set[str]) -> set[str]:
 
 def test_all_modules_of_the_start_are_preloaded() -> None:
     index = (STATIC / "index.html").read_text("utf-8")
-    preloaded = re.findall(r'rel="modulepreload" href="/static/([\w.]+)"', index)
-    needed = imported("main.js", set()) - {"main.js"}
+    preloaded = re.findall(r'rel="modulepreload" href="/static/([\w./]+)"', index)
+    needed = imported("core/main.js", set()) - {"core/main.js"}
     assert len(needed) > 20
     assert sorted(preloaded) == sorted(needed)
 
@@ -31,6 +33,6 @@ def test_all_modules_of_the_start_are_preloaded() -> None:
 def test_markup_and_modules_keep_to_the_content_security_policy() -> None:
     index = (STATIC / "index.html").read_text("utf-8")
     assert not re.search(r"<style|style=|\son\w+=|<script>", index)
-    for module in STATIC.glob("*.js"):
+    for module in STATIC.rglob("*.js"):
         text = module.read_text("utf-8")
         assert not re.search(r"innerHTML|insertAdjacentHTML|\beval\(|new Function", text), module

@@ -12,11 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
-from tokt.labels.action import Action, ActionHead, Applied, Change, Conflict
+
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels.record import SETTLED, LabelRecord
-from tokt.labels.store import LabelStore
+from tokt.labels.store.actions import Action, ActionHead, ActionResult, Change, Conflict
+from tokt.labels.store.store import LabelStore
 
 TIME = "2016-04-20T10:00:00Z"
 GRID = Grid()
@@ -45,18 +47,18 @@ def _labels(store: LabelStore, who: str = "ann") -> dict[int, str | None]:
     return {record.col: record.label for record in store.current(annotator=who)}
 
 
-def _undo(store: LabelStore, key: str, **more) -> Applied | None:
+def _undo(store: LabelStore, key: str, **more) -> ActionResult | None:
     return store.undo(*WHERE, key, TIME, **more)
 
 
-def _redo(store: LabelStore, key: str, **more) -> Applied | None:
+def _redo(store: LabelStore, key: str, **more) -> ActionResult | None:
     return store.redo(*WHERE, key, TIME, **more)
 
 
 def test_an_action_is_written_with_who_when_and_which_model(store: LabelStore) -> None:
     changes = (_change("reef", model_version="lbp/3"), _change("ocean", col=1, frame=2))
     done = store.apply(_action("k", *changes, blind=True))
-    assert done == Applied("k", 1, 2, 2, (), False, (("left", 1), ("left", 2)), "paint")
+    assert done == ActionResult("k", 1, 2, 2, (), False, (("left", 1), ("left", 2)), "paint")
     expected = [
         _said("reef", model_version="lbp/3"),
         replace(_said("ocean", col=1), frame=2),
@@ -235,7 +237,7 @@ def test_actions_that_cannot_be(changes: dict[str, object], message: str) -> Non
 def test_events_are_read_in_pieces(
     store: LabelStore, monkeypatch: pytest.MonkeyPatch, chunk: int
 ) -> None:
-    monkeypatch.setattr("tokt.labels.store._CHUNK", chunk)
+    monkeypatch.setattr("tokt.labels.store.store._CHUNK", chunk)
     for n in range(3):
         store.apply(_action(f"k{n}", _change("reef", col=n), _change("sand", frame=n + 2)))
         store.add([replace(_said("reef"), mission="transit", col=n)])
@@ -249,7 +251,7 @@ def test_events_are_read_in_pieces(
 def test_events_written_while_reading_are_read_too(
     store: LabelStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tokt.labels.store._CHUNK", 1)
+    monkeypatch.setattr("tokt.labels.store.store._CHUNK", 1)
     store.add([_said("reef"), _said("reef", col=1)])
     reading = store.rows_after(0, "dive", GRID)
     assert next(reading)[0] == 1
@@ -326,9 +328,9 @@ def test_a_long_history_makes_no_undo_slower(store: LabelStore) -> None:
 CHILD = """
 import os, random, signal, sys
 from pathlib import Path
-from tokt.features.grid import Grid
-from tokt.labels.action import Action, Change
-from tokt.labels.store import LabelStore
+from tokt.features.frames.grid import Grid
+from tokt.labels.store.actions import Action, Change
+from tokt.labels.store.store import LabelStore
 path, name, count, steps = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
 grid, time = Grid(), "2016-04-20T10:00:00Z"
 store = LabelStore(path)
@@ -370,6 +372,7 @@ def _events_by_key(path: Path) -> dict[str, int]:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
+@pytest.mark.process
 def test_sigkill_in_the_middle_of_an_action(tmp_path: Path) -> None:
     path = tmp_path / "labels.db"
     LabelStore(path).close()
@@ -377,7 +380,7 @@ def test_sigkill_in_the_middle_of_an_action(tmp_path: Path) -> None:
     # An action of 100 patches is about 1200 calls of the child's step(), an undo 1600.
     children = [_child(path, f"t{n}x", 60, 3000 + 701 * n) for n in range(6)]
     for child in children:
-        output, _ = child.communicate(timeout=60)
+        output, _ = child.communicate(timeout=MAX_S)
         assert child.returncode == -signal.SIGKILL
         assert output
         acknowledged |= set(output.split())
@@ -392,11 +395,12 @@ def test_sigkill_in_the_middle_of_an_action(tmp_path: Path) -> None:
             assert store.undo(who, "dive", GRID, f"{who} after", TIME, head.key).changed == 100
 
 
+@pytest.mark.process
 def test_processes_act_at_once(tmp_path: Path) -> None:
     path = tmp_path / "labels.db"
     children = [_child(path, name, 12) for name in ("anna", "ben")]
     for child in children:
-        output, _ = child.communicate(timeout=60)
+        output, _ = child.communicate(timeout=MAX_S)
         assert child.returncode == 0
         assert len(output.split()) == 16
     with LabelStore(path) as store:
@@ -409,10 +413,10 @@ def test_processes_act_at_once(tmp_path: Path) -> None:
 FULL_DISK = """
 import resource, sys
 from pathlib import Path
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
-from tokt.labels.action import Action, Change
-from tokt.labels.store import LabelStore
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
+from tokt.labels.store.actions import Action, Change
+from tokt.labels.store.store import LabelStore
 store = LabelStore(Path(sys.argv[1]))
 time = "2016-04-20T10:00:00Z"
 def act(key, col):
@@ -438,7 +442,7 @@ print(done.repeated, done.changed)
 def test_a_full_disk_is_noticed_and_nothing_half_written(tmp_path: Path) -> None:
     path = tmp_path / "labels.db"
     ran = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(path)], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", FULL_DISK, str(path)], capture_output=True, text=True, timeout=MAX_S
     )
     assert (ran.returncode, ran.stderr) == (0, "")
     *faults, after = ran.stdout.splitlines()
@@ -463,8 +467,8 @@ def test_a_store_that_may_only_be_read_says_so(store: LabelStore) -> None:
 READ_ONLY = """
 import os, sys
 from pathlib import Path
-from tokt.features.errors import ToktError
-from tokt.labels.store import LabelStore
+from tokt.features.common.errors import ToktError
+from tokt.labels.store.store import LabelStore
 if os.getuid() == 0:
     os.setuid(65534)
 try:
@@ -490,11 +494,11 @@ def test_a_read_only_file_says_so(in_use: bool) -> None:
                 store.close()
             for file, (everybody, _) in modes.items():
                 file.chmod(everybody)
-            ran = subprocess.run(command, capture_output=True, text=True, timeout=60)
+            ran = subprocess.run(command, capture_output=True, text=True, timeout=MAX_S)
             assert (ran.stdout, ran.stderr) == ("", "")
             for file, (_, reading) in modes.items():
                 file.chmod(reading)
-            ran = subprocess.run(command, capture_output=True, text=True, timeout=60)
+            ran = subprocess.run(command, capture_output=True, text=True, timeout=MAX_S)
             folder.chmod(0o755)
         assert (ran.returncode, ran.stderr) == (0, "")
         assert ran.stdout.startswith(f"label store {path}: ")
@@ -521,7 +525,7 @@ def test_settlements_are_actions_too(store: LabelStore) -> None:
 
 
 def test_a_question_that_was_opened_again_is_settled_anew(store: LabelStore) -> None:
-    def settle(key: str, base: str | None) -> Applied:
+    def settle(key: str, base: str | None) -> ActionResult:
         change = _change("reef", base)
         return store.apply(_action(key, change, who="carl", kind="settle", source=SETTLED))
 

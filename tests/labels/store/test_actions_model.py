@@ -9,10 +9,12 @@ from pathlib import Path
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from tokt.features.grid import Grid
-from tokt.labels.action import Action, Applied, Change
+
+from tests.tiers import scaled
+from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, SETTLED, LabelRecord
-from tokt.labels.store import LabelStore
+from tokt.labels.store.actions import Action, ActionResult, Change
+from tokt.labels.store.store import LabelStore
 
 GRID = Grid(2, 2)
 PEOPLE = ("anna", "ben")
@@ -38,7 +40,7 @@ class Session(RuleBasedStateMachine):
         self.said: dict[tuple[str, Cell], str | None] = {}
         self.settled: dict[Cell, str | None] = {}
         self.stacks: dict[str, tuple[list, list]] = {who: ([], []) for who in PEOPLE}
-        self.sent: list[tuple[object, Applied | None]] = []
+        self.sent: list[tuple[object, ActionResult | None]] = []
         self.events = 0
 
     def _open(self) -> LabelStore:
@@ -144,7 +146,7 @@ class Session(RuleBasedStateMachine):
             assert again is None
         else:
             assert again.repeated
-            assert again == Applied(**{**vars(answer), "repeated": True})
+            assert again == ActionResult(**{**vars(answer), "repeated": True})
 
     @rule(store=st.sampled_from([0, 1]))
     def restarted(self, store: int) -> None:
@@ -168,4 +170,4 @@ class Session(RuleBasedStateMachine):
 
 
 TestSession = Session.TestCase
-TestSession.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestSession.settings = settings(max_examples=scaled(60), stateful_step_count=30)

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.features.mission import open_mission
-from tokt.labels import mission_book
-from tokt.labels.mission_book import FILE_NAME, check_mission, note_mission
-from tokt.labels.store import LabelStore
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import open_mission
+from tokt.labels.store import known_missions
+from tokt.labels.store.known_missions import FILE_NAME, check_mission, note_mission
+from tokt.labels.store.store import LabelStore
 
 
 def _dive(folder: Path, seed: int, frames: range = range(1, 9), suffix: str = "png") -> Path:
@@ -204,7 +205,7 @@ def test_one_wrong_character(
     file.parent.mkdir(exist_ok=True)
     file.write_text(GOOD[:place] + character + GOOD[place + 1 :])
     try:
-        mission_book._read(file)
+        known_missions._read(file)
     except ToktError as error:
         assert "\n" not in str(error)
 
@@ -256,8 +257,8 @@ def test_dataset_build_refuses_another_dive(run_tokt: Any, tmp_path: Path) -> No
 
 def test_the_page_notes_the_mission_that_it_opens(tmp_path: Path) -> None:
     pytest.importorskip("fastapi")
-    from tokt.features.grid import Grid
-    from tokt.labels.page.start import open_session
+    from tokt.features.frames.grid import Grid
+    from tokt.labels.page.state.open_session import open_session
 
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
     open_session(open_mission(one), tmp_path / "w", Grid(2, 2, 40), "anna", "1").close()

@@ -6,13 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import DEFAULT_GRID
-from tokt.labels.label_csv import read_label_csv, write_label_csv
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.labels.formats.label_csv import read_label_csv, write_label_csv
 from tokt.labels.record import SETTLED, LabelRecord
-from tokt.labels.store import LabelStore
+from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.mission_source import plan_from_missions, read_labels
+from tokt.training.datasets.mission_source import plan_from_missions, read_labels
 
 TIME = "2016-04-20T10:00:00Z"
 TAXONOMY = Taxonomy.load()

@@ -13,12 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
+
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now, utc_text
-from tokt.labels.store import LabelStore
-from tokt.labels.store_check import label_store_finding
-from tokt.labels.store_schema import upgrade
+from tokt.labels.store.health import label_store_finding
+from tokt.labels.store.schema import upgrade
+from tokt.labels.store.store import LabelStore
 
 TIME = "2016-04-20T10:00:00Z"
 GRID = Grid()
@@ -226,7 +228,7 @@ def test_an_interrupted_upgrade_leaves_yesterdays_file(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("tokt.labels.store.upgrade", killed)
+        patch.setattr("tokt.labels.store.store.upgrade", killed)
         with pytest.raises(KeyboardInterrupt):
             LabelStore(yesterdays)
     with sqlite3.connect(yesterdays) as old:
@@ -243,7 +245,7 @@ def test_an_interrupted_upgrade_leaves_yesterdays_file(
 
 def test_two_processes_upgrade_at_once(yesterdays: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from tokt.labels.store import LabelStore\n"
+        "import sys; from pathlib import Path; from tokt.labels.store.store import LabelStore\n"
         "sys.stdin.read()\n"
         "with LabelStore(Path(sys.argv[1])) as store: print(store.last_event())"
     )
@@ -317,7 +319,7 @@ def test_threads_share_a_store(store: LabelStore) -> None:
 
 IMPORT_LOOP = """
 import sys
-from tokt.cli.labels import labels_app
+from tokt.cli.labels.labels import labels_app
 file, workspace, name, count = sys.argv[1:]
 for n in range(int(count)):
     options = ["--annotator", f"{name}{n}", "--workspace", workspace]
@@ -341,6 +343,7 @@ def _import_loop(file: Path, workspace: Path, name: str, count: int) -> subproce
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
+@pytest.mark.process
 def test_sigkill_at_any_moment_loses_no_acknowledged_import(
     tmp_path: Path, label_file: Path
 ) -> None:
@@ -369,6 +372,7 @@ def test_sigkill_at_any_moment_loses_no_acknowledged_import(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
+@pytest.mark.process
 def test_sigkill_while_the_store_is_made(tmp_path: Path, label_file: Path) -> None:
     path = tmp_path / "labels.db"
     for _ in range(5):
@@ -384,12 +388,13 @@ def test_sigkill_while_the_store_is_made(tmp_path: Path, label_file: Path) -> No
             assert store.add([_record("reef", annotator="after")]) == 1
 
 
+@pytest.mark.process
 def test_processes_import_at_once_into_a_store_neither_has_made(
     tmp_path: Path, label_file: Path
 ) -> None:
     children = [_import_loop(label_file, tmp_path / "ws", name, 8) for name in "abc"]
     for child in children:
-        output, _ = child.communicate(timeout=120)
+        output, _ = child.communicate(timeout=MAX_S)
         assert child.returncode == 0
         assert output.count("acknowledged") == 8
     with LabelStore(tmp_path / "ws" / "labels.db") as store:
@@ -401,10 +406,9 @@ def test_reader_does_not_wait_for_a_writer(store: LabelStore) -> None:
     store.add([_record("ocean")])
     with sqlite3.connect(store.path, isolation_level=None) as writer:
         writer.execute("BEGIN IMMEDIATE")
-        begin = time.monotonic()
+        # Where it waited, it would do so until it gave up with an error.
         with LabelStore(store.path, create=False) as reader:
             assert len(reader.current()) == 1
-        assert time.monotonic() - begin < 5
         writer.execute("ROLLBACK")
 
 
@@ -415,14 +419,11 @@ def test_threads_read_while_one_waits_for_another_process_to_write(store: LabelS
         waiting = threading.Thread(target=store.add, args=([_record("sand")],))
         waiting.start()
         time.sleep(0.2)
-        begin = time.monotonic()
         assert store.current() == [_record("ocean")]
-        took = time.monotonic() - begin
         assert waiting.is_alive()
         writer.execute("ROLLBACK")
-    waiting.join(10)
+    waiting.join(MAX_S)
     assert store.current() == [_record("sand")]
-    assert took < 1
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...features.grid import DEFAULT_GRID
-from ...labels.taxonomy import UNSURE, Taxonomy
-from .effort_page import SHEET, Action, Labels, Page, Suggestions
-from .label_tab import Tab
+from tests.load.page.tab import Tab
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+
+from .page import SHEET, Labels, Page, PageAction, PageSuggestions
 
 _SHEET_KEYS = {"accept": "Shift+Enter", "rest": "o", "next": "PageDown"}
 _FRAME_KEYS = {"accept": "g", "rest": "o", "next": "d", "copy": "p"}
@@ -25,16 +26,16 @@ _SHEET_IS_AT = """(frame) => {
     thumbs[0].querySelector(".thumb-number").textContent === String(frame);
 }"""
 _COPIED = """async (frame) => {
-  const { copiesOf } = await import("/static/copies.js");
+  const { copiesOf } = await import("/static/saving/unconfirmed.js");
   return copiesOf("left", frame).length > 0;
 }"""
 _SUGGESTED = """async () => {
-  const { mission } = await import("/static/mission.js");
+  const { mission } = await import("/static/core/mission.js");
   return !mission.model || mission.model.done === mission.model.total;
 }"""
 _VALUES = """async (frames) => {
-  const { get } = await import("/static/api.js");
-  const { mission } = await import("/static/mission.js");
+  const { get } = await import("/static/core/api.js");
+  const { mission } = await import("/static/core/mission.js");
   const rows = [];
   for (let from = 0; from < frames.length; from += 60) {
     const some = frames.slice(from, from + 60).join(",");
@@ -87,13 +88,13 @@ class Performer:
         self._boxes: list[list[float]] = []
         self._chosen = -1
 
-    def perform(self, plan: Sequence[Action]) -> None:
+    def perform(self, plan: Sequence[PageAction]) -> None:
         """Perform a plan to its end, and wait until everything is saved."""
         for action in plan:
             self._do(action)
         self._tab.wait_until_saved()
 
-    def _do(self, action: Action) -> None:
+    def _do(self, action: PageAction) -> None:
         before = (self._page.view, self._page.frame)
         press = self._tab.page.keyboard.press
         if action.kind == "choose":
@@ -119,7 +120,7 @@ class Performer:
         else:
             self._tab.until_drawn(number)
 
-    def _paint(self, action: Action) -> None:
+    def _paint(self, action: PageAction) -> None:
         mouse, keyboard = self._tab.page.mouse, self._tab.page.keyboard
         if action.kind == "paint_all":
             keyboard.down("Control")
@@ -146,7 +147,9 @@ class Performer:
         )
 
 
-def empty_page(shape: tuple[int, int], clear: int, sheet: int, says: Suggestions | None) -> Page:
+def empty_page(
+    shape: tuple[int, int], clear: int, sheet: int, says: PageSuggestions | None
+) -> Page:
     """The page of a mission that nobody has labelled."""
     labels: Labels = np.full(shape, -1, np.int16)
     return Page(labels, says, clear, sheet)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...features.mission import LEFT, Mission, format_frames
-from ...labels.record import LabelRecord
-from ...labels.taxonomy import Taxonomy
-from .effort_halves import Half, choose_keep, labelled, train_on, two_halves
-from .effort_person import Effort, Person, Way
-from .effort_plan import Tools
-from .label_mission import copy_frames
+from tests.load.page.mission import copy_frames
+from tokt.features.frames.mission import LEFT, Mission, format_frames
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import Taxonomy
+
+from .halves import Half, choose_keep, labelled, train_on, two_halves
+from .person import LabellingEffort, Person, Workflow
+from .plan import Tools
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -26,12 +27,12 @@ _CLICKS = Tools(drags=False, copying=False, sheet=True)
 _IN_FRAMES = Tools(drags=False, copying=False, sheet=False)
 _EVERYTHING = Tools(drags=True, copying=True, sheet=True)
 WAYS = (
-    Way("clicks", "a click a patch, contact sheet", _CLICKS, unsure=False, asked=ASKED),
-    Way("clicks_unsure", "the same, unsure ones too", _CLICKS, unsure=True),
-    Way("frames", "a click a patch, frame by frame", _IN_FRAMES, unsure=False),
-    Way("frames_unsure", "the same, unsure ones too", _IN_FRAMES, unsure=True),
-    Way("drags", "a drag is one action, all tools", _EVERYTHING, unsure=False),
-    Way("drags_unsure", "the same, unsure ones too", _EVERYTHING, unsure=True),
+    Workflow("clicks", "a click a patch, contact sheet", _CLICKS, unsure=False, asked=ASKED),
+    Workflow("clicks_unsure", "the same, unsure ones too", _CLICKS, unsure=True),
+    Workflow("frames", "a click a patch, frame by frame", _IN_FRAMES, unsure=False),
+    Workflow("frames_unsure", "the same, unsure ones too", _IN_FRAMES, unsure=True),
+    Workflow("drags", "a drag is one action, all tools", _EVERYTHING, unsure=False),
+    Workflow("drags_unsure", "the same, unsure ones too", _EVERYTHING, unsure=True),
 )
 
 
@@ -45,7 +46,7 @@ class EffortBench:
         One annotator's labels of it.
     most : int or None
         Label only so many of a half's held-out frames; None for all.
-    ways : sequence of Way
+    ways : sequence of Workflow
     halves : int
         1 or 2: how many of the two halves are labelled.
     """
@@ -55,7 +56,7 @@ class EffortBench:
         mission: Mission,
         records: Sequence[LabelRecord],
         most: int | None,
-        ways: Sequence[Way],
+        ways: Sequence[Workflow],
         halves: int,
     ) -> None:
         self._mission = mission
@@ -65,7 +66,7 @@ class EffortBench:
 
     def run(
         self, browser: Browser, progress: Callable[..., Any], say: Callable[[str], None]
-    ) -> tuple[list[Effort], list[dict[str, Any]]]:
+    ) -> tuple[list[LabellingEffort], list[dict[str, Any]]]:
         """Label what is held out; the efforts, and what the halves were.
 
         Raises
@@ -73,7 +74,7 @@ class EffortBench:
         ToktError
             If the mission is too short to be halved, or the page does not do what it is told.
         """
-        efforts = [Effort(way) for way in self._ways]
+        efforts = [LabellingEffort(way) for way in self._ways]
         about = []
         for half in two_halves(self._table.numbers)[: self._count]:
             with tempfile.TemporaryDirectory(prefix="tokt-effort-") as name:
@@ -84,7 +85,7 @@ class EffortBench:
         self,
         half: Half,
         folder: Path,
-        efforts: Sequence[Effort],
+        efforts: Sequence[LabellingEffort],
         browser: Browser,
         progress: Callable[..., Any],
         say: Callable[[str], None],

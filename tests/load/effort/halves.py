@@ -11,21 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.grid import DEFAULT_GRID
-from ...features.mission import LEFT, Mission
-from ...labels.record import LabelRecord
-from ...labels.taxonomy import UNSURE, Taxonomy
-from ...models.registry import Registry
-from ..cross_validation import Split
-from ..dataset import build_dataset
-from ..mission_source import plan_from_missions
-from ..presets import extractor_for, settings_named
-from ..splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS
-from ..tracking import log_and_register
-from ..train import Trained, TrainRequest, train
-from .effort_page import FREE, NONE, Kinds, Labels, Suggestions
-from .effort_plan import Planner, Task, Tools
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import LEFT, Mission
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.models.registry.registry import Registry
+from tokt.training.datasets.dataset import build_dataset
+from tokt.training.datasets.mission_source import plan_from_missions
+from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS
+from tokt.training.fitting.cross_validation import Split
+from tokt.training.fitting.presets import extractor_for, settings_named
+from tokt.training.fitting.tracking import log_and_register
+from tokt.training.fitting.train import Trained, TrainRequest, train
+
+from .page import FREE, NONE, Kinds, Labels, PageSuggestions
+from .plan import ActionPlanner, LabellingTask, Tools
 
 _BLOCKS = 10
 """A mission with fewer blocks of the usual length is cut into shorter ones."""
@@ -174,9 +175,13 @@ def choose_keep(trained: Trained, table: Labelled, tools: Tools, sheet_frames: i
     rows = [row_of[int(number)] for number in patches.frame]
     values[rows, cells] = trained.model.obstacle_score(trained.held_out.values)
     target = table.target(numbers, unsure=False)
-    task = Task(target, (DEFAULT_GRID.rows, DEFAULT_GRID.cols), table.kinds.clear, sheet_frames)
+    task = LabellingTask(
+        target, (DEFAULT_GRID.rows, DEFAULT_GRID.cols), table.kinds.clear, sheet_frames
+    )
 
     def actions(keep: float) -> int:
-        return len(Planner(task, tools).plan(Suggestions(values, numbers, table.kinds, keep)))
+        return len(
+            ActionPlanner(task, tools).plan(PageSuggestions(values, numbers, table.kinds, keep))
+        )
 
     return min(KEEPS, key=actions)

@@ -15,7 +15,7 @@ NONE, FREE = -1, -2
 """No label; and in a target: any label will do, or none."""
 FRAME, SHEET = "frame", "sheet"
 """The two views: one frame, and the contact sheet of many."""
-MOST_FOLLOWED = 32
+MAX_FOLLOWED = 32
 """So many frames back the page looks for what a suggestion follows."""
 NEAREST = 5
 """A suggestion follows the frame before if its number is no further away."""
@@ -24,7 +24,7 @@ Labels = NDArray[np.int16]
 
 
 @dataclass(frozen=True)
-class Action:
+class PageAction:
     """One key press, click or drag.
 
     Parameters
@@ -73,7 +73,7 @@ class Kinds:
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldLabels:
     """What holds in a frame: labels, and where there are none what is suggested.
 
     Parameters
@@ -88,7 +88,7 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Suggestions:
+class PageSuggestions:
     """What a model says of every patch, and how the page follows what a person said before.
 
     Parameters
@@ -108,20 +108,20 @@ class Suggestions:
     kinds: Kinds
     keep: float
 
-    def of(self, frame: int, before: Held | None) -> Held:
+    def of(self, frame: int, before: HeldLabels | None) -> HeldLabels:
         """What is suggested in a frame, as the head of the page's ``suggest.js`` says."""
         values, kinds = self.values[frame], self.kinds
         alarm = values > 0
         said = np.where(alarm, kinds.obstacle, kinds.clear).astype(np.int16)
         gap = frame and self.numbers[frame] - self.numbers[frame - 1]
         if before is None or not self.keep or not 0 < gap <= NEAREST:
-            return Held(said, np.zeros(len(said), bool))
+            return HeldLabels(said, np.zeros(len(said), bool))
         obstacle, sure = np.array(kinds.obstacles)[before.labels], np.abs(values)
         unsure = before.labels == kinds.unsure
         contradicted = np.where(unsure, sure > self.keep, (obstacle != alarm) & (sure >= self.keep))
         contradicted |= ~before.mine & alarm & ~obstacle
         kept = (before.labels != NONE) & ~contradicted
-        return Held(np.where(kept, before.labels, said), kept & before.mine)
+        return HeldLabels(np.where(kept, before.labels, said), kept & before.mine)
 
 
 @dataclass
@@ -131,7 +131,7 @@ class Page:
     Parameters
     ----------
     labels : array of int16, shape (n_frames, n_cells)
-    suggestions : Suggestions or None
+    suggestions : PageSuggestions or None
     clear : int
         The class that ``rest`` gives.
     sheet_frames : int
@@ -145,7 +145,7 @@ class Page:
     """
 
     labels: Labels
-    suggestions: Suggestions | None
+    suggestions: PageSuggestions | None
     clear: int
     sheet_frames: int
     view: str = FRAME
@@ -169,18 +169,18 @@ class Page:
             return self.copied[frame]
         if self.suggestions is None:
             return None
-        held: Held | None = None
-        for number in range(max(0, frame - MOST_FOLLOWED), frame):
+        held: HeldLabels | None = None
+        for number in range(max(0, frame - MAX_FOLLOWED), frame):
             own = self.labels[number] != NONE
             if held is None and not own.any():
                 continue  # nothing is followed that goes back to no label
             said = self.suggestions.of(number, held)
-            held = Held(np.where(own, self.labels[number], said.labels), own | said.mine)
+            held = HeldLabels(np.where(own, self.labels[number], said.labels), own | said.mine)
             if self.suggestions.numbers[number + 1] - self.suggestions.numbers[number] > NEAREST:
                 held = None
         return self.suggestions.of(frame, held).labels
 
-    def perform(self, action: Action) -> None:
+    def perform(self, action: PageAction) -> None:
         """Do what the page does. Raises ValueError for an action that it does not know."""
         kind = action.kind
         if kind == "choose":

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...features.grid import DEFAULT_GRID
-from ...labels.store import FILE_NAME, LabelStore
-from .effort_browser import Performer, empty_page, frames_on_a_sheet, suggested_values
-from .effort_halves import Labelled
-from .effort_page import FREE, Labels, Suggestions
-from .effort_plan import Planner, Task, Tools
-from .label_server import label_server
-from .label_tab import Tab
+from tests.load.page.server import label_server
+from tests.load.page.tab import Tab
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.labels.store.store import FILE_NAME, LabelStore
+
+from .browser import Performer, empty_page, frames_on_a_sheet, suggested_values
+from .halves import Labelled
+from .page import FREE, Labels, PageSuggestions
+from .plan import ActionPlanner, LabellingTask, Tools
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -25,7 +26,7 @@ _ANNOTATOR = "bench"
 
 
 @dataclass(frozen=True)
-class Way:
+class Workflow:
     """How a person works, the same with suggestions and without.
 
     Parameters
@@ -45,19 +46,19 @@ class Way:
 
 
 @dataclass
-class Effort:
+class LabellingEffort:
     """Actions of one way, added up over the halves.
 
     Parameters
     ----------
-    way : Way
+    way : Workflow
     without, with_model : list of int
         Keys, clicks and drags for each half.
     wrong : list of str
         Patches whose stored label is not the one asked for, after the actions were performed.
     """
 
-    way: Way
+    way: Workflow
     without: list[int] = field(default_factory=list)
     with_model: list[int] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
@@ -111,7 +112,7 @@ class Person:
                 self._sheet = len(self._numbers)
         return self._sheet
 
-    def label(self, effort: Effort, bundle: Path | None, keep: float) -> int:
+    def label(self, effort: LabellingEffort, bundle: Path | None, keep: float) -> int:
         """Label all frames; the number of actions. What came out wrong goes into `effort`."""
         self._times += 1
         workspace = self._folder / f"workspace{self._times}"
@@ -131,16 +132,16 @@ class Person:
         effort.wrong += [f"{words}: {text}" for text in self.wrong(workspace, target)]
         return actions
 
-    def _suggestions(self, tab: Tab, keep: float) -> Suggestions:
+    def _suggestions(self, tab: Tab, keep: float) -> PageSuggestions:
         values = suggested_values(tab, self._numbers)
-        return Suggestions(values, tuple(self._numbers), self._table.kinds, keep)
+        return PageSuggestions(values, tuple(self._numbers), self._table.kinds, keep)
 
     def _plan_and_perform(
-        self, tab: Tab, target: Labels, tools: Tools, says: Suggestions | None
+        self, tab: Tab, target: Labels, tools: Tools, says: PageSuggestions | None
     ) -> int:
         grid = (DEFAULT_GRID.rows, DEFAULT_GRID.cols)
-        task = Task(target, grid, self._table.kinds.clear, self.sheet_frames())
-        plan = Planner(task, tools).plan(says)
+        task = LabellingTask(target, grid, self._table.kinds.clear, self.sheet_frames())
+        plan = ActionPlanner(task, tools).plan(says)
         shape = (target.shape[0], target.shape[1])
         page = empty_page(shape, self._table.kinds.clear, task.sheet_frames, says)
         Performer(tab, self._numbers, page, self._table.names).perform(plan)

@@ -8,17 +8,17 @@ from itertools import permutations
 
 import numpy as np
 
-from .effort_page import FRAME, FREE, NONE, SHEET, Action, Labels, Page, Suggestions
+from .page import FRAME, FREE, NONE, SHEET, Labels, Page, PageAction, PageSuggestions
 from .strokes import clicks, drags
 
-_MOST_ORDERS = 24
+_MAX_ORDERS = 24
 Order = tuple[int, ...]
-_Painted = list[tuple[int, Action]]
+_Painted = list[tuple[int, PageAction]]
 """Class and ``paint`` action of each click or drag."""
 
 
 @dataclass(frozen=True)
-class Task:
+class LabellingTask:
     """Labels to reproduce.
 
     Parameters
@@ -58,7 +58,7 @@ class Tools:
     sheet: bool
 
 
-class Planner:
+class ActionPlanner:
     """Finds the actions for one task: frame by frame or sheet by sheet, whichever is shorter.
 
     It is greedy from one frame or sheet to the next, and tries all orders of painting the
@@ -66,25 +66,25 @@ class Planner:
     well, so there is no action for it.
     """
 
-    def __init__(self, task: Task, tools: Tools) -> None:
+    def __init__(self, task: LabellingTask, tools: Tools) -> None:
         self._task, self._tools = task, tools
 
-    def plan(self, suggestions: Suggestions | None) -> list[Action]:
+    def plan(self, suggestions: PageSuggestions | None) -> list[PageAction]:
         """Actions that give the target's labels, from a page without any."""
         ways = [self._frame_by_frame(self._page(FRAME, suggestions))]
         if self._tools.sheet:
             ways.append(self._sheet_by_sheet(self._page(SHEET, suggestions)))
         return min(ways, key=len)
 
-    def _page(self, view: str, suggestions: Suggestions | None) -> Page:
+    def _page(self, view: str, suggestions: PageSuggestions | None) -> Page:
         labels = np.full(self._task.target.shape, NONE, np.int16)
         return Page(labels, suggestions, self._task.clear, self._task.sheet_frames, view)
 
-    def _sheet_by_sheet(self, page: Page) -> list[Action]:
-        way: list[Action] = [Action("sheet")]
+    def _sheet_by_sheet(self, page: Page) -> list[PageAction]:
+        way: list[PageAction] = [PageAction("sheet")]
         count, size = len(self._task.target), self._task.sheet_frames
         for first in range(0, count, size):
-            step = [] if page.frame == first else [Action("next")]
+            step = [] if page.frame == first else [PageAction("next")]
             frames = range(first, min(first + size, count))
             best = min(self._ways_of(page, frames, step), key=len)
             for action in best:
@@ -92,26 +92,28 @@ class Planner:
             way += best
         return way
 
-    def _frame_by_frame(self, page: Page) -> list[Action]:
-        way: list[Action] = []
+    def _frame_by_frame(self, page: Page) -> list[PageAction]:
+        way: list[PageAction] = []
         for frame in range(len(self._task.target)):
-            step = [] if page.frame == frame else [Action("next")]
+            step = [] if page.frame == frame else [PageAction("next")]
             best = min(self._ways_of(page, range(frame, frame + 1), step), key=len)
             for action in best:
                 page.perform(action)
             way += best
         return way
 
-    def _ways_of(self, page: Page, frames: range, step: list[Action]) -> Iterator[list[Action]]:
+    def _ways_of(
+        self, page: Page, frames: range, step: list[PageAction]
+    ) -> Iterator[list[PageAction]]:
         """All ways to label these frames that are considered, with what the page shows or not."""
         plain = tuple(step)
         # In the frame's view accepting goes on to the next frame, so it comes first among equals.
-        begun: list[tuple[tuple[Action, ...], tuple[str, ...]]] = []
+        begun: list[tuple[tuple[PageAction, ...], tuple[str, ...]]] = []
         if page.suggestions is not None:
             begun.append((plain, ("accept", "rest")))
         begun.append((plain, ("rest",)))
         if self._tools.copying and page.view == FRAME and frames.start:
-            begun.append(((*plain, Action("copy")), ("accept", "rest")))
+            begun.append(((*plain, PageAction("copy")), ("accept", "rest")))
         alike = (False, True) if self._tools.copying and len(frames) > 1 else (False,)
         for order in self._orders(frames, page.chosen):
             for start, keys in begun:
@@ -123,17 +125,17 @@ class Planner:
         present = [int(label) for label in np.unique(self._task.target[frames]) if label != FREE]
         first = sorted(present, key=lambda label: (label != chosen, label))
         every = list(permutations(first))
-        yield from every if len(every) <= _MOST_ORDERS else [tuple(first)]
+        yield from every if len(every) <= _MAX_ORDERS else [tuple(first)]
 
     def _way(
         self,
         page: Page,
         frames: range,
-        start: tuple[Action, ...],
+        start: tuple[PageAction, ...],
         order: Order,
         keys: tuple[str, ...],
         alike: bool,
-    ) -> list[Action]:
+    ) -> list[PageAction]:
         """One way: all of one class, then the next class, then a key for what is left."""
         trial = page.clone()
         for action in start:
@@ -155,7 +157,7 @@ class Planner:
             may = ((target == label) | (target == FREE)).all(axis=0)
             need = may & (target == label).any(axis=0) & (label != self._task.clear)
             for path in self._paths(need, may):
-                painted.append((label, Action("paint_all", frames.start, path)))
+                painted.append((label, PageAction("paint_all", frames.start, path)))
                 page.labels[frames.start : frames.stop, list(path)] = label
         return painted
 
@@ -169,7 +171,7 @@ class Planner:
             covered = wrong & np.isin(target, order[place + 1 :])
             may = (target == label) | (target == FREE) | covered
             paths = self._paths(wrong & (target == label), may)
-            found += [(label, Action("paint", frame, path)) for path in paths]
+            found += [(label, PageAction("paint", frame, path)) for path in paths]
         return found
 
     def _paths(self, need: np.ndarray, may: np.ndarray) -> list[tuple[int, ...]]:
@@ -186,24 +188,24 @@ class Planner:
             labels = np.where(labels == NONE, suggested, labels)
         return np.where(labels == NONE, self._task.clear, labels).astype(np.int16)
 
-    def _fill(self, page: Page, frames: range, keys: tuple[str, ...]) -> list[Action]:
+    def _fill(self, page: Page, frames: range, keys: tuple[str, ...]) -> list[PageAction]:
         """The keys that are needed after painting, each only where it changes something."""
         target = self._task.target[frames]
-        way: list[Action] = []
+        way: list[PageAction] = []
         for key in keys:
             missing = (page.labels[frames] != target) & (target != FREE)
             if missing.any():
-                way.append(Action(key))
+                way.append(PageAction(key))
                 page.perform(way[-1])
         return way
 
 
-def _with_choices(painted: _Painted, chosen: int) -> list[Action]:
+def _with_choices(painted: _Painted, chosen: int) -> list[PageAction]:
     """The strokes with a class key before each change of class."""
-    way: list[Action] = []
+    way: list[PageAction] = []
     for label, action in painted:
         if label != chosen:
-            way.append(Action("choose", label=label))
+            way.append(PageAction("choose", label=label))
             chosen = label
         way.append(action)
     return way

@@ -3,46 +3,44 @@
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...features import atomic
-from ...features.errors import ToktError
-from ...features.grid import DEFAULT_GRID
-from ...features.machine import machine
-from ...features.mission import Mission, open_mission
-from ...labels.record import LabelRecord
-from ...labels.store import FILE_NAME
-from ...labels.synthetic.mission import simulate_mission
-from ...labels.taxonomy import Taxonomy
-from ..mission_source import labels_of_mission, read_labels
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tests.load.effort.effort import WAYS, EffortBench
+from tests.load.effort.person import LabellingEffort, Workflow
+from tests.load.timing import WORST, Timing
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.common.machine import machine
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import Mission, open_mission
+from tokt.labels.record import LabelRecord
+from tokt.labels.store.store import FILE_NAME
+from tokt.labels.taxonomy import Taxonomy
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.training.datasets.mission_source import labels_of_mission, read_labels
+
 from .browser import chromium
-from .effort_person import Effort, Way
-from .label_chart import label_chart_png
-from .label_effort import WAYS, EffortBench
-from .label_mission import copy_frames, label_all, link_frames
-from .label_server import label_server
-from .label_tab import HEIGHT, WIDTH, Tab
-from .page_times import (
-    FIRST_FRAME,
-    Repeats,
-    acknowledging,
-    first_page,
-    jumps,
-    live_update,
-    stepping,
-)
-from .timing import Timing
+from .chart import label_chart_png
+from .mission import copy_frames, label_all, link_frames
+from .server import label_server
+from .tab import HEIGHT, WIDTH, Tab
+from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 LABEL_FILE = "labels.csv"
-MOST_PICTURES = 300
+MAX_PICTURES = 300
 """So many different pictures at most, each linked to over and over."""
 _ANNOTATOR = "bench"
 
@@ -51,8 +49,8 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Extent:
-    """How much is measured.
+class PageBenchSize:
+    """Numbers of frames and repetitions of the page's bench.
 
     Parameters
     ----------
@@ -63,7 +61,7 @@ class Extent:
     repeats : Repeats
     held : int or None
         Held-out frames of a half that are labelled; None for all.
-    ways : tuple of Way
+    ways : tuple of Workflow
     halves : int
     """
 
@@ -72,28 +70,28 @@ class Extent:
     width: int
     repeats: Repeats
     held: int | None
-    ways: tuple[Way, ...]
+    ways: tuple[Workflow, ...]
     halves: int
 
 
-FULL = Extent(10_000, 240, 1360, Repeats(7, 100, 40, 100, 20), None, WAYS, 2)
-QUICK = Extent(300, 60, 360, Repeats(1, 3, 2, 3, 1), 6, WAYS[:1], 1)
+FULL = PageBenchSize(10_000, 240, 1360, Repeats(7, 100, 40, 100, 20), None, WAYS, 2)
+QUICK = PageBenchSize(300, 60, 360, Repeats(1, 3, 2, 3, 1), 6, WAYS[:1], 1)
 
 
 @dataclass(frozen=True)
 class LabelBench:
-    """What one run found.
+    """Results of one run.
 
     Parameters
     ----------
     times : list of Timing
-    efforts : list of Effort
+    efforts : list of LabellingEffort
     about : dict
         Everything else of the JSON object.
     """
 
     times: list[Timing]
-    efforts: list[Effort]
+    efforts: list[LabellingEffort]
     about: dict[str, Any]
 
     @property
@@ -102,7 +100,7 @@ class LabelBench:
         return not any(effort.wrong for effort in self.efforts)
 
     def to_json(self) -> dict[str, Any]:
-        """The JSON object of ``tokt bench --label --json``."""
+        """The JSON object of ``python -m tests.load page --json``."""
         return {
             "times": [time.to_json() for time in self.times],
             "effort": [effort.to_json() for effort in self.efforts],
@@ -111,11 +109,16 @@ class LabelBench:
 
 
 def measure_page(
-    mission: Mission, extent: Extent, folder: Path, browser: Browser, progress: Progress, say: Say
+    mission: Mission,
+    extent: PageBenchSize,
+    folder: Path,
+    browser: Browser,
+    progress: Progress,
+    say: Say,
 ) -> list[Timing]:
     """Make a long mission of links and measure the page on it, empty and fully labelled."""
     say(f"-- a mission of {extent.frames} frames")
-    numbers = mission.frames()[:MOST_PICTURES]
+    numbers = mission.frames()[:MAX_PICTURES]
     copy_frames(mission, numbers, folder / "pictures")
     long = folder / "long"
     link_frames(folder / "pictures" / "Left", long, extent.frames)
@@ -128,7 +131,7 @@ def measure_page(
 
 
 def _without_labels(
-    mission: Path, workspace: Path, extent: Extent, browser: Browser
+    mission: Path, workspace: Path, extent: PageBenchSize, browser: Browser
 ) -> list[Timing]:
     repeats = extent.repeats
     names = Taxonomy.load().names
@@ -145,7 +148,7 @@ def _without_labels(
 
 
 def _with_labels(
-    mission: Path, workspace: Path, of: str, extent: Extent, browser: Browser
+    mission: Path, workspace: Path, of: str, extent: PageBenchSize, browser: Browser
 ) -> list[Timing]:
     repeats, suffix = extent.repeats, "_labelled"
     with label_server(mission, workspace, ["--annotator", _ANNOTATOR]) as url:
@@ -169,7 +172,7 @@ def _records(mission: Mission, labels: Path | None) -> list[LabelRecord]:
 
 @dataclass(frozen=True)
 class LabelRequest:
-    """What to measure, and on what.
+    """The measurements to make, and the mission for them.
 
     Parameters
     ----------
@@ -177,14 +180,14 @@ class LabelRequest:
         None for one that is rendered for it and thrown away.
     labels : Path or None
         Its label file; by default ``labels.csv`` in the mission's folder.
-    extent : Extent
+    extent : PageBenchSize
     times, effort : bool
         Which of the two parts.
     """
 
     mission: Path | None
     labels: Path | None
-    extent: Extent
+    extent: PageBenchSize
     times: bool
     effort: bool
 
@@ -222,7 +225,7 @@ def _measure(
         shown_as = path.resolve().name
     mission = open_mission(path)
     times: list[Timing] = []
-    efforts: list[Effort] = []
+    efforts: list[LabellingEffort] = []
     halves: list[dict[str, Any]] = []
     if request.effort:
         records = _records(mission, request.labels)
@@ -239,3 +242,83 @@ def _measure(
         "halves": halves,
     }
     return LabelBench(times, efforts, about)
+
+
+_PLAIN_WIDTH = 170
+
+
+def verdict(holds: bool | None) -> str:
+    """Whether what was asked is kept, in a word."""
+    return {True: "yes", False: "NO", None: ""}[holds]
+
+
+def print_label_tables(
+    times: Sequence[Timing], efforts: Sequence[LabellingEffort], about: Mapping[str, Any]
+) -> None:
+    """Print what was found on standard output, as wide as the terminal or as plain text."""
+    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
+    if times:
+        console.print(_table_of_times(times))
+    if efforts:
+        console.print(_table_of_efforts(efforts))
+    for line in _about_lines(about):
+        console.print(line, markup=False)
+    for effort in efforts:
+        for text in effort.wrong:
+            console.print(f"{effort.way.name}: {text}", markup=False)
+
+
+def _table(headings: Sequence[str]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column(headings[0], no_wrap=True)
+    for heading in headings[1:]:
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", overflow="fold")
+    return table
+
+
+def _table_of_times(times: Sequence[Timing]) -> Table:
+    table = _table(("ms", "p50", "p95", "worst", "asked", "kept", "n"))
+    for time in times:
+        of = "worst" if time.percentile == WORST else f"p{time.percentile}"
+        table.add_row(
+            time.name,
+            *(f"{time.at(percentile):.1f}" for percentile in (50, 95, WORST)),
+            "" if time.asked_ms is None else f"{of} {time.asked_ms:g}",
+            verdict(time.holds),
+            str(len(time.times_ms)),
+            time.what,
+        )
+    return table
+
+
+def _table_of_efforts(efforts: Sequence[LabellingEffort]) -> Table:
+    table = _table(("actions", "without", "with", "ratio", "asked", "kept", "labels equal"))
+    for effort in efforts:
+        table.add_row(
+            effort.way.name,
+            " + ".join(map(str, effort.without)),
+            " + ".join(map(str, effort.with_model)),
+            f"{effort.ratio:.1f}x",
+            "" if effort.way.asked is None else f"{effort.way.asked:g}x",
+            verdict(effort.holds),
+            verdict(not effort.wrong),
+            effort.way.words,
+        )
+    return table
+
+
+def _about_lines(about: Mapping[str, Any]) -> list[str]:
+    """What was measured on what, in sentences."""
+    lines = [
+        f"effort, half {place}: {half['model']} model of frames {half['trained_on']}, "
+        f"labelled {half['held_out']}; suggestions follow {half['keep']:g} (chosen where it learnt)"
+        for place, half in enumerate(about["halves"], 1)
+    ]
+    frames = f", {about['frames']} frames of links to it" if about["frames"] else ""
+    computer = about["machine"]
+    lines.append(f"mission: {about['mission']}{frames}; {about['browser']}")
+    lines.append(
+        f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}"
+    )
+    return lines

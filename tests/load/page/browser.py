@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from .effort_person import Effort
-from .timing import Timing
+from tests.load.effort.person import LabellingEffort
+from tests.load.timing import Timing
+from tokt.training.evaluation.pictures import figure_png
 
 _KEPT, _MISSED, _WITHOUT, _ASKED = "#3b75af", "#c44e52", "#a0a0a0", "#dd8452"
 _DPI = 130
@@ -20,14 +20,14 @@ _ROOM = 3.0
 
 
 def label_chart_png(
-    times: Sequence[Timing], efforts: Sequence[Effort], about: Mapping[str, Any]
+    times: Sequence[Timing], efforts: Sequence[LabellingEffort], about: Mapping[str, Any]
 ) -> bytes:
     """Bars of the 95th percentiles with what is asked, and of the actions with and without.
 
     Parameters
     ----------
     times : sequence of Timing
-    efforts : sequence of Effort
+    efforts : sequence of LabellingEffort
     about : mapping
         ``machine``, ``mission``, ``browser`` as in the bench's JSON.
 
@@ -51,9 +51,7 @@ def label_chart_png(
         f"{computer['cores']} core(s)",
         fontsize=10,
     )
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+    return figure_png(figure, _DPI)
 
 
 def _draw_times(axes: Any, times: Sequence[Timing]) -> None:
@@ -75,7 +73,7 @@ def _draw_times(axes: Any, times: Sequence[Timing]) -> None:
     _dress(axes, [time.name for time in times], "waiting")
 
 
-def _draw_efforts(axes: Any, efforts: Sequence[Effort]) -> None:
+def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort]) -> None:
     """Two bars a way: actions without suggestions and with."""
     for place, effort in enumerate(efforts):
         without, with_model = sum(effort.without), sum(effort.with_model)

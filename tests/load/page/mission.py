@@ -7,12 +7,12 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
-from ...features.errors import ToktError
-from ...features.grid import DEFAULT_GRID
-from ...features.mission import LEFT, Mission
-from ...labels.record import HUMAN, LabelRecord, utc_now
-from ...labels.store import LabelStore
-from ...labels.taxonomy import Taxonomy
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import LEFT, Mission
+from tokt.labels.record import HUMAN, LabelRecord, utc_now
+from tokt.labels.store.store import LabelStore
+from tokt.labels.taxonomy import Taxonomy
 
 _STORED_AT_ONCE = 100_000
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 _ADDRESS = re.compile(r"http://\S+")
 _END_S = 20

@@ -6,7 +6,7 @@ import json
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 FIRST, FRAME, ACK = "tokt:first", "tokt:frame", "tokt:ack"
 """Performance entries that the page makes: a mark, and two measures."""
 WIDTH, HEIGHT = 1280, 720
-_LONGEST_MS = 60_000
+_MAX_MS = 60_000
 _LOOK_EVERY_S = 0.01
 
 _CELL_MIDDLE = """async ([cell]) => {
-  const { Viewport } = await import("/static/viewport.js");
-  const { patchSize, rowCol } = await import("/static/patch_grid.js");
-  const { picture } = await import("/static/pictures.js");
-  const { setting } = await import("/static/settings.js");
+  const { Viewport } = await import("/static/frame/viewport.js");
+  const { patchSize, rowCol } = await import("/static/frame/patch_grid.js");
+  const { picture } = await import("/static/core/pictures.js");
+  const { setting } = await import("/static/core/settings.js");
   const canvas = document.querySelector(".frame-canvas");
   const [, , camera, frame] = location.hash.split("/");
   const bitmap = await picture(camera, Number(frame), setting("enhance"));
@@ -51,7 +51,7 @@ _IS_DRAWN = """([name, frame]) =>
 _MORE = "([name, known]) => performance.getEntriesByName(name).length > known"
 _COUNT = "name => performance.getEntriesByName(name).length"
 _SAVED = """async () => {
-  const { state, pending } = await import("/static/saver.js");
+  const { state, pending } = await import("/static/saving/saver.js");
   return state() === "saved" && pending() === 0;
 }"""
 
@@ -79,7 +79,7 @@ class Tab:
 
     def __init__(self, browser: Browser, url: str, settings: dict[str, Any] | None = None) -> None:
         self._context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
-        self._context.set_default_timeout(_LONGEST_MS)
+        self._context.set_default_timeout(_MAX_MS)
         stored = json.dumps(json.dumps(settings or {}))
         self._context.add_init_script(f"localStorage.setItem('tokt.settings', {stored})")
         self._context.add_init_script(_NOTE_KEYS)
@@ -162,10 +162,10 @@ class Tab:
         ToktError
             If it does not for long.
         """
-        last = time.monotonic() + _LONGEST_MS / 1000
+        last = time.monotonic() + _MAX_MS / 1000
         while not self.page.evaluate(script, arg):
             if time.monotonic() > last:
-                raise ToktError(f"the page did not get so far in {_LONGEST_MS // 1000} s: {script}")
+                raise ToktError(f"the page did not get so far in {_MAX_MS // 1000} s: {script}")
             time.sleep(_LOOK_EVERY_S)
 
     def wait_until_saved(self) -> None:

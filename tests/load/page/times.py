@@ -1,4 +1,4 @@
-"""How long a person at the labelling page waits: for the page, a frame, a label, the other tab."""
+"""Waiting times of a person at the labelling page: the page, a frame, a label, another tab."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .label_tab import ACK, FRAME, Tab
-from .timing import WORST, Timing
+from tests.load.timing import WORST, Timing
+
+from .tab import ACK, FRAME, Tab
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -25,7 +26,7 @@ _ACTIONS = "/api/actions"
 FIRST_FRAME = "#/label/left/1"
 
 _WATCH = """async ([camera, frame, cell, label]) => {
-  const { labelsOf } = await import("/static/labels.js");
+  const { labelsOf } = await import("/static/saving/labels.js");
   window.toktSeen = new Promise((resolve) => {
     const look = () => {
       if (labelsOf(camera, frame)?.mine[cell] === label) {
@@ -43,7 +44,7 @@ _LAST_ACT = """() => {
 
 @dataclass(frozen=True)
 class Repeats:
-    """How often each thing is done."""
+    """Repetitions of each action."""
 
     loads: int
     steps: int

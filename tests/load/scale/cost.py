@@ -1,4 +1,4 @@
-"""Run a program step by step as it tells, and watch the memory of it and of what it starts."""
+"""Costs of the steps of a program: time, and memory of it and of what it starts."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import IO, Any
 
 import psutil
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 _POLL_S = 0.02
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What one step took.
+    """Time and memory of one step.
 
     Parameters
     ----------

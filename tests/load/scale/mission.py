@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.mission import LEFT, open_mission
-from ...labels.label_csv import COLUMNS
-from ...labels.synthetic.mission import simulate_mission
+from tokt.features.frames.mission import LEFT, open_mission
+from tokt.labels.formats.label_csv import COLUMNS
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 
 NAME = "scale"
 _NOISE = 4  # grey levels; noise of a camera, and what tells one frame's pixels from another's
@@ -29,7 +29,7 @@ Image = NDArray[np.uint8]
 class ScaleMission:
     """A mission that grows to any number of left frames.
 
-    The story repeats, so that a model of one block knows the next: what is measured on it is what
+    The dive repeats, so that a model of one block knows the next: what is measured on it is what
     work costs, never how good a model is.
 
     Parameters
@@ -44,12 +44,12 @@ class ScaleMission:
     """
 
     def __init__(self, folder: Path, width: int, story_frames: int) -> None:
-        story = folder / "story"
-        simulate_mission(story, n_frames=story_frames, width=width)
-        rendered = open_mission(story)
+        dive = folder / "dive"
+        simulate_mission(dive, n_frames=story_frames, width=width)
+        rendered = open_mission(dive)
         self.path = folder / NAME
         self._pictures = [_gray(rendered.read(number)) for number in rendered.frames(LEFT)]
-        self._labels = _labels_by_frame(story / "labels.csv")
+        self._labels = _labels_by_frame(dive / "labels.csv")
         height, wide = self._pictures[0].shape
         rng = np.random.default_rng(0)
         size = (2, height + _SHIFTS, wide + _SHIFTS)

@@ -1,4 +1,4 @@
-"""What training costs in time and memory, and how the cost grows with the number of patches."""
+"""Time and memory of training, and their growth with the number of patches."""
 
 from __future__ import annotations
 
@@ -12,16 +12,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
-from ...features import atomic
-from ...features.errors import ToktError
-from ...features.extractor import extractor_named
-from ...features.grid import DEFAULT_GRID
-from ...features.machine import machine
-from ...labels.synthetic.rig import FULL_WIDTH
-from ..splits import BLOCK_FRAMES, FOLDS
-from .scale_mission import ScaleMission
-from .scale_steps import (
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.common.machine import machine
+from tokt.features.extractors.extractor import extractor_named
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.studies.simulation.scene.rig import FULL_WIDTH
+from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS
+
+from .cost import Cost, watched
+from .mission import ScaleMission
+from .steps import (
     BUILD,
     EXTRACTOR,
     FIGURES,
@@ -32,10 +37,9 @@ from .scale_steps import (
     cache_folder,
     label_file,
 )
-from .scale_watch import Cost, watched
 
 _PROCESSES = ((BUILD,), (ONE_JOB,), (TWO_JOBS,), (FIT, FIGURES), (TRIAL,))
-_LONGEST_S = 900.0
+_MAX_S = 900.0
 """A cross-validation that would take longer is worked out from its fits instead."""
 _BYTES_A_PIXEL = 0.6  # of a noisy frame as JPEG, at most
 _KEPT_TWICE = 2.2  # the mission's frames, and the datasets' copies of them
@@ -46,8 +50,8 @@ Progress = Callable[..., Any]
 
 
 @dataclass(frozen=True)
-class Extent:
-    """How much is measured.
+class ScaleBenchSize:
+    """Numbers of frames of the bench of scale.
 
     Parameters
     ----------
@@ -63,7 +67,7 @@ class Extent:
     width: int
     story: int
 
-    def up_to(self, frames: int) -> Extent:
+    def up_to(self, frames: int) -> ScaleBenchSize:
         """Each size a tenth of the next, `frames` the largest.
 
         Raises
@@ -77,12 +81,12 @@ class Extent:
         return replace(self, frames=tuple(sizes))
 
 
-FULL = Extent((100, 1000, 10_000), FULL_WIDTH, BLOCK_FRAMES)
-QUICK = Extent((100, 200), 360, 5)
+FULL = ScaleBenchSize((100, 1000, 10_000), FULL_WIDTH, BLOCK_FRAMES)
+QUICK = ScaleBenchSize((100, 200), 360, 5)
 
 
 @dataclass(frozen=True)
-class Growth:
+class CostGrowth:
     """One step's cost by number of patches.
 
     Parameters
@@ -125,7 +129,7 @@ def _without_step(cost: Cost) -> dict[str, float]:
 class ScaleFound:
     """All that was measured, and on what."""
 
-    growths: Sequence[Growth]
+    growths: Sequence[CostGrowth]
     about: dict[str, Any]
 
     def to_json(self) -> dict[str, Any]:
@@ -134,7 +138,7 @@ class ScaleFound:
 
 
 def run_scale_bench(
-    out: Path, extent: Extent, progress: Progress, say: Callable[[str], None]
+    out: Path, extent: ScaleBenchSize, progress: Progress, say: Callable[[str], None]
 ) -> ScaleFound:
     """Measure each step of training for growing numbers of patches; write ``scale.json``.
 
@@ -142,7 +146,7 @@ def run_scale_bench(
     ----------
     out : Path
         Folder for the result.
-    extent : Extent
+    extent : ScaleBenchSize
     progress, say
         As in the other benches.
 
@@ -163,7 +167,7 @@ def run_scale_bench(
             costs.append(_measure(work, frames, costs[-1] if costs else None, progress))
             shutil.rmtree(cache_folder(work))
     patches = tuple(int(found[0].facts["patches"]) for found in costs)
-    growths = [Growth(each[0].step, patches, each) for each in zip(*costs, strict=True)]
+    growths = [CostGrowth(each[0].step, patches, each) for each in zip(*costs, strict=True)]
     about = {
         "extent": asdict(extent),
         "bytes_a_frame": size / max(extent.frames),
@@ -178,7 +182,7 @@ def run_scale_bench(
 
 def _measure(work: Path, frames: int, smaller: list[Cost] | None, progress: Progress) -> list[Cost]:
     """The costs of every step for the first so many frames, given those of fewer frames."""
-    program = [sys.executable, "-m", "tokt.training.bench.scale_steps", str(work), str(frames)]
+    program = [sys.executable, "-m", "tests.load.scale.steps", str(work), str(frames)]
     costs: list[Cost] = []
     for steps in progress(_PROCESSES, len(_PROCESSES), f"steps for {frames} frames"):
         known = worked_out(smaller, costs) if steps == (TRIAL,) else None
@@ -193,13 +197,13 @@ def worked_out(smaller: list[Cost] | None, costs: list[Cost]) -> Cost | None:
     before = {cost.step: cost for cost in smaller}
     fit = next(cost for cost in costs if cost.step == FIT)
     fits = before[TRIAL].seconds / before[FIT].seconds
-    if fit.seconds * fits < _LONGEST_S:
+    if fit.seconds * fits < _MAX_S:
         return None
     facts = {**before[TRIAL].facts, "worked_out": True}
     return Cost(TRIAL, fit.seconds * fits, fit.cpu_s * fits, fit.peak_mb, facts)
 
 
-def _check_room(folder: Path, extent: Extent) -> None:
+def _check_room(folder: Path, extent: ScaleBenchSize) -> None:
     """Raise ToktError unless frames, datasets and feature tables will fit."""
     largest = max(extent.frames)
     pixels = extent.width**2 * 3 / 4
@@ -211,3 +215,43 @@ def _check_room(folder: Path, extent: Extent) -> None:
             f"measuring {largest} frames needs about {needed / 1e9:.1f} GB in {folder.parent}, "
             f"where {free / 1e9:.1f} GB are free; ask for fewer --frames or set TMPDIR"
         )
+
+
+_PLAIN_WIDTH = 170
+
+
+def print_scale_table(found: ScaleFound) -> None:
+    """Print what was found on standard output, as wide as the terminal or as plain text."""
+    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
+    console.print(_table(found.growths))
+    console.print(
+        f"frames {found.about['extent']['width']} pixels wide, rendered and repeated with other "
+        f"noise; features {found.about['extractor']}; cpu s and MB (the most in use at one moment) "
+        "of all processes together; ~ worked out from a fit, not measured",
+        markup=False,
+    )
+    computer = found.about["machine"]
+    console.print(
+        f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}",
+        markup=False,
+    )
+
+
+def _cell(cost: Cost) -> str:
+    about = "~" if cost.facts.get("worked_out") else ""
+    return f"{about}{cost.seconds:.1f} s {about}{cost.cpu_s:6.1f} cpu s {cost.peak_mb:6.0f} MB"
+
+
+def _table(growths: Sequence[CostGrowth]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("step", no_wrap=True)
+    for patches in growths[0].patches:
+        table.add_column(f"{patches:,} patches", justify="right", no_wrap=True)
+    table.add_column("time grows as", justify="right", no_wrap=True)
+    for growth in growths:
+        table.add_row(
+            growth.step.replace("_", " "),
+            *map(_cell, growth.costs),
+            "" if growth.exponent is None else f"n^{growth.exponent:.2f}",
+        )
+    return table

@@ -1,6 +1,6 @@
 """The steps of training, timed one by one in a process of their own.
 
-Run as ``python -m tokt.training.bench.scale_steps WORK FRAMES STEP...``; what it prints is for
+Run as ``python -m tests.load.scale.steps WORK FRAMES STEP...``; what it prints is for
 `scale_watch.watched`.
 """
 
@@ -19,21 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
-from ...features.errors import ToktError
-from ...features.extractor import extractor_named
-from ...features.grid import DEFAULT_GRID
-from ...labels.taxonomy import Taxonomy
-from ..classifier import decision_values, fit_classifier, linear_model
-from ..cross_validation import HeldOut, Split, held_out_metrics
-from ..dataset import DatasetVersion, build_dataset, open_dataset
-from ..feature_table import feature_table
-from ..mission_source import plan_from_missions, read_labels
-from ..operating_point import DEFAULT_TARGET, choose_frame_rule
-from ..presets import settings_named
-from ..search.space import Trial
-from ..search.trial import Task, run_task
-from ..splits import EMBARGO_FRAMES, FOLDS, blocked_folds
-from .scale_mission import NAME
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import extractor_named
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.labels.taxonomy import Taxonomy
+from tokt.training.datasets.dataset import DatasetVersion, build_dataset, open_dataset
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.mission_source import plan_from_missions, read_labels
+from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, blocked_folds
+from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
+from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
+from tokt.training.fitting.cross_validation import HeldOutPredictions, Split, held_out_metrics
+from tokt.training.fitting.presets import settings_named
+from tokt.training.search.space import Trial
+from tokt.training.search.trial import TrialTask, run_task
+
+from .mission import NAME
 
 EXTRACTOR = "lbp_24_8+lbp_24_8_frame"
 """Of middle cost; by name, so that figures stay comparable when presets change."""
@@ -99,7 +100,7 @@ class Steps:
 
     def _table(self, jobs: int) -> NDArray[np.float64]:
         cache = cache_folder(self._work, jobs)
-        return feature_table(self._dataset, self._spec, cache, _quiet, jobs)
+        return cached_features(self._dataset, self._spec, cache, _quiet, jobs)
 
     def _build(self) -> dict[str, Any]:
         taxonomy = Taxonomy.load()
@@ -140,14 +141,14 @@ class Steps:
         tested = np.ones(len(targets), bool)
         rule, _ = choose_frame_rule(dataset, model.obstacle_score(values), tested, DEFAULT_TARGET)
         ways = len(folds)
-        held_out = HeldOut(values, number, (_CHOICE,) * ways, (rule,) * ways)
+        held_out = HeldOutPredictions(values, number, (_CHOICE,) * ways, (rule,) * ways)
         held_out_metrics(dataset, held_out, model)
         return {}
 
     def _try(self) -> dict[str, Any]:
         """A trial of a search, and the part of training that takes longest."""
         trial = Trial(EXTRACTOR, self._spec, extractor_named(EXTRACTOR).dim, 1)
-        task = Task(
+        task = TrialTask(
             trial,
             self._dataset.path,
             cache_folder(self._work),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from .soak_run import Run
-from .soak_verdict import LONGEST_TAIL, Soak
+from tokt.training.evaluation.pictures import figure_png
+
+from .run import Run
+from .verdict import MAX_TAIL, Soak
 
 _DPI = 130
 _BLOCKS = 200
@@ -29,9 +30,7 @@ def chart_png(found: Soak) -> bytes:
         f"tokt: {extent.frames} frames in {found.whole.seconds / 60:.1f} minutes, "
         f"{found.whole.exchanges.switches} hot reloads; {found.about['machine']['cpu']}"
     )
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+    return figure_png(figure, _DPI)
 
 
 def _draw_latency(axes: Any, run: Run) -> None:
@@ -81,8 +80,8 @@ def _draw_tail(axes: Any, found: Soak) -> None:
         share = 1 - np.arange(len(times)) / len(times)
         axes.plot(times, share, lw=1.2, label=name)
     median = found.latency["datagrams_out"]["median_ms"]
-    words = f"{LONGEST_TAIL:g} x the median"
-    axes.axvline(LONGEST_TAIL * median, color="0.3", lw=0.9, ls=":", label=words)
+    words = f"{MAX_TAIL:g} x the median"
+    axes.axvline(MAX_TAIL * median, color="0.3", lw=0.9, ls=":", label=words)
     axes.axhline(1e-3, color="0.3", lw=0.9, ls=":")
     axes.set_xscale("log")
     axes.set_xlim(left=median / 3)

@@ -1,4 +1,4 @@
-"""Exchanges a store's active model again and again, now and then for one that is damaged.
+"""Exchange of a store's active model, again and again, now and then for a damaged one.
 
 ::
 
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...models.bundle import Bundle
-from ...models.store import Store
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.store.store import Store
 
 _CUT = 100
 

@@ -1,4 +1,4 @@
-"""What a soak's samples come to: percentiles of latencies, and whether memory grows."""
+"""Figures of a soak's samples: percentiles of latencies, and the growth of memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PERCENTILES = {"median_ms": 50.0, "p99_ms": 99.0, "p99.9_ms": 99.9, "max_ms": 10
 WARM_UP = 0.2
 """Part of a run that memory is not judged on: buffers and windows fill, allocators settle."""
 BLOCKS = 20
-LEAST_SAMPLES = 3 * BLOCKS
+MIN_SAMPLES = 3 * BLOCKS
 """After warm-up; fewer say nothing of a slope."""
 CONFIDENCE = 0.95
 CAMERA_FPS = 15.0
@@ -28,8 +28,8 @@ def percentiles_ms(seconds: NDArray[np.float64]) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Growth:
-    """How memory grows with frames, by least squares over the means of `BLOCKS` blocks.
+class MemoryGrowth:
+    """Growth of memory with frames, by least squares over the means of `BLOCKS` blocks.
 
     Samples of one second are nearly the same as those of the next: over them as they are, the
     interval would be far too narrow.
@@ -71,7 +71,7 @@ class Growth:
         }
 
 
-def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> Growth | None:
+def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> MemoryGrowth | None:
     """The growth of what was sampled; None of too few samples.
 
     Parameters
@@ -82,7 +82,7 @@ def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> Growth
         Bytes in memory.
     """
     warm = frames >= WARM_UP * frames[-1] if len(frames) else np.zeros(0, bool)
-    if warm.sum() < LEAST_SAMPLES:
+    if warm.sum() < MIN_SAMPLES:
         return None
     x = np.array([part.mean() for part in np.array_split(frames[warm], BLOCKS)])
     y = np.array([part.mean() for part in np.array_split(resident[warm], BLOCKS)])
@@ -90,7 +90,7 @@ def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> Growth
     margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, BLOCKS - 2) * line.stderr)
     slope = float(line.slope)
     ends = (float(y[0]), float(y[-1]), float(resident.max()))
-    return Growth(slope, slope - margin, slope + margin, *ends)
+    return MemoryGrowth(slope, slope - margin, slope + margin, *ends)
 
 
 @dataclass(frozen=True)

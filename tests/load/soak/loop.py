@@ -1,6 +1,6 @@
 """The program that is soaked: the runtime with all that `tokt run` can have around it.
 
-Run as ``python -m tokt.training.bench.soak_loop FOLDER``. ``FOLDER/loop.json`` says what it does
+Run as ``python -m tests.load.soak.loop FOLDER``. ``FOLDER/loop.json`` says what it does
 (`LoopPlan`); it says on standard output when it is ready, and at the end what it came to;
 ``FOLDER/loop.npz`` then holds the times of all frames. The last frame is judged once standard input
 has ended.
@@ -23,38 +23,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.assemble import Assembly, assemble
-from ...inference.clock import SYSTEM_CLOCK, Clock
-from ...inference.detector import TEXTURE, Detection, GridDetector
-from ...inference.disk_budget import DiskLimits
-from ...inference.drift import DriftMonitor
-from ...inference.event_queue import EventQueue
-from ...inference.limits import Limits
-from ...inference.log import Rotation
-from ...inference.metrics import Metrics, Watched
-from ...inference.moments import Around
-from ...inference.observer import Event, Observer
-from ...inference.policy import Judgement
-from ...inference.recorder import Recorder
-from ...inference.reload import ModelWatch
-from ...inference.report import Report
-from ...inference.run_counts import RunCounts
-from ...inference.run_log import RunLog, new_run_id
-from ...inference.runtime import Runtime
-from ...inference.sources import Frame
-from ...inference.status_line import StatusLine
-from ...inference.udp import Sender, UdpSender
-from ...models.bundle import Bundle
-from ...models.last_good import load_running
-from ...models.store import Store
-from .soak_plan import Kind, plan
-from .soak_source import SoakSource
+from tokt.inference.clock import SYSTEM_CLOCK, Clock
+from tokt.inference.config import Limits
+from tokt.inference.detector import TEXTURE, Detection
+from tokt.inference.events import Event, EventQueue
+from tokt.inference.frame import Frame
+from tokt.inference.monitoring.drift import DriftMonitor
+from tokt.inference.monitoring.metrics import Metrics, MetricSources
+from tokt.inference.monitoring.reload import ModelReloader
+from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.monitoring.status_line import StatusLine
+from tokt.inference.observer import Observer
+from tokt.inference.outputs.udp import UdpSender
+from tokt.inference.policy.assembly import Assembly, assemble
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.publisher import Sender
+from tokt.inference.recording.clip_trigger import ClipPadding
+from tokt.inference.recording.disk_budget import DiskLimits
+from tokt.inference.recording.log import LogRotation
+from tokt.inference.recording.recorder import Recorder
+from tokt.inference.recording.run_log import RunLog, new_run_id
+from tokt.inference.report import Report
+from tokt.inference.runtime import Runtime
+from tokt.inference.texture.detector import TextureDetector
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.store.last_good import load_running
+from tokt.models.store.store import Store
+
+from .plan import FrameKind, plan
+from .source import SoakSource
 
 PARTS = ("log", "record", "drift", "metrics", "status", "reload")
 """What is around the loop; the counts and the two senders always are."""
 
 STORE, LOG, RECORD, STATUS = "store", "log/run.jsonl", "record", "status.txt"
-_AROUND = Around(0.02, 0.02)
+_AROUND = ClipPadding(0.02, 0.02)
 """Seconds; at a soak's pace as many frames as two seconds have at a camera's."""
 _RESERVE_MB = 200.0
 _GONE_S = 0.5
@@ -96,19 +99,19 @@ class Failing:
 
     Parameters
     ----------
-    detector : GridDetector
+    detector : TextureDetector
     kinds : array of uint8, shape (frames,)
     """
 
     method = TEXTURE
 
-    def __init__(self, detector: GridDetector, kinds: NDArray[np.uint8]) -> None:
+    def __init__(self, detector: TextureDetector, kinds: NDArray[np.uint8]) -> None:
         self._detector = detector
         self._kinds = kinds
 
     def detect(self, frame: Frame) -> Detection:
         """What the detector says, unless it is to fail."""
-        if self._kinds[frame.number] == Kind.FAILING:
+        if self._kinds[frame.number] == FrameKind.FAILING:
             raise RuntimeError(f"frame {frame.number} is one to fail on")
         return self._detector.detect(frame)
 
@@ -214,7 +217,7 @@ class _Around:
         self._opened, self._clock = opened, clock
         self._reloads = "reload" in parts
         if "log" in parts:
-            self.log = RunLog(folder / LOG, run, Rotation(asked.log_mb, asked.log_keep))
+            self.log = RunLog(folder / LOG, run, LogRotation(asked.log_mb, asked.log_keep))
         if "record" in parts:
             disk = DiskLimits(asked.record_mb, _RESERVE_MB)
             self.recorder = Recorder(folder / RECORD, run, clock, _AROUND, disk, tell=events.put)
@@ -227,26 +230,26 @@ class _Around:
         for observer in self.observers:
             opened.callback(observer.close)
         if "metrics" in parts:
-            watched = Watched(senders, self.log, self.recorder, None, self.drift)
+            watched = MetricSources(senders, self.log, self.recorder, None, self.drift)
             metrics = Metrics("127.0.0.1", 0, self.counts, watched, clock)
             opened.callback(metrics.close)
             self.metrics_port = metrics.port
 
     def watch(
         self, store: Store, bundle: Bundle, assembly: Assembly, kinds: NDArray[np.uint8]
-    ) -> ModelWatch | None:
+    ) -> ModelReloader | None:
         """Put a detector that fails now and then into the policy, and into its place the next."""
         slot = assembly.texture
         assert slot is not None, "policy texture has a slot"
 
         def put(bundle: Bundle) -> None:
-            slot.put(Failing(GridDetector(bundle), kinds))
+            slot.put(Failing(TextureDetector(bundle), kinds))
             self.drift.set_model(bundle)
 
         put(bundle)
         if not self._reloads:
             return None
-        watch = ModelWatch(store, bundle, assembly.misfit, put, self._clock)
+        watch = ModelReloader(store, bundle, assembly.misfit, put, self._clock)
         watch.start()
         self._opened.callback(watch.close)
         return watch
@@ -261,7 +264,7 @@ class _Around:
             and {
                 "frames": recorder.frames,
                 "dropped": recorder.dropped,
-                "moments": recorder.moments,
+                "moments": recorder.clips,
                 "written_mb": recorder.written_bytes / 1e6,
                 "removed_mb": recorder.removed_bytes / 1e6,
             },

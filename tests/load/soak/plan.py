@@ -1,4 +1,4 @@
-"""What each frame of a soak is: drawn by lot once, and known to whoever checks what is said of it.
+"""The plan of a soak: the kind of each frame, drawn once, and known to who checks the verdicts.
 
 Both the program that judges and the one that listens make the same plan of the same seed, so that
 the truth about a frame needs no way from one to the other: its time tells its number.
@@ -11,9 +11,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.limits import Limits
-from ...inference.reason import Reason
-from ...inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+from tokt.inference.config import Limits
+from tokt.inference.reason import Reason
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 
 SEED = 7
 _EPOCH_S = 1_700_000_000.0
@@ -22,12 +22,12 @@ _STRETCH = (300, 900)
 """Frames of clear water between two things that happen."""
 _NEAR = (20, 60)
 """Frames that an obstacle is seen in."""
-_MOST_FAULTY = 4
+_MAX_FAULTY = 4
 _REPEATS = Limits().frozen_repeats
 
 
-class Kind(IntEnum):
-    """What a frame is."""
+class FrameKind(IntEnum):
+    """The kind of a frame."""
 
     WATER = 0
     NEAR = 1
@@ -43,14 +43,14 @@ class Kind(IntEnum):
     """Clear water on which the detector raises an exception."""
 
 
-EXPECTED: dict[Kind, tuple[int, Reason]] = {
-    Kind.WATER: (CLEAR, Reason.OK),
-    Kind.NEAR: (OBSTACLE, Reason.OK),
-    Kind.SAME: (CLEAR, Reason.OK),
-    Kind.FROZEN: (UNKNOWN, Reason.FROZEN),
-    Kind.DARK: (UNKNOWN, Reason.DARK),
-    Kind.TORN: (UNKNOWN, Reason.INCOMPLETE),
-    Kind.FAILING: (UNKNOWN, Reason.DETECTOR_FAILED),
+EXPECTED: dict[FrameKind, tuple[int, Reason]] = {
+    FrameKind.WATER: (CLEAR, Reason.OK),
+    FrameKind.NEAR: (OBSTACLE, Reason.OK),
+    FrameKind.SAME: (CLEAR, Reason.OK),
+    FrameKind.FROZEN: (UNKNOWN, Reason.FROZEN),
+    FrameKind.DARK: (UNKNOWN, Reason.DARK),
+    FrameKind.TORN: (UNKNOWN, Reason.INCOMPLETE),
+    FrameKind.FAILING: (UNKNOWN, Reason.DETECTOR_FAILED),
 }
 """Status and reason of the verdict on each."""
 
@@ -61,28 +61,28 @@ def plan(frames: int, seed: int = SEED) -> NDArray[np.uint8]:
     Returns
     -------
     numpy.ndarray
-        uint8 of `Kind`, shape (frames,).
+        uint8 of `FrameKind`, shape (frames,).
     """
     rng = np.random.default_rng(seed)
     parts: list[NDArray[np.uint8]] = []
     planned = 0
-    faults = (Kind.FROZEN, Kind.DARK, Kind.TORN, Kind.FAILING)
+    faults = (FrameKind.FROZEN, FrameKind.DARK, FrameKind.TORN, FrameKind.FAILING)
     while planned < frames:
-        happens = Kind.NEAR if len(parts) % 4 == 0 else faults[rng.integers(len(faults))]
+        happens = FrameKind.NEAR if len(parts) % 4 == 0 else faults[rng.integers(len(faults))]
         parts += [
-            np.full(rng.integers(*_STRETCH), Kind.WATER, np.uint8),
+            np.full(rng.integers(*_STRETCH), FrameKind.WATER, np.uint8),
             _happening(happens, rng),
         ]
         planned += len(parts[-1]) + len(parts[-2])
     return np.concatenate(parts)[:frames]
 
 
-def _happening(kind: Kind, rng: np.random.Generator) -> NDArray[np.uint8]:
-    if kind is Kind.NEAR:
+def _happening(kind: FrameKind, rng: np.random.Generator) -> NDArray[np.uint8]:
+    if kind is FrameKind.NEAR:
         return np.full(rng.integers(*_NEAR), kind, np.uint8)
-    faulty = np.full(rng.integers(1, _MOST_FAULTY + 1), kind, np.uint8)
-    if kind is Kind.FROZEN:
-        return np.concatenate([np.full(_REPEATS, Kind.SAME, np.uint8), faulty])
+    faulty = np.full(rng.integers(1, _MAX_FAULTY + 1), kind, np.uint8)
+    if kind is FrameKind.FROZEN:
+        return np.concatenate([np.full(_REPEATS, FrameKind.SAME, np.uint8), faulty])
     return faulty
 
 

@@ -1,4 +1,4 @@
-"""Looks at a running loop from outside: its memory, its threads and files, and its metrics."""
+"""A monitor of a running loop: its memory, its threads and files, and its metrics."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Sample:
     scrape_s: float
 
 
-class Watch:
+class ProcessMonitor:
     """Take samples of a process that serves metrics.
 
     Parameters

@@ -1,6 +1,6 @@
 """The receiving end of a soak, in a process of its own: it holds every datagram against the truth.
 
-Run as ``python -m tokt.training.bench.soak_receiver FOLDER FRAMES SILENCE_S``. Its ports are the
+Run as ``python -m tests.load.soak.receiver FOLDER FRAMES SILENCE_S``. Its ports are the
 first line on standard output; it goes on until its standard input ends, and then says what it
 heard. ``FOLDER/heard.npz`` has the time at which each frame's datagram was here.
 """
@@ -20,13 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from ...features.errors import ToktError
-from ...inference.reason import Reason
-from ...inference.udp import decode
-from ...inference.verdict import CLEAR, OBSTACLE, UNKNOWN
-from .soak_plan import EXPECTED, Kind, number_of, plan
+from tokt.features.common.errors import ToktError
+from tokt.inference.outputs.udp import decode
+from tokt.inference.reason import Reason
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 
-_LARGEST_DATAGRAM = 65535
+from .plan import EXPECTED, FrameKind, number_of, plan
+
+_MAX_DATAGRAM = 65535
 _BUFFER_BYTES = 1 << 22
 _WAIT_S = 0.2
 _CAUTIOUS = frozenset({Reason.LATE, Reason.STALE, Reason.FROZEN})
@@ -35,7 +36,7 @@ _NO_FRAME = frozenset({Reason.NO_FRAME, Reason.STALE, Reason.STALLED})
 
 
 class Truth:
-    """What was said, and whether it was right.
+    """The datagrams heard, held against the truth.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ class Truth:
             self.found["no_such_frame"] += 1
             return
         self.heard[number] = now
-        kind = Kind(self._kinds[number])
+        kind = FrameKind(self._kinds[number])
         status, reason = EXPECTED[kind]
         self.found[f"of_{kind.name.lower()}"] += 1
         if (said["status"], said["reason"]) == (status, reason):
@@ -162,7 +163,7 @@ def _udp() -> socket.socket:
 def _waiting(opened: socket.socket) -> bytes | None:
     """A datagram that is there already."""
     try:
-        return opened.recv(_LARGEST_DATAGRAM)
+        return opened.recv(_MAX_DATAGRAM)
     except BlockingIOError:
         return None
 
@@ -173,7 +174,7 @@ def listen(truth: Truth, v1: socket.socket, v2: socket.socket, ended: threading.
     v1.setblocking(False)
     while True:
         try:
-            data = v2.recv(_LARGEST_DATAGRAM)
+            data = v2.recv(_MAX_DATAGRAM)
         except TimeoutError:
             if ended.is_set():
                 return

@@ -1,4 +1,4 @@
-"""How long nothing is said after the runtime was killed: from SIGKILL to the next datagram."""
+"""Silence after the runtime was killed: from SIGKILL to the next datagram."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from pathlib import Path
 import cv2
 import psutil
 
-from ...features.errors import ToktError
-from ...inference.udp import decode
-from ...inference.watchdog import Patience
-from ...models.bundle import Bundle
-from ...models.store import Store
-from .soak_world import near
-from .timing import WORST, Timing
+from tests.load.timing import WORST, Timing
+from tokt.features.common.errors import ToktError
+from tokt.inference.monitoring.watchdog import WatchdogTimeouts
+from tokt.inference.outputs.udp import decode
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.store.store import Store
+
+from .synthetic_frames import near
 
 NAME = "restart.kill_to_datagram"
 ASKED_MS = 1000.0
 _RATE = 20
 _FRAMES = 300
-_STEADY_S = Patience().steady_s
+_STEADY_S = WatchdogTimeouts().steady_s
 """A runtime that dies sooner is started after a pause; that is not what is measured here."""
 _MARGIN_S = 0.5
 _SILENCE_S = 30.0
-_LARGEST_DATAGRAM = 65535
+_MAX_DATAGRAM = 65535
 
 Progress = Callable[..., Iterable[int]]
 
@@ -89,7 +90,7 @@ def _next_start(receiver: socket.socket) -> float:
     """The moment of the next datagram that begins a run."""
     while True:
         try:
-            data = receiver.recv(_LARGEST_DATAGRAM)
+            data = receiver.recv(_MAX_DATAGRAM)
         except TimeoutError:
             raise ToktError(f"nothing was heard for {_SILENCE_S:g} s after a kill") from None
         now = time.monotonic()
@@ -109,4 +110,4 @@ def _wait_until_steady(receiver: socket.socket) -> None:
     """Listen until the runtime has lived for so long that it is started again at once."""
     until = time.monotonic() + _STEADY_S + _MARGIN_S
     while time.monotonic() < until:
-        receiver.recv(_LARGEST_DATAGRAM)
+        receiver.recv(_MAX_DATAGRAM)

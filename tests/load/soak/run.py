@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...inference.limits import Limits
-from ...inference.runtime import TICK_S
-from ...models.bundle import Bundle
-from .soak_exchange import Exchanges
-from .soak_extent import Extent
-from .soak_loop import LOG, STORE, LoopPlan
-from .soak_watch import Watch
+from tokt.features.common.errors import ToktError
+from tokt.inference.config import Limits
+from tokt.inference.runtime import TICK_S
+from tokt.models.bundle.bundle import Bundle
+
+from .exchange import Exchanges
+from .loop import LOG, STORE, LoopPlan
+from .process_monitor import ProcessMonitor
+from .soak_size import SoakSize
 
 MARGIN_S = 0.15
 """By how much a heartbeat may be late at the receiver: a busy machine runs the thread that says it
@@ -42,28 +43,28 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Run:
-    """What one run came to.
+    """Results of one run of the loop.
 
     Parameters
     ----------
-    extent : Extent
+    extent : SoakSize
     loop, heard : dict
         What the loop and the receiver said at their ends.
     arrived, sent, received : array of float64, shape (frames,)
         Seconds, by one clock: when each frame came, when its datagrams were out, and when the one
         of v2 was at the receiver. 0 where there was none.
-    watch : Watch or None
+    watch : ProcessMonitor or None
     exchanges : Exchanges
     seconds : float
     """
 
-    extent: Extent
+    extent: SoakSize
     loop: dict[str, Any]
     heard: dict[str, Any]
     arrived: NDArray[np.float64]
     sent: NDArray[np.float64]
     received: NDArray[np.float64]
-    watch: Watch | None
+    watch: ProcessMonitor | None
     exchanges: Exchanges
     seconds: float
 
@@ -81,7 +82,7 @@ class Run:
 
 
 def run_loop(
-    folder: Path, extent: Extent, models: Sequence[Bundle], parts: tuple[str, ...], say: Say
+    folder: Path, extent: SoakSize, models: Sequence[Bundle], parts: tuple[str, ...], say: Say
 ) -> Run:
     """Run the loop to its end.
 
@@ -89,11 +90,11 @@ def run_loop(
     ----------
     folder : Path
         Made here.
-    extent : Extent
+    extent : SoakSize
     models : sequence of Bundle
         As `Exchanges` takes them.
     parts : tuple of str
-        What is around the loop: some of `soak_loop.PARTS`.
+        What is around the loop: some of `loop.PARTS`.
     say : callable
 
     Raises
@@ -103,14 +104,14 @@ def run_loop(
     """
     (folder / LOG).parent.mkdir(parents=True)
     exchanges = Exchanges(folder / STORE, models)
-    receiver = ["soak_receiver", str(folder), str(extent.frames), str(SILENCE_S)]
+    receiver = ["receiver", str(folder), str(extent.frames), str(SILENCE_S)]
     with _program(*receiver) as hearing:
         ports = _line(hearing)
         _write_plan(folder, extent, ports, parts)
         start = time.monotonic()
-        with _program("soak_loop", str(folder)) as looping:
+        with _program("loop", str(folder)) as looping:
             port = _line(looping)["metrics_port"]
-            watch = None if port is None else Watch(looping.pid, port)
+            watch = None if port is None else ProcessMonitor(looping.pid, port)
             _look_after(looping, watch, exchanges, extent, say)
             loop = _line(looping)
         seconds = time.monotonic() - start
@@ -121,7 +122,7 @@ def run_loop(
 
 
 def _write_plan(
-    folder: Path, extent: Extent, ports: dict[str, int], parts: tuple[str, ...]
+    folder: Path, extent: SoakSize, ports: dict[str, int], parts: tuple[str, ...]
 ) -> None:
     asked = LoopPlan(
         frames=extent.frames,
@@ -140,9 +141,9 @@ def _write_plan(
 
 def _look_after(
     looping: subprocess.Popen[str],
-    watch: Watch | None,
+    watch: ProcessMonitor | None,
     exchanges: Exchanges,
-    extent: Extent,
+    extent: SoakSize,
     say: Say,
 ) -> None:
     """Until the loop ends: exchange its model, and look at it from outside."""

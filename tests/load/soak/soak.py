@@ -2,7 +2,7 @@
 
 ::
 
-    this process              soak_loop                        soak_receiver
+    this process              loop.py                          receiver.py
     store: another model ──>  source ─> runtime ─── UDP v1 ──> the same as v2?
     metrics, memory     <──             and all     UDP v2 ──> seq, truth, silence
                                         around it
@@ -18,16 +18,21 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from ...features import atomic
-from ...features.errors import ToktError
-from ...features.machine import machine
-from .soak_chart import chart_png
-from .soak_extent import Extent
-from .soak_loop import PARTS
-from .soak_restart import measure_restart
-from .soak_run import run_loop
-from .soak_verdict import Soak
-from .soak_world import bundles
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.common.machine import machine
+
+from .chart import chart_png
+from .loop import PARTS
+from .restart import measure_restart
+from .run import run_loop
+from .soak_size import SoakSize
+from .synthetic_frames import bundles
+from .verdict import Soak
 
 _MODELS = 3
 
@@ -35,13 +40,13 @@ Progress = Callable[..., Any]
 Say = Callable[[str], None]
 
 
-def run_soak(out: Path, extent: Extent, progress: Progress, say: Say) -> Soak:
+def run_soak(out: Path, extent: SoakSize, progress: Progress, say: Say) -> Soak:
     """Soak, and write ``soak.json`` and ``soak.png`` into `out`.
 
     Parameters
     ----------
     out : Path
-    extent : Extent
+    extent : SoakSize
     progress, say : callable
         Where progress and remarks go.
 
@@ -51,7 +56,7 @@ def run_soak(out: Path, extent: Extent, progress: Progress, say: Say) -> Soak:
         If the folder cannot be had, or a program of the soak fails.
     """
     if sys.platform == "win32":
-        raise ToktError("--soak kills processes as only POSIX systems can")
+        raise ToktError("the soak kills processes as only POSIX systems can")
     if out.exists() and not out.is_dir():
         raise ToktError(f"{out} is not a folder; choose another with --out")
     with tempfile.TemporaryDirectory(prefix="tokt-soak-") as name:
@@ -71,3 +76,27 @@ def run_soak(out: Path, extent: Extent, progress: Progress, say: Say) -> Soak:
     atomic.write_text(out / "soak.json", text + "\n")
     atomic.write_bytes(out / "soak.png", chart_png(found))
     return found
+
+
+_PLAIN_WIDTH = 170
+
+
+def print_soak_table(found: Soak) -> None:
+    """Print what was asked and found on standard output."""
+    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    table.add_column("asked", overflow="fold")
+    table.add_column("found", overflow="fold")
+    table.add_column("holds", no_wrap=True)
+    for check in found.checks:
+        table.add_row(check.name, check.asked, check.found, "yes" if check.holds else "NO")
+    console.print(table)
+    extent, computer = found.whole.extent, found.about["machine"]
+    lines = [
+        f"{extent.frames} frames of 180x135 pixels in {found.whole.seconds:.0f} s; latency: from "
+        "a frame's arrival until its datagrams are out",
+        f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}",
+    ]
+    for line in lines:
+        console.print(line, markup=False)

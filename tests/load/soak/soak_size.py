@@ -1,4 +1,4 @@
-"""How much a soak does."""
+"""Sizes of a soak: the full one and a quick one."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
-class Extent:
-    """How much is done.
+class SoakSize:
+    """Numbers of frames, kills and pauses of a soak.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ class Extent:
     log_keep: int = 3
     record_mb: float = 20.0
 
-    def of(self, frames: int) -> Extent:
+    def of(self, frames: int) -> SoakSize:
         """The same of so many frames."""
         return replace(self, frames=frames, bare_frames=min(self.bare_frames, frames))
 
 
-FULL = Extent()
-QUICK = Extent(
+FULL = SoakSize()
+QUICK = SoakSize(
     frames=3000,
     bare_frames=1000,
     kills=2,

@@ -9,14 +9,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.clock import Clock
-from ...inference.observer import Observer
-from ...inference.policy import Judgement
-from ...inference.reason import NO_FAULT, Fault, Reason
-from ...inference.report import Report
-from ...inference.sources import Frame
-from .soak_plan import Kind, time_of
-from .soak_world import PICTURES, dark, near, some, water
+from tokt.inference.clock import Clock
+from tokt.inference.frame import Frame
+from tokt.inference.observer import Observer
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.report import Report
+
+from .plan import FrameKind, time_of
+from .synthetic_frames import PICTURES, dark, near, some, water
 
 _TORN = Fault(Reason.INCOMPLETE, "the camera gave 40 of 135 rows")
 
@@ -66,14 +67,18 @@ class SoakSource(Observer):
         self._pause_s = pause_s
         self._stopped = False
         self._finished: queue.SimpleQueue[None] = queue.SimpleQueue()
-        self._pictures = {Kind.WATER: some(water), Kind.NEAR: some(near), Kind.DARK: some(dark)}
+        self._pictures = {
+            FrameKind.WATER: some(water),
+            FrameKind.NEAR: some(near),
+            FrameKind.DARK: some(dark),
+        }
 
     def __iter__(self) -> Iterator[Frame]:
         """Frames, until all of the plan were given."""
         paused = self._clock.monotonic()
-        last = self._pictures[Kind.WATER][0]
+        last = self._pictures[FrameKind.WATER][0]
         for number, code in enumerate(self._kinds):
-            kind = Kind(code)
+            kind = FrameKind(code)
             if number:
                 self._finished.get()
             if number == len(self._kinds) - 1:
@@ -84,16 +89,16 @@ class SoakSource(Observer):
                 self._clock.sleep(self._rest_s)
             due = paused + self._pause_every_s
             # Not among repeated pictures: how long they were the same counts, too.
-            if self._pause_every_s and kind is Kind.WATER and self._clock.monotonic() > due:
+            if self._pause_every_s and kind is FrameKind.WATER and self._clock.monotonic() > due:
                 self._clock.sleep(self._pause_s)
                 self.pauses += 1
                 paused = self._clock.monotonic()
-            if kind not in (Kind.SAME, Kind.FROZEN):
+            if kind not in (FrameKind.SAME, FrameKind.FROZEN):
                 last = self._pictures[_LOOKS_LIKE[kind]][number % PICTURES]
             yield self._frame(number, kind, last.copy())
 
-    def _frame(self, number: int, kind: Kind, picture: NDArray[np.uint8]) -> Frame:
-        torn = kind is Kind.TORN
+    def _frame(self, number: int, kind: FrameKind, picture: NDArray[np.uint8]) -> Frame:
+        torn = kind is FrameKind.TORN
         self.arrived[number] = arrived = self._clock.monotonic()
         return Frame(
             number,
@@ -117,9 +122,9 @@ class SoakSource(Observer):
 
 
 _LOOKS_LIKE = {
-    Kind.WATER: Kind.WATER,
-    Kind.NEAR: Kind.NEAR,
-    Kind.DARK: Kind.DARK,
-    Kind.TORN: Kind.WATER,
-    Kind.FAILING: Kind.WATER,
+    FrameKind.WATER: FrameKind.WATER,
+    FrameKind.NEAR: FrameKind.NEAR,
+    FrameKind.DARK: FrameKind.DARK,
+    FrameKind.TORN: FrameKind.WATER,
+    FrameKind.FAILING: FrameKind.WATER,
 }

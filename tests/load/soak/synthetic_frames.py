@@ -1,4 +1,4 @@
-"""What a soak is run on: small pictures of our own, and a model that tells them apart.
+"""A soak's frames: small synthetic pictures, and a model that tells them apart.
 
 The pictures are of 180x135 pixels and the grid is as wide, so that a frame is judged in less than
 a millisecond and days at sea go into minutes; every step that a large frame needs is taken.
@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.extractor import Lbp
-from ...features.grid import Grid
-from ...models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
-from ...models.distribution import LEAST_TYPICAL, Distribution, bin_counts, quantile_edges
+from tokt.features.extractors.extractor import Lbp
+from tokt.features.frames.grid import Grid
+from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.distribution import MIN_TYPICAL, Distribution, bin_counts, quantile_edges
 
 WIDTH, HEIGHT = 180, 135
 GRID = Grid(width=WIDTH)
@@ -84,14 +84,16 @@ def bundles(versions: int) -> list[Bundle]:
     AssertionError
         If it does not tell all of them apart: then nothing it says of them can be checked.
     """
-    from ..classifier import fit_classifier, linear_model
-    from ..presets import Choice, settings_named
+    from tokt.training.fitting.classifier import fit_classifier, linear_model
+    from tokt.training.fitting.presets import Hyperparameters, settings_named
 
     shown = [*some(water), *some(near)]
     rows = np.vstack([EXTRACTOR.describe(picture, GRID) for picture in shown])
     clear = np.zeros((PICTURES, GRID.n_patches), bool)
     covered = np.concatenate([clear, [obstacle_patches(seed) for seed in range(PICTURES)]]).ravel()
-    pipeline = fit_classifier(rows, covered.astype(np.int64), Choice(1.0), settings_named("plain"))
+    pipeline = fit_classifier(
+        rows, covered.astype(np.int64), Hyperparameters(1.0), settings_named("plain")
+    )
     model = linear_model(pipeline, ("ocean", "other"), (False, True))
     found = np.asarray(model.obstacle_patches(model.decision_values(rows)))
     found = found.reshape(2, PICTURES, GRID.n_patches)
@@ -105,7 +107,7 @@ def bundles(versions: int) -> list[Bundle]:
         extractor_spec=EXTRACTOR.spec,
         grid=GRID,
         model=model,
-        provenance={"made_by": "tokt bench --soak"},
+        provenance={"made_by": "make soak"},
         metrics={},
         golden=Golden(
             tuple(cv2.imencode(".png", one)[1].tobytes() for one in golden),
@@ -124,5 +126,5 @@ def bundles(versions: int) -> list[Bundle]:
 
 def _distribution(rows: NDArray[np.float64]) -> Distribution:
     edges = np.array([quantile_edges(column) for column in rows.T])
-    typical = np.full(len(edges), LEAST_TYPICAL)
+    typical = np.full(len(edges), MIN_TYPICAL)
     return Distribution(edges, bin_counts(rows, edges), typical, _FACTOR, _WINDOW, 90, 4)

@@ -1,4 +1,4 @@
-"""What is asked of a soak, and whether it was so."""
+"""The checks of a soak: what is asked, what was found, and whether it holds."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from .soak_figures import Check, Growth, growth, percentiles_ms
-from .soak_run import SILENCE_S, Run
-from .timing import WORST, Timing
+from tests.load.timing import WORST, Timing
 
-LONGEST_TAIL = 3.0
+from .figures import Check, MemoryGrowth, growth, percentiles_ms
+from .run import SILENCE_S, Run
+
+MAX_TAIL = 3.0
 """The 99.9th percentile of the latency over its median, at most."""
 _WRONG = ("wrong_clear", "wrong_obstacle", "no_such_frame", "other", "wrong_heartbeats")
 _LOST = ("lost", "unreadable", "lost_v1", "different_v1")
@@ -37,7 +38,7 @@ class Soak:
     about: dict[str, Any]
 
     @cached_property
-    def growth(self) -> Growth | None:
+    def growth(self) -> MemoryGrowth | None:
         """Of the whole run's memory; None where it was too short."""
         watch = self.whole.watch
         return None if watch is None else growth(*watch.memory())
@@ -162,8 +163,8 @@ class Soak:
             f"{figures['p99.9_ms']:.2f}, max {figures['max_ms']:.1f} ms: {figures['tail']:.2f} x "
             f"(bare loop: median {bare['median_ms']:.2f} ms, {bare['tail']:.2f} x)"
         )
-        asked = f"p99.9 at most {LONGEST_TAIL:g} x the median"
-        checks = [Check("latency", asked, found, figures["tail"] <= LONGEST_TAIL)]
+        asked = f"p99.9 at most {MAX_TAIL:g} x the median"
+        checks = [Check("latency", asked, found, figures["tail"] <= MAX_TAIL)]
         if self.restart is not None:
             times = self.restart
             words = f"median {times.at(50):.0f} ms, worst {times.at(WORST):.0f} ms"

@@ -18,18 +18,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.canonical import canonical_json, json_sha256
-from tokt.features.errors import ToktError
-from tokt.features.extractor import PLAIN_IMAGE
-from tokt.features.grid import Grid
-from tokt.models.bundle import (
+
+from tests.tiers import scaled
+from tokt.features.common.canonical import canonical_json, json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import PLAIN_IMAGE
+from tokt.features.frames.grid import Grid
+from tokt.models.bundle.bundle import (
     Bundle,
     BundleContent,
     bundle_bytes,
     bundle_from_bytes,
     read_bundle,
 )
-from tokt.models.operating_point import FrameRule, OperatingPoint
+from tokt.models.operating_point import MofNRule, OperatingPoint
 
 Members = dict[str, bytes]
 SEVERAL = (("ocean", False), ("sand", True), ("tower", True))
@@ -215,7 +217,7 @@ def test_a_changed_byte_is_refused_or_changes_nothing(data: bytes) -> None:
     assert accepted < len(flips) / 2
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=scaled(150))
 @given(
     st.lists(
         st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=2, max_size=6
@@ -239,7 +241,7 @@ def test_every_prefix_is_refused(data: bytes) -> None:
             read(data[:end])
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=scaled(100))
 @given(st.sampled_from([b"", b"PK\x03\x04", b"PK\x05\x06" + bytes(18)]), st.binary(max_size=200))
 def test_junk_is_refused(head: bytes, junk: bytes) -> None:
     refuse(head + junk)
@@ -316,7 +318,7 @@ MANIFEST_EDITS: list[tuple[str, Any]] = [
     ("classes", [{"name": "ocean", "obstacle": True}, {"name": "other", "obstacle": True}]),
     ("provenance", {}),
     ("metrics", {"patch": {"f1": 1.0}}),
-    ("operating_point", OperatingPoint(FrameRule(0.5, 2, 2, 4)).to_json()),
+    ("operating_point", OperatingPoint(MofNRule(0.5, 2, 2, 4)).to_json()),
 ]
 
 
@@ -373,14 +375,14 @@ WRONG_ENTRIES: list[tuple[str, Any]] = [
     ("extractor", "lbp"),
     ("extractor", {"name": "lbp"}),
     ("extractor", {"name": "join", "version": 1, "parts": 3}),
-    ("operating_point", FrameRule().to_json()),
-    ("operating_point", {**FrameRule(0.5, 2, 2, 3).to_json(), "chosen": []}),
-    ("operating_point", {**FrameRule().to_json(), "hits": 2, "chosen": {}}),
-    ("operating_point", {**FrameRule().to_json(), "margin": -1.0, "chosen": {}}),
-    ("operating_point", {**FrameRule().to_json(), "least_patches": 7, "chosen": {}}),
-    ("operating_point", {**FrameRule().to_json(), "margin": 10**400, "chosen": {}}),
-    ("operating_point", {**FrameRule().to_json(), "margin": 1e308, "chosen": {}}),
-    ("operating_point", {**FrameRule().to_json(), "margin_now": 10**400, "chosen": {}}),
+    ("operating_point", MofNRule().to_json()),
+    ("operating_point", {**MofNRule(0.5, 2, 2, 3).to_json(), "chosen": []}),
+    ("operating_point", {**MofNRule().to_json(), "hits": 2, "chosen": {}}),
+    ("operating_point", {**MofNRule().to_json(), "margin": -1.0, "chosen": {}}),
+    ("operating_point", {**MofNRule().to_json(), "least_patches": 7, "chosen": {}}),
+    ("operating_point", {**MofNRule().to_json(), "margin": 10**400, "chosen": {}}),
+    ("operating_point", {**MofNRule().to_json(), "margin": 1e308, "chosen": {}}),
+    ("operating_point", {**MofNRule().to_json(), "margin_now": 10**400, "chosen": {}}),
     ("metrics", {"patch": 3}),
     ("extractor", {"name": "lines", "version": 1, "samples": [*range(9999)], "image": PLAIN_IMAGE}),
     ("grid", {"rows": 2, "cols": 3}),

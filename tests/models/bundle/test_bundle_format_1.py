@@ -1,6 +1,6 @@
 """Bundles of format 1: one laid out by hand, and a file that tokt wrote; they must load for ever.
 
-Nothing here may be changed together with models/bundle.py: it stands for files on ships.
+Nothing here may be changed together with models/bundle/bundle.py: it stands for files on ships.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import cv2
 import numpy as np
 import pytest
 from skimage.feature import local_binary_pattern
-from tokt.models.bundle import bundle_bytes, bundle_from_bytes
-from tokt.models.operating_point import FrameRule, OperatingPoint
+
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
+from tokt.models.operating_point import MofNRule, OperatingPoint
 
 MANIFEST = """
 {
@@ -93,7 +94,7 @@ def test_format_1_loads(stamp: tuple[int, int, int, int, int, int]) -> None:
     assert bundle.content.trained_on.tolist() == [1, 2**64 - 1]
     np.testing.assert_allclose(bundle.decision_values(_frame()), values, rtol=0, atol=1e-12)
     assert bundle.model.obstacle_patches(values).sum() == 1
-    assert bundle.operating_point == OperatingPoint(FrameRule(0.0, 1, 1, 1), {})
+    assert bundle.operating_point == OperatingPoint(MofNRule(0.0, 1, 1, 1), {})
 
 
 def test_a_file_of_format_1_loads_and_is_the_same_model_in_this_format() -> None:

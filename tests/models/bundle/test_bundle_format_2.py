@@ -1,6 +1,6 @@
 """A bundle of format 2, which knew no training distribution; it must load for ever.
 
-Nothing here may be changed together with models/bundle.py: it stands for files on ships.
+Nothing here may be changed together with models/bundle/bundle.py: it stands for files on ships.
 """
 
 from __future__ import annotations
@@ -8,8 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from tokt.models.bundle import bundle_bytes, bundle_from_bytes
-from tokt.models.operating_point import FrameRule, OperatingPoint
+
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
+from tokt.models.operating_point import MofNRule, OperatingPoint
 
 
 def test_a_file_of_format_2_loads_and_is_the_same_model_in_this_format() -> None:
@@ -21,7 +22,7 @@ def test_a_file_of_format_2_loads_and_is_the_same_model_in_this_format() -> None
 
     assert (old.label, old.sha256[:12]) == ("lastweek/4", "15f15496898d")
     assert old.distribution is None and new.distribution is None and old.signature is None
-    rule = FrameRule(0.25, 2, 1, 3)
+    rule = MofNRule(0.25, 2, 1, 3)
     assert old.operating_point == new.operating_point == OperatingPoint(rule, {"target_rate": 1e-4})
     assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
     assert old.model.obstacle == new.model.obstacle == (False, True, True)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tokt.models.card import model_card
+from tokt.models.bundle.card import model_card
 
 DEEP = {
     "resize": "area_deep",

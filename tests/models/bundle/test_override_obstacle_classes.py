@@ -11,12 +11,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.image_file import decode_image
-from tokt.models.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes, read_bundle
-from tokt.models.operating_point import FrameRule
-from tokt.models.reflag import reflagged
-from tokt.models.store import Store
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import decode_image
+from tokt.models.bundle.bundle import (
+    Bundle,
+    BundleContent,
+    bundle_bytes,
+    bundle_from_bytes,
+    read_bundle,
+)
+from tokt.models.bundle.override_obstacle_classes import override_obstacle_classes
+from tokt.models.operating_point import MofNRule
+from tokt.models.store.store import Store
 
 THREE = (("ocean", False), ("sand", False), ("tower", True))
 METRICS = {
@@ -73,7 +80,7 @@ def test_deployed_with_another_taxonomy(
     )
     assert expected.sum() > three.model.obstacle_patches(values).sum()
     # What was measured and chosen for the old flags is gone, and the bundle says so.
-    assert found.operating_point.rule == FrameRule() != three.operating_point.rule
+    assert found.operating_point.rule == MofNRule() != three.operating_point.rule
     assert set(found.operating_point.chosen) == {"void"}
     assert found.content.metrics["patch"]["f1"] is None
     assert found.content.metrics["patch"]["macro_f1"] == 0.8
@@ -104,11 +111,13 @@ def test_flags_that_cannot_be_are_one_line(
 ) -> None:
     two = bundle_from_bytes(bundle_bytes(make_content(5)), "two")
     with pytest.raises(ToktError, match="fixed when it was trained"):
-        reflagged(two, {"ocean": True, "other": False}, "t.toml", "0")
+        override_obstacle_classes(two, {"ocean": True, "other": False}, "t.toml", "0")
     with pytest.raises(ToktError, match=r"taxonomy t.toml has no class sand, tower"):
-        reflagged(three, {"ocean": True}, "t.toml", "0")
+        override_obstacle_classes(three, {"ocean": True}, "t.toml", "0")
     with pytest.raises(ToktError, match="never warn"):
-        reflagged(three, dict.fromkeys(("ocean", "sand", "tower"), False), "t.toml", "0")
+        override_obstacle_classes(
+            three, dict.fromkeys(("ocean", "sand", "tower"), False), "t.toml", "0"
+        )
     file = tmp_path / "three.tokt"
     file.write_bytes(three.data)
     missing = tmp_path / "none.toml"

@@ -19,15 +19,22 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.features.canonical import json_sha256
-from tokt.features.errors import ToktError
-from tokt.models.bundle import Bundle, bundle_bytes, bundle_from_bytes, signed_parts, with_signature
-from tokt.models.last_good import load_running
-from tokt.models.private_key import SigningKey, read_signing_key, write_key_pair
-from tokt.models.public_key import PublicKey, read_public_key
-from tokt.models.signature import Signature, signature_from_bytes, signed_message
-from tokt.models.store import Store
-from tokt.models.store_view import store_json
+
+from tokt.features.common.canonical import json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import (
+    Bundle,
+    bundle_bytes,
+    bundle_from_bytes,
+    signed_parts,
+    with_signature,
+)
+from tokt.models.bundle.signature import Signature, signature_from_bytes, signed_message
+from tokt.models.signing.private_key import SigningKey, read_signing_key, write_key_pair
+from tokt.models.signing.public_key import PublicKey, read_public_key
+from tokt.models.store.last_good import load_running
+from tokt.models.store.store import Store
+from tokt.models.store.summary import store_summary
 
 # Made once, by the key whose seed is the bytes 0 to 31; they stand for files on ships.
 PUBLIC_KEY = bytes.fromhex("03a107bff3ce10be1d70dd18e74bc09967e4d6309ba50d5f1ddc8664125531b8")
@@ -344,7 +351,7 @@ def test_who_signed_stands_in_the_history(
     assert [entry.signed_by for entry in guarded.history()] == [boat] * 3
     lines = [json.loads(line) for line in (guarded.path / "history.jsonl").open()]
     assert [line["format_version"] for line in lines] == [2, 2, 2]
-    found = store_json(guarded)
+    found = store_summary(guarded)
     assert found["signature"] == {"key_id": boat, "checked": True}
     (key,) = found["keys"]["trusted"]
     assert (key["key_id"], key["name"], key["reason"]) == (boat, "boat", "sea trial")
@@ -356,7 +363,7 @@ def test_a_store_without_keys_takes_both_and_believes_neither(
 ) -> None:
     store.deploy(bundles["a"])
     store.deploy(signed["b"])
-    assert store_json(store)["signature"]["checked"] is False
+    assert store_summary(store)["signature"]["checked"] is False
     lines = [json.loads(line) for line in (store.path / "history.jsonl").open()]
     assert [line["format_version"] for line in lines] == [1, 1]
     assert not any("signed_by" in line for line in lines), "yesterday's tokt reads this store"
@@ -372,7 +379,7 @@ def test_trusting_a_key_refuses_the_unsigned_model_that_is_active(
     for action in (store.active, store.rollback, lambda: load_running(store)):
         with pytest.raises(ToktError, match="not signed"):
             action()
-    assert "not signed" in store_json(store)["warnings"][0]
+    assert "not signed" in store_summary(store)["warnings"][0]
     store.deploy(signed["a"])
     assert store.active().sha256 == signed["a"].sha256
 
@@ -483,7 +490,7 @@ def test_a_damaged_keys_file_refuses_everything(
         with pytest.raises(ToktError, match=r"keys\.json is damaged"):
             action()
     assert file.read_bytes() == spoiled and guarded.history()[-1].name == "b"
-    assert "damaged" in store_json(guarded)["warnings"][0]
+    assert "damaged" in store_summary(guarded)["warnings"][0]
 
     notices: list[str] = []
     guarded.trust(keys["boat"].public, "boat", notice=notices.append)
@@ -589,10 +596,10 @@ WITHOUT = """
 import sys
 sys.modules["cryptography"] = None
 from pathlib import Path
-from tokt.features.errors import ToktError
-from tokt.models.bundle import read_bundle
-from tokt.models.private_key import write_key_pair
-from tokt.models.store import Store
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.signing.private_key import write_key_pair
+from tokt.models.store.store import Store
 store, bundle, new = Store(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3])
 assert read_bundle(bundle).signature is not None
 for action in (
@@ -711,7 +718,7 @@ def test_files_that_are_no_keys(key_files: dict[str, Path], tmp_path: Path) -> N
 
 def test_the_format_1_bundle_can_be_signed(keys: dict[str, SigningKey], store: Store) -> None:
     """A format older than the signature, with bytes that another tokt wrote."""
-    data = (Path(__file__).parent / "bundle_of_format_1.zip").read_bytes()
+    data = (Path(__file__).parents[1] / "bundle" / "bundle_of_format_1.zip").read_bytes()
     bundle = keys["boat"].sign(bundle_from_bytes(data, "old"), "old")
     assert bundle.label == "yesterday/3"
     assert members_of(bundle.data)["manifest.json"] == members_of(data)["manifest.json"]

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tokt.models.bundle import Bundle, read_bundle
-from tokt.models.last_good import remember_good
-from tokt.models.store import Store
-from tokt.models.store_check import store_findings
+
+from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.store.health import store_findings
+from tokt.models.store.last_good import remember_good
+from tokt.models.store.store import Store
 
 SLIM = (
     "import sys; sys.modules.update(dict.fromkeys("
@@ -161,7 +162,7 @@ def states(store: Store) -> dict[str, str]:
 def test_doctor_on_keys_and_the_last_good_copy(
     store: Store, signed: dict[str, Bundle], bundles: dict[str, Bundle], key_files: dict[str, Path]
 ) -> None:
-    from tokt.models.public_key import read_public_key
+    from tokt.models.signing.public_key import read_public_key
 
     store.deploy(bundles["a"])
     assert states(store)["store keys"].startswith("ok: none")

@@ -10,13 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.models.bundle import Bundle, bundle_from_bytes
-from tokt.models.check_bundle import main
-from tokt.models.last_good import load_running, remember_good
-from tokt.models.private_key import SigningKey
-from tokt.models.store import Store
-from tokt.models.store_view import store_json
+
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
+from tokt.models.signing.private_key import SigningKey
+from tokt.models.store.check_active import main
+from tokt.models.store.last_good import load_running, remember_good
+from tokt.models.store.store import Store
+from tokt.models.store.summary import store_summary
 
 
 @pytest.fixture
@@ -58,7 +60,7 @@ def test_a_damaged_active_bundle_runs_from_the_copy(
     assert f"the last good copy runs instead: c/3, sha256 {bundles['c'].sha256[:12]}" in notes
     with pytest.raises(ToktError, match="not the one that was deployed"):
         store.active()
-    assert store_json(store)["starts_with"]["label"] == "c/3"
+    assert store_summary(store)["starts_with"]["label"] == "c/3"
 
 
 def test_then_the_earlier_ones_newest_first(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -230,7 +232,7 @@ def test_a_history_whose_lines_are_out_of_order_is_not_gone_back_in(store: Store
         (store.path / name).write_text("{")
     with pytest.raises(ToktError, match="lines are not in their order"):
         load_running(store)
-    assert store_json(store)["starts_with"] is None
+    assert store_summary(store)["starts_with"] is None
 
 
 def test_a_history_of_a_newer_tokt(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -244,7 +246,7 @@ def test_a_history_of_a_newer_tokt(store: Store, bundles: dict[str, Bundle]) -> 
 def test_a_bundle_that_is_sound_but_was_never_deployed_here(
     store: Store, bundles: dict[str, Bundle], make_content: Callable[..., object]
 ) -> None:
-    from tokt.models.bundle import bundle_bytes
+    from tokt.models.bundle.bundle import bundle_bytes
 
     stranger = bundle_from_bytes(bundle_bytes(make_content(9)), "stranger")  # type: ignore[arg-type]
     store.last_good_file.write_bytes(stranger.data)
@@ -294,7 +296,7 @@ def test_what_is_there_already_is_not_written_again(
 
 def check(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "tokt.models.check_bundle", *map(str, arguments)],
+        [sys.executable, "-m", "tokt.models.store.check_active", *map(str, arguments)],
         capture_output=True,
         text=True,
         check=False,
@@ -326,10 +328,10 @@ def test_a_check_that_hangs_ends_itself(tmp_path: Path) -> None:
 import faulthandler, runpy
 later = faulthandler.dump_traceback_later
 faulthandler.dump_traceback_later = lambda seconds, exit: later(0.1, exit=exit)
-runpy.run_module("tokt.models.check_bundle", run_name="__main__")
+runpy.run_module("tokt.models.store.check_active", run_name="__main__")
 """
     command = [sys.executable, "-c", program, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, timeout=30, check=False)
+    done = subprocess.run(command, capture_output=True, timeout=MAX_S, check=False)
     assert (done.returncode, done.stdout) == (1, b"")
 
 
@@ -342,9 +344,8 @@ def test_golden_false_leaves_out_nothing_else(bundles: dict[str, Bundle]) -> Non
     """Another model's golden values pass without their step; an edited byte does not."""
     import hashlib
 
-    from tokt.features.canonical import json_sha256
-
-    from .test_signature import members_of, zipped
+    from tests.models.signing.test_signature import members_of, zipped
+    from tokt.features.common.canonical import json_sha256
 
     members = members_of(bundles["a"].data)
     members["golden.npz"] = members_of(bundles["b"].data)["golden.npz"]

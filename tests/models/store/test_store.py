@@ -15,13 +15,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.extractor import build_extractor
-from tokt.features.grid import Grid
-from tokt.models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import build_extractor
+from tokt.features.frames.grid import Grid
+from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.operating_point import OperatingPoint
-from tokt.models.store import Store
-from tokt.models.store_view import store_json
+from tokt.models.store.store import Store
+from tokt.models.store.summary import store_summary
 
 
 def story(store: Store) -> list[str]:
@@ -67,7 +69,7 @@ def test_history_content(store: Store, bundles: dict[str, Bundle]) -> None:
         moment = datetime.fromisoformat(entry.time)
         assert moment.utcoffset() is not None and abs(time.time() - moment.timestamp()) < 100
         assert entry.who and entry.to_json()["format_version"] == 1
-    found = store_json(store)
+    found = store_summary(store)
     assert found["active"] == found["history"][-1]
     assert json.loads(json.dumps(found)) == found
     lines = (store.path / "history.jsonl").read_text().splitlines()
@@ -127,7 +129,7 @@ def test_no_earlier_model(store: Store, bundles: dict[str, Bundle], steps: str) 
 def test_no_store_and_an_empty_one(store: Store) -> None:
     with pytest.raises(ToktError, match="does not exist"):
         store.active()
-    for action in (lambda: store_json(store), store.rollback):
+    for action in (lambda: store_summary(store), store.rollback):
         with pytest.raises(ToktError, match=r"store .*store does not exist"):
             action()
     assert not store.path.exists()
@@ -138,7 +140,7 @@ def test_no_store_and_an_empty_one(store: Store) -> None:
         "keys": {"required": False, "trusted": [], "events": []},
         "warnings": [],
     }
-    assert store_json(store) == nothing
+    assert store_summary(store) == nothing
     with pytest.raises(ToktError, match="no earlier model"):
         store.rollback()
     assert not list(store.path.iterdir())
@@ -156,7 +158,7 @@ def test_a_store_that_is_a_file(store: Store, bundles: dict[str, Bundle]) -> Non
         store.active_entry,
         store.history,
         store.rollback,
-        lambda: store_json(store),
+        lambda: store_summary(store),
         lambda: store.deploy(bundles["a"]),
     ]
     for action in actions:
@@ -227,7 +229,7 @@ def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]
         with pytest.raises(ToktError, match="history line 1 is damaged"):
             action()
     assert store.active().name == "b"
-    found = store_json(store)
+    found = store_summary(store)
     assert [entry["name"] for entry in found["history"]] == ["b"]
     assert found["active"]["name"] == "b" and found["provenance"]["dataset"] == "drawn@2"
     assert len(found["warnings"]) == 1 and "history line 1 is damaged" in found["warnings"][0]
@@ -239,7 +241,7 @@ def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]
     assert kept.name.startswith("history.damaged-2") and kept.suffix == ".jsonl"
     assert kept.read_text() == damaged
     assert len(notices) == 1 and kept.name in notices[0]
-    assert story(store) == ["deploy b", "deploy c"] and store_json(store)["warnings"] == []
+    assert story(store) == ["deploy b", "deploy c"] and store_summary(store)["warnings"] == []
     assert store.rollback().name == "b"
 
 
@@ -325,7 +327,7 @@ def test_damaged_pointer(store: Store, bundles: dict[str, Bundle], text: str) ->
         with pytest.raises(ToktError, match="the active pointer is damaged"):
             action()
     assert (store.path / "active").read_text() == text
-    assert "active pointer is damaged" in store_json(store)["warnings"][0]
+    assert "active pointer is damaged" in store_summary(store)["warnings"][0]
     notices: list[str] = []
     store.deploy(bundles["a"], notice=notices.append)
     (kept,) = store.path.glob("active.damaged-*")
@@ -338,7 +340,7 @@ def test_a_damaged_pointer_costs_no_history(store: Store, bundles: dict[str, Bun
     for name in "ab":
         store.deploy(bundles[name])
     (store.path / "active").write_bytes(b"\xff\x00")
-    found = store_json(store)
+    found = store_summary(store)
     assert found["active"] is None and found["provenance"] is None
     assert [entry["name"] for entry in found["history"]] == ["a", "b"]
     with pytest.warns(UserWarning, match="active was damaged"):
@@ -488,24 +490,24 @@ def test_a_model_of_patches_is_not_deployed(
     (store.path / "active").write_text(text)
     with pytest.raises(ToktError, match="ready-cut patches"):
         store.active()
-    assert "ready-cut patches" in store_json(store)["warnings"][0]
+    assert "ready-cut patches" in store_summary(store)["warnings"][0]
 
 
 def test_a_broken_active_bundle_is_shown_with_a_warning(
     store: Store, bundles: dict[str, Bundle]
 ) -> None:
     store.deploy(bundles["a"])
-    assert store_json(store)["provenance"] == bundles["a"].content.provenance
+    assert store_summary(store)["provenance"] == bundles["a"].content.provenance
     bundle_file(store, bundles["a"]).write_bytes(bundles["a"].data[:-1])
-    found = store_json(store)
+    found = store_summary(store)
     assert found["active"]["name"] == "a" and found["provenance"] is None
     assert len(found["warnings"]) == 1 and "not the one that was deployed" in found["warnings"][0]
 
 
 DEPLOYER = """
 import sys
-from tokt.models.bundle import read_bundle
-from tokt.models.store import Store
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.store import Store
 bundle = read_bundle(sys.argv[2])
 print("ready", flush=True)
 sys.stdin.readline()
@@ -531,7 +533,7 @@ def test_two_processes_deploy_at_once(
         process.stdin.write("go\n")
         process.stdin.flush()
     for process in processes:
-        process.communicate(timeout=60)
+        process.communicate(timeout=MAX_S)
         assert process.returncode == 0
     lines = [json.loads(line) for line in (store.path / "history.jsonl").read_text().splitlines()]
     assert [line["number"] for line in lines] == list(range(1, 17))
@@ -546,9 +548,9 @@ def test_a_store_that_another_process_keeps(
 ) -> None:
     for name in "ab":
         store.deploy(bundles[name])
-    monkeypatch.setattr("tokt.models.store_writing.LOCK_WAIT_S", 0.1)
+    monkeypatch.setattr("tokt.models.store.store.LOCK_WAIT_S", 0.1)
     holder = (
-        "import sys; from pathlib import Path; from tokt.features.file_lock import locked\n"
+        "import sys; from pathlib import Path; from tokt.features.common.file_lock import locked\n"
         "with locked(Path(sys.argv[1]), 1):\n"
         "    print('held', flush=True); sys.stdin.readline()\n"
     )
@@ -572,8 +574,8 @@ KILLER = """
 import os, signal, sys, time
 from pathlib import Path
 import cv2
-from tokt.models.bundle import read_bundle
-from tokt.models.store import Store
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.store import Store
 cv2.setNumThreads(1)
 store = Store(sys.argv[1])
 bundles = [read_bundle(path) for path in sys.argv[2:]]

@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.models.bundle import Bundle
-from tokt.models.last_good import load_running, remember_good
-from tokt.models.private_key import SigningKey
-from tokt.models.store import Store
-from tokt.models.store_view import store_json
+
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.signing.private_key import SigningKey
+from tokt.models.store.last_good import load_running, remember_good
+from tokt.models.store.store import Store
+from tokt.models.store.summary import store_summary
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs fork")
 
@@ -30,10 +31,10 @@ HOST = """
 import os, sys, json, resource
 from pathlib import Path
 import cv2
-from tokt.models.bundle import read_bundle
-from tokt.models.last_good import remember_good
-from tokt.models.public_key import read_public_key
-from tokt.models.store import Store
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.last_good import remember_good
+from tokt.models.signing.public_key import read_public_key
+from tokt.models.store.store import Store
 
 cv2.setNumThreads(1)
 EVENTS = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate"}
@@ -264,11 +265,11 @@ def test_reading_writes_nothing(store: Store, signed: dict[str, Bundle]) -> None
     store.active()
     load_running(store)
     store.history()
-    store_json(store)
+    store_summary(store)
     store.bundle_file(signed["b"].sha256).write_bytes(b"damaged")
     before = all_files()
     assert load_running(store)[0].label == "b/2"
-    store_json(store)
+    store_summary(store)
     with pytest.raises(ToktError, match="no entry"):
         store.rollback(to="9")
     assert all_files() == before
@@ -281,10 +282,10 @@ def test_a_read_only_file_system(
     """What the runtime needs works; whatever writes says so in one line."""
     script = (
         "import sys; from pathlib import Path\n"
-        "from tokt.features.errors import ToktError\n"
-        "from tokt.models.bundle import read_bundle\n"
-        "from tokt.models.last_good import load_running, remember_good\n"
-        "from tokt.models.store import Store\n"
+        "from tokt.features.common.errors import ToktError\n"
+        "from tokt.models.bundle.bundle import read_bundle\n"
+        "from tokt.models.store.last_good import load_running, remember_good\n"
+        "from tokt.models.store.store import Store\n"
         "store, bundle = Store(sys.argv[1]), read_bundle(sys.argv[2])\n"
         "print(load_running(store)[0].label)\n"
         "print(remember_good(store, bundle))\n"

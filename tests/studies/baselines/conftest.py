@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.mission import LEFT, RIGHT, Mission, open_mission
-from tokt.labels.synthetic.mission import simulate_mission
-from tokt.training.baselines import lab_colour, slic
-from tokt.training.baselines.baseline import Baseline
-from tokt.training.baselines.superpixels import superpixels
+
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
+from tokt.studies.baselines import lab_colour, slic
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.superpixels import superpixels
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 
 N_FRAMES = 20
 

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
-from tokt.inference.calibration import StereoCalibration, load_calibration
-from tokt.training.baselines.baseline import Baseline
-from tokt.training.baselines.mean_disparity import Thirds
-from tokt.training.bench.pictures import textured_frame
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.mean_disparity import Thirds
+from tokt.studies.speed.frames import textured_frame
 
 pytestmark = pytest.mark.xdist_group("baselines")
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tokt.features.mission import open_mission
-from tokt.training.baselines.baseline import Baseline
-from tokt.training.baselines.size_change import SizeChange
-from tokt.training.baselines.slic import SlicTexture
-from tokt.training.bench.thesis_way import describe_lbp_10_5
-from tokt.training.thesis_images import rendered_other_image
+
+from tokt.features.frames.mission import open_mission
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.size_change import SizeChange
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.baselines.thesis_texture import describe_lbp_10_5
+from tokt.training.fitting.train import rendered_other_image
 
 pytestmark = [pytest.mark.xdist_group("baselines"), pytest.mark.mission]
 

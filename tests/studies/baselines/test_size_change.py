@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.training.baselines.size_change import SCALES, SizeChange, enlargement
-from tokt.training.thesis_images import rendered_other_image
+
+from tokt.studies.baselines.size_change import SCALES, SizeChange, enlargement
+from tokt.training.fitting.train import rendered_other_image
 
 pytestmark = pytest.mark.xdist_group("baselines")
 

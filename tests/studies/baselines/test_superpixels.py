@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from skimage.segmentation import slic
-from tokt.features.errors import ToktError
-from tokt.training.baselines import slic as slic_module
-from tokt.training.baselines.baseline import Baseline
-from tokt.training.baselines.lab_colour import Example, LabColour, labelled_example
-from tokt.training.baselines.slic import SlicTexture
-from tokt.training.baselines.superpixels import outline_boxes, resized_bgr, superpixels
-from tokt.training.baselines.thesis_classifier import thesis_classifier
-from tokt.training.bench.thesis_way import GRID, describe_haralick, describe_lbp_10_5
-from tokt.training.thesis_images import rendered_other_image
+
+from tokt.features.common.errors import ToktError
+from tokt.studies.baselines import slic as slic_module
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.lab_colour import Example, LabColour, labelled_example
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.baselines.superpixels import outline_boxes, resized_bgr, superpixels
+from tokt.studies.baselines.thesis_models import thesis_classifier
+from tokt.studies.baselines.thesis_texture import GRID, describe_haralick, describe_lbp_10_5
+from tokt.training.fitting.train import rendered_other_image
 
 pytestmark = pytest.mark.xdist_group("baselines")
 

@@ -1,4 +1,4 @@
-"""What the eyes of the closed loop see: geometry, likeness to missions, the same bytes again."""
+"""The closed loop's renderer: geometry, likeness to missions, the same bytes again."""
 
 from __future__ import annotations
 
@@ -12,32 +12,39 @@ from sklearn.metrics import f1_score
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
-from tokt.features.extractor_names import extractor_named
-from tokt.features.grid import DEFAULT_GRID, Grid
-from tokt.features.mission import open_mission
-from tokt.inference.calibration import load_calibration
-from tokt.inference.disparity import DisparityDetector
-from tokt.inference.sources import Frame
-from tokt.labels.synthetic.drifting_snow import Snow
-from tokt.labels.synthetic.dust import Cloud, Puffs
-from tokt.labels.synthetic.eye_maps import EyeMaps, Standpoint
-from tokt.labels.synthetic.eyes import Eyes
-from tokt.labels.synthetic.fish import School
-from tokt.labels.synthetic.hits import Hits
-from tokt.labels.synthetic.light import expose, tower_light
-from tokt.labels.synthetic.mission import JPEG, Scene, simulate_mission
-from tokt.labels.synthetic.patch_labels import OCEAN, TOWER, contrast, coverage, patch_labels
-from tokt.labels.synthetic.raycast import look
-from tokt.labels.synthetic.sensor import develop
-from tokt.labels.synthetic.shading import surface_light
-from tokt.labels.synthetic.stalk_hits import add_stalks
-from tokt.labels.synthetic.story import Pose
-from tokt.labels.synthetic.surfaces import Surfaces
-from tokt.labels.synthetic.tower import Tower
-from tokt.labels.synthetic.water import Water
-from tokt.labels.synthetic.world import Placed, World, one_tower, trap
 
-pytestmark = pytest.mark.xdist_group("eyes")
+from tokt.features.extractors.named_extractors import extractor_named
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.features.frames.mission import open_mission
+from tokt.inference.frame import Frame
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.studies.simulation.rendering.drifting_snow import Snow
+from tokt.studies.simulation.rendering.fast_lighting import surface_light
+from tokt.studies.simulation.rendering.fast_raycast import Hits
+from tokt.studies.simulation.rendering.fast_raycast_stalks import add_stalks
+from tokt.studies.simulation.rendering.lighting import expose, tower_light
+from tokt.studies.simulation.rendering.patch_labels import (
+    OCEAN,
+    TOWER,
+    contrast,
+    coverage,
+    patch_labels,
+)
+from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.sensor import develop
+from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
+from tokt.studies.simulation.rendering.synthetic_mission import JPEG, MissionScene, simulate_mission
+from tokt.studies.simulation.rendering.trajectory import CameraPose
+from tokt.studies.simulation.rendering.view_maps import Standpoint, ViewMaps
+from tokt.studies.simulation.scene.closed_loop_world import Placed, World, one_tower, trap
+from tokt.studies.simulation.scene.dust import DustCloud, Puffs
+from tokt.studies.simulation.scene.fish import School
+from tokt.studies.simulation.scene.surfaces import Surfaces
+from tokt.studies.simulation.scene.tower import Tower
+from tokt.studies.simulation.scene.water import Water
+
+pytestmark = pytest.mark.xdist_group("renderer")
 
 STILL = np.zeros(3)
 AHEAD = np.array([0.0, 0.0, 0.25])
@@ -46,7 +53,7 @@ WIDTH = 360
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene.draw(3, 4, WIDTH)
+    return MissionScene.draw(3, 4, WIDTH)
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +66,8 @@ def place(x, y, z):
 
 
 def hits_of(world, rig, position, heading=0.0, side=0):
-    eye = EyeMaps.of(world.water, rig, side)
-    hits = Hits(eye, Standpoint.of(eye, position, heading))
+    maps = ViewMaps.of(world.water, rig, side)
+    hits = Hits(maps, Standpoint.of(maps, position, heading))
     origins = np.array([thing.origin(0.0) for thing in world.things])
     surfaces = Surfaces.of(world)
     hits.add_solids(surfaces, origins)
@@ -76,20 +83,22 @@ def gray(frame):
     ("z", "heading", "side"), [(-9.0, 0.05, 0), (-5.0, -0.02, 1), (-1.5, -0.1, 0)]
 )
 def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, side):
-    """Pixel for pixel against the missions' own renderer, both eyes."""
+    """Pixel for pixel against the missions' own renderer, both cameras."""
     position = place(0.2, 0.35, z)
     hits = hits_of(World(scene.water, (tower,)), scene.rig, position, heading, side)
-    level = Standpoint.of(EyeMaps.of(scene.water, scene.rig, 0), position, heading).rotation
-    pose = Pose(position, level, STILL)
-    view = look(tower.shape, pose.cameras(scene.rig)[side])
+    level = Standpoint.of(ViewMaps.of(scene.water, scene.rig, 0), position, heading).rotation
+    pose = CameraPose(position, level, STILL)
+    view = cast_rays(tower.shape, pose.cameras(scene.rig)[side])
     there, here = np.isfinite(view.depth), np.isfinite(hits.depth)
     assert there.sum() > 1000
     assert (there ^ here).sum() <= 3
     both = there & here
     assert (np.abs(view.depth[both] - hits.depth[both]) > 1e-3).sum() <= 3
-    eye = hits.eye
-    water = eye.open_water + eye.floor
-    fast = surface_light(scene.water, Surfaces.of(World(scene.water, (tower,))).skins, hits, water)
+    maps = hits.maps
+    water = maps.open_water + maps.floor
+    fast = surface_light(
+        scene.water, Surfaces.of(World(scene.water, (tower,))).materials, hits, water
+    )
     gain = (scene.water.left, scene.water.right)[side].gain
     slow = tower_light(scene.water, scene.rig, pose, view, water.reshape(fast.shape), gain)
     change = np.abs(fast - slow).ravel()
@@ -99,9 +108,9 @@ def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, s
 
 def test_the_same_bytes_whatever_was_asked_before(scene, tower):
     school = School.crossing(np.random.default_rng(8), (0.0, 0.3, -3.0), 2.0, count=8)
-    dust = (Cloud.draw(np.random.default_rng(9), (0.0, 0.3, -2.0), density=0.3),)
+    dust = (DustCloud.draw(np.random.default_rng(9), (0.0, 0.3, -2.0), density=0.3),)
     world = World(scene.water, (tower,), school, dust, seed=3, current=(0.1, 0.0, 0.0))
-    first, second = Eyes(world, scene.rig, 5), Eyes(world, scene.rig, 5)
+    first, second = StereoRenderer(world, scene.rig, 5), StereoRenderer(world, scene.rig, 5)
     asked = [(t, place(0.1, 0.3, -5.0 + t), 0.03 * t, AHEAD) for t in (0.0, 0.25, 2.0)]
     frames = [first.left(*one) for one in asked]
     pairs = [second.pair(*one) for one in reversed(asked)][::-1]
@@ -114,7 +123,7 @@ def test_the_same_bytes_whatever_was_asked_before(scene, tower):
     t, *pose = asked[1]
     others = (
         first.left(t + 0.25, *pose),
-        Eyes(world, scene.rig, 6).left(t, *pose),
+        StereoRenderer(world, scene.rig, 6).left(t, *pose),
         first.left(t, pose[0] + 0.01, *pose[1:]),
         first.left(t, pose[0], pose[1] + 0.002, pose[2]),
     )
@@ -149,22 +158,24 @@ def test_the_nearer_of_two_towers_hides_the_other(scene, tower):
     assert overlap.sum() > 500
     assert (both[overlap] < 4.5).all()
     frames = [
-        Eyes(World(scene.water, things, seed=3), scene.rig, 5).left(0.0, position, 0.0, STILL)
+        StereoRenderer(World(scene.water, things, seed=3), scene.rig, 5).left(
+            0.0, position, 0.0, STILL
+        )
         for things in ((tower, behind), (behind, tower))
     ]
     assert np.array_equal(*frames)
 
 
 def test_inside_a_trap_every_pixel_has_the_depth_of_a_wall(scene):
-    """Walls that run from before the eye to behind it, against the missions' ray caster."""
+    """Walls that run from before the camera to behind it, against the missions' ray caster."""
     walls = trap(np.random.default_rng(1), (0.0, 0.0, 3.0), width_m=3.0, depth_m=4.0, height_m=6.0)
     position, heading = place(0.9, 0.0, 1.0), 0.5
     hits = hits_of(World(scene.water, (walls,)), scene.rig, position, heading)
     bare = Tower(walls.shape.solids, (), walls.shape.textures)
-    eye = hits.eye
-    level = Standpoint.of(eye, position, heading).rotation
-    pose = Pose(position - walls.at, level, STILL)
-    depth = look(bare, pose.cameras(scene.rig)[0]).depth
+    maps = hits.maps
+    level = Standpoint.of(maps, position, heading).rotation
+    pose = CameraPose(position - walls.at, level, STILL)
+    depth = cast_rays(bare, pose.cameras(scene.rig)[0]).depth
     assert np.isfinite(depth).all() and np.isfinite(hits.depth).all()
     nearer = hits.depth < depth - 1e-3  # growth on the panels
     assert nearer.mean() < 0.1
@@ -175,21 +186,21 @@ def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
     school = School.crossing(np.random.default_rng(8), (0.0, 0.2, 4.0), 0.0, count=12)
     world = World(scene.water, (), school, seed=3)
     empty = World(scene.water, seed=3)
-    with_fish, without = (Eyes(w, scene.rig, 5) for w in (world, empty))
+    with_fish, without = (StereoRenderer(w, scene.rig, 5) for w in (world, empty))
     origin = place(0, 0.2, 0)
     for t in (0.0, 1.0):
-        frames = [eyes.left(t, origin, 0.0, STILL) for eyes in (with_fish, without)]
+        frames = [renderer.left(t, origin, 0.0, STILL) for renderer in (with_fish, without)]
         change = cv2.GaussianBlur(np.abs(gray(frames[0]) - gray(frames[1])), (0, 0), 1.5) > 2
-        eye = EyeMaps.of(scene.water, scene.rig, 0)
-        seen = Standpoint.of(eye, origin, 0.0).seen(school.at(t))
-        where = np.rint(eye.project(seen)).astype(int)
+        maps = ViewMaps.of(scene.water, scene.rig, 0)
+        seen = Standpoint.of(maps, origin, 0.0).seen(school.at(t))
+        where = np.rint(maps.project(seen)).astype(int)
         shown = (seen[:, 2] > 1) & (where > 5).all(axis=1) & (where < [WIDTH - 5, 266]).all(axis=1)
         assert shown.sum() >= 3
         for column, row in where[shown]:
             assert change[row - 2 : row + 3, column - 2 : column + 3].any()
         far = np.ones(change.shape, bool)
         for (column, row), depth in zip(where, seen[:, 2], strict=True):
-            reach = int(0.4 * eye.matrix[0, 0] / max(depth, 0.3))
+            reach = int(0.4 * maps.matrix[0, 0] / max(depth, 0.3))
             top, left = max(row - reach, 0), max(column - reach, 0)
             far[top : max(row + reach, 0), left : max(column + reach, 0)] = False
         assert far.sum() > 5000
@@ -203,7 +214,7 @@ def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
 
 def cloud_at(z, density=0.9):
     puffs = Puffs(np.array([[0.0, 0.3, z]]), np.array([0.5]), np.array([density]))
-    return Cloud(puffs, np.array([0.05, 0.0, 0.0]), 0.004, 60.0)
+    return DustCloud(puffs, np.array([0.05, 0.0, 0.0]), 0.004, 60.0)
 
 
 def test_dust_brightens_hides_what_is_behind_it_and_thins(scene, tower):
@@ -211,7 +222,7 @@ def test_dust_brightens_hides_what_is_behind_it_and_thins(scene, tower):
 
     def frame(*dust, things=(tower,), t=0.0):
         world = World(scene.water, things, None, dust, seed=3)
-        return gray(Eyes(world, scene.rig, 5).left(t, position, 0.0, STILL))
+        return gray(StereoRenderer(world, scene.rig, 5).left(t, position, 0.0, STILL))
 
     on_tower = np.isfinite(hits_of(World(scene.water, (tower,)), scene.rig, position).depth)
     on_tower = cv2.erode(on_tower.reshape(271, WIDTH).astype(np.uint8), np.ones((3, 3))) > 0
@@ -239,19 +250,19 @@ def test_dust_brightens_hides_what_is_behind_it_and_thins(scene, tower):
 
 
 def old_and_new(scene, frames, side):
-    """Frames of open water as a mission has them, and as the eyes see them."""
-    eyes = Eyes(World(scene.water, seed=3), scene.rig, 5)
+    """Frames of open water as a mission has them, and as the closed loop has them."""
+    renderer = StereoRenderer(World(scene.water, seed=3), scene.rig, 5)
     response = (scene.water.left, scene.water.right)[side]
     old, new = [], []
     for number in range(frames):
         position = place(0, 0.3, -30 + 0.9 * number)
-        pose = Pose(position, np.eye(3), AHEAD)
-        view = look(Tower((), (), ()), pose.cameras(scene.rig)[side])
+        pose = CameraPose(position, np.eye(3), AHEAD)
+        view = cast_rays(Tower((), (), ()), pose.cameras(scene.rig)[side])
         moment, sensor = (np.random.default_rng([3, stream, number]) for stream in (4, 5))
         exposure = expose(scene.water, scene.rig, pose, view, response, moment)
         data = cv2.imencode(".jpg", develop(scene.water, exposure, sensor), JPEG)[1]
         old.append(cv2.imdecode(data, cv2.IMREAD_COLOR))
-        new.append(eyes.pair(float(number), position, 0.0, AHEAD)[side])
+        new.append(renderer.pair(float(number), position, 0.0, AHEAD)[side])
     return old, new
 
 
@@ -299,11 +310,11 @@ def test_open_water_has_the_texture_of_a_mission(water_frames, extractor):
 
 
 def test_two_frames_do_not_have_the_same_noise(scene):
-    eyes = Eyes(World(replace(scene.water, snow_per_frame=0)), scene.rig, 5)
+    renderer = StereoRenderer(World(replace(scene.water, snow_per_frame=0)), scene.rig, 5)
     position = place(0, 0.3, -30.0)
     fine = []
     for t in (0.0, 0.25, 0.5):
-        for frame in eyes.pair(t, position, 0.0, STILL):
+        for frame in renderer.pair(t, position, 0.0, STILL):
             image = gray(frame)
             image -= cv2.GaussianBlur(image, (0, 0), 2)
             fine.append(image.clip(-1.5, 1.5).ravel())
@@ -315,13 +326,13 @@ def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
     snow = Snow.draw(np.random.default_rng(1), water)
     rng = np.random.default_rng(2)
     eye_position = rng.uniform(-50, 50, (20, 3))
-    counts, eye = [], Scene.draw(1, 1, WIDTH).rig
-    maps = EyeMaps.of(water, eye, 0)
+    counts, rig = [], MissionScene.draw(1, 1, WIDTH).rig
+    maps = ViewMaps.of(water, rig, 0)
     for position in eye_position:
         seen, _ = snow.near(Standpoint.of(maps, position, rng.uniform(-3, 3)), STILL)
         counts.append(len(seen))
         assert np.linalg.norm(seen, axis=1).max() < 4.6
-    # A little less than a mission draws: places that no eye sees may repeat and are left out.
+    # A little less than a mission draws: places that no camera sees may repeat and are left out.
     assert 850 < np.mean(counts) < 1010
     first, second = (
         snow.near(Standpoint.of(maps, place(0, 0, z), 0.0), place(0, 0, carried))
@@ -335,19 +346,19 @@ def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
 
 def test_a_pair_gives_the_true_distance(tmp_path, tower):
     """Stereo of a pair with the rig's calibration, a wider picture as that of a real camera."""
-    scene = Scene.draw(3, 4, 680)
+    scene = MissionScene.draw(3, 4, 680)
     world = World(scene.water, (tower,), seed=3)
     scene.rig.write(tmp_path / "rig.yml")
     calibration = load_calibration(tmp_path / "rig.yml")
-    eyes = Eyes(world, scene.rig, 5)
+    renderer = StereoRenderer(world, scene.rig, 5)
     for z in (-3.2, -5.0):
         position = place(0.1, 0.45, z)
-        left, right = eyes.pair(0.0, position, 0.0, STILL)
+        left, right = renderer.pair(0.0, position, 0.0, STILL)
         found = DisparityDetector(calibration, Grid()).observe(Frame(1, 0.0, left, right))
         depth = hits_of(world, scene.rig, position).depth
         near = np.quantile(depth[np.isfinite(depth)], 0.05)
         assert found.detection.distance_m == pytest.approx(near, rel=0.06)
-        mixed = eyes.pair(9.0, position + place(0.9, 0, 0), 0.0, STILL)[1]
+        mixed = renderer.pair(9.0, position + place(0.9, 0, 0), 0.0, STILL)[1]
         other = DisparityDetector(calibration, Grid()).observe(Frame(1, 0.0, left, mixed))
         assert other.detection.distance_m != pytest.approx(near, rel=0.06)
 
@@ -355,14 +366,14 @@ def test_a_pair_gives_the_true_distance(tmp_path, tower):
 def test_close_to_a_tower_a_frame_costs_far_less_than_a_missions(scene, tower):
     """Measured about a third; a closed loop renders some hundred thousand frames."""
     position = place(0.2, 0.35, -2.0)
-    eyes = Eyes(World(scene.water, (tower,), seed=3), scene.rig, 5)
-    pose = Pose(position, np.eye(3), AHEAD)
+    renderer = StereoRenderer(World(scene.water, (tower,), seed=3), scene.rig, 5)
+    pose = CameraPose(position, np.eye(3), AHEAD)
 
     def fast(number):
-        eyes.left(float(number), position, 0.0, AHEAD)
+        renderer.left(float(number), position, 0.0, AHEAD)
 
     def slow(number):
-        view = look(tower.shape, pose.cameras(scene.rig)[0])
+        view = cast_rays(tower.shape, pose.cameras(scene.rig)[0])
         rng = np.random.default_rng(number)
         develop(scene.water, expose(scene.water, scene.rig, pose, view, scene.water.left, rng), rng)
 
@@ -393,17 +404,21 @@ def as_numbers(labels):
 
 
 def both_renderers(seed, n_frames):
-    """A dive without pitch and roll as missions have it and through the eyes, and its labels."""
-    scene = Scene.draw(seed, n_frames, WIDTH)
+    """A dive without pitch and roll by the missions' and the closed loop's renderer; its labels."""
+    scene = MissionScene.draw(seed, n_frames, WIDTH)
     water = scene.water
-    eyes = Eyes(World(water, (Placed.put(scene.tower, (0, 0, 0)),), seed=seed), scene.rig, 5)
-    maps = EyeMaps.of(water, scene.rig, 0)
+    renderer = StereoRenderer(
+        World(water, (Placed.put(scene.tower, (0, 0, 0)),), seed=seed), scene.rig, 5
+    )
+    maps = ViewMaps.of(water, scene.rig, 0)
     old, new, labels = [], [], []
     for number, pose in enumerate(scene.poses):
         heading = float(np.arctan2(pose.rotation[2, 0], pose.rotation[2, 2]))
-        new.append(eyes.left(float(number), pose.centre, heading, pose.velocity))
-        level = Pose(pose.centre, Standpoint.of(maps, pose.centre, heading).rotation, pose.velocity)
-        view = look(scene.tower, level.cameras(scene.rig)[0])
+        new.append(renderer.left(float(number), pose.centre, heading, pose.velocity))
+        level = CameraPose(
+            pose.centre, Standpoint.of(maps, pose.centre, heading).rotation, pose.velocity
+        )
+        view = cast_rays(scene.tower, level.cameras(scene.rig)[0])
         moment, sensor = (np.random.default_rng([seed, stream, number]) for stream in (4, 5))
         exposure = expose(water, scene.rig, level, view, water.left, moment)
         mask = view.image(np.isfinite(view.depth))
@@ -415,9 +430,8 @@ def both_renderers(seed, n_frames):
     return old, new, as_numbers(labels)
 
 
-@pytest.mark.slow
-def test_a_model_trained_on_missions_scores_eyes_as_well_as_missions(tmp_path):
-    """Patches' F1 of Haralick and LinearSVC on the eyes' frames and on a mission's, held out."""
+def test_a_model_trained_on_missions_scores_the_closed_loop_as_well_as_missions(tmp_path):
+    """Held-out F1 of Haralick and LinearSVC on the closed loop's frames and on a mission's."""
     describe = extractor_named("haralick").describe
     rows, truth = [], []
     for seed in (11, 12):

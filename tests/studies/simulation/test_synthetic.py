@@ -9,32 +9,33 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections import defaultdict
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from tokt.features.atomic import remove_partials
-from tokt.features.errors import ToktError
-from tokt.features.grid import DEFAULT_GRID
-from tokt.features.mission import open_mission
-from tokt.labels.synthetic.mission import Scene, simulate_mission
-from tokt.labels.synthetic.patch_labels import (
-    LEAST_CONTRAST,
-    LEAST_COVERAGE,
+
+from tests.waiting import MAX_S, until
+from tokt.features.common.atomic import remove_partials
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import open_mission
+from tokt.studies.simulation.rendering.patch_labels import (
+    MIN_CONTRAST,
+    MIN_COVERAGE,
     contrast,
     coverage,
     patch_labels,
 )
-from tokt.labels.synthetic.raycast import Camera, look
-from tokt.labels.synthetic.tower import WHITE, Box, Frustum, Tower
+from tokt.studies.simulation.rendering.raycast import Camera, cast_rays
+from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, simulate_mission
+from tokt.studies.simulation.scene.tower import WHITE, Cuboid, Frustum, Tower
 
 pytestmark = pytest.mark.xdist_group("synthetic")  # what they share is made once
 
 REAL = Path(
-    os.environ.get("TOKT_MISSION", Path(__file__).parents[3] / "shared" / "mission" / "approach")
+    os.environ.get("TOKT_MISSION", Path(__file__).parents[4] / "shared" / "mission" / "approach")
 )
 N_FRAMES = 40
 
@@ -129,7 +130,6 @@ def test_story_has_ocean_and_obstacles_everywhere_it_should(mission):
     assert sum(summary.patches.values()) == 100 * N_FRAMES
 
 
-@pytest.mark.slow
 def test_other_seeds_tell_the_story_too(short_missions):
     for folder, summary in short_missions:
         labels = read_labels(folder)
@@ -150,7 +150,7 @@ def test_labels_follow_from_the_masks(mission):
         for share, label in zip(covered, labels[frame], strict=True):
             if share == 0:
                 assert label == "ocean"
-            elif share < LEAST_COVERAGE:
+            elif share < MIN_COVERAGE:
                 assert label == "unsure"
             else:
                 assert label in ("subsea_installation", "unsure")
@@ -158,7 +158,7 @@ def test_labels_follow_from_the_masks(mission):
     near = nearest_frame(out)
     covered = coverage(read_mask(out, near) > 0, DEFAULT_GRID)
     sure = [label == "subsea_installation" for label in labels[near]]
-    assert np.mean(sure == (covered >= LEAST_COVERAGE)) >= 0.98
+    assert np.mean(sure == (covered >= MIN_COVERAGE)) >= 0.98
 
 
 def test_coverage_is_the_share_of_a_patch():
@@ -176,15 +176,15 @@ def test_a_faint_or_small_part_of_the_tower_is_unsure():
     water = np.full((271, 360, 3), 20, np.float32)
     lit = water.copy()
     lit[:27, :36] += 5
-    lit[:27, 36:72] += LEAST_CONTRAST / 2
+    lit[:27, 36:72] += MIN_CONTRAST / 2
     lit[:27, 72:108] -= 5  # darker than the water is seen just as well
     lit[200:] += 50  # light where the tower is not says nothing
     seen = contrast(lit, water, mask, DEFAULT_GRID)
-    assert seen[:4] == pytest.approx([5, LEAST_CONTRAST / 2, 5, 0], abs=1e-3)
+    assert seen[:4] == pytest.approx([5, MIN_CONTRAST / 2, 5, 0], abs=1e-3)
     assert not seen[3:].any()
-    covered = np.array([1, 1, LEAST_COVERAGE, LEAST_COVERAGE / 2, 0])
+    covered = np.array([1, 1, MIN_COVERAGE, MIN_COVERAGE / 2, 0])
     tower = "subsea_installation"
-    assert patch_labels(covered, np.array([5, LEAST_CONTRAST / 2, 5, 5, 0])) == [
+    assert patch_labels(covered, np.array([5, MIN_CONTRAST / 2, 5, 5, 0])) == [
         tower,
         "unsure",
         tower,
@@ -198,21 +198,21 @@ def test_depth_of_a_cylinder_and_a_box_is_that_of_geometry():
     matrix = np.array([[200.0, 0, 50], [0, 200.0, 40], [0, 0, 1]])
     camera = Camera(matrix, np.eye(3), np.array([0.0, 0.0, -3.0]), 101, 81)
     up, down = np.array([0.0, -0.4, 0.0]), np.array([0.0, 0.4, 0.0])
-    pole = look(Tower((Frustum(up, down, 0.25, 0.25, WHITE),), (), nothing), camera)
+    pole = cast_rays(Tower((Frustum(up, down, 0.25, 0.25, WHITE),), (), nothing), camera)
     depth = pole.image(pole.depth)
     assert depth[40, 50] == pytest.approx(2.75)
     # Silhouette: tan of the tangent's angle is r / sqrt(d^2 - r^2), here 0.0836 or 16.7 px.
     assert np.flatnonzero(np.isfinite(depth[40])).tolist() == list(range(50 - 16, 50 + 17))
     # The nearest point of the upper end is at depth 2.75, 0.4 m up: 29.1 px.
     assert np.flatnonzero(np.isfinite(depth[:, 50])).tolist() == list(range(40 - 29, 40 + 30))
-    cube = Box(np.zeros(3), np.eye(3), np.array([0.3, 0.2, 0.5]), WHITE)
-    box = look(Tower((cube,), (), nothing), camera)
+    cube = Cuboid(np.zeros(3), np.eye(3), np.array([0.3, 0.2, 0.5]), WHITE)
+    box = cast_rays(Tower((cube,), (), nothing), camera)
     depth = box.image(box.depth)
     assert depth[np.isfinite(depth)] == pytest.approx(2.5)
     assert np.isfinite(depth).sum() == (2 * 24 + 1) * (2 * 16 + 1)
 
 
-def test_both_eyes_see_the_same_tower_at_the_depth_written(tmp_path):
+def test_both_cameras_see_the_same_tower_at_the_depth_written(tmp_path):
     """Warp the right frame onto the left by depth and calibration; texture must match."""
     out = tmp_path / "dive"
     simulate_mission(out, seed=3, n_frames=2, width=1360)  # open water, and the tower near
@@ -288,16 +288,18 @@ def test_killed_half_way_leaves_no_mission(tmp_path):
     out = tmp_path / "dive"
     code = (
         "import sys; from pathlib import Path\n"
-        "from tokt.labels.synthetic.mission import simulate_mission\n"
+        "from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission\n"
         "simulate_mission(Path(sys.argv[1]), n_frames=2000, width=160, jobs=1)\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(out)])
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not list(tmp_path.glob(".partial-*/Left/sim_L_5.jpg")):
+
+    def begun() -> bool:
         assert process.poll() is None
-        time.sleep(0.02)
+        return bool(list(tmp_path.glob(".partial-*/Left/sim_L_5.jpg")))
+
+    until(begun)
     process.send_signal(signal.SIGKILL if os.name != "nt" else signal.SIGTERM)
-    process.wait(10)
+    process.wait(MAX_S)
     assert not out.exists()
     assert remove_partials(tmp_path) == 1
     assert list(tmp_path.iterdir()) == []
@@ -319,7 +321,9 @@ def test_scene_file_says_how_it_was_made(mission):
     out, _ = mission
     scene = json.loads((out / "scene.json").read_text())
     assert (scene["format"], scene["seed"], scene["n_frames"]) == (1, 1, N_FRAMES)
-    assert scene["water"] == json.loads(json.dumps(Scene.draw(1, N_FRAMES, 340).water.to_json()))
+    assert scene["water"] == json.loads(
+        json.dumps(MissionScene.draw(1, N_FRAMES, 340).water.to_json())
+    )
     for entry in scene["frames"]:
         depth = read_depth_m(out, entry["frame"])
         if entry["nearest_m"] is None:
@@ -348,7 +352,6 @@ TOLERANCE_FACTOR, TOLERANCE_SHARE = 1.1, 0.001
 
 
 @pytest.mark.mission
-@pytest.mark.slow
 def test_the_real_mission_lies_in_the_range_of_the_synthetic_ones(short_missions):
     """Per bin, the real share is between the least and the most of six seeds.
 

@@ -7,12 +7,20 @@ from itertools import product
 
 import numpy as np
 import pytest
-from tokt.labels.synthetic.dust import Cloud
-from tokt.labels.synthetic.fish import School
-from tokt.labels.synthetic.mission import simulate_mission
-from tokt.labels.synthetic.tower import GREY, Box, Frustum, Tower
-from tokt.labels.synthetic.water import Water
-from tokt.labels.synthetic.world import Placed, World, one_tower, trap, turned, wall
+
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.studies.simulation.scene.closed_loop_world import (
+    Placed,
+    World,
+    one_tower,
+    trap,
+    turned,
+    wall,
+)
+from tokt.studies.simulation.scene.dust import DustCloud
+from tokt.studies.simulation.scene.fish import School
+from tokt.studies.simulation.scene.tower import GREY, Cuboid, Frustum, Tower
+from tokt.studies.simulation.scene.water import Water
 
 pytestmark = pytest.mark.xdist_group("world")
 
@@ -31,7 +39,7 @@ def test_missions_have_the_bytes_they_had_before_there_was_a_world(tmp_path):
 
 def surface_points(solid, step_m=0.01):
     """Points (n, 3) on all of a solid's surface, at most about `step_m` apart."""
-    if isinstance(solid, Box):
+    if isinstance(solid, Cuboid):
         faces = []
         for axis, side in product(range(3), (-1, 1)):
             grid = [np.linspace(-half, half, int(2 * half / step_m) + 2) for half in solid.half]
@@ -55,7 +63,7 @@ def test_clearance_is_that_of_points_all_over_the_surfaces():
     parts = (
         Frustum(np.zeros(3), up, 0.30, 0.12, GREY),
         Frustum(np.array([0.5, 0.2, 0.1]), np.array([0.8, 0.3, 0.1]), 0.05, 0.05, GREY),
-        Box(np.array([-0.6, 0.1, 0.2]), np.eye(3), np.array([0.2, 0.1, 0.05]), GREY),
+        Cuboid(np.array([-0.6, 0.1, 0.2]), np.eye(3), np.array([0.2, 0.1, 0.05]), GREY),
     )
     angle = 0.7
     placed = Placed.put(Tower(parts, (), ()), (1.0, 0.5, -2.0), angle, (0.1, 0.0, -0.2))
@@ -134,7 +142,7 @@ def test_a_school_passes_its_point_on_time_and_holds_together():
 
 
 def test_dust_drifts_spreads_and_thins():
-    cloud = Cloud.draw(np.random.default_rng(5), (0.0, 0.0, 2.0), drift=(0.1, 0.0, 0.0))
+    cloud = DustCloud.draw(np.random.default_rng(5), (0.0, 0.0, 2.0), drift=(0.1, 0.0, 0.0))
     start, later = cloud.at(0.0), cloud.at(30.0)
     assert np.allclose(later.centre - start.centre, [3.0, 0.0, 0.0])
     assert (later.size > start.size).all()

@@ -14,20 +14,27 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.extractor import Levels, Moments
-from tokt.features.kernels import KERNELS, load_kernels
-from tokt.features.mission import open_mission
-from tokt.labels.synthetic.mission import simulate_mission
-from tokt.training.bench.cases import HaralickKernel, LbpKernel, WholeFrame
-from tokt.training.bench.haralick_agreement import HaralickAgreement
-from tokt.training.bench.measure import BASELINE, OURS, in_turns, result, single_thread
-from tokt.training.bench.models import TEXTURES, learn, learn_features, lesson_from_two_images
-from tokt.training.bench.pictures import Picture, spread_over, textured_frame
-from tokt.training.bench.run import Effort, measure_in_process
-from tokt.training.bench.start_case import first_verdict
-from tokt.training.bench.table import about_lines
-from tokt.training.bench.thesis_way import GRID, haralick_directions
+
+from tokt.cli.studies.bench import about_lines
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Moments, Quantization
+from tokt.features.frames.mission import open_mission
+from tokt.features.kernels.dispatch import KERNELS, load_kernels
+from tokt.studies.baselines.thesis_texture import GRID, haralick_directions
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.studies.speed.cases import HaralickKernel, LbpKernel, WholeFrame
+from tokt.studies.speed.frames import Picture, textured_frame
+from tokt.studies.speed.haralick_agreement import HaralickAgreement
+from tokt.studies.speed.models import (
+    FEATURE_SETS,
+    examples_from_two_images,
+    fit_extractor_pair,
+    fit_model_pair,
+)
+from tokt.studies.speed.paired_timing import BASELINE, OURS, in_turns, result, single_thread
+from tokt.studies.speed.run import BenchSize, measure_in_process
+from tokt.studies.speed.start_case import first_verdict
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 pytestmark = pytest.mark.xdist_group("bench")  # what they share is made once
 
@@ -47,7 +54,7 @@ CASES = [
 ]
 
 
-ONE_OF_EACH = Effort(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1, latency=1)
+ONE_OF_EACH = BenchSize(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1, latency=1)
 """Enough where no figure is looked at."""
 
 
@@ -116,12 +123,11 @@ def check_the_table_says_when_kernels_are_the_libraries(ran: Any) -> None:
     assert "ARE the libraries" not in "\n".join(about_lines(about))
 
 
-@pytest.mark.slow
 def test_the_whole_bench(
     sea: Path, run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
 ) -> None:
     """One test, as two workers would each run the command for tests of their own."""
-    monkeypatch.setattr("tokt.training.bench.run.QUICK", replace(ONE_OF_EACH, compared=3))
+    monkeypatch.setattr("tokt.studies.speed.run.QUICK", replace(ONE_OF_EACH, compared=3))
     out = tmp_path / "bench"
     ran = run_tokt("bench", "--quick", "--json", "--mission", sea, "--out", out)
     check_every_case_is_measured_and_exact(ran, out)
@@ -131,18 +137,17 @@ def test_the_whole_bench(
 
 
 @pytest.mark.mission
-@pytest.mark.slow
 def test_the_real_missions_frames_are_judged_alike(
     mission_dir: Path, run_tokt: Callable[..., Any], tmp_path: Path, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr("tokt.training.bench.run.QUICK", ONE_OF_EACH)
+    monkeypatch.setattr("tokt.studies.speed.run.QUICK", ONE_OF_EACH)
     # Whole processes and files are no other for these frames.
-    monkeypatch.setattr("tokt.training.bench.run._outside", lambda *_: [])
+    monkeypatch.setattr("tokt.studies.speed.run._outside", lambda *_: [])
     # The models learn from every fifth labelled frame: from four, of these.
     labels = tmp_path / "labels.csv"
     head, *rows = (mission_dir / "labels.csv").read_text().splitlines(keepends=True)
     labels.write_text(head + "".join(row for row in rows if int(row.split(",")[2]) % 10 == 0))
-    monkeypatch.setattr("tokt.training.bench.stereo_cases.COMPARED_PAIRS", 1)
+    monkeypatch.setattr("tokt.studies.speed.stereo.stereo_cases.COMPARED_PAIRS", 1)
     options = ("--quick", "--frames", 6, "--mission", mission_dir, "--out", tmp_path / "out")
     files = ("--labels", labels, "--calibration", mission_dir.parent / "calibration.yml")
     ran = run_tokt("bench", "--json", *options, *files)
@@ -249,7 +254,7 @@ def test_a_feature_that_is_a_little_wrong_is_not_exact(
             features[45, feature] *= 1 + 1e-7
         return features
 
-    monkeypatch.setattr("tokt.training.bench.cases.haralick_directions", known)
+    monkeypatch.setattr("tokt.studies.speed.cases.haralick_directions", known)
     kernels = replace(load_kernels("library"), haralick_features=a_little_wrong)
     case = HaralickKernel("wrong", kernels)
     case.check(picture)
@@ -278,25 +283,25 @@ def test_constant_patches_have_an_undetermined_correlation_only() -> None:
 @pytest.fixture(scope="module")
 def two_images(sea: Path) -> Any:
     mission = open_mission(sea)
-    return learn(TEXTURES[0], lesson_from_two_images(mission), mission.read(1))
+    return fit_model_pair(FEATURE_SETS[0], examples_from_two_images(mission), mission.read(1))
 
 
 def test_a_verdict_from_other_weights_is_not_exact(two_images: Any, picture: Picture) -> None:
     """Two images teach the model that texture is an obstacle; the other side gets it reversed."""
-    right = WholeFrame(TEXTURES[0], two_images)
+    right = WholeFrame(FEATURE_SETS[0], two_images)
     right.check(picture)
     assert right.exact
     classifier = two_images.classifier
     reversed_one = type(classifier)()
     reversed_one.__dict__.update(classifier.__dict__)
     reversed_one.coef_, reversed_one.intercept_ = -classifier.coef_, -classifier.intercept_
-    wrong = WholeFrame(TEXTURES[0], replace(two_images, classifier=reversed_one))
+    wrong = WholeFrame(FEATURE_SETS[0], replace(two_images, classifier=reversed_one))
     wrong.check(picture)
     assert not wrong.exact and wrong.findings()["patches_different"] == GRID.n_patches
 
 
 def test_frames_that_the_runtime_refuses_are_counted(two_images: Any) -> None:
-    case = WholeFrame(TEXTURES[0], two_images)
+    case = WholeFrame(FEATURE_SETS[0], two_images)
     case.check(Picture(np.zeros((271, 360, 3), np.uint8)))
     assert case.findings()["frames_refused"] == 1 and not case.exact
 
@@ -310,14 +315,12 @@ def test_refused_frames_are_not_timed(
     for path in frames[1:]:
         cv2.imwrite(str(path), black)
     mission = open_mission(tmp_path / "dive")
-    lesson = lesson_from_two_images(open_mission(sea))
-    effort = replace(ONE_OF_EACH, compared=2, timed=2)
+    examples = examples_from_two_images(open_mission(sea))
+    size = replace(ONE_OF_EACH, compared=2, timed=2)
     with single_thread():
-        models = [learn(texture, lesson, black) for texture in TEXTURES]
-        best = learn_features("best", Moments(Levels(8, 64, 1, 61)), lesson, black)
-        results, compared, timed = measure_in_process(
-            mission, models, best, effort, no_progress, str
-        )
+        models = [fit_model_pair(texture, examples, black) for texture in FEATURE_SETS]
+        best = fit_extractor_pair("best", Moments(Quantization(8, 64, 1, 61)), examples, black)
+        results, compared, timed = measure_in_process(mission, models, best, size, no_progress, str)
     assert (compared, timed) == (2, 1)
     ours = next(case for case in results if case.name == "best.frame")
     assert ours.exact and ours.extras["pictures_checked"] == 2 and ours.extras["floor_ms"] > 0
@@ -329,8 +332,8 @@ def test_a_mission_without_labels_learns_from_two_images(
     sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]
 ) -> None:
     shutil.copytree(sea / "Left", tmp_path / "dive" / "Left")
-    lesson = lesson_from_two_images(open_mission(tmp_path / "dive"))
-    assert [flags.mean() for _, _, flags in lesson.pictures] == [0, 1]
+    examples = examples_from_two_images(open_mission(tmp_path / "dive"))
+    assert [flags.mean() for _, _, flags in examples.pictures] == [0, 1]
 
 
 def test_calls_are_timed_in_turns_on_the_same_items() -> None:
@@ -370,9 +373,9 @@ def test_the_textured_frame_is_textured() -> None:
 
 
 def test_frames_are_spread_over_the_mission() -> None:
-    assert spread_over([3, 5, 8], 7) == [3, 5, 8]
-    assert spread_over(list(range(1, 101)), 3) == [1, 51, 100]
-    assert spread_over(list(range(9)), 1) == [0]
+    assert evenly_spaced([3, 5, 8], 7) == [3, 5, 8]
+    assert evenly_spaced(list(range(1, 101)), 3) == [1, 51, 100]
+    assert evenly_spaced(list(range(9)), 1) == [0]
 
 
 @pytest.mark.parametrize("sends", [True, False])

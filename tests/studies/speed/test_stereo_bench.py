@@ -11,19 +11,20 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.image_file import read_image
-from tokt.features.kernels import LIBRARY, load_kernels
-from tokt.features.mission import open_mission
-from tokt.inference.calibration import StereoCalibration
-from tokt.inference.disparity import DisparityDetector
-from tokt.training.bench import stereo_case
-from tokt.training.bench.measure import BASELINE, OURS, single_thread
-from tokt.training.bench.pairs import Pair, pair_numbers, read_pairs
-from tokt.training.bench.pictures import textured_frame
-from tokt.training.bench.stereo_case import StereoPair
-from tokt.training.bench.stereo_cases import by_kind, measure_stereo, stereo_input
-from tokt.training.bench.table import print_table
-from tokt.training.bench.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+
+from tokt.cli.studies.bench import print_table
+from tokt.features.frames.image_file import read_image
+from tokt.features.frames.mission import open_mission
+from tokt.features.kernels.dispatch import LIBRARY, load_kernels
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt.studies.speed.frames import textured_frame
+from tokt.studies.speed.paired_timing import BASELINE, OURS, single_thread
+from tokt.studies.speed.stereo import stereo_case
+from tokt.studies.speed.stereo.pairs import Pair, pair_numbers, read_pairs
+from tokt.studies.speed.stereo.stereo_case import StereoPair
+from tokt.studies.speed.stereo.stereo_cases import by_kind, measure_stereo, stereo_input
 
 WIDTH, HEIGHT = THESIS_FRAME_SIZE
 CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])

@@ -9,8 +9,10 @@ from typing import BinaryIO
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from tokt.labels.synthetic.mission import simulate_mission
-from tokt.training.reproduce.material import Material, ReproduceRequest
+
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.inputs import ReproduceRequest
 
 FRAMES = 16
 """Open water to frame 7, the tower from frame 8 on; nearest at 12."""
@@ -25,21 +27,21 @@ def reproduce_mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def material_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Material]:
-    """A material of a mission, in one process and with two frames for slow methods."""
+def context_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., StudyContext]:
+    """A context of a mission, in one process and with two frames for slow methods."""
 
-    def make(mission: Path, **asked: object) -> Material:
+    def make(mission: Path, **asked: object) -> StudyContext:
         asked.setdefault("out", tmp_path_factory.mktemp("reproduced"))
         request = ReproduceRequest(mission, sample=2, jobs=1, **asked)
-        return Material(request, lambda line: None, lambda items, total, what: items)
+        return StudyContext(request, lambda line: None, lambda items, total, what: items)
 
     return make
 
 
 @pytest.fixture(scope="session")
-def reproduced(reproduce_mission: Path, material_of: Callable[..., Material]) -> Material:
-    """The rendered mission's material; not to be changed."""
-    return material_of(reproduce_mission)
+def reproduced(reproduce_mission: Path, context_of: Callable[..., StudyContext]) -> StudyContext:
+    """The rendered mission's context; not to be changed."""
+    return context_of(reproduce_mission)
 
 
 @pytest.fixture(autouse=True)

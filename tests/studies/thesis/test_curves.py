@@ -14,32 +14,33 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
-from tokt.features.image_file import pixel_sha256
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import pixel_sha256
 from tokt.inference.verdict import verdict_from_mask
-from tokt.training.baselines.lab_colour import LabColour
-from tokt.training.bench.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
-from tokt.training.bench.thesis_way import GRID, Judged
-from tokt.training.presets import settings_named
-from tokt.training.reproduce import curve_figures as curve_exhibit
-from tokt.training.reproduce import frame_judging, held_out_texture, slow_methods
-from tokt.training.reproduce.curve_figures import curve_figures
-from tokt.training.reproduce.curve_scores import (
+from tokt.models.bundle.bundle import frame_id
+from tokt.studies.baselines.lab_colour import LabColour
+from tokt.studies.baselines.thesis_models import ThesisModel, thesis_model
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import ClaimAgreement
+from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
+from tokt.studies.thesis.exhibits.curve_figures import curve_figures
+from tokt.studies.thesis.exhibits.curve_scores import (
     agreement_with_distance,
     first_in_a_row,
     patch_f1,
     score_methods,
     with_nearness,
 )
-from tokt.training.reproduce.curves import Curves, Method, _model_method
-from tokt.training.reproduce.exhibit import Agreement
-from tokt.training.reproduce.frame_judging import FrameJudged, Judges, judge_frames
-from tokt.training.reproduce.held_out_texture import TOKT_TEXTURE
-from tokt.training.reproduce.material import Material
-from tokt.training.reproduce.run_judging import TOKT_STEREO
-from tokt.training.reproduce.thesis_models import ThesisModel, thesis_model
-from tokt.training.reproduce.training_images import EXTRACTORS
-from tokt.training.train import frame_id
+from tokt.studies.thesis.exhibits.training_images import EXTRACTORS
+from tokt.studies.thesis.methods import held_out_texture, per_frame_methods, superpixel_methods
+from tokt.studies.thesis.methods.curves import Curves, Method, _model_method
+from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
+from tokt.studies.thesis.methods.per_frame_methods import FrameMethods, FrameResult, judge_frames
+from tokt.studies.thesis.methods.sequence_methods import TOKT_STEREO
+from tokt.training.fitting.presets import settings_named
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 
@@ -48,38 +49,38 @@ SETTINGS = replace(BEST, penalties=(0.1,), changes=BEST.changes[:1])
 """The preset with little to search for and little to learn from: for time."""
 
 
-def judged_by_kernels(model: ThesisModel, frame: NDArray[np.uint8]) -> Judged:
+def judged_by_kernels(model: ThesisModel, frame: NDArray[np.uint8]) -> ThesisTextureResult:
     """What `ThesisModel.judge` says, by tokt's kernels of the same features, for time."""
     obstacle = model.classifier.predict(EXTRACTORS[model.name].describe(frame, GRID)) == 1
     mask = GRID.paint(obstacle, *GRID.resized(*frame.shape[:2]))
-    return Judged(obstacle, verdict_from_mask(mask, "thesis"))
+    return ThesisTextureResult(obstacle, verdict_from_mask(mask, "thesis"))
 
 
 @pytest.fixture(scope="module")
-def judged(reproduced: Material) -> list[FrameJudged]:
+def judged(reproduced: StudyContext) -> list[FrameResult]:
     """What was found frame by frame on the way to the curves, which are made here."""
-    kept: list[FrameJudged] = []
+    kept: list[FrameResult] = []
     own = held_out_texture.held_out_texture
 
-    def keep(material: Material, frames: list[FrameJudged], settings: Any) -> Any:
+    def keep(context: StudyContext, frames: list[FrameResult], settings: Any) -> Any:
         kept.extend(frames)
-        return own(material, frames, settings)
+        return own(context, frames, settings)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(slow_methods, "EXAMPLES", 2)
-        patch.setattr("tokt.training.reproduce.curves.settings_named", lambda _: SETTINGS)
-        patch.setattr("tokt.training.reproduce.curves.held_out_texture", keep)
+        patch.setattr(superpixel_methods, "EXAMPLES", 2)
+        patch.setattr("tokt.studies.thesis.methods.curves.settings_named", lambda _: SETTINGS)
+        patch.setattr("tokt.studies.thesis.methods.curves.held_out_texture", keep)
         patch.setattr(ThesisModel, "judge", judged_by_kernels)
         assert len(reproduced.curves.mean) == len(reproduced.frames) - 1
     return kept
 
 
 @pytest.fixture(scope="module")
-def curves(reproduced: Material, judged: list[FrameJudged]) -> Curves:
+def curves(reproduced: StudyContext, judged: list[FrameResult]) -> Curves:
     return reproduced.curves
 
 
-def test_each_curve_is_its_own_methods(reproduced: Material, curves: Curves) -> None:
+def test_each_curve_is_its_own_methods(reproduced: StudyContext, curves: Curves) -> None:
     frame = reproduced.left(12)
     means = {}
     for name, model in reproduced.thesis.items():
@@ -90,30 +91,30 @@ def test_each_curve_is_its_own_methods(reproduced: Material, curves: Curves) -> 
     assert len(set(means.values())) == len(means), "curves of other methods would not be noticed"
 
 
-def test_what_was_learnt_from_is_not_scored(reproduced: Material, curves: Curves) -> None:
+def test_what_was_learnt_from_is_not_scored(reproduced: StudyContext, curves: Curves) -> None:
     assert reproduced.ocean.frame == 1
     assert 1 not in curves.mean.index
     assert 1 not in reproduced.spread()
 
 
 def test_a_file_that_is_a_frame_is_not_scored(
-    reproduce_mission: Path, material_of: Callable[..., Material], tmp_path: Path
+    reproduce_mission: Path, context_of: Callable[..., StudyContext], tmp_path: Path
 ) -> None:
     copy = tmp_path / "elsewhere.jpg"
     shutil.copy(reproduce_mission / "Left" / "sim_L_5.jpg", copy)
-    material = material_of(reproduce_mission, ocean=copy)
-    assert 5 not in material.scored
-    assert 1 in material.scored
+    context = context_of(reproduce_mission, ocean=copy)
+    assert 5 not in context.scored
+    assert 1 in context.scored
 
 
-def test_slow_methods_judge_the_sample_alone(reproduced: Material, curves: Curves) -> None:
+def test_slow_methods_judge_the_sample_alone(reproduced: StudyContext, curves: Curves) -> None:
     there = curves.mean["slic_lbp_10_5"].dropna().index.tolist()
     assert there == reproduced.spread()
     assert curves.methods["slic_lbp_10_5"].sampled
     assert "sample of 2 frames" in curves.words["slic_lbp_10_5"]
 
 
-def test_the_distance_is_the_scenes(reproduced: Material, curves: Curves) -> None:
+def test_the_distance_is_the_scenes(reproduced: StudyContext, curves: Curves) -> None:
     truth = reproduced.mission.path / "depth" / "L_12.png"
     depth = cv2.imread(str(truth), cv2.IMREAD_UNCHANGED) / 1000.0
     found = curves.distance_m[12]
@@ -122,7 +123,7 @@ def test_the_distance_is_the_scenes(reproduced: Material, curves: Curves) -> Non
 
 
 def test_shuffled_features_lose(
-    reproduced: Material, judged: list[FrameJudged], curves: Curves
+    reproduced: StudyContext, judged: list[FrameResult], curves: Curves
 ) -> None:
     truth = {number: reproduced.truth(number) for number in reproduced.obstacle_patches}
     found = patch_f1(curves.patches[TOKT_TEXTURE], truth)
@@ -136,13 +137,13 @@ def test_shuffled_features_lose(
 
 
 def test_no_model_judges_what_it_learnt_from(
-    reproduced: Material, judged: list[FrameJudged], monkeypatch: pytest.MonkeyPatch
+    reproduced: StudyContext, judged: list[FrameResult], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     number_of = {id(one.features[0]): one.number for one in judged}
     datasets, learnt, checked = [], {}, []
     make, teach, values = (
         held_out_texture._dataset,
-        held_out_texture.learn,
+        held_out_texture.fit_rows,
         held_out_texture.decision_values,
     )
 
@@ -162,7 +163,7 @@ def test_no_model_judges_what_it_learnt_from(
         return values(pipeline, features)
 
     monkeypatch.setattr(held_out_texture, "_dataset", dataset)
-    monkeypatch.setattr(held_out_texture, "learn", learn)
+    monkeypatch.setattr(held_out_texture, "fit_rows", learn)
     monkeypatch.setattr(held_out_texture, "decision_values", decide)
     held_out_texture.held_out_texture(reproduced, judged, SETTINGS)
     assert sorted(checked) == reproduced.scored
@@ -181,7 +182,7 @@ def test_a_frame_without_labels_is_judged_from_afar() -> None:
 
 
 def test_colours_never_learn_from_their_own_half(
-    reproduced: Material, monkeypatch: pytest.MonkeyPatch
+    reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     learnt: list[list[int]] = []
 
@@ -192,10 +193,10 @@ def test_colours_never_learn_from_their_own_half(
         learnt.append(list(examples))
         return LabColour.__new__(LabColour)
 
-    monkeypatch.setattr(slow_methods, "labelled_example", example)
-    monkeypatch.setattr(slow_methods.LabColour, "train", train)
-    monkeypatch.setattr(slow_methods.SlicTexture, "train", lambda *given: given[-1])
-    found = slow_methods.slow_methods(reproduced)
+    monkeypatch.setattr(superpixel_methods, "labelled_example", example)
+    monkeypatch.setattr(superpixel_methods.LabColour, "train", train)
+    monkeypatch.setattr(superpixel_methods.SlicTexture, "train", lambda *given: given[-1])
+    found = superpixel_methods.train_superpixel_methods(reproduced)
     assert len(learnt) == 2 and all(learnt)
     for number in reproduced.scored:
         method = found.of(number)[-1]
@@ -216,67 +217,67 @@ def test_thesis_disparity_judges_pairs_of_its_size(tmp_path: Path) -> None:
     left = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
     right = np.roll(left, -20, axis=1)
     data = [cv2.imencode(".png", image)[1].tobytes() for image in (left, right)]
-    task = frame_judging.FrameTask(1, data[0], data[1], (), (), None)
-    found = frame_judging._judge(task)
+    task = per_frame_methods.FrameTask(1, data[0], data[1], (), (), None)
+    found = per_frame_methods._judge(task)
     assert found.mean["disparity"] == judge_pair(left, right).mean > 0.345
     assert found.status["disparity"] == 1
 
 
 def test_a_left_camera_alone_in_gray_without_labels(
     reproduce_mission: Path,
-    material_of: Callable[..., Material],
+    context_of: Callable[..., StudyContext],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
-    monkeypatch.setattr(slow_methods, "SLIC", ())
+    monkeypatch.setattr(superpixel_methods, "SLIC", ())
     (tmp_path / "gray").mkdir()
     for number in (2, 12, 13):
         frame = cv2.imread(str(reproduce_mission / "Left" / f"sim_L_{number}.jpg"), 0)
         cv2.imwrite(str(tmp_path / "gray" / f"{number}.png"), frame)
     (tmp_path / "gray" / "14.png").write_bytes(b"no picture")
-    material = material_of(tmp_path / "gray")
+    context = context_of(tmp_path / "gray")
     name = "haralick"
-    material.__dict__["thesis"] = {name: thesis_model(name, material.ocean, material.other)}
-    exhibit = curve_figures(material)
-    assert material.curves.unreadable == (14,)
-    assert list(material.curves.mean.index) == [12, 13]
-    assert material.labels is None and material.calibration is None
-    assert material.structure in (12, 13)
-    assert {claim.agreement for claim in exhibit.claims} == {Agreement.UNCOMPARABLE}
-    left_out = " ".join(material.curves.left_out)
+    context.__dict__["thesis"] = {name: thesis_model(name, context.ocean, context.other)}
+    exhibit = curve_figures(context)
+    assert context.curves.unreadable == (14,)
+    assert list(context.curves.mean.index) == [12, 13]
+    assert context.labels is None and context.calibration is None
+    assert context.structure_frame in (12, 13)
+    assert {claim.agreement for claim in exhibit.claims} == {ClaimAgreement.UNCOMPARABLE}
+    left_out = " ".join(context.curves.left_out)
     assert "no right frames" in left_out and "no labels" in left_out
     assert len(exhibit.plots) >= 3
 
 
 def test_a_first_frame_that_cannot_be_read_is_passed_over(
-    reproduce_mission: Path, material_of: Callable[..., Material], tmp_path: Path
+    reproduce_mission: Path, context_of: Callable[..., StudyContext], tmp_path: Path
 ) -> None:
     """Where any frame of the mission will do: its size, a model's golden frame."""
     (tmp_path / "1.jpg").write_bytes(b"no picture")
     shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "12.jpg")
-    material = material_of(tmp_path)
-    assert np.array_equal(material.any_left(), material.left(12))
+    context = context_of(tmp_path)
+    assert np.array_equal(context.any_left(), context.left(12))
     (tmp_path / "12.jpg").write_bytes(b"no picture")
     with pytest.raises(ToktError, match="no left frame can be read"):
-        material_of(tmp_path).any_left()
+        context_of(tmp_path).any_left()
 
 
 def test_one_frame_alone_needs_another_ocean_image(
-    reproduce_mission: Path, material_of: Callable[..., Material], tmp_path: Path
+    reproduce_mission: Path, context_of: Callable[..., StudyContext], tmp_path: Path
 ) -> None:
     (tmp_path / "one").mkdir()
     shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "one" / "12.jpg")
     with pytest.raises(ToktError, match=r"one frame.*--ocean"):
-        _ = material_of(tmp_path / "one").scored
+        _ = context_of(tmp_path / "one").scored
     ocean = reproduce_mission / "Left" / "sim_L_2.jpg"
-    material = material_of(tmp_path / "one", ocean=ocean)
-    model = thesis_model("haralick", material.ocean, material.other)
-    (found,) = judge_frames(material.mission, [12], Judges([model]), 1)
+    context = context_of(tmp_path / "one", ocean=ocean)
+    model = thesis_model("haralick", context.ocean, context.other)
+    (found,) = judge_frames(context.mission, [12], FrameMethods([model]), 1)
     assert found.status["haralick"] == 1
 
 
-def test_the_exhibit_tells_of_each_method(reproduced: Material, curves: Curves) -> None:
+def test_the_exhibit_tells_of_each_method(reproduced: StudyContext, curves: Curves) -> None:
     exhibit = curve_figures(reproduced)
     assert not any(".." in words for words in exhibit.words)
     truth = {number: reproduced.truth(number) for number in reproduced.obstacle_patches}
@@ -311,22 +312,22 @@ def test_first_of_three_in_a_row() -> None:
 
 
 def test_scores_count_what_the_labels_say(
-    material_of: Callable[..., Material],
+    context_of: Callable[..., StudyContext],
     reproduce_mission: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
     never, always, right = ([0.0] * 16, [9.0] * 16, [0.0] * 7 + [9.0] * 9)
-    material = material_of(reproduce_mission)
-    material.__dict__["curves"] = made_up({"never": never, "always": always, "right": right})
-    scores = score_methods(material)
+    context = context_of(reproduce_mission)
+    context.__dict__["curves"] = made_up({"never": never, "always": always, "right": right})
+    scores = score_methods(context)
     assert (scores["never"].detected, scores["never"].false_status) == (0, 0)
     assert scores["always"].false_status == scores["always"].ocean_frames == 6
     assert (scores["right"].detected, scores["right"].obstacle_frames) == (9, 9)
     assert scores["right"].false_status == 0
     assert scores["right"].first_detection == 8
-    claim = curve_figures(material).claims[0]
-    assert claim.agreement is Agreement.PARTLY
+    claim = curve_figures(context).claims[0]
+    assert claim.agreement is ClaimAgreement.PARTLY
     assert "1 of 3" in claim.found and "ALWAYS" in claim.why and "RIGHT" not in claim.why
 
 
@@ -344,11 +345,11 @@ def test_nearness_follows_the_distance_and_not_another_order() -> None:
     [((0.99, 0.95), "YES"), ((0.99, 0.9), "PARTLY"), ((0.99, 0.5), "NO"), ((-0.99,), "NO")],
 )
 def test_the_worst_correlation_decides(ranks: tuple[float, ...], agreement: str) -> None:
-    assert agreement_with_distance(ranks) is Agreement[agreement]
+    assert agreement_with_distance(ranks) is ClaimAgreement[agreement]
 
 
 def test_a_model_that_learnt_from_any_frame_is_told(
-    reproduced: Material, monkeypatch: pytest.MonkeyPatch
+    reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From one that is not in the sample, too; and one that says nothing is not held out."""
     number = 9
@@ -361,7 +362,7 @@ def test_a_model_that_learnt_from_any_frame_is_told(
     ):
         content = SimpleNamespace(trained_on=np.array(known, np.uint64))
         bundle = SimpleNamespace(label="m/1", content=content)
-        monkeypatch.setattr("tokt.training.reproduce.curves.read_bundle", lambda _, b=bundle: b)
+        monkeypatch.setattr("tokt.studies.thesis.methods.curves.read_bundle", lambda _, b=bundle: b)
         assert words in _model_method(reproduced).words
 
 

@@ -14,32 +14,38 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from tokt.features.errors import ToktError
-from tokt.training.reproduce import run
-from tokt.training.reproduce.exhibit import Agreement, Claim, Exhibit, Plot, Table
-from tokt.training.reproduce.material import Material, ReproduceRequest
-from tokt.training.reproduce.results import plain
-from tokt.training.reproduce.run import EXHIBITS, Planned, run_reproduce
+
+from tokt.features.common.errors import ToktError
+from tokt.studies.thesis import run
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.inputs import ReproduceRequest
+from tokt.studies.thesis.results import plain
+from tokt.studies.thesis.run import EXHIBITS, Planned, run_reproduce
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 PNG = b"\x89PNG\r\n\x1a\n a picture"
 
 
-def made(material: Material) -> Exhibit:
+def made(context: StudyContext) -> Exhibit:
     """An exhibit that hangs on the mission."""
     claim = Claim(
-        "so <many> frames", "9 & more", str(len(material.scored)), Agreement.PARTLY, "as counted"
+        "so <many> frames",
+        "9 & more",
+        str(len(context.scored)),
+        ClaimAgreement.PARTLY,
+        "as counted",
     )
-    frame = pd.DataFrame({"frame": material.scored, "half": [n / 2 for n in material.scored]})
+    frame = pd.DataFrame({"frame": context.scored, "half": [n / 2 for n in context.scored]})
     frame.loc[0, "half"] = float("nan")
-    numbers = {"frames": len(material.scored), "share": 0.5}
+    numbers = {"frames": len(context.scored), "share": 0.5}
     return Exhibit(
         "counted", "Counted", "figure 9.9", ("how it was done",), (claim,),
         (Table("halves", "all of them", frame),), (Plot("dots", "some dots", PNG),), numbers,
     )  # fmt: skip
 
 
-def refused(material: Material) -> Exhibit:
+def refused(context: StudyContext) -> Exhibit:
     raise ToktError("it needs a second moon")
 
 

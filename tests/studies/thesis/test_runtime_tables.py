@@ -9,28 +9,29 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.mission import LEFT, RIGHT
-from tokt.inference.calibration import load_calibration
-from tokt.inference.disparity import DisparityDetector
-from tokt.inference.policy import SinglePolicy, judge_image
-from tokt.inference.sources import Frame
-from tokt.training.bench.thesis_way import GRID
-from tokt.training.reproduce import runtime_tables
-from tokt.training.reproduce.exhibit import Agreement
-from tokt.training.reproduce.material import Material
-from tokt.training.reproduce.runtime_tables import agreement_of
-from tokt.training.reproduce.stage_clock import (
+
+from tokt.features.frames.mission import LEFT, RIGHT
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import SinglePolicy, judge_image
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import ClaimAgreement
+from tokt.studies.thesis.exhibits import runtime_tables
+from tokt.studies.thesis.exhibits.runtime_tables import agreement_of
+from tokt.studies.thesis.methods.stage_clock import (
     REST,
     STAGES,
-    Encoded,
+    EncodedPair,
     Laps,
     StageTimes,
-    Way,
+    TimedMethod,
     time_stages,
 )
-from tokt.training.reproduce.stage_ways import (
-    same_with_kernels,
+from tokt.studies.thesis.methods.timed_methods import (
     slic_texture,
+    thesis_model_with_kernels,
     thesis_texture,
     tokt_stereo,
     tokt_texture,
@@ -40,9 +41,9 @@ pytestmark = pytest.mark.xdist_group("reproduce")
 EXTRA_S = 0.001
 
 
-def encoded(material: Material, number: int) -> Encoded:
-    mission = material.mission
-    return Encoded(number, mission.encoded(number, LEFT)[0], mission.encoded(number, RIGHT)[0])
+def encoded(context: StudyContext, number: int) -> EncodedPair:
+    mission = context.mission
+    return EncodedPair(number, mission.encoded(number, LEFT)[0], mission.encoded(number, RIGHT)[0])
 
 
 def same(one: Any, other: Any) -> bool:
@@ -51,31 +52,31 @@ def same(one: Any, other: Any) -> bool:
     )
 
 
-def test_stages_add_up_to_the_thesiss_verdict(reproduced: Material) -> None:
+def test_stages_add_up_to_the_thesiss_verdict(reproduced: StudyContext) -> None:
     item, frame = encoded(reproduced, 12), reproduced.left(12)
     for model in reproduced.thesis.values():
         laps = Laps()
         expected = model.judge(frame).verdict
         assert expected.status == 1
         assert same(thesis_texture(model).run(item, laps), expected)
-        assert same(same_with_kernels(model).run(item, Laps()), expected)
+        assert same(thesis_model_with_kernels(model).run(item, Laps()), expected)
         used = {stage for stage, seconds in laps.seconds.items() if seconds}
         assert used == {"decode", "resize", "features", "predict", REST}
 
 
-def test_stages_of_slic_add_up_to_its_verdict(reproduced: Material) -> None:
-    slic = reproduced.slow.textures[0]
+def test_stages_of_slic_add_up_to_its_verdict(reproduced: StudyContext) -> None:
+    slic = reproduced.superpixel_methods.textures[0]
     laps = Laps()
-    way = slic_texture(slic, "LBP")
-    verdict = way.run(encoded(reproduced, 12), laps)
+    method = slic_texture(slic, "LBP")
+    verdict = method.run(encoded(reproduced, 12), laps)
     assert same(verdict, slic.judge(reproduced.left(12), None, 0).verdict)
     assert verdict.mean
     for stage in ("decode", "resize", "superpixels", "features", "predict"):
         assert laps.seconds[stage] > 0, stage
 
 
-def test_ours_are_timed_as_the_runtime_judges(reproduced: Material) -> None:
-    bundle = reproduced.own.bundle
+def test_ours_are_timed_as_the_runtime_judges(reproduced: StudyContext) -> None:
+    bundle = reproduced.tokt_model.bundle
     item, left = encoded(reproduced, 12), reproduced.left(12)
     texture = tokt_texture(bundle.extractor, bundle.model).run(item, Laps())
     assert same(texture, judge_image(bundle, left).verdict)
@@ -90,7 +91,7 @@ def test_ours_are_timed_as_the_runtime_judges(reproduced: Material) -> None:
     assert laps.seconds["undistort"] > 0 and laps.seconds["match"] > 0
 
 
-def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: Material) -> None:
+def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: StudyContext) -> None:
     model = reproduced.thesis["lbp_10_5"]
 
     def busy(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -100,15 +101,15 @@ def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: Material) 
         return model.describe(patch)
 
     slow = thesis_texture(replace(model, describe=busy))
-    slow = Way("slow", "slow", "x", slow.run)
-    ways = [thesis_texture(model), slow]
+    slow = TimedMethod("slow", "slow", "x", slow.run)
+    methods = [thesis_texture(model), slow]
     frames = [encoded(reproduced, number) for number in (3, 12)]
-    plain, found = time_stages(ways, frames, 1, lambda items, total, what: items)
+    plain, found = time_stages(methods, frames, 1, lambda items, total, what: items)
     more = (found.seconds - plain.seconds).mean(axis=0)
     expected = EXTRA_S * GRID.n_patches
     assert more[STAGES.index("features")] == pytest.approx(expected, rel=0.5)
     assert abs(more[STAGES.index("predict")]) < expected / 4
-    assert found.way.key == "slow"
+    assert found.method.key == "slow"
 
 
 def test_what_is_inside_a_stage_is_not_counted_twice() -> None:
@@ -135,8 +136,8 @@ def made_up(ratios: dict[str, float]) -> dict[str, StageTimes]:
     for key, ratio in ratios.items():
         seconds = np.zeros((2, len(STAGES)))
         seconds[:, STAGES.index("features")] = np.array([0.03, 0.06]) * ratio
-        way = Way(key, key, "x", lambda item, laps: None)
-        found[key] = StageTimes(way, seconds, ())
+        method = TimedMethod(key, key, "x", lambda item, laps: None)
+        found[key] = StageTimes(method, seconds, ())
     return found
 
 
@@ -147,13 +148,13 @@ def claims_of(found: dict[str, StageTimes]) -> dict[str, Any]:
 def test_ratios_are_judged_against_the_printed_ones() -> None:
     ratios = {"slic_lbp_10_5": 19.7, "slic_haralick": 3.0, "lbp_10_5": 1.0, "haralick": 1.726}
     claims = claims_of(made_up({**ratios, "disparity": 1.19}))
-    assert {claim.agreement for claim in claims.values()} == {Agreement.YES}
+    assert {claim.agreement for claim in claims.values()} == {ClaimAgreement.YES}
     assert "19.7" in claims["SLIC"].printed and claims["SLIC"].found.startswith("19.7")
     swapped = claims_of(made_up({**ratios, "slic_lbp_10_5": 1.19, "disparity": 19.7}))
-    assert swapped["SLIC"].agreement is swapped["disparity"].agreement is Agreement.NO
-    assert swapped["Haralick"].agreement is Agreement.YES
+    assert swapped["SLIC"].agreement is swapped["disparity"].agreement is ClaimAgreement.NO
+    assert swapped["Haralick"].agreement is ClaimAgreement.YES
     assert "largest stage is features" in swapped["disparity"].why
-    assert claims_of(made_up(ratios))["disparity"].agreement is Agreement.UNCOMPARABLE
+    assert claims_of(made_up(ratios))["disparity"].agreement is ClaimAgreement.UNCOMPARABLE
 
 
 @pytest.mark.parametrize(
@@ -161,17 +162,19 @@ def test_ratios_are_judged_against_the_printed_ones() -> None:
     [(1.0, "YES"), (1.24, "YES"), (0.81, "YES"), (1.9, "PARTLY"), (0.51, "PARTLY"), (2.1, "NO")],
 )
 def test_agreement(ratio: float, agreement: str) -> None:
-    assert agreement_of(ratio * 1.19, 1.19) is Agreement[agreement]
+    assert agreement_of(ratio * 1.19, 1.19) is ClaimAgreement[agreement]
 
 
 def test_the_exhibit_has_each_methods_profile(
-    reproduced: Material, monkeypatch: pytest.MonkeyPatch
+    reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def timed(ways: list[Way], frames: Any, rounds: int, progress: Any) -> list[StageTimes]:
-        rows = made_up({way.key: 1.0 + at for at, way in enumerate(ways)})
-        verdicts = tuple(judge_image(reproduced.own.bundle, reproduced.left(12)).verdict
+    def timed(
+        methods: list[TimedMethod], frames: Any, rounds: int, progress: Any
+    ) -> list[StageTimes]:
+        rows = made_up({method.key: 1.0 + at for at, method in enumerate(methods)})
+        verdicts = tuple(judge_image(reproduced.tokt_model.bundle, reproduced.left(12)).verdict
                          for _ in frames)  # fmt: skip
-        return [replace(rows[way.key], way=way, verdicts=verdicts) for way in ways]
+        return [replace(rows[method.key], method=method, verdicts=verdicts) for method in methods]
 
     monkeypatch.setattr(runtime_tables, "time_stages", timed)
     exhibit = runtime_tables.runtime_tables(reproduced)

@@ -12,29 +12,35 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
-from tokt.inference.trend import GROWING, SHRINKING, STEADY
-from tokt.labels.synthetic.light import expose
-from tokt.labels.synthetic.mission import Scene
-from tokt.labels.synthetic.raycast import look
-from tokt.labels.synthetic.sensor import develop
-from tokt.training.baselines.slic import SlicTexture
-from tokt.training.reproduce import (
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.policy.trend import GROWING, SHRINKING, STEADY
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.baselines.thesis_disparity import margin_of, thesis_cloud
+from tokt.studies.baselines.thesis_models import thesis_model
+from tokt.studies.simulation.rendering.lighting import expose
+from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.sensor import develop
+from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import ClaimAgreement, Exhibit
+from tokt.studies.thesis.exhibits import (
     disparity_figures,
-    exchanged_right,
     superpixel_figure,
     synchrony_figure,
     trend_figure,
 )
-from tokt.training.reproduce.curves import Curves
-from tokt.training.reproduce.exchanged_right import OWN, exchange
-from tokt.training.reproduce.exhibit import Agreement, Exhibit
-from tokt.training.reproduce.material import Material
-from tokt.training.reproduce.synchrony import Rows, offset_of
-from tokt.training.reproduce.thesis_disparity import margin_of, thesis_cloud
-from tokt.training.reproduce.thesis_models import thesis_model
-from tokt.training.reproduce.trend_scores import Seen, depth_trend, held_against, score
-from tokt.training.reproduce.trend_seen import seen_by_stereo
+from tokt.studies.thesis.exhibits.trend_inputs import means_of_stereo
+from tokt.studies.thesis.methods import exchanged_right
+from tokt.studies.thesis.methods.curves import Curves
+from tokt.studies.thesis.methods.exchanged_right import OWN, exchange
+from tokt.studies.thesis.methods.synchrony import Rows, offset_of
+from tokt.studies.thesis.methods.trend_scores import (
+    FrameMean,
+    depth_trend,
+    score,
+    trend_against_depth,
+)
 
 pytestmark = pytest.mark.xdist_group("stereo-figures")  # what they share is made once
 
@@ -67,16 +73,18 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
     folder = tmp_path_factory.mktemp("stereo-figures") / "dive"
     for side in ("Left", "Right"):
         (folder / side).mkdir(parents=True)
-    scene = Scene.draw(1, SCENE_FRAMES, WIDTH)
+    scene = MissionScene.draw(1, SCENE_FRAMES, WIDTH)
     scene.rig.write(folder / "calibration.yml")
     depths = {}
     for number in SHOWN:
         pose = scene.poses[number - 1]
-        eyes = scene.water.left, scene.water.right
-        for side, (camera, eye) in enumerate(zip(pose.cameras(scene.rig), eyes, strict=True)):
-            view = look(scene.tower, camera)
+        responses = scene.water.left, scene.water.right
+        for side, (camera, response) in enumerate(
+            zip(pose.cameras(scene.rig), responses, strict=True)
+        ):
+            view = cast_rays(scene.tower, camera)
             moment = np.random.default_rng([number, 7])
-            light = expose(scene.water, scene.rig, pose, view, eye, moment)
+            light = expose(scene.water, scene.rig, pose, view, response, moment)
             image = develop(scene.water, light, np.random.default_rng([number, side]))
             name, letter = (("Left", "L"), ("Right", "R"))[side]
             cv2.imwrite(str(folder / name / f"d_{letter}_{number}.png"), image)
@@ -87,9 +95,9 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
 
 
 @pytest.fixture
-def material(dive: Dive, material_of: Callable[..., Material]) -> Material:
-    """The dive's material, one for each test."""
-    return material_of(dive.path)
+def context(dive: Dive, context_of: Callable[..., StudyContext]) -> StudyContext:
+    """The dive's context, one for each test."""
+    return context_of(dive.path)
 
 
 @pytest.fixture
@@ -99,23 +107,23 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(disparity_figures, name, count)
 
 
-def agreement_of(exhibit: Exhibit, what: str) -> Agreement:
+def agreement_of(exhibit: Exhibit, what: str) -> ClaimAgreement:
     return next(claim.agreement for claim in exhibit.claims if claim.what == what)
 
 
 def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(
-    material: Material, dive: Dive, few: None
+    context: StudyContext, dive: Dive, few: None
 ) -> None:
-    found = disparity_figures.disparity_figures(material)
+    found = disparity_figures.disparity_figures(context)
     assert not found.missing
     numbers = found.numbers
     # A rendered tower is more like itself upside down than the real one is.
     assert numbers["ours_matched_own_least"] > 0.05 > 4 * numbers["ours_matched_wrong_most"]
     assert numbers["ours_obstacle_wrong"] == 0
     assert numbers["thesis_pixels_changed_most"] < 0.01
-    assert agreement_of(found, "the map needs both pictures") is Agreement.NO
+    assert agreement_of(found, "the map needs both pictures") is ClaimAgreement.NO
     assert numbers["matched_points"] > 20 and numbers["points_searched"] == 0
-    assert agreement_of(found, "the values of the map are disparities") is Agreement.NO
+    assert agreement_of(found, "the values of the map are disparities") is ClaimAgreement.NO
     shown = int(numbers["shown_frame"])
     assert numbers["cloud_median_m"] == pytest.approx(dive.depth_m[shown], rel=0.05)
     assert abs(numbers["rank_correlation"]) < 0.5
@@ -125,25 +133,25 @@ def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(
 
 
 def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(
-    material: Material, monkeypatch: pytest.MonkeyPatch
+    context: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    upright = material.right
-    monkeypatch.setattr(material, "right", lambda number: upright(number)[::-1].copy())
+    upright = context.right
+    monkeypatch.setattr(context, "right", lambda number: upright(number)[::-1].copy())
     monkeypatch.setattr(exchanged_right, "disparity_map", lambda left, right: left[..., 0])
-    assert material.calibration is not None
-    rows = exchange(material, material.calibration, [ROW[0], APART])
+    assert context.calibration is not None
+    rows = exchange(context, context.calibration, [ROW[0], APART])
     assert max(row.ours_matched for row in rows if row.right == OWN) < 0.0125
 
 
 def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(
-    material: Material, monkeypatch: pytest.MonkeyPatch
+    context: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def both(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return np.where(right[..., 1] > np.median(right), 200, 0).astype(np.uint8)
 
     monkeypatch.setattr(exchanged_right, "disparity_map", both)
-    assert material.calibration is not None
-    rows = exchange(material, material.calibration, [ROW[0], APART])
+    assert context.calibration is not None
+    rows = exchange(context, context.calibration, [ROW[0], APART])
     assert all((row.thesis_changed > 0.05) == (row.right != OWN) for row in rows)
 
 
@@ -160,26 +168,26 @@ def test_margin_and_cloud_of_a_map() -> None:
     assert set(np.round(points[:, 2], 4)) == {-1.0, -round(57 / 255, 4)}
 
 
-def test_without_a_calibration_it_is_said_what_is_missing(material: Material) -> None:
-    material.__dict__["_cameras"] = (None, "none was given")
+def test_without_a_calibration_it_is_said_what_is_missing(context: StudyContext) -> None:
+    context.__dict__["_cameras"] = (None, "none was given")
     for make in (
         disparity_figures.disparity_figures,
         synchrony_figure.synchrony_figure,
         trend_figure.trend_exhibit,
     ):
-        found = make(material)
+        found = make(context)
         assert "calibration" in found.missing and "none was given" in found.missing
 
 
-def test_cameras_are_synchronous_and_a_late_one_is_late(material: Material) -> None:
-    found = synchrony_figure.synchrony_figure(material)
+def test_cameras_are_synchronous_and_a_late_one_is_late(context: StudyContext) -> None:
+    found = synchrony_figure.synchrony_figure(context)
     assert not found.missing
     numbers = found.numbers
     # Its picture moves by ten rows a frame, the sea trial's by seventy.
     assert numbers["own_offset_frames"] == pytest.approx(0, abs=0.05)
     assert numbers["shifted_offset_frames"] == pytest.approx(1, abs=0.08)
     assert 0 < numbers["own_half_width_frames"] < 0.1
-    assert found.claims[0].agreement is Agreement.YES
+    assert found.claims[0].agreement is ClaimAgreement.YES
 
 
 def rows_moved_by(offset: float, seed: int = 3) -> Rows:
@@ -200,7 +208,7 @@ def test_an_offset_is_measured_and_one_that_is_large_is_told(true: float) -> Non
     assert abs(found.frames - true) < max(2 * found.half_width, 0.01) < 0.05
     control = replace(found, frames=found.frames + 1)
     pair = {synchrony_figure.AS_IT_IS: found, synchrony_figure.ON_PURPOSE: control}
-    wanted = Agreement.YES if true == 0 else Agreement.NO
+    wanted = ClaimAgreement.YES if true == 0 else ClaimAgreement.NO
     assert synchrony_figure.claim_of(pair).agreement is wanted
 
 
@@ -209,18 +217,18 @@ def test_right_rows_of_other_frames_tell_no_offset() -> None:
     mixed = replace(rows, right=np.random.default_rng(2).permutation(rows.right))
     found = offset_of(mixed)
     pair = dict.fromkeys((synchrony_figure.AS_IT_IS, synchrony_figure.ON_PURPOSE), found)
-    assert synchrony_figure.claim_of(pair).agreement is Agreement.UNCOMPARABLE
+    assert synchrony_figure.claim_of(pair).agreement is ClaimAgreement.UNCOMPARABLE
     with pytest.raises(ToktError, match="3 frames have points"):
         offset_of(rows.only(rows.frame < 3))
 
 
 def test_superpixels_and_grid_see_the_same_with_one_classifier(
-    material: Material, monkeypatch: pytest.MonkeyPatch
+    context: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(superpixel_figure, "FEATURES", ("lbp_10_5",))
-    material.__dict__ |= {"structure": APART, "scored": [APART]}
-    model = thesis_model("lbp_10_5", material.ocean, material.other)
-    material.__dict__["thesis"] = {"lbp_10_5": model}
+    context.__dict__ |= {"structure_frame": APART, "scored": [APART]}
+    model = thesis_model("lbp_10_5", context.ocean, context.other)
+    context.__dict__["thesis"] = {"lbp_10_5": model}
     trained = []
     train = SlicTexture.train
 
@@ -229,7 +237,7 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
         return trained[-1]
 
     monkeypatch.setattr(superpixel_figure.SlicTexture, "train", kept)
-    found = superpixel_figure.superpixel_figure(material)
+    found = superpixel_figure.superpixel_figure(context)
     assert found.numbers["lbp_10_5_frames"] == 1
     assert 60 < found.numbers["lbp_10_5_segments_median"] < 150
     assert found.numbers["lbp_10_5_slic_over_grid"] > 1
@@ -238,7 +246,7 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
     turned = SlicTexture(model.describe, Opposite(trained[0]), "turned")
     monkeypatch.setattr(superpixel_figure.SlicTexture, "train", lambda *_: turned)
     monkeypatch.setattr(superpixel_figure, "_plot", lambda *_: None)
-    wrong = superpixel_figure.superpixel_figure(material)
+    wrong = superpixel_figure.superpixel_figure(context)
     assert wrong.numbers["lbp_10_5_pixels_same"] < 0.5
 
 
@@ -248,7 +256,7 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
 def test_superpixels_are_as_much_slower_as_printed_or_not(ratio: float, agreement: str) -> None:
     summaries = {name: {"slic_over_grid": ratio} for name in superpixel_figure.FEATURES}
     claim = superpixel_figure._time_claim(summaries)
-    assert claim.agreement is Agreement[agreement]
+    assert claim.agreement is ClaimAgreement[agreement]
     assert ("not slower at all" in claim.why) == (ratio < 1)
 
 
@@ -274,14 +282,14 @@ def approach() -> dict[int, float]:
     return dict(zip(FRAMES, depths.tolist(), strict=True))
 
 
-def means(depth_m: dict[int, float], power: float = -2.0) -> list[Seen]:
+def means(depth_m: dict[int, float], power: float = -2.0) -> list[FrameMean]:
     """An area that goes with a power of the depth."""
-    return [Seen(n, 20 * (z / 5) ** power, True) for n, z in depth_m.items()]
+    return [FrameMean(n, 20 * (z / 5) ** power, True) for n, z in depth_m.items()]
 
 
 def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time() -> None:
     depth = approach()
-    found = score(held_against(means(depth), depth, STEP_S))
+    found = score(trend_against_depth(means(depth), depth, STEP_S))
     assert found.agreement == 1 and found.same > 25 and found.opposite == 0
     assert found.rank_correlation == pytest.approx(-1, abs=1e-3)
     assert len(found.ratios) > 10
@@ -290,12 +298,12 @@ def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time() -> None:
 
 def test_a_turned_sign_and_shuffled_depths_are_found_out() -> None:
     depth = approach()
-    turned = score(held_against(means(depth, 2.0), depth, STEP_S))
+    turned = score(trend_against_depth(means(depth, 2.0), depth, STEP_S))
     assert turned.agreement == 0 and turned.missed_approach > 10
     assert turned.rank_correlation == pytest.approx(1, abs=1e-3)
     order = np.random.default_rng(1).permutation(len(depth))
     mixed = dict(zip(FRAMES, np.array(list(depth.values()))[order].tolist(), strict=True))
-    shuffled = score(held_against(means(depth), mixed, STEP_S))
+    shuffled = score(trend_against_depth(means(depth), mixed, STEP_S))
     assert shuffled.agreement is None or shuffled.agreement < 0.8
     assert abs(shuffled.rank_correlation or 0) < 0.5
 
@@ -312,29 +320,29 @@ def test_how_the_depth_changes() -> None:
     assert depth_trend(t[-3:], np.full(3, 5.0)) is None
 
 
-def test_stereo_gives_the_true_depths_to_hold_against(material: Material, dive: Dive) -> None:
-    assert material.calibration is not None
+def test_stereo_gives_the_true_depths_to_hold_against(context: StudyContext, dive: Dive) -> None:
+    assert context.calibration is not None
     frames = [OPEN[0], *ROW[:3]]
-    seen, depth = seen_by_stereo(material, material.calibration, frames)
+    seen, depth = means_of_stereo(context, context.calibration, frames)
     assert [one.frame for one in seen] == frames and np.isnan(depth[OPEN[0]])
     for number in ROW[:3]:
         assert depth[number] == pytest.approx(dive.depth_m[number], rel=0.05)
 
 
 @pytest.fixture
-def followed(material: Material, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], Exhibit]:
+def followed(context: StudyContext, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], Exhibit]:
     """The trend's exhibit of a dive whose mean goes with a power of the depth."""
     depth = approach()
 
     def make(power: float) -> Exhibit:
         nothing = pd.DataFrame(index=pd.Index(FRAMES, name="frame"))
-        material.__dict__["curves"] = Curves(
+        context.__dict__["curves"] = Curves(
             nothing, nothing, {}, distance_m=pd.Series(depth, dtype=float)
         )
-        material.__dict__["pairs"] = FRAMES
+        context.__dict__["pairs"] = FRAMES
         given = means(depth, power), depth
-        monkeypatch.setattr(trend_figure, "seen_by_stereo", lambda *_: given)
-        return trend_figure.trend_exhibit(material)
+        monkeypatch.setattr(trend_figure, "means_of_stereo", lambda *_: given)
+        return trend_figure.trend_exhibit(context)
 
     return make
 
@@ -346,19 +354,19 @@ def test_the_trend_s_exhibit(
     found = followed(-2.0)
     assert found.numbers["disparity_sign_agreement"] == 1
     assert found.numbers["disparity_contact_ratio_median"] == pytest.approx(1, abs=0.05)
-    assert agreement_of(found, what) is Agreement.YES
+    assert agreement_of(found, what) is ClaimAgreement.YES
     table = found.tables[1].frame
     counts = table.set_index("by depth")
     assert counts.loc[GROWING, GROWING] > 10 and counts.loc[GROWING, SHRINKING] == 0
     monkeypatch.setattr(trend_figure, "_plots", lambda *_: ())
     turned = followed(2.0)
     assert turned.numbers["disparity_sign_agreement"] == 0
-    assert agreement_of(turned, what) is Agreement.NO
-    assert agreement_of(turned, "the mean value is a relative distance") is Agreement.NO
+    assert agreement_of(turned, what) is ClaimAgreement.NO
+    assert agreement_of(turned, "the mean value is a relative distance") is ClaimAgreement.NO
 
 
 def test_what_leaves_the_picture_has_no_time_to_contact() -> None:
     depth = approach()
     cut = [replace(one, whole=False) for one in means(depth)]
-    found = score(held_against(cut, depth, STEP_S))
+    found = score(trend_against_depth(cut, depth, STEP_S))
     assert not found.ratios and np.median(found.unchecked_ratios) == pytest.approx(1, abs=0.05)

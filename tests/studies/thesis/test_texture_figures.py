@@ -12,29 +12,36 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
+
+from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
-from tokt.training.baselines.baseline import BaselineJudged
-from tokt.training.bench.thesis_way import GRID
-from tokt.training.reproduce import dark_figures, training_images
-from tokt.training.reproduce.centre_figures import both_ways, centre_and_box
-from tokt.training.reproduce.curves import THESIS, Curves, Method
-from tokt.training.reproduce.dark_figures import bad_lighting
-from tokt.training.reproduce.dark_frame import DarkPair, DarkScene
-from tokt.training.reproduce.dot_figures import pooled_scores, prediction_dots
-from tokt.training.reproduce.exhibit import Exhibit
-from tokt.training.reproduce.held_out_texture import TOKT_TEXTURE
-from tokt.training.reproduce.material import Material, ReproduceRequest
-from tokt.training.reproduce.patch_figures import patch_histograms
-from tokt.training.reproduce.patch_scores import (
+from tokt.studies.baselines.baseline import BaselineResult
+from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import Exhibit
+from tokt.studies.thesis.exhibits import dark_figures, training_images
+from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
+from tokt.studies.thesis.exhibits.dark_figures import bad_lighting
+from tokt.studies.thesis.exhibits.dot_figures import pooled_scores, prediction_dots
+from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
+from tokt.studies.thesis.exhibits.training_image_figures import (
+    training_images as training_image_exhibit,
+)
+from tokt.studies.thesis.inputs import ReproduceRequest
+from tokt.studies.thesis.methods.all_labels_texture import train_on_all_labels
+from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
+from tokt.studies.thesis.methods.dark_rendering import DarkPair, DarkScene
+from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
+from tokt.studies.thesis.methods.patch_scores import (
     PatchScore,
     PatchTruth,
     patches_of_mask,
     score_patches,
     truth_by_mask,
 )
-from tokt.training.reproduce.slow_methods import SlowMethods
-from tokt.training.reproduce.texture_histograms import (
+from tokt.studies.thesis.methods.superpixel_methods import SuperpixelMethods
+from tokt.studies.thesis.methods.texture_histograms import (
     BinKind,
     bin_kinds,
     chi_square,
@@ -42,9 +49,6 @@ from tokt.training.reproduce.texture_histograms import (
     hellinger,
     share_by_kind,
 )
-from tokt.training.reproduce.thesis_centre import leaves_frame, thesis_centre
-from tokt.training.reproduce.training_image_figures import training_images as training_image_exhibit
-from tokt.training.reproduce.whole_texture import learn_whole
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 
@@ -52,32 +56,34 @@ HEIGHT, WIDTH = 271, 360
 Described = dict[str, NDArray[np.float64]]
 
 
-def _curves(material: Material) -> Curves:
+def _curves(context: StudyContext) -> Curves:
     """What `measure_curves` would give of the thesis's models; ours sees what is labelled."""
-    patches: dict[str, dict[int, NDArray[np.bool_]]] = {key: {} for key in material.thesis}
+    patches: dict[str, dict[int, NDArray[np.bool_]]] = {key: {} for key in context.thesis}
     patches[TOKT_TEXTURE] = {}
-    for number in material.scored:
-        rows = training_images.described(material.left(number))
-        for key, model in material.thesis.items():
+    for number in context.scored:
+        rows = training_images.described(context.left(number))
+        for key, model in context.thesis.items():
             patches[key][number] = model.classifier.predict(rows[key]) == 1
-        patches[TOKT_TEXTURE][number] = material.truth(number) == 1
-    methods = {key: Method(model.title, THESIS, "") for key, model in material.thesis.items()}
+        patches[TOKT_TEXTURE][number] = context.truth(number) == 1
+    methods = {key: Method(model.title, THESIS, "") for key, model in context.thesis.items()}
     methods[TOKT_TEXTURE] = Method("ours", "tokt's", "held out")
     return Curves(pd.DataFrame(), pd.DataFrame(), methods, patches)
 
 
-def _material(mission: Path, out: Path, curves: Curves | None = None, **asked: Path) -> Material:
+def _study_context(
+    mission: Path, out: Path, curves: Curves | None = None, **asked: Path
+) -> StudyContext:
     request = ReproduceRequest(mission=mission, out=out, jobs=1, **asked)
-    material = Material(request, lambda line: None, lambda items, total, what: items)
+    context = StudyContext(request, lambda line: None, lambda items, total, what: items)
     if curves is not None:
-        material.__dict__["curves"] = curves
-    return material
+        context.__dict__["curves"] = curves
+    return context
 
 
 @pytest.fixture(scope="session")
-def material(reproduce_mission: Path, tmp_path_factory: pytest.TempPathFactory) -> Material:
+def context(reproduce_mission: Path, tmp_path_factory: pytest.TempPathFactory) -> StudyContext:
     """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
-    made = _material(reproduce_mission, tmp_path_factory.mktemp("out"))
+    made = _study_context(reproduce_mission, tmp_path_factory.mktemp("out"))
     made.__dict__["curves"] = _curves(made)
     return made
 
@@ -119,11 +125,11 @@ class TopHalf:
 
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineJudged:
+    ) -> BaselineResult:
         """White down to the middle."""
         mask = np.zeros((HEIGHT, WIDTH), np.uint8)
         mask[:135] = 255
-        return BaselineJudged(verdict_from_mask(mask, self.name), mask, "")
+        return BaselineResult(verdict_from_mask(mask, self.name), mask, "")
 
     def reset(self) -> None:
         """Nothing is kept."""
@@ -253,9 +259,9 @@ def _sound(exhibit: Exhibit) -> None:
         assert not isinstance(value, float) or np.isfinite(value)
 
 
-def test_training_images(material: Material, one_photo: None, drawn: None) -> None:
+def test_training_images(context: StudyContext, one_photo: None, drawn: None) -> None:
     """Another ocean frame is the nearest to ocean and the worst to learn from."""
-    exhibit = training_image_exhibit(material)
+    exhibit = training_image_exhibit(context)
     _sound(exhibit)
     table = exhibit.tables[0].frame.set_index("image")
     assert table["lbp_10_5 to ocean"].idxmin() == "ocean frame"
@@ -269,15 +275,15 @@ def test_training_images(material: Material, one_photo: None, drawn: None) -> No
 
 
 def test_training_images_without_labels(
-    material: Material, one_photo: None, tmp_path: Path
+    context: StudyContext, one_photo: None, tmp_path: Path
 ) -> None:
     """Distances remain; nothing is scored, and nothing is ranked."""
-    bare = _material(material.mission.path, tmp_path)
+    bare = _study_context(context.mission.path, tmp_path)
     bare.__dict__["labels"] = None
     bare.__dict__ |= {
-        "structure": material.structure,
-        "ocean": material.ocean,
-        "other": material.other,
+        "structure_frame": context.structure_frame,
+        "ocean": context.ocean,
+        "other": context.other,
     }
     exhibit = training_image_exhibit(bare)
     assert exhibit.numbers["scored_frames"] == 0
@@ -286,27 +292,29 @@ def test_training_images_without_labels(
     assert "ocean frame" not in set(exhibit.tables[0].frame["image"])
 
 
-def test_patch_histograms(material: Material, drawn: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_patch_histograms(
+    context: StudyContext, drawn: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The models tell the tower's patches from the water's, and not if features are shuffled."""
-    exhibit = patch_histograms(material)
+    exhibit = patch_histograms(context)
     _sound(exhibit)
-    assert exhibit.numbers["frame"] == material.structure
+    assert exhibit.numbers["frame"] == context.structure_frame
     assert float(exhibit.numbers["lbp_10_5_model_roc_area"]) > 0.85
     assert float(exhibit.numbers["haralick_model_roc_area"]) > 0.95
     assert float(exhibit.numbers["lbp_10_5_hellinger"]) > 0.1
     outside = int(exhibit.numbers["haralick_outside_structure"])
     features = exhibit.tables[1].frame
     assert outside == ((features["structure"] > 13) | (features["structure"] < 0)).sum()
-    monkeypatch.setattr("tokt.training.reproduce.patch_figures.described", shuffled)
-    monkeypatch.setattr("tokt.training.reproduce.patch_figures._plots", lambda *_: ())
-    broken = patch_histograms(material)
+    monkeypatch.setattr("tokt.studies.thesis.exhibits.patch_figures.described", shuffled)
+    monkeypatch.setattr("tokt.studies.thesis.exhibits.patch_figures._plots", lambda *_: ())
+    broken = patch_histograms(context)
     assert float(broken.numbers["lbp_10_5_model_roc_area"]) < 0.75
     assert float(broken.numbers["haralick_model_roc_area"]) < 0.75
 
 
-def test_prediction_dots(material: Material, drawn: None) -> None:
+def test_prediction_dots(context: StudyContext, drawn: None) -> None:
     """The dots agree with the labels, ours are the held-out ones, and the mission is pooled."""
-    exhibit = prediction_dots(material)
+    exhibit = prediction_dots(context)
     _sound(exhibit)
     numbers = exhibit.numbers
     assert float(numbers["frame_haralick_f1"]) > 0.7
@@ -317,23 +325,23 @@ def test_prediction_dots(material: Material, drawn: None) -> None:
     moved = {
         TOKT_TEXTURE: {
             number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
-            for number, said in material.curves.patches[TOKT_TEXTURE].items()
+            for number, said in context.curves.patches[TOKT_TEXTURE].items()
         }
     }
-    pooled, n_frames = pooled_scores(material, moved)
+    pooled, n_frames = pooled_scores(context, moved)
     assert n_frames == numbers["labelled_frames"]
     assert (pooled[TOKT_TEXTURE].f1 or 0.0) < 0.5
 
 
-def test_centre_and_box(material: Material, drawn: None) -> None:
+def test_centre_and_box(context: StudyContext, drawn: None) -> None:
     """Every frame with status 1 is in the figures, and these follow from its masks."""
-    exhibit = centre_and_box(material)
+    exhibit = centre_and_box(context)
     _sound(exhibit)
-    size = GRID.resized(*material.left(material.structure).shape[:2])
+    size = GRID.resized(*context.left(context.structure_frame).shape[:2])
     ways = [
         both_ways(GRID.paint(patches, *size))
-        for key in material.thesis
-        for patches in material.curves.patches[key].values()
+        for key in context.thesis
+        for patches in context.curves.patches[key].values()
         if patches.any()
     ]
     assert exhibit.numbers["masks"] == len(ways) > 6
@@ -345,11 +353,11 @@ def test_centre_and_box(material: Material, drawn: None) -> None:
 
 
 def test_centre_and_box_of_nothing(
-    material: Material, reproduce_mission: Path, tmp_path: Path
+    context: StudyContext, reproduce_mission: Path, tmp_path: Path
 ) -> None:
     """A mission in which no method sees anything has nothing to show, and says why."""
-    made = _material(reproduce_mission, tmp_path, Curves(pd.DataFrame(), pd.DataFrame(), {}))
-    made.__dict__ |= {"structure": 1, "thesis": material.thesis}
+    made = _study_context(reproduce_mission, tmp_path, Curves(pd.DataFrame(), pd.DataFrame(), {}))
+    made.__dict__ |= {"structure_frame": 1, "thesis": context.thesis}
     exhibit = centre_and_box(made)
     assert "frame 1" in exhibit.missing
     assert not exhibit.plots
@@ -362,28 +370,28 @@ def _write(folder: Path, pair: DarkPair, mask: NDArray[np.uint8]) -> dict[str, P
     return files
 
 
-def _dark(material: Material, out: Path, **asked: Path) -> Exhibit:
-    made = _material(material.mission.path, out, material.curves, **asked)
-    slow = SlowMethods((), (TopHalf(),), 20, "", "knows nothing")  # type: ignore[arg-type]
+def _dark(context: StudyContext, out: Path, **asked: Path) -> Exhibit:
+    made = _study_context(context.mission.path, out, context.curves, **asked)
+    slow = SuperpixelMethods((), (TopHalf(),), 20, "", "knows nothing")  # type: ignore[arg-type]
     made.__dict__ |= {
-        "thesis": material.thesis,
-        "slow": slow,
-        "ocean": material.ocean,
-        "other": material.other,
-        "labels": material.labels,
+        "thesis": context.thesis,
+        "superpixel_methods": slow,
+        "ocean": context.ocean,
+        "other": context.other,
+        "labels": context.labels,
     }
     return bad_lighting(made)
 
 
 def test_bad_lighting_by_a_given_image(
-    material: Material, dark_pair: DarkPair, tmp_path: Path
+    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
 ) -> None:
     """Scored by the mask given: a mask that is shifted by three patches scores worse."""
-    exhibit = _dark(material, tmp_path, **_write(tmp_path, dark_pair, dark_pair.mask))
+    exhibit = _dark(context, tmp_path, **_write(tmp_path, dark_pair, dark_pair.mask))
     assert exhibit.numbers["rendered"] is False
     truth = truth_by_mask(dark_pair.mask, GRID)
     assert exhibit.numbers["obstacle_patches"] == truth.obstacle.sum() > 10
-    judged = material.thesis["haralick"].judge(dark_pair.left)
+    judged = context.thesis["haralick"].judge(dark_pair.left)
     expected = score_patches(judged.obstacle, truth)
     assert exhibit.numbers["haralick_iou"] == expected.iou
     assert float(exhibit.numbers["haralick_f1"]) > 0.6
@@ -393,21 +401,21 @@ def test_bad_lighting_by_a_given_image(
     assert table.loc["tokt stereo", "status"] == "unknown"
     assert np.isnan(table.loc["tokt stereo", "f1"])
     shifted = np.roll(dark_pair.mask, 3 * 36, axis=1)
-    worse = _dark(material, tmp_path, **_write(tmp_path, dark_pair, shifted))
+    worse = _dark(context, tmp_path, **_write(tmp_path, dark_pair, shifted))
     assert float(worse.numbers["haralick_f1"]) < 0.5 * float(exhibit.numbers["haralick_f1"])
 
 
-def test_bad_lighting_of_a_frame_of_the_mission(material: Material, tmp_path: Path) -> None:
+def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, tmp_path: Path) -> None:
     """Its labels stand in for a mask, its right picture makes it a pair.
 
     Our texture may not learn from the frames near it, which in so short a mission are all those
     with the tower: then it does not judge.
     """
-    number = material.structure
-    file = material.mission.path / "Left" / f"sim_L_{number}.jpg"
-    exhibit = _dark(material, tmp_path, dark=file)
+    number = context.structure_frame
+    file = context.mission.path / "Left" / f"sim_L_{number}.jpg"
+    exhibit = _dark(context, tmp_path, dark=file)
     assert f"frame {number}" in exhibit.words[0]
-    assert exhibit.numbers["obstacle_patches"] == (material.truth(number) == 1).sum()
+    assert exhibit.numbers["obstacle_patches"] == (context.truth(number) == 1).sum()
     assert float(exhibit.numbers["tokt_stereo_f1"]) > 0.4
     table = exhibit.tables[0].frame.set_index("method")
     assert table.loc["tokt texture", "status"] == "unknown"
@@ -415,21 +423,21 @@ def test_bad_lighting_of_a_frame_of_the_mission(material: Material, tmp_path: Pa
 
 
 def test_bad_lighting_refuses_a_mask_of_another_size(
-    material: Material, dark_pair: DarkPair, tmp_path: Path
+    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
 ) -> None:
     """Which would be a mask of another picture."""
     files = _write(tmp_path, dark_pair, dark_pair.mask[:, :-20])
     with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*dark.png is 360x271"):
-        _dark(material, tmp_path, **files)
+        _dark(context, tmp_path, **files)
 
 
 def test_bad_lighting_without_a_mask_scores_nothing(
-    material: Material, dark_pair: DarkPair, tmp_path: Path
+    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
 ) -> None:
     """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
     black = replace(dark_pair, left=np.zeros_like(dark_pair.left))
     files = _write(tmp_path, black, dark_pair.mask)
-    exhibit = _dark(material, tmp_path, dark=files["dark"])
+    exhibit = _dark(context, tmp_path, dark=files["dark"])
     assert not any(name.endswith("_f1") for name in exhibit.numbers)
     assert "no mask" in exhibit.claims[0].found
     table = exhibit.tables[0].frame.set_index("method")
@@ -438,11 +446,11 @@ def test_bad_lighting_without_a_mask_scores_nothing(
 
 
 def test_bad_lighting_rendered(
-    material: Material, tmp_path: Path, drawn: None, monkeypatch: pytest.MonkeyPatch
+    context: StudyContext, tmp_path: Path, drawn: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without an image a rendered one with its exact mask, said so, and the lamp going down."""
     monkeypatch.setattr(dark_figures, "_LIGHTS", (1.0, 0.03))
-    exhibit = _dark(material, tmp_path)
+    exhibit = _dark(context, tmp_path)
     _sound(exhibit)
     assert exhibit.numbers["rendered"] is True
     assert "rendered" in exhibit.words[0]
@@ -467,25 +475,25 @@ def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkP
 
 
 def test_our_model_learns_from_nothing_near_the_picture(
-    material: Material, monkeypatch: pytest.MonkeyPatch
+    context: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A dark frame of the mission itself is held out with its embargo."""
     read: list[int] = []
-    decoded: Callable[..., object] = material.decoded
+    decoded: Callable[..., object] = context.decoded
 
     def watched(numbers: list[int]) -> object:
         read.extend(numbers)
         return decoded(numbers)
 
-    monkeypatch.setattr(material, "decoded", watched)
-    learn_whole(material, near=10)
+    monkeypatch.setattr(context, "decoded", watched)
+    train_on_all_labels(context, near=10)
     assert read
     assert all(abs(number - 10) > 5 for number in read)
 
 
 def test_our_model_needs_labels_to_learn_from(reproduce_mission: Path, tmp_path: Path) -> None:
     """Without them there is no model, and no word of clear."""
-    bare = _material(reproduce_mission, tmp_path)
+    bare = _study_context(reproduce_mission, tmp_path)
     bare.__dict__["labels"] = None
     with pytest.raises(ToktError, match="no labels of both"):
-        learn_whole(bare)
+        train_on_all_labels(bare)

@@ -9,15 +9,16 @@ from typing import Any
 import jinja2
 import jinja2.nodes
 import pytest
-from tokt.features.errors import ToktError
-from tokt.training.reproduce.run import EXHIBITS
-from tokt.training.reproduce.thesis_page import (
+
+from tokt.features.common.errors import ToktError
+from tokt.studies.thesis.page import (
     QUOTED_TABLES,
     page_faults,
     template_text,
     thesis_page,
     write_thesis_page,
 )
+from tokt.studies.thesis.run import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
 

@@ -14,20 +14,21 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
-from tokt.features.errors import ToktError
-from tokt.models.operating_point import FrameRule
-from tokt.models.registry import Registry
+
+from tokt.features.common.errors import ToktError
+from tokt.models.operating_point import MofNRule
+from tokt.models.registry.registry import Registry
 from tokt.training.compare.bootstrap import drawn_blocks
+from tokt.training.compare.comparison_metric import ComparisonMetric
 from tokt.training.compare.explorer import explorer_data
 from tokt.training.compare.frames import FrameSeries, frame_figures, statuses
-from tokt.training.compare.held_out import check_different, judge_held_out
-from tokt.training.compare.judged import Judged
+from tokt.training.compare.held_out_predictions import check_different, read_held_out
 from tokt.training.compare.learning import _helped, _Setting
-from tokt.training.compare.measure import Measure
 from tokt.training.compare.pairs import compare_pairs
+from tokt.training.compare.predictions import ComparedModels
 from tokt.training.compare.report import report_html
-from tokt.training.metrics import obstacle_metrics
-from tokt.training.splits import Fold
+from tokt.training.datasets.splits import Fold
+from tokt.training.evaluation.metrics import obstacle_metrics
 
 pytestmark = pytest.mark.xdist_group("compare")  # what they share is made once
 
@@ -42,7 +43,7 @@ class Compared:
     workspace: Path
     page: Path
     json: dict[str, Any]
-    judged: Judged
+    judged: ComparedModels
     err: str
 
     def model(self, label: str) -> dict[str, Any]:
@@ -65,7 +66,7 @@ def compared(trained, run_tokt, tmp_path_factory) -> Compared:
         "compare", "tiny-lbp", "tiny-thesis", "-o", page, "--json", "--workspace", workspace
     )
     assert ran.code == 0, ran.err
-    judged = judge_held_out([LBP, THESIS], workspace)
+    judged = read_held_out([LBP, THESIS], workspace)
     return Compared(workspace, page, json.loads(ran.out), judged, ran.err)
 
 
@@ -85,9 +86,11 @@ def test_held_out_figures_are_those_of_the_training(compared) -> None:
 
 def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch) -> None:
     """On all that the model's folds tested, with nothing left out for another model."""
-    monkeypatch.setattr("tokt.training.compare.held_out.check_different", lambda labels: None)
-    judged = judge_held_out([LBP, LBP], compared.workspace)
-    mine = judged.figures(judged.contenders[0])["frames"]
+    monkeypatch.setattr(
+        "tokt.training.compare.held_out_predictions.check_different", lambda labels: None
+    )
+    judged = read_held_out([LBP, LBP], compared.workspace)
+    mine = judged.figures(judged.models[0])["frames"]
     registry = Registry(compared.workspace)
     frames = registry.recipe(registry.find(LBP))["metrics"]["frames"]
     for name in ("ocean_frames", "false_status", "obstacle_frames", "detected"):
@@ -187,12 +190,12 @@ def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) ->
     with monkeypatch.context() as patched:
         patched.setattr(Registry, "held_out", turned)
         with pytest.raises(ToktError, match="in other folds: give --mission DIR and --labels CSV"):
-            judge_held_out([LBP, THESIS], compared.workspace)
+            read_held_out([LBP, THESIS], compared.workspace)
     monkeypatch.setattr(Registry, "recipe", another)
     with pytest.raises(
         ToktError, match=r"learnt from dataset tiny@.*from part@0000: give --mission"
     ):
-        judge_held_out([LBP, THESIS], compared.workspace)
+        read_held_out([LBP, THESIS], compared.workspace)
 
 
 def test_a_file_that_was_exported_is_the_registered_model(compared, run_tokt, tiny_bundle) -> None:
@@ -216,12 +219,12 @@ def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curv
     setting = _Setting(
         dataset=SimpleNamespace(patches=table, obstacle_flags=lambda: [False, True]),
         features=np.zeros((4, 1)),
-        changed=[],
+        augmented=[],
         targets=targets,
         folds=[Fold(np.array([]), np.array([0, 1])), Fold(np.array([]), np.array([2]))],
         choices=[],
         settings=None,
-        measure=Measure(),
+        measure=ComparisonMetric(),
         block=np.arange(4),
         names=list("abcd"),
         every=1,
@@ -244,10 +247,10 @@ def test_equal_counts_are_not_said_to_be_equal_verdicts(compared) -> None:
             predicted=(rows % 2 != number).astype(int),
             score=np.where(rows % 2 == number, -1.0, 1.0),
         )
-        for number, item in enumerate(judged.contenders)
+        for number, item in enumerate(judged.models)
     )
     patches = judged.patches.iloc[rows].assign(group=[str(row // 2) for row in rows])
-    pairs = compare_pairs(replace(judged, patches=patches, truth=truth, contenders=[first, second]))
+    pairs = compare_pairs(replace(judged, patches=patches, truth=truth, models=[first, second]))
     (pair,) = pairs["pairs"]
     assert pair["differing_blocks"] == 0 and "the same of every patch" not in pair["words"]
     assert pair["words"].endswith("equally often in every block: nothing tells them apart.")
@@ -365,10 +368,10 @@ def _shown(form) -> dict[str, str]:
     return {name: form.locator(f'[data-is="{name}"]').inner_text() for name in names}
 
 
-def _expected(judged: Judged, index: int, rule: FrameRule) -> dict[str, str]:
-    contender = judged.contenders[index]
-    patch = obstacle_metrics(judged.truth, contender.score - rule.margin)
-    frames = frame_figures(judged.series, judged.status(contender, rule))
+def _expected(judged: ComparedModels, index: int, rule: MofNRule) -> dict[str, str]:
+    predictions = judged.models[index]
+    patch = obstacle_metrics(judged.truth, predictions.score - rule.margin)
+    frames = frame_figures(judged.series, judged.status(predictions, rule))
     (sequence,) = frames["sequences"]
     first = "none" if sequence["first_detection"] is None else str(sequence["first_detection"])
     return {
@@ -384,16 +387,16 @@ def _expected(judged: Judged, index: int, rule: FrameRule) -> dict[str, str]:
 
 def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page) -> None:
     page = open_page(compared.page)
-    for index, contender in enumerate(compared.judged.contenders):
+    for index, predictions in enumerate(compared.judged.models):
         form = page.locator("[data-model]").nth(index)
         slider = form.locator('[data-is="slider"]')
-        assert form.get_attribute("data-model") == contender.label
+        assert form.get_attribute("data-model") == predictions.label
         # It opens at the model's operating point, and says so.
         assert "operating point" in form.locator('[data-is="margin"]').inner_text()
-        assert _shown(form) == _expected(compared.judged, index, contender.rule)
-        thresholds = compared.json["explorer"]["models"][contender.label]["thresholds"]
-        assert 0.0 in thresholds and contender.rule.margin in thresholds
-        if contender.label == THESIS:
+        assert _shown(form) == _expected(compared.judged, index, predictions.rule)
+        thresholds = compared.json["explorer"]["models"][predictions.label]["thresholds"]
+        assert 0.0 in thresholds and predictions.rule.margin in thresholds
+        if predictions.label == THESIS:
             continue  # which sees nothing at all here
         seen = set()
         for step in (thresholds.index(0.0), len(thresholds) * 3 // 4):
@@ -402,14 +405,14 @@ def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page)
                 form.locator('[data-is="window"]').fill(str(window))
                 form.locator('[data-is="hits"]').fill(str(hits))
                 slider.fill(str(step))
-                now = contender.rule.margin_now
+                now = predictions.rule.instant_margin
                 now = now if now is None else max(now, thresholds[step])
-                rule = FrameRule(thresholds[step], least, hits, window, now)
+                rule = MofNRule(thresholds[step], least, hits, window, now)
                 assert _shown(form) == _expected(compared.judged, index, rule), rule
                 seen.add(str(_shown(form)))
         assert len(seen) > 4
         form.locator('[data-is="own"]').click()
-        assert _shown(form) == _expected(compared.judged, index, contender.rule)
+        assert _shown(form) == _expected(compared.judged, index, predictions.rule)
         slider.press("ArrowRight")
         assert "operating point" not in form.locator('[data-is="margin"]').inner_text()
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
@@ -423,7 +426,7 @@ def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_pa
     (model,) = (model for model in result["models"] if model["model"] == LBP)
     found = result["explorer"]["models"][LBP]
     zero = found["thresholds"].index(0.0)
-    rule = FrameRule(0.0, 50, 9, 9, found["thresholds"][zero + 10])
+    rule = MofNRule(0.0, 50, 9, 9, found["thresholds"][zero + 10])
     found["rule"] = model["rule"] = rule.to_json()
     path = tmp_path / "box.html"
     path.write_text(report_html(replace(compared.judged, read_frame=None), result), "utf-8")
@@ -434,14 +437,14 @@ def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_pa
     with_it = _shown(form)["detected"]
     box.uncheck()
     assert "operating point" not in form.locator('[data-is="margin"]').inner_text()
-    assert _shown(form) == _expected(compared.judged, 0, replace(rule, margin_now=None))
+    assert _shown(form) == _expected(compared.judged, 0, replace(rule, instant_margin=None))
     assert with_it != _shown(form)["detected"]
     box.check()
     # Beyond what is enough at once the margin takes it along.
     slider.fill(str(zero + 20))
     margin = found["thresholds"][zero + 20]
     assert float(form.locator('[data-is="sudden"]').inner_text()) == pytest.approx(margin, 1e-3)
-    beyond = replace(rule, margin=margin, margin_now=margin)
+    beyond = replace(rule, margin=margin, instant_margin=margin)
     assert _shown(form) == _expected(compared.judged, 0, beyond)
 
 
@@ -469,16 +472,16 @@ def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_
 def test_models_of_one_side_are_not_said_to_miss_nothing(compared) -> None:
     """Of sand and reef no patch can be a missed obstacle; "None." would read as praise."""
     sided = [
-        replace(item, score=np.full(len(item.score), np.inf)) for item in compared.judged.contenders
+        replace(item, score=np.full(len(item.score), np.inf)) for item in compared.judged.models
     ]
-    judged = replace(compared.judged, contenders=sided, read_frame=None)
+    judged = replace(compared.judged, models=sided, read_frame=None)
     result = compared.json | {"errors": [], "explorer": None}
     assert "Missed obstacles" in compared.page.read_text("utf-8")
     page = report_html(judged, result)
     assert "Missed obstacles" not in page and "Worst errors" in page
 
 
-def _random_dives(judged: Judged, white: int) -> Judged:
+def _random_dives(judged: ComparedModels, white: int) -> ComparedModels:
     """Two cameras of random patches that persist, with missing frames and some not judged."""
     rng = np.random.default_rng(white)
     kept = np.sort(rng.choice(60, 50, replace=False))
@@ -494,8 +497,8 @@ def _random_dives(judged: Judged, white: int) -> Judged:
     persisting = np.repeat(rng.normal(-0.5, 1, (20, 6)), 5, axis=0)
     scores = persisting + rng.normal(0, 0.7, (100, 6))
     scores[rng.random(scores.shape) < 0.1] = -np.inf
-    contender = replace(
-        judged.contenders[0],
+    predictions = replace(
+        judged.models[0],
         score=scores[np.isfinite(scores)],
         on_grid=scores,
         white=white,
@@ -505,7 +508,7 @@ def _random_dives(judged: Judged, white: int) -> Judged:
     return replace(
         judged,
         truth=rng.random(finite) < 0.5,
-        contenders=[contender],
+        models=[predictions],
         series=FrameSeries.of(table, 1),
     )
 
@@ -514,7 +517,7 @@ def _random_dives(judged: Judged, white: int) -> Judged:
 def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, white: int) -> None:
     page = open_page(compared.page)
     judged = _random_dives(compared.judged, white)
-    contender, data = judged.contenders[0], explorer_data(judged)
+    predictions, data = judged.models[0], explorer_data(judged)
     thresholds = data["models"][LBP]["thresholds"]
     rng, rules, asked = np.random.default_rng(7), [], []
     for _ in range(60):
@@ -524,7 +527,7 @@ def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, whit
         now = now if rng.random() < 0.5 else None
         counts = {"least_patches": least, "hits": hits, "window": window}
         margin_now = None if now is None else thresholds[now]
-        rules.append(FrameRule(thresholds[step], **counts, margin_now=margin_now))
+        rules.append(MofNRule(thresholds[step], least, hits, window, margin_now))
         asked.append({"step": step, "now": now, **counts})
     found = page.evaluate(
         """([data, asked]) => {
@@ -535,14 +538,14 @@ def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, whit
         }""",
         [data, asked],
     )
-    expected = [judged.status(contender, rule).tolist() for rule in rules]
+    expected = [judged.status(predictions, rule).tolist() for rule in rules]
     assert found == expected
     assert set(np.ravel(expected)) == {-1, 0, 1}
 
 
 def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared) -> None:
     table = compared.judged.series.table
-    rule = FrameRule(0.0, 1, 2, 2)
+    rule = MofNRule(0.0, 1, 2, 2)
     series = FrameSeries.of(table.drop(index=20))
     (gap,) = np.flatnonzero(series.gaps)
     judged = np.ones(len(series.table), bool)
@@ -562,6 +565,6 @@ def test_a_fold_is_judged_by_its_own_rule_alone(compared) -> None:
     table = compared.judged.series.table.iloc[:4].assign(frame=range(4), fold=[0, 0, 1, 1])
     series, judged = FrameSeries.of(table), np.ones(4, bool)
     scores = np.array([[1, -np.inf], [1, -np.inf], [1, 3], [-1, 1.0]])
-    rules = [FrameRule(2.0), FrameRule(0.0, 2, 2, 3)]
+    rules = [MofNRule(2.0), MofNRule(0.0, 2, 2, 3)]
     assert statuses(series, scores, judged, rules).tolist() == [0, 0, 0, 1]
     assert statuses(series, scores, judged, rules[:1]).tolist() == [0, 0, 1, 0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from sklearn.metrics import f1_score
+
 from tokt.training.compare.bootstrap import compare_f1
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+
 from tokt.training.compare.learning_words import learning_words
 
 

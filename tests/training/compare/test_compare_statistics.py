@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sklearn.metrics import average_precision_score, f1_score
+
 from tokt.training.compare.bootstrap import (
-    MOST_BLOCKS,
+    MAX_BLOCKS,
     average_precision,
     block_numbers,
     drawn_blocks,
@@ -18,8 +19,8 @@ from tokt.training.compare.bootstrap import (
     spread_of_ap,
     summed,
 )
-from tokt.training.compare.measure import Measure
-from tokt.training.compare.permutation import holm, swap_test
+from tokt.training.compare.comparison_metric import ComparisonMetric
+from tokt.training.compare.permutation_test import holm, permutation_test
 
 
 def _blocks(seed: int, n_blocks: int, each: int = 60):
@@ -48,7 +49,7 @@ def test_figures_from_counts_are_scikit_learns() -> None:
         )
         assert found == pytest.approx(average_precision_score(truth[again], score[again]))
     targets, predicted = rng.integers(0, 3, (2, block.size))
-    several = Measure(3)
+    several = ComparisonMetric(3)
     sums = several.counts(targets, predicted, truth, truth, block, 7).sum(axis=0)
     assert several.figure(sums) == pytest.approx(f1_score(targets, predicted, average="macro"))
     assert macro_f1(np.zeros((2, 3))) == 0 and np.isnan(f1(np.zeros(3)))
@@ -88,15 +89,15 @@ def test_one_block_or_no_obstacles_give_no_interval() -> None:
 def test_a_model_against_itself_is_luck_and_a_planted_difference_is_not(n_blocks: int) -> None:
     _, block, truth, score = _blocks(11, n_blocks)
     same = obstacle_counts(truth, score > 0, block, n_blocks)
-    nothing = swap_test(same, same.copy(), f1)
+    nothing = permutation_test(same, same.copy(), f1)
     assert (nothing.p, nothing.differing) == (1, 0)
     better = obstacle_counts(truth, score + np.where(truth, 0.5, -0.5) > 0, block, n_blocks)
-    found = swap_test(better, same, f1)
+    found = permutation_test(better, same, f1)
     assert found.differing == n_blocks and found.exact == (n_blocks == 8)
     # Better in every block: no other swap of signs is as extreme but the opposite one.
     assert found.p == (2 / 2**8 if n_blocks == 8 else 1 / 10_000)
     assert found.least_p == found.p
-    assert swap_test(same, better, f1).p == found.p
+    assert permutation_test(same, better, f1).p == found.p
 
 
 def test_p_values_of_equal_models_are_uniform() -> None:
@@ -105,7 +106,7 @@ def test_p_values_of_equal_models_are_uniform() -> None:
         rng, block, truth, score = _blocks(seed, 9, each=30)
         noise = rng.normal(0, 0.6, (2, block.size)) + rng.normal(0, 0.5, (2, 9))[:, block]
         counts = [obstacle_counts(truth, score + part > 0, block, 9) for part in noise]
-        p_values.append(swap_test(*counts, f1).p)
+        p_values.append(permutation_test(*counts, f1).p)
     below = np.mean(np.array(p_values) <= 0.1)
     assert abs(below - 0.1) < 4 * np.sqrt(0.1 * 0.9 / 150)
     assert 0.4 < np.median(p_values) < 0.6
@@ -119,16 +120,16 @@ def test_holm_is_the_textbooks() -> None:
 def test_thousands_of_blocks_are_joined_with_their_neighbours() -> None:
     groups = np.array([f"m#{number:06d}" for number in np.repeat(range(2500), 2)], object)
     names, block = block_numbers(groups)
-    assert len(names) == MOST_BLOCKS == len(np.unique(block))
+    assert len(names) == MAX_BLOCKS == len(np.unique(block))
     assert (np.diff(block) >= 0).all() and np.bincount(block).max() <= 6
 
 
 def test_two_classes_of_one_side_are_compared_by_macro_f1() -> None:
     """Sand against reef: F1 of the obstacles would be none, or count every patch as right."""
-    assert Measure.of([False, True]).name == "f1"
-    assert [Measure.of(side * 2).name for side in ([True], [False])] == ["macro_f1"] * 2
+    assert ComparisonMetric.of([False, True]).name == "f1"
+    assert [ComparisonMetric.of(side * 2).name for side in ([True], [False])] == ["macro_f1"] * 2
     targets, predicted = np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])
-    neither, measure = np.zeros(4, bool), Measure.of([False, False])
+    neither, measure = np.zeros(4, bool), ComparisonMetric.of([False, False])
     counts = measure.counts(targets, predicted, neither, neither, np.arange(4), 4)
     expected = f1_score(targets, predicted, average="macro")
     assert measure.figure(counts.sum(axis=0)) == pytest.approx(expected)

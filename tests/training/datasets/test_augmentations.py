@@ -10,16 +10,17 @@ import pytest
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
-from tokt.features.errors import ToktError
-from tokt.features.extractor import extractor_named
-from tokt.training import cross_validation
-from tokt.training.classifier import fit_classifier
-from tokt.training.cross_validation import Split, cross_validate
-from tokt.training.dataset import open_dataset
-from tokt.training.feature_table import feature_table
-from tokt.training.picture_changes import STRESS, changed
-from tokt.training.presets import learning_changes, settings_named
-from tokt.training.train import TrainRequest, train
+
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import extractor_named
+from tokt.training.datasets.augmentations import STRESS, augment
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.fitting import cross_validation
+from tokt.training.fitting.classifier import fit_classifier
+from tokt.training.fitting.cross_validation import Split, cross_validate
+from tokt.training.fitting.presets import settings_named, with_augmentations
+from tokt.training.fitting.train import TrainRequest, train
 
 PLAIN = replace(settings_named("plain"), penalties=(1.0,))
 
@@ -27,16 +28,16 @@ PLAIN = replace(settings_named("plain"), penalties=(1.0,))
 @pytest.mark.parametrize("shape", [(40, 60), (40, 60, 3)], ids=["gray", "colour"])
 def test_changes_are_what_they_say(shape):
     frame = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
-    assert np.array_equal(changed(frame, "gain_0.5"), np.rint(frame / 2))
-    doubled = changed(frame, "gain_2")
+    assert np.array_equal(augment(frame, "gain_0.5"), np.rint(frame / 2))
+    doubled = augment(frame, "gain_2")
     assert np.array_equal(doubled, np.minimum(255, frame.astype(int) * 2))
-    noisy = changed(frame, "noise_1")
+    noisy = augment(frame, "noise_1")
     assert set(np.unique(noisy.astype(int) - frame)) == {-1, 0, 1}
-    assert np.array_equal(noisy, changed(frame, "noise_1"))
+    assert np.array_equal(noisy, augment(frame, "noise_1"))
     jpeg = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 60])[1]
-    assert np.array_equal(changed(frame, "jpeg_60"), cv2.imdecode(jpeg, cv2.IMREAD_UNCHANGED))
+    assert np.array_equal(augment(frame, "jpeg_60"), cv2.imdecode(jpeg, cv2.IMREAD_UNCHANGED))
     for name in STRESS:
-        assert changed(frame, name).shape == shape and changed(frame, name).dtype == np.uint8
+        assert augment(frame, name).shape == shape and augment(frame, name).dtype == np.uint8
 
 
 @pytest.mark.parametrize(
@@ -44,18 +45,18 @@ def test_changes_are_what_they_say(shape):
 )
 def test_unknown_changes_are_refused(name):
     with pytest.raises(ToktError, match="no picture change"):
-        changed(np.zeros((4, 4), np.uint8), name)
+        augment(np.zeros((4, 4), np.uint8), name)
     with pytest.raises(ToktError, match="no picture change"):
-        learning_changes(PLAIN, f"gain_0.5,{name}")
+        with_augmentations(PLAIN, f"gain_0.5,{name}")
 
 
 def test_changes_are_chosen_by_name():
-    assert learning_changes(PLAIN, "gain_0.5,jpeg_60,gain_0.5").changes == ("gain_0.5", "jpeg_60")
+    assert with_augmentations(PLAIN, "gain_0.5,jpeg_60,gain_0.5").changes == ("gain_0.5", "jpeg_60")
     with_some = replace(PLAIN, changes=("noise_1",))
-    assert learning_changes(with_some, None) == with_some
-    assert learning_changes(with_some, "none").changes == ()
+    assert with_augmentations(with_some, None) == with_some
+    assert with_augmentations(with_some, "none").changes == ()
     with pytest.raises(ToktError, match="preset thesis"):
-        learning_changes(settings_named("thesis"), "noise_1")
+        with_augmentations(settings_named("thesis"), "noise_1")
 
 
 def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricate, monkeypatch):
@@ -74,7 +75,7 @@ def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricat
     quiet = lambda items, *_: items  # noqa: E731
     settings = replace(PLAIN, change_weight=0.25)
     held_out = cross_validate(
-        made, plain, settings, Split(3, 1), quiet, changed=[other], stress={"x": other}
+        made, plain, settings, Split(3, 1), quiet, augmented=[other], stress={"x": other}
     )
     assert len(seen) == 9
     for rows, targets, weights in seen:
@@ -112,6 +113,6 @@ def test_learning_from_darker_frames_helps_on_darker_frames(trained, tmp_path, n
     assert np.isclose(after["fall"], taught.metrics["patch"]["f1"] - after["f1"])
     assert after["ocean_frames"] == 15
     assert "counting 1 each, changed (gain_0.5)" in taught.metrics["split"]
-    tables = [feature_table(dataset, haralick.spec, tmp_path, None, 1, change=name)
+    tables = [cached_features(dataset, haralick.spec, tmp_path, None, 1, augmentation=name)
               for name in ("", "gain_0.5")]  # fmt: skip
     assert len(list(tmp_path.glob("*.npy"))) == 2 and not np.array_equal(*tables)

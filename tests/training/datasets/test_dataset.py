@@ -17,12 +17,13 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from tokt.features.errors import ToktError
-from tokt.features.grid import Grid
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels import taxonomy as taxonomy_module
 from tokt.labels.taxonomy import Taxonomy
-from tokt.models.operating_point import FrameRule
-from tokt.training.dataset import (
+from tokt.models.operating_point import MofNRule
+from tokt.training.datasets.dataset import (
     DatasetPlan,
     DatasetVersion,
     FrameSource,
@@ -30,7 +31,7 @@ from tokt.training.dataset import (
     list_datasets,
     open_dataset,
 )
-from tokt.training.splits import blocked_folds
+from tokt.training.datasets.splits import blocked_folds
 
 OWN_TAXONOMY = """format = 1
 [[classes]]
@@ -69,6 +70,7 @@ def inputs(mission, labels=None):
 # --- what the hash covers ----------------------------------------------------------------------
 
 
+@pytest.mark.process
 def test_same_inputs_same_hash_in_another_process_and_workspace(tiny, trained, tmp_path):
     command = [sys.executable, "-m", "tokt", "dataset", "build", "other-name", "--json"]
     command += ["--block", "4", "--mission", str(tiny.path), "--labels", str(tiny.labels)]
@@ -412,8 +414,8 @@ def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
     assert result["cv"]["patch"]["f1"] > 0.9
     assert "UNGROUPED" in run_tokt("models", "show", "cut-lbp", *where).out
     request = SimpleNamespace(dataset=open_dataset("cut", tmp_path / "ws" / "datasets"))
-    point = {"rule": FrameRule(), "operating_point": {"words": ""}}
-    import_module("tokt.cli.train")._print_training(
+    point = {"rule": MofNRule(), "operating_point": {"words": ""}}
+    import_module("tokt.cli.training.train")._print_training(
         "cut-lbp/1", SimpleNamespace(request=request, metrics=result["cv"], **point)
     )
     said = capsys.readouterr().out
@@ -447,7 +449,6 @@ def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_pat
 # --- size --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progress):
     frames, cells = 100, 1000
     rng = np.random.default_rng(0)
@@ -472,13 +473,13 @@ def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progr
     plan = DatasetPlan(
         "large", "binary", Grid(25, 40, 120), Taxonomy.load(), sources, patches, 0, 20, ["made"]
     )
-    begun = time.perf_counter()
+    begun = time.process_time()
     built = build_dataset(plan, tmp_path, no_progress)
     opened = open_dataset("large", tmp_path)
     opened.check()
     assert opened.hash == built.hash
     assert len(opened.targets()) == 100_000
-    assert time.perf_counter() - begun < 10  # about 1 s on one core
+    assert time.process_time() - begun < 10  # of one core's time, about 1
 
 
 def test_one_mission_cannot_be_given_twice(tiny, tmp_path, run_tokt):

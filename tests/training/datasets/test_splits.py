@@ -9,9 +9,11 @@ import pandas as pd
 import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
-from tokt.features.errors import ToktError
-from tokt.training import splits
-from tokt.training.splits import Fold, block_of, blocked_folds, every_nth_block
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
+from tokt.training.datasets import splits
+from tokt.training.datasets.splits import Fold, block_of, blocked_folds, every_nth_block
 
 
 @st.composite
@@ -38,7 +40,7 @@ def distance_to_test(table: pd.DataFrame, fold: Fold) -> int:
     return int((pairs.frame - pairs.frame_test).abs().min()) if len(pairs) else 10**9
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=scaled(80))
 @given(layout=layouts(), n_folds=st.integers(2, 5), embargo=st.integers(0, 8))
 def test_no_layout_leaks(layout, n_folds, embargo):
     table, targets = layout
@@ -139,7 +141,7 @@ def test_a_row_a_group_is_quick():
     assert sorted(np.concatenate([fold.test for fold in folds])) == list(range(n))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 @given(layout=layouts(), n=st.integers(2, 4), embargo=st.integers(0, 8))
 def test_holding_back_every_nth_block_does_not_leak(layout, n, embargo):
     table, targets = layout

@@ -9,10 +9,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from tokt.features.mission import open_mission
-from tokt.models.bundle import bundle_bytes, read_bundle
-from tokt.models.operating_point import FrameRule, OperatingPoint
-from tokt.training.evaluate import first_detection
+
+from tokt.features.frames.mission import open_mission
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
+from tokt.models.operating_point import MofNRule, OperatingPoint
+from tokt.training.evaluation.evaluate import first_detection
 
 SEVERAL = """format = 1
 [[classes]]
@@ -96,7 +97,7 @@ def test_frames_are_judged_at_the_operating_point_across_a_gap(
     wanted = [frame for frame in range(1, 41) if not 15 <= frame <= 17]
     scores = {frame: bundle.decision_values(mission.read(frame))[:, 0] for frame in wanted}
     margin = float(np.quantile([np.sort(scores[f])[-2] for f in tower if f in wanted], 0.1))
-    point = OperatingPoint(FrameRule(margin, 2, 2, 3), {"target_rate": 1e-4})
+    point = OperatingPoint(MofNRule(margin, 2, 2, 3), {"target_rate": 1e-4})
     file = tmp_path / "ruled.tokt"
     file.write_bytes(bundle_bytes(replace(bundle.content, operating_point=point)))
     status = {}

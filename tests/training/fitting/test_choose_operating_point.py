@@ -8,13 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
-from tokt.features.errors import ToktError
-from tokt.models.operating_point import OBSTACLE, FrameRule, FrameRuleState
-from tokt.training.dataset import open_dataset
-from tokt.training.frame_figures import frame_figures
-from tokt.training.frame_scores import FrameScores, FrameTable, frame_table
-from tokt.training.ocean_tail import fit_ocean_tail, upper_bound
-from tokt.training.operating_point import Target, choose_frame_rule
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
+from tokt.models.operating_point import OBSTACLE, MofNRule, MofNState
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.evaluation.frame_figures import frame_figures
+from tokt.training.evaluation.frame_scores import FrameScores, FrameTable, frame_table
+from tokt.training.fitting.choose_operating_point import FalseStatusTarget, choose_frame_rule
+from tokt.training.fitting.exceedance_model import fit_exceedance_model, upper_bound
 
 # --- the law of the tail -----------------------------------------------------------------------
 
@@ -36,7 +38,7 @@ def test_extrapolated_margins_keep_the_rate_where_the_truth_is_known():
     def true_rate(margin):
         return 1 - np.searchsorted(truth, margin) / len(truth)
 
-    tails = [fit_ocean_tail(*ocean(rng), RATE) for _ in range(60)]
+    tails = [fit_exceedance_model(*ocean(rng), RATE) for _ in range(60)]
     estimates = [true_rate(tail.margin(0.5)) for tail in tails]
     bounds = [true_rate(tail.margin(0.95)) for tail in tails]
     assert RATE / 10 < np.median(estimates) < 2 * RATE
@@ -47,7 +49,7 @@ def test_extrapolated_margins_keep_the_rate_where_the_truth_is_known():
 
 def test_the_law_is_the_sum_of_a_normal_level_and_a_gumbel_law():
     values, block = ocean(np.random.default_rng(6), blocks=300, copies=1, between=2.0)
-    tail = fit_ocean_tail(values, block, RATE)
+    tail = fit_exceedance_model(values, block, RATE)
     assert np.isclose(tail.between, 2.0, rtol=0.1) and np.isclose(tail.within, 1.0, rtol=0.05)
     rng = np.random.default_rng(7)
     drawn = tail.mean - tail.within * np.euler_gamma + rng.normal(0, tail.between, 10**6)
@@ -61,12 +63,12 @@ def test_near_copies_do_not_count_as_frames_of_their_own():
     values, block = ocean(np.random.default_rng(1), copies=10)
     values += np.random.default_rng(2).normal(0, 0.1, len(values))
     pairs = (np.arange(len(values)) // 2).astype(object)
-    of_blocks, of_pairs = (fit_ocean_tail(values, group, RATE) for group in (block, pairs))
+    of_blocks, of_pairs = (fit_exceedance_model(values, group, RATE) for group in (block, pairs))
     assert of_blocks.standard_error > 3 * of_pairs.standard_error
 
 
 def test_confidence_and_margin_say_the_same():
-    tail = fit_ocean_tail(*ocean(np.random.default_rng(2)), RATE)
+    tail = fit_exceedance_model(*ocean(np.random.default_rng(2)), RATE)
     for confidence in (0.5, 0.8, 0.99):
         assert np.isclose(tail.confidence(tail.margin(confidence)), confidence)
     assert np.isclose(tail.rate(tail.margin(0.5)), RATE)
@@ -74,10 +76,10 @@ def test_confidence_and_margin_say_the_same():
 
 def test_too_little_is_not_extrapolated():
     values, block = ocean(np.random.default_rng(3))
-    assert fit_ocean_tail(values[:9], block[:9], RATE) is None
-    assert fit_ocean_tail(values[:20], block[:20], RATE) is None  # one block
+    assert fit_exceedance_model(values[:9], block[:9], RATE) is None
+    assert fit_exceedance_model(values[:20], block[:20], RATE) is None  # one block
     for single in (1.0, 0.1, -1 / 3):  # whose mean is not always the very same number
-        assert fit_ocean_tail(np.full(100, single), block, RATE) is None
+        assert fit_exceedance_model(np.full(100, single), block, RATE) is None
 
 
 def test_upper_bounds_are_clopper_and_pearsons():
@@ -90,7 +92,7 @@ def test_upper_bounds_are_clopper_and_pearsons():
 # --- a status as a number above a margin -------------------------------------------------------
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=scaled(80))
 @given(
     seed=st.integers(0, 10**6),
     gaps=st.lists(st.integers(1, 4), min_size=1, max_size=25),
@@ -106,8 +108,8 @@ def test_a_statistic_exceeds_the_margin_where_the_runtime_says_obstacle(
     rng = np.random.default_rng(seed)
     scores = rng.normal(size=(len(gaps), 4)).round(1)
     judged = rng.random(len(gaps)) >= unjudged
-    rule = FrameRule(0.3, least, hits, hits + more)
-    state, expected = FrameRuleState(rule), []
+    rule = MofNRule(0.3, least, hits, hits + more)
+    state, expected = MofNState(rule), []
     for gap, score, known in zip(gaps, scores, judged, strict=True):
         state.skip(gap - 1)
         expected.append(state.add(score if known else None, white) == OBSTACLE)
@@ -116,7 +118,7 @@ def test_a_statistic_exceeds_the_margin_where_the_runtime_says_obstacle(
     frames = FrameTable(pd.DataFrame(index=range(n)), number, number, judged,
                         np.full(n, white), np.cumsum(gaps))  # fmt: skip
     laid_out = FrameScores(frames, np.where(judged[:, None], scores, -np.inf), judged)
-    found = laid_out.statistic(rule.least_patches, rule.hits, rule.window)
+    found = laid_out.statistic(rule.min_patches, rule.m, rule.n)
     assert (found > rule.margin).tolist() == expected
 
 
@@ -149,14 +151,14 @@ def put(dataset, score, frame, values, at=0):
 
 def choose(dataset, score, **asked):
     every = np.ones(len(score), bool)
-    return choose_frame_rule(dataset, score, every, Target(**asked))
+    return choose_frame_rule(dataset, score, every, FalseStatusTarget(**asked))
 
 
 def test_frames_of_a_dataset(dataset, frames, tiny_truth):
     numbers = frames.keys.frame.tolist()
     assert numbers == list(range(1, 41))
     assert frames.ocean.tolist() == [not tiny_truth.cells(n) for n in numbers]
-    assert (np.diff(frames.place) == 1).all() and (frames.least_white == 1).all()
+    assert (np.diff(frames.place) == 1).all() and (frames.min_mask_patches == 1).all()
     assert frames.names(frames.keys.frame.to_numpy() == 7) == ["tiny:7"]
 
 
@@ -173,7 +175,7 @@ def test_statistic_is_the_mth_largest_score_of_a_frame(dataset, frames, score):
 
 def test_margin_is_never_below_what_was_seen_unless_the_rate_allows_it(dataset, score):
     tight, seen = choose(dataset, score, least_patches=1, frame_rule=(1, 1))
-    assert tight == FrameRule(0.0, 1) and seen["detected"] == seen["obstacle_frames"] == 25
+    assert tight == MofNRule(0.0, 1) and seen["detected"] == seen["obstacle_frames"] == 25
     put(dataset, score, 2, [1.23456])
     rule, chosen = choose(dataset, score, least_patches=1, frame_rule=(1, 1))
     assert rule.margin >= 1.23456 and chosen["false_status"] == 0
@@ -188,15 +190,15 @@ def test_the_rule_that_finds_most_is_chosen_and_the_simpler_one_of_equals(datase
         # Snow: a patch, each time another.
         put(dataset, score, frame, [2.5 + 0.01 * (index % 5)], at=7 * index % 90)
     rule, chosen = choose(dataset, score)
-    assert (rule.least_patches, rule.hits, rule.margin_now) == (2, 1, None)
+    assert (rule.min_patches, rule.m, rule.instant_margin) == (2, 1, None)
     assert chosen["detected"] == 25 and len(chosen["candidates"]) == 8
     assert chosen["candidates"][0]["detected"] == 0  # one patch, at once
     put(dataset, score, 13, [2.5, 2.5, 2.5])  # something bright, in one frame alone
     rule, chosen = choose(dataset, score)
     # The tower covers a patch for two frames only.
-    assert (rule.least_patches, rule.hits, rule.window) == (1, 2, 3)
+    assert (rule.min_patches, rule.m, rule.n) == (1, 2, 3)
     assert chosen["detected"] == 21 and chosen["latency_frames"] == 1
-    assert chosen["false_status"] == 0 and rule.margin < 2 < 2.5 <= rule.margin_now
+    assert chosen["false_status"] == 0 and rule.margin < 2 < 2.5 <= rule.instant_margin
 
 
 def test_a_strong_sudden_obstacle_does_not_wait(dataset, score):
@@ -206,7 +208,7 @@ def test_a_strong_sudden_obstacle_does_not_wait(dataset, score):
     for strength, detected in ((20.0, 25), (2.0, 21)):
         score[dataset.targets() == 1] = strength
         rule, chosen = choose(dataset, score, **asked)
-        assert rule.margin < 2 and 2.5 <= rule.margin_now < 20
+        assert rule.margin < 2 and 2.5 <= rule.instant_margin < 20
         assert chosen["detected"] == detected
 
 
@@ -227,8 +229,8 @@ def test_without_ocean_frames_nothing_is_chosen(dataset, frames, score, monkeypa
     every = np.ones(len(score), bool)
     part = ~np.isin(frames.of_patch, np.flatnonzero(frames.ocean))
     for tested in (part, every):
-        rule, chosen = choose_frame_rule(dataset, score, tested, Target())
-        assert rule == FrameRule() and chosen["method"] == "none" and chosen["words"]
+        rule, chosen = choose_frame_rule(dataset, score, tested, FalseStatusTarget())
+        assert rule == MofNRule() and chosen["method"] == "none" and chosen["words"]
         # Then a folder of patches: each of its "frames" is a patch.
         monkeypatch.setattr(dataset, "block_frames", None)
 
@@ -238,22 +240,24 @@ def test_a_rule_that_the_ocean_frames_say_nothing_of_is_not_chosen(dataset, scor
     left_out = [2, 13, 15, 25, 27, 37, 39]
     tested = ~dataset.patches.frame.isin(left_out).to_numpy()
     score[dataset.targets() == 0] += 5  # water as bright as the tower
-    monkeypatch.setattr("tokt.training.operating_point.FRAME_RULES", ((1, 1), (3, 3)))
+    monkeypatch.setattr(
+        "tokt.training.fitting.choose_operating_point.FRAME_RULES", ((1, 1), (3, 3))
+    )
     for least_frames in (10, 5):  # too few for a law of any rule; enough for one at once
-        monkeypatch.setattr("tokt.training.ocean_tail.LEAST_FRAMES", least_frames)
-        rule, chosen = choose_frame_rule(dataset, score, tested, Target())
+        monkeypatch.setattr("tokt.training.fitting.exceedance_model.MIN_FRAMES", least_frames)
+        rule, chosen = choose_frame_rule(dataset, score, tested, FalseStatusTarget())
         assert (chosen["extrapolated_rate"] is None) == (least_frames == 10)
         assert max(chosen["candidates"], key=lambda one: one["detected"])["window"] == 3
-        assert rule.window == 1 and rule.margin > 2
+        assert rule.n == 1 and rule.margin > 2
 
 
 def test_rows_that_were_not_tested_do_not_matter(dataset, score):
     tested = (dataset.patches.frame <= 30).to_numpy()
-    clean = choose_frame_rule(dataset, score, tested, Target())
+    clean = choose_frame_rule(dataset, score, tested, FalseStatusTarget())
     score[~tested] = np.nan
-    assert choose_frame_rule(dataset, score, tested, Target()) == clean
+    assert choose_frame_rule(dataset, score, tested, FalseStatusTarget()) == clean
     score[~tested] = 99.0
-    assert choose_frame_rule(dataset, score, tested, Target()) == clean
+    assert choose_frame_rule(dataset, score, tested, FalseStatusTarget()) == clean
 
 
 @pytest.mark.parametrize(
@@ -269,7 +273,7 @@ def test_rows_that_were_not_tested_do_not_matter(dataset, score):
 )
 def test_targets_out_of_bounds(asked, message):
     with pytest.raises(ToktError, match=message):
-        Target(**asked)
+        FalseStatusTarget(**asked)
 
 
 def test_more_patches_than_a_frame_has_are_refused(fabricate):
@@ -289,7 +293,7 @@ def test_figures_judge_each_frame_by_its_folds_rule(dataset, frames, score):
     put(dataset, score, 26, [0.5])  # an ocean frame of the second fold, whose rule asks for more
     missed = dataset.targets() * (number == 30) == 1
     score[missed] = 0.7
-    found = frame_figures(dataset, score, fold, [FrameRule(), FrameRule(1.0, 2)])
+    found = frame_figures(dataset, score, fold, [MofNRule(), MofNRule(1.0, 2)])
     assert found["ocean_frames"] == 14 and found["obstacle_frames"] == 25
     assert found["false_status_frames"] == ["tiny:2"] and found["false_status"] == 1
     assert found["missed_frames"] == ["tiny:30"] and found["detected"] == 24
@@ -300,7 +304,7 @@ def test_figures_judge_each_frame_by_its_folds_rule(dataset, frames, score):
 
 def test_a_rule_over_frames_comes_later_and_lasts_over_an_obstacles_end(dataset, score):
     fold = np.zeros(len(score), int)
-    found = frame_figures(dataset, score, fold, [FrameRule(0.0, 1, 2, 3)])
+    found = frame_figures(dataset, score, fold, [MofNRule(0.0, 1, 2, 3)])
     # The tower stands in frames 4 to 11, 16 to 23 and 28 to 35, and 40.
     assert found["missed_frames"] == ["tiny:4", "tiny:16", "tiny:28", "tiny:40"]
     assert found["false_status_frames"] == ["tiny:12", "tiny:24", "tiny:36"]
@@ -310,11 +314,11 @@ def test_a_rule_over_frames_comes_later_and_lasts_over_an_obstacles_end(dataset,
 def test_figures_stop_at_gaps(dataset, score):
     """Frames 5 and 8 were not tested: no three in a row before 9, and no two of two at 6 or 9."""
     fold = np.where(np.isin(dataset.patches.frame, [5, 8]), -1, 0)
-    found = frame_figures(dataset, score, fold, [FrameRule()])
+    found = frame_figures(dataset, score, fold, [MofNRule()])
     assert found["first_detection"] == {"tiny": 9}
-    two = frame_figures(dataset, score, fold, [FrameRule(0.0, 1, 2, 2)])
+    two = frame_figures(dataset, score, fold, [MofNRule(0.0, 1, 2, 2)])
     assert two["missed_frames"][:3] == ["tiny:4", "tiny:6", "tiny:9"]
-    nobody = frame_figures(dataset, score, np.full(len(score), -1), [FrameRule()])
+    nobody = frame_figures(dataset, score, np.full(len(score), -1), [MofNRule()])
     assert nobody["ocean_frames"] == nobody["obstacle_frames"] == 0
     assert nobody["first_detection"] == {"tiny": None}
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from tokt.models.bundle import distribution_bytes, distribution_from_bytes
-from tokt.models.distribution import LEAST_TYPICAL, bin_counts, ks_distances, quantile_edges
-from tokt.models.registry import Registry
-from tokt.training.drift_limits import training_distribution
+
+from tokt.models.bundle.bundle import distribution_bytes, distribution_from_bytes
+from tokt.models.distribution import MIN_TYPICAL, bin_counts, ks_distances, quantile_edges
+from tokt.models.registry.registry import Registry
+from tokt.training.fitting.drift_limits import training_distribution
 
 LENGTH, GAP = 6, 2
 FRAMES = {
@@ -60,7 +61,7 @@ def test_limits_are_those_of_plain_held_back_windows() -> None:
     found = training_distribution(dataset, features, GAP)
     assert found is not None
     distances = plain(dataset, features)
-    typical = np.maximum(distances.mean(axis=0), LEAST_TYPICAL)
+    typical = np.maximum(distances.mean(axis=0), MIN_TYPICAL)
     assert found.windows == len(distances) and found.window_frames == LENGTH
     np.testing.assert_allclose(found.typical, typical, rtol=1e-12)
     assert found.factor == pytest.approx((distances / typical).max(), rel=1e-12)
@@ -69,7 +70,7 @@ def test_limits_are_those_of_plain_held_back_windows() -> None:
     # a: from 1, 9, 17, 25, 50 and 58 (half full) on; b: from 0, 9, ..., 54 on.
     assert found.stretches == 6 + 7
     # The feature that never varies: any other value is out of range.
-    assert found.typical[2] == LEAST_TYPICAL and found.limits[2] < 1
+    assert found.typical[2] == MIN_TYPICAL and found.limits[2] < 1
     assert found.counts.sum(axis=1).tolist() == [len(features)] * 3
 
 

@@ -6,11 +6,12 @@ import json
 
 import numpy as np
 import pytest
-from tokt.labels.audit_file import read_audit
-from tokt.labels.label_csv import read_label_csv
+
+from tokt.labels.formats.audit_csv import read_audit
+from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.audit import believable, label_margins
-from tokt.training.splits import Fold
+from tokt.training.datasets.splits import Fold
+from tokt.training.fitting.label_audit import believable, label_margins
 
 PLANTED = [(5, 0, 0), (6, 9, 9), (17, 1, 2), (18, 8, 0), (29, 4, 29 % 8), (30, 5, 30 % 8 + 1)]
 """Frame, row and column: four patches of open water, then two of the tower."""
@@ -60,7 +61,7 @@ def test_planted_wrong_labels_come_first_and_no_label_is_changed(planted, run_to
 
 
 def test_audit_of_a_model_starts_from_its_registered_held_out_values(workspace, run_tokt):
-    from tokt.models.registry import Registry
+    from tokt.models.registry.registry import Registry
 
     ran = run_tokt("labels", "audit", "tiny-lbp@challenger", "--json", "--workspace", workspace)
     assert ran.code == 0, ran.err

@@ -9,12 +9,13 @@ import mlflow
 import numpy as np
 import pytest
 from mlflow.utils.validation import _validate_metric_name
-from tokt.models.operating_point import FrameRule, OperatingPoint
-from tokt.models.registry import Registry
-from tokt.training import tracking
-from tokt.training.dataset import open_dataset
-from tokt.training.frame_figures import frame_figures
-from tokt.training.metrics import obstacle_metrics
+
+from tokt.models.operating_point import MofNRule, OperatingPoint
+from tokt.models.registry.registry import Registry
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.evaluation.frame_figures import frame_figures
+from tokt.training.evaluation.metrics import obstacle_metrics
+from tokt.training.fitting import tracking
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +43,10 @@ def test_the_figures_follow_from_what_is_kept(registry, version, trained):
     metrics, score = recipe["metrics"], held_out.obstacle_score.to_numpy()
     patch = obstacle_metrics((held_out.target == 1).to_numpy(), score)
     assert {name: metrics["patch"][name] for name in patch} == patch
-    rules = [FrameRule.from_json(rule) for rule in recipe["fold_rules"]]
+    rules = [MofNRule.from_json(rule) for rule in recipe["fold_rules"]]
     fold = held_out.fold.to_numpy()
     assert frame_figures(dataset, score, fold, rules) == metrics["frames"]
-    assert frame_figures(dataset, score, fold, [FrameRule()] * 3) == metrics["frames_at_zero"]
+    assert frame_figures(dataset, score, fold, [MofNRule()] * 3) == metrics["frames_at_zero"]
     assert [fold["class_weight"] for fold in metrics["folds"]] == [None] * 3
 
 

@@ -19,33 +19,35 @@ from sklearn.metrics import (
 from sklearn.model_selection import StratifiedKFold
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
-from tokt.features.errors import ToktError
-from tokt.features.extractor import extractor_named
-from tokt.features.grid import Grid
-from tokt.models.operating_point import FrameRule
-from tokt.models.registry import Registry
-from tokt.training import cross_validation
-from tokt.training.classifier import fit_classifier, linear_model
-from tokt.training.cross_validation import (
-    HeldOut,
+
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import extractor_named
+from tokt.features.frames.grid import Grid
+from tokt.models.bundle.bundle import frame_id
+from tokt.models.operating_point import MofNRule
+from tokt.models.registry.registry import Registry
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import Fold, blocked_folds
+from tokt.training.evaluation.metrics import class_metrics, first_of_three, obstacle_metrics
+from tokt.training.fitting import cross_validation
+from tokt.training.fitting.classifier import fit_classifier, linear_model
+from tokt.training.fitting.cross_validation import (
+    HeldOutPredictions,
     Split,
-    choose,
+    choose_hyperparameters,
     cross_validate,
     held_out_metrics,
 )
-from tokt.training.dataset import open_dataset
-from tokt.training.feature_table import feature_table
-from tokt.training.metrics import class_metrics, first_of_three, obstacle_metrics
-from tokt.training.presets import (
+from tokt.training.fitting.presets import (
     CHOSEN_ON,
     PRESETS,
-    Choice,
+    Hyperparameters,
     extractor_for,
     settings_named,
     weighted,
 )
-from tokt.training.splits import Fold, blocked_folds
-from tokt.training.train import TrainRequest, _split_in_words, frame_id, train
+from tokt.training.fitting.train import TrainRequest, _split_in_words, train
 
 PLAIN = settings_named("plain")
 
@@ -69,10 +71,10 @@ def request_for(trained, tmp_path):
 ELSEWHERE = """
 import json, sys
 from pathlib import Path
-from tokt.training.cross_validation import Split
-from tokt.training.dataset import open_dataset
-from tokt.training.presets import extractor_for, settings_named
-from tokt.training.train import TrainRequest, train
+from tokt.training.fitting.cross_validation import Split
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.fitting.presets import extractor_for, settings_named
+from tokt.training.fitting.train import TrainRequest, train
 
 data = open_dataset("tiny", Path(sys.argv[1]))
 lbp, plain = extractor_for("lbp", "plain"), settings_named("plain")
@@ -84,7 +86,7 @@ print(json.dumps([*(array.tobytes().hex() for array in arrays), made.metrics, ma
 """
 
 
-@pytest.mark.slow
+@pytest.mark.process
 def test_another_process_with_processes_of_its_own_trains_bit_identical_weights(trained, tmp_path):
     """Against `tokt train` in this process, alone: weights, held-out values, figures, rule."""
     ran = subprocess.run(
@@ -109,14 +111,14 @@ def test_another_process_with_processes_of_its_own_trains_bit_identical_weights(
 def test_features_are_computed_once(trained, tmp_path, no_progress):
     dataset = open_dataset("tiny", trained / "datasets")
     spec = extractor_for("lbp", "plain").spec
-    first = feature_table(dataset, spec, tmp_path, no_progress)
+    first = cached_features(dataset, spec, tmp_path, no_progress)
 
     def refuse(items, total, what):
         raise AssertionError("computed again")
 
-    assert np.array_equal(feature_table(dataset, spec, tmp_path, refuse), first)
+    assert np.array_equal(cached_features(dataset, spec, tmp_path, refuse), first)
     with pytest.raises(AssertionError):
-        feature_table(dataset, extractor_for("lbp_24_8", "plain").spec, tmp_path, refuse)
+        cached_features(dataset, extractor_for("lbp_24_8", "plain").spec, tmp_path, refuse)
 
 
 # --- honest ------------------------------------------------------------------------------------
@@ -369,7 +371,7 @@ def test_best_trains_better_than_plain_on_its_own_ground(request_for, tmp_path, 
     assert best.choice.penalty in PRESETS["best"].penalties
     assert len(best.trained_on) == 40
     # The folded model and the pipeline are one and the same.
-    features = feature_table(best.request.dataset, best.request.extractor.spec, tmp_path, None)
+    features = cached_features(best.request.dataset, best.request.extractor.spec, tmp_path, None)
     theirs = best.pipeline.decision_function(np.asarray(features))
     assert np.abs(theirs - best.model.decision_values(features)[:, 0]).max() <= 1e-9
 
@@ -383,9 +385,11 @@ def test_three_classes_are_scored_by_class(fabricate):
     values = np.eye(3)[targets]
     values[1] = [0, 0, 2]  # a reef taken for an installation: the right side, the wrong class
     values[0] = [0, 2, 0]  # water taken for a reef: a false alarm
-    trained = fit_classifier(values, targets, Choice(1.0), PLAIN)
+    trained = fit_classifier(values, targets, Hyperparameters(1.0), PLAIN)
     model = linear_model(trained, made.classes(), made.obstacle_flags())
-    held_out = HeldOut(values, np.arange(30) % 2, (Choice(1.0),) * 2, (FrameRule(),) * 2)
+    held_out = HeldOutPredictions(
+        values, np.arange(30) % 2, (Hyperparameters(1.0),) * 2, (MofNRule(),) * 2
+    )
     figures = held_out_metrics(made, held_out, model)["patch"]
     assert figures["recall"] == 1.0
     assert figures["precision"] == 20 / 21
@@ -400,13 +404,13 @@ def test_class_weights_are_linearsvcs_and_the_simpler_choice_comes_first():
     rng = np.random.default_rng(3)
     targets = (np.arange(200) % 10 == 0).astype(np.int64)
     values = rng.normal(size=(200, 3)) + targets[:, None]
-    svc = fit_classifier(values, targets, Choice(0.1, "balanced"), PLAIN)["svc"]
+    svc = fit_classifier(values, targets, Hyperparameters(0.1, "balanced"), PLAIN)["svc"]
     scaled = StandardScaler().fit_transform(values)
     own = LinearSVC(C=0.1, class_weight="balanced", dual=False).fit(scaled, targets)
     assert np.array_equal(svc.coef_, own.coef_)
     both = weighted(replace(PLAIN, penalties=(1.0, 0.1)), "auto")
     order = [(0.1, None), (0.1, "balanced"), (1.0, None), (1.0, "balanced")]
-    assert both.choices == tuple(Choice(*one) for one in order)
+    assert both.choices == tuple(Hyperparameters(*one) for one in order)
     with pytest.raises(ToktError, match="none, balanced, auto, not 'heavy'"):
         weighted(PLAIN, "heavy")
 
@@ -416,8 +420,10 @@ def test_balanced_weights_are_chosen_where_they_score_better(blocks):
     rng = np.random.default_rng(8)
     features = (blocks.targets() + rng.normal(0, 1.4, 300))[:, None]
     settings = replace(PLAIN, penalties=(1e-4,), class_weights=(None, "balanced"))
-    chosen = choose(blocks.patches, features, blocks.targets(), settings, Split(3, 2))
-    assert chosen.choice == Choice(1e-4, "balanced")
+    chosen = choose_hyperparameters(
+        blocks.patches, features, blocks.targets(), settings, Split(3, 2)
+    )
+    assert chosen.choice == Hyperparameters(1e-4, "balanced")
     assert chosen.values.shape == (300, 1) and np.isfinite(chosen.values).all()
 
 
@@ -459,13 +465,13 @@ def test_early_refusal_comes_before_the_features(request_for, tmp_path, no_progr
 def test_a_damaged_feature_cache_is_computed_anew(trained, tmp_path, no_progress):
     dataset = open_dataset("tiny", trained / "datasets")
     spec = extractor_named("lbp").spec
-    first = np.array(feature_table(dataset, spec, tmp_path, no_progress, jobs=1))
+    first = np.array(cached_features(dataset, spec, tmp_path, no_progress, jobs=1))
     (file,) = tmp_path.glob("*.npy")
     whole = file.read_bytes()
     flipped = whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:]
     for damaged in (whole[: len(whole) // 2], flipped, b""):
         file.write_bytes(damaged)
-        assert (feature_table(dataset, spec, tmp_path, no_progress, jobs=1) == first).all()
+        assert (cached_features(dataset, spec, tmp_path, no_progress, jobs=1) == first).all()
         assert file.read_bytes() == whole
 
 

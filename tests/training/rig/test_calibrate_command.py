@@ -13,9 +13,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.inference.calibration import StereoCalibration, load_calibration
-from tokt.inference.calibration_writer import write_calibration
-from tokt.labels.synthetic.mission import Scene, _render_frame
+
+from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
+from tokt.inference.stereo.calibration_writer import write_calibration
+from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, _render_frame
+
+pytestmark = pytest.mark.xdist_group("calibrated")  # what they share is made once
 
 WIDTH, FRAMES = 480, range(80, 100, 2)
 Run = Callable[..., Any]
@@ -35,7 +38,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
     folder = tmp_path_factory.mktemp("calibrate") / "near"
     for part in ("Left", "Right", "masks", "depth"):
         (folder / part).mkdir(parents=True)
-    scene = Scene.draw(1, 120, WIDTH)
+    scene = MissionScene.draw(1, 120, WIDTH)
     for frame in FRAMES:
         _render_frame(scene, folder, frame)
     rig = scene.rig
@@ -209,7 +212,7 @@ def test_the_printed_form_gives_focal_length_and_lens(
 
 
 @pytest.mark.mission
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_real_mission_fit_even_tested_odd(
     mission_dir: Path, tmp_path: Path, run_tokt: Run
 ) -> None:

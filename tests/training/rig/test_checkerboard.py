@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
-from tokt.inference.calibration import StereoCalibration, load_calibration
-from tokt.training.stereo.checkerboard import parse_board
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
+from tokt.training.rig.calibrate.checkerboard import parse_board
 
 Float = NDArray[np.float64]
 CORNERS, SQUARE_MM = (7, 5), 40.0

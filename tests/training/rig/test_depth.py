@@ -15,15 +15,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.errors import ToktError
-from tokt.inference.calibration import StereoCalibration
-from tokt.inference.matching import Matches
-from tokt.inference.rectify import Rectifier
-from tokt.training.depth.cloud import outliers
-from tokt.training.depth.look import DepthRow
-from tokt.training.depth.picture import DepthPicture
-from tokt.training.depth.ply import VERTEX, ply_bytes
-from tokt.training.depth.summary import detected_span, steadiness, summary
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.stereo.rectify import Rectifier
+from tokt.training.rig.depth.cloud import outliers
+from tokt.training.rig.depth.pair_depths import DepthRow
+from tokt.training.rig.depth.picture import DepthPicture
+from tokt.training.rig.depth.ply import VERTEX, ply_bytes
+from tokt.training.rig.depth.summary import detected_span, steadiness, summary
 
 pytestmark = pytest.mark.xdist_group("depth")  # what they share is made once
 

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
-from tokt.features.errors import ToktError
-from tokt.inference.calibration import Described, describe
-from tokt.training.stereo.matlab_file import matlab_numbers, read_matlab_numbers
 
+from tests.tiers import scaled
 from tokt.cli.stereo_file import read_calibration_file
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.calibration import CheckedCalibration, check_calibration
+from tokt.training.rig.calibrate.matlab_file import matlab_numbers, read_matlab_numbers
 
 K_LEFT = np.array([[600.0, 0, 319.5], [0, 601.0, 239.25], [0, 0, 1]])
 K_RIGHT = np.array([[605.0, 0, 310.5], [0, 606.0, 243.25], [0, 0, 1]])
@@ -59,8 +60,8 @@ def bouguet() -> dict[str, Any]:
     return values
 
 
-def read(path: Path) -> Described:
-    return describe(matlab_numbers(path))
+def read(path: Path) -> CheckedCalibration:
+    return check_calibration(matlab_numbers(path))
 
 
 @pytest.mark.parametrize(
@@ -134,7 +135,7 @@ def test_other_versions_are_refused(tmp_path: Path, start: bytes, message: str) 
 
 
 @given(st.floats(0, 1), st.booleans())
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=scaled(20))
 def test_truncated_files_are_refused(
     tmp_path_factory: pytest.TempPathFactory, part: float, compressed: bool
 ) -> None:

@@ -9,22 +9,30 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from tokt.features.errors import ToktError
-from tokt.training.stereo.adjustment import LOSS_PX, Path, Problem
-from tokt.training.stereo.certainty import FIXED, NOT_FIXED, Certainty, certainty
-from tokt.training.stereo.first_guess import epipolar_px, fit_epipolar, triangulate
-from tokt.training.stereo.matching import FrameMatches
-from tokt.training.stereo.rig_fit import PRIORS, RigFit, fit_rig
-from tokt.training.stereo.rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
-from tokt.training.stereo.tracks import Tracks, build_tracks
-from tokt.training.stereo.vertical_error import (
+
+from tokt.features.common.errors import ToktError
+from tokt.training.rig.calibrate.adjustment import LOSS_PX, Path, Problem
+from tokt.training.rig.calibrate.initialization import epipolar_px, fit_epipolar, triangulate
+from tokt.training.rig.calibrate.matching import FrameMatches
+from tokt.training.rig.calibrate.parameter_uncertainty import (
+    FIXED,
+    NOT_FIXED,
+    ParameterUncertainty,
+    parameter_uncertainty,
+)
+from tokt.training.rig.calibrate.rig_fit import PRIORS, RigFit, fit_rig
+from tokt.training.rig.calibrate.rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
+from tokt.training.rig.calibrate.tracks import Tracks, build_tracks
+from tokt.training.rig.calibrate.vertical_error import (
     GOOD,
     SHIFTED,
     UNUSABLE,
-    judge,
+    check_calibration,
     raw_error,
     vertical_error,
 )
+
+pytestmark = pytest.mark.xdist_group("self_calibration")  # what they share is made once
 
 Float = NDArray[np.float64]
 
@@ -93,8 +101,8 @@ def fit(dive: Dive) -> RigFit:
 
 
 @pytest.fixture(scope="module")
-def sure(fit: RigFit, dive: Dive) -> Certainty:
-    return certainty(fit, dive.matches[1::2])
+def sure(fit: RigFit, dive: Dive) -> ParameterUncertainty:
+    return parameter_uncertainty(fit, dive.matches[1::2])
 
 
 def test_recovers_the_rig(fit: RigFit) -> None:
@@ -155,7 +163,7 @@ def test_wrong_matches_are_dropped(fit: RigFit) -> None:
     assert 0.05 < fit.dropped / observed < 0.25
 
 
-def test_says_what_the_data_cannot_fix(sure: Certainty, dive: Dive) -> None:
+def test_says_what_the_data_cannot_fix(sure: ParameterUncertainty, dive: Dive) -> None:
     verdicts = {one.name: one for one in sure.parameters}
     assert verdicts["baseline"].verdict == NOT_FIXED and verdicts["baseline"].held
     assert verdicts["focal"].held and verdicts["focal"].verdict != FIXED
@@ -165,7 +173,7 @@ def test_says_what_the_data_cannot_fix(sure: Certainty, dive: Dive) -> None:
     assert shorter.vertical_median_px < sure.focal[0].vertical_median_px + 0.1
 
 
-def test_a_view_of_little_depth_fixes_less(sure: Certainty, dive: Dive) -> None:
+def test_a_view_of_little_depth_fixes_less(sure: ParameterUncertainty, dive: Dive) -> None:
     """The first five frames alone, seven to five metres off, and the middle of their pictures."""
     middle = np.array(SIZE) / 2
     few = [
@@ -174,7 +182,7 @@ def test_a_view_of_little_depth_fixes_less(sure: Certainty, dive: Dive) -> None:
         for one in dive.matches[:5]
         for near in [np.abs(one.left - middle).max(axis=1) < 130]
     ]  # fmt: skip
-    less = certainty(fit_rig(few, dive.plain, DISTORTION), few)
+    less = parameter_uncertainty(fit_rig(few, dive.plain, DISTORTION), few)
     before, after = ({one.name: one for one in it.parameters} for it in (sure, less))
     for name in ("rotation_y", "k1", "k2"):
         assert after[name].sigma > 2 * before[name].sigma, name
@@ -183,7 +191,7 @@ def test_a_view_of_little_depth_fixes_less(sure: Certainty, dive: Dive) -> None:
     assert less.loose and any("focal" in direction.changes for direction in less.loose)
 
 
-def test_sigma_is_the_size_of_the_error(fit: RigFit, sure: Certainty) -> None:
+def test_sigma_is_the_size_of_the_error(fit: RigFit, sure: ParameterUncertainty) -> None:
     for one in sure.parameters:
         if one.name in TRUE and one.sigma is not None:
             assert abs(one.value - TRUE[one.name]) < 5 * one.sigma, one.name
@@ -243,16 +251,16 @@ def test_judges_good_shifted_unusable(dive: Dive) -> None:
         for fine in [np.abs(vertical_error(dive.rig.calibration(), [one]).row_px) < 3]
     ]
     calibration = dive.rig.calibration()
-    assert judge(calibration, good).state == GOOD
-    shifted = judge(calibration, _moved(good, 2.5))
+    assert check_calibration(calibration, good).state == GOOD
+    shifted = check_calibration(calibration, _moved(good, 2.5))
     assert shifted.state == SHIFTED
     assert shifted.trim_px == pytest.approx(2.5, abs=0.1)  # the right view is to go down again
     assert shifted.after_trim.median_px < 1
-    assert judge(calibration, _moved(good, 9.0)).state == UNUSABLE
-    exchanged = judge(calibration, _moved(good, 0, swapped=True))
+    assert check_calibration(calibration, _moved(good, 9.0)).state == UNUSABLE
+    exchanged = check_calibration(calibration, _moved(good, 0, swapped=True))
     assert exchanged.state == UNUSABLE
     level = Rig.plain(1111.0, 305.5, SIZE).calibration()
-    assert judge(level, good).state == UNUSABLE
+    assert check_calibration(level, good).state == UNUSABLE
 
 
 def test_points_that_cannot_be_followed_are_one_line(dive: Dive) -> None:

@@ -18,20 +18,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import f1_score
-from tokt.features.errors import ToktError
-from tokt.features.extractor import build_extractor, extractor_named
-from tokt.models.registry import Registry
-from tokt.training.cross_validation import Split
-from tokt.training.dataset import open_dataset
-from tokt.training.presets import Choice, extractor_for, settings_named
+
+from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import build_extractor, extractor_named
+from tokt.models.registry.registry import Registry
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.fitting.cross_validation import Split
+from tokt.training.fitting.presets import Hyperparameters, extractor_for, settings_named
 from tokt.training.search.budget import Budget, budget_from
+from tokt.training.search.mlflow_runs import SEARCH_TAG, TRIAL_TAG, SearchRuns
 from tokt.training.search.nested import honest_score
-from tokt.training.search.rule import MOST_GIVEN_UP, ranked, winner
-from tokt.training.search.runs import SEARCH_TAG, TRIAL_TAG, SearchRuns
-from tokt.training.search.score import Tally, f1
+from tokt.training.search.score import BlockConfusion, f1_of_counts
+from tokt.training.search.selection_rule import MAX_GIVEN_UP, ranked, winner
 from tokt.training.search.space import BUILT_IN, Trial, read_space
 from tokt.training.search.state import opened_state, read_finished
-from tokt.training.search.trial import Task, run_task
+from tokt.training.search.trial import TrialTask, run_task
 
 pytestmark = pytest.mark.xdist_group("search")  # what they share is made once
 
@@ -74,7 +76,7 @@ def test_a_space_goes_from_simple_to_rich(space_file):
         ("dead", 13, 1),
         ("both", 25, 1),
     ]
-    assert space.settings.choices == (Choice(1.0, None),)
+    assert space.settings.choices == (Hyperparameters(1.0, None),)
     assert space.trials[2].spec == build_extractor(DEAD).spec
     assert space.trials[3].spec == extractor_named("lbp_10_5+haralick").spec
 
@@ -138,7 +140,7 @@ def test_wrong_budgets(text):
 # --- the score and the rule ----------------------------------------------------------------------
 
 
-@settings(max_examples=50)
+@settings(max_examples=scaled(50))
 @given(st.integers(2, 4), st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), max_size=30))
 def test_f1_is_scikit_learns(classes: int, pairs: list[tuple[int, int]]) -> None:
     counts = np.zeros((classes, classes), np.int64)
@@ -152,14 +154,14 @@ def test_f1_is_scikit_learns(classes: int, pairs: list[tuple[int, int]]) -> None
         present = sorted(set(truths))
         each = {"labels": present, "average": "macro", "zero_division": 0.0}
         expected = f1_score(truths, saids, **each) if pairs else math.nan
-    assert f1(counts) == pytest.approx(expected, nan_ok=True)
+    assert f1_of_counts(counts) == pytest.approx(expected, nan_ok=True)
 
 
-def made(hits: list[int], missed: list[int], folds: list[int] | None = None) -> Tally:
+def made(hits: list[int], missed: list[int], folds: list[int] | None = None) -> BlockConfusion:
     """A tally with a block an entry: so many obstacle patches found and missed."""
     counts = np.array([[[10, 0], [miss, hit]] for hit, miss in zip(hits, missed, strict=True)])
     blocks = np.arange(len(hits))
-    return Tally(blocks, np.array(folds or [0] * len(hits)), counts, len(hits))
+    return BlockConfusion(blocks, np.array(folds or [0] * len(hits)), counts, len(hits))
 
 
 def trial(name: str, features: int) -> Trial:
@@ -198,7 +200,7 @@ def test_a_large_standard_error_buys_no_large_shortfall():
             trial("rich", 50): made([9, 10, 9], [1, 0, 1]),
         }
     )
-    assert MOST_GIVEN_UP < ranks[0].shortfall < ranks[0].shortfall_error
+    assert MAX_GIVEN_UP < ranks[0].shortfall < ranks[0].shortfall_error
     assert winner(ranks).trial.name == "rich"
 
 
@@ -216,7 +218,7 @@ def test_the_standard_error_is_that_of_whole_blocks():
     of_mean = recalls.std(ddof=1) / math.sqrt(len(recalls))
     # F1 with no false alarm is 2r / (1 + r): its slope at r = 1/2 is 8/9.
     assert told.standard_error == pytest.approx(8 / 9 * of_mean, rel=0.15)
-    assert Tally.from_json(json.loads(json.dumps(told.to_json()))).score == told.score
+    assert BlockConfusion.from_json(json.loads(json.dumps(told.to_json()))).score == told.score
 
 
 def test_the_honest_score_takes_what_each_training_part_chose():
@@ -246,7 +248,7 @@ def test_a_trial_of_format_1_is_read(tmp_path):
     path.write_text(FORMAT_1, "utf-8")
     finished = read_finished(path)
     assert finished is not None
-    assert finished.choices == (Choice(0.1), Choice(1.0, "balanced"))
+    assert finished.choices == (Hyperparameters(0.1), Hyperparameters(1.0, "balanced"))
     assert finished.tally.score == pytest.approx(2 * 3 / (2 * 3 + 1 + 2))
     assert finished.tally.of_fold(1).tolist() == [[7, 0], [0, 1]]
 
@@ -436,7 +438,7 @@ def test_a_trial_learns_from_changed_frames_where_the_space_says_so(searched, sp
     """Frames under heavy noise, learnt from too, spoil what is said of clean ones."""
     workspace, _, _, _ = searched
     space, dataset = read_space(space_file), open_dataset("tiny", workspace / "datasets")
-    asked = Task(
+    asked = TrialTask(
         space.trials[0],
         dataset.path,
         workspace / "cache",
@@ -495,7 +497,7 @@ def model_bytes(workspace: Path, result: dict[str, Any]) -> tuple[bytes, bytes]:
     return model.weights.tobytes(), model.bias.tobytes()
 
 
-@pytest.mark.slow
+@pytest.mark.process
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_killed_twice_it_ends_the_same(searched, trained, tmp_path, preload):
     """SIGKILL after the first trial, and before the winner is trained."""

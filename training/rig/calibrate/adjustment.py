@@ -18,13 +18,13 @@ Float = NDArray[np.float64]
 
 LOSS_PX = 1.0
 """An observation that is this far off, in px of the full frame, counts half (Cauchy loss)."""
-_MOST_DAMPING = 1e8
+_MAX_DAMPING = 1e8
 _ENOUGH_GAIN = 1e-6
 
 
 @dataclass(frozen=True)
 class Path:
-    """Where the left camera stood: a world point p is at ``rotation @ p + shift`` for it.
+    """Poses of the left camera: a world point p is at ``rotation @ p + shift`` for it.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Problem:
         return float(seen + np.square(residuals[4 * len(self.tracks.frame) :]).sum()) / 2
 
     def weights(self, residuals: Float, variance: float = 1.0) -> Float:
-        """What each residual counts in the next step (reweighted least squares).
+        """Weight of each residual in the next step (reweighted least squares).
 
         The priors count as they should beside residuals of this variance (px squared).
         """
@@ -166,7 +166,7 @@ def _rotations(vectors: Float) -> tuple[Float, Float]:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Where an adjustment ended.
+    """Result of an adjustment.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ def adjust(problem: Problem, path: Path, rounds: int = 60) -> Adjusted:
     cost = problem.cost(residuals)
     for _ in range(rounds):
         system = _Normal(problem, vector, residuals)
-        while damping < _MOST_DAMPING:
+        while damping < _MAX_DAMPING:
             try:
                 step = system.solve(damping)
             except LinAlgError:  # too little damping for a system that rounding made indefinite

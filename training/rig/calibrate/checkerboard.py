@@ -11,16 +11,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import __version__
-from ...features.errors import FrameError, ToktError
-from ...features.mission import LEFT, RIGHT, Mission, format_frames
-from ...inference.calibration import StereoCalibration
-from .survey import Progress, stereo_frames
+from tokt import __version__
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
+from tokt.inference.stereo.calibration import StereoCalibration
+
+from .frame_selection import Progress, stereo_frames
 from .vertical_error import VerticalError, row_error
 
 Float = NDArray[np.float64]
 
-LEAST_BOARDS = 8
+MIN_BOARDS = 8
 """Two cameras have some 20 numbers; from fewer boards, tilted too little, they come out wrong."""
 _TEST_EACH = 4
 """Every fourth board is held out of the first fit."""
@@ -31,7 +32,7 @@ _FIND = (cv2.CALIB_CB_ACCURACY, cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_I
 
 
 @dataclass(frozen=True)
-class Board:
+class BoardCorners:
     """Inner corners (n, 2) of one board as both cameras see it, in the same order."""
 
     frame: int
@@ -142,10 +143,10 @@ def calibrate_boards(
         if found is not None:
             boards.append(found[0])
             sizes.add(found[1])
-    if len(boards) < LEAST_BOARDS:
+    if len(boards) < MIN_BOARDS:
         raise ToktError(
             f"{len(boards)} of {len(present)} pairs show the whole {corners[0]}x{corners[1]} board "
-            f"in both pictures; {LEAST_BOARDS} are needed, tilted and spread over the picture"
+            f"in both pictures; {MIN_BOARDS} are needed, tilted and spread over the picture"
         )
     if len(sizes) > 1:
         raise ToktError("the pictures of the board are not all of one size")
@@ -178,7 +179,7 @@ def _board_points(corners: tuple[int, int], square_mm: float) -> NDArray[np.floa
 
 def _find(
     mission: Mission, frame: int, corners: tuple[int, int]
-) -> tuple[Board, tuple[int, int]] | None:
+) -> tuple[BoardCorners, tuple[int, int]] | None:
     """The board in both pictures of a frame, and their size; None where one lacks it."""
     places = []
     sizes = set()
@@ -200,7 +201,7 @@ def _find(
     # A board that looks the same upside down may be counted from opposite corners.
     if (left[-1] - left[0]) @ (right[-1] - right[0]) < 0:
         right = right[::-1]
-    return Board(frame, left, right), sizes.pop()
+    return BoardCorners(frame, left, right), sizes.pop()
 
 
 def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None:
@@ -212,7 +213,7 @@ def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None
 
 
 def _fit(
-    boards: Sequence[Board], points: NDArray[np.float32], size: tuple[int, int]
+    boards: Sequence[BoardCorners], points: NDArray[np.float32], size: tuple[int, int]
 ) -> tuple[StereoCalibration, float, float, float]:
     """Calibration and the three reprojection errors of it."""
     world = [points] * len(boards)

@@ -1,26 +1,29 @@
-"""Which frames of a mission have anything to match: most of a dive is open water."""
+"""Selection of the frames that have anything to match: most of a dive is open water."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 import cv2
 import numpy as np
 
-from ...features.errors import FrameError, ToktError
-from ...features.mission import LEFT, RIGHT, Mission
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+
 from .matching import FrameMatches, match_frame
 
+T = TypeVar("T")
 Progress = Callable[[Iterable[int], int, str], Iterable[int]]
 
 _WIDTH = 340
 _LOCAL_PX = 6.0
 _CONTRAST_LEVELS = 2.0
-_LEAST_SHARE = 0.004
+_MIN_SHARE = 0.004
 """A frame is worth matching when this share of it, at `_WIDTH`, has a local contrast of more than
 so many grey levels. On open water of the 2016 mission the share is 0; its tower has 0.007 from
 frame 150, where matching begins to find points, to 0.5 at its nearest."""
-MOST_FRAMES = 100
+MAX_FRAMES = 100
 
 
 def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
@@ -63,7 +66,7 @@ def match_mission(
     mission: Mission,
     frames: Sequence[int] | None,
     progress: Progress,
-    most: int = MOST_FRAMES,
+    most: int = MAX_FRAMES,
     spread: bool = False,
 ) -> list[FrameMatches]:
     """Match the frames that have something to match.
@@ -83,9 +86,9 @@ def match_mission(
     """
     present = stereo_frames(mission, frames)
     shares = [texture(mission, frame) for frame in progress(present, len(present), "survey")]
-    worth = [f for f, share in zip(present, shares, strict=True) if share >= _LEAST_SHARE]
+    worth = [f for f, share in zip(present, shares, strict=True) if share >= _MIN_SHARE]
     if len(worth) > most:
-        worth = _spread(worth, most) if spread else _densest(worth, shares, present, most)
+        worth = evenly_spaced(worth, most) if spread else _densest(worth, shares, present, most)
     size = frame_size(mission)
     found = [match_frame(mission, frame, size) for frame in progress(worth, len(worth), "match")]
     matched = [one for one in found if one is not None]
@@ -112,9 +115,10 @@ def texture(mission: Mission, frame: int) -> float:
     return float((contrast > _CONTRAST_LEVELS**2).mean())
 
 
-def _spread(frames: list[int], most: int) -> list[int]:
-    places = np.linspace(0, len(frames) - 1, most).round().astype(int)
-    return [frames[place] for place in places]
+def evenly_spaced(items: Sequence[T], count: int) -> list[T]:
+    """At most `count` of some items, evenly spaced from the first to the last, in their order."""
+    places = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int)
+    return [items[place] for place in places]
 
 
 def _densest(worth: list[int], shares: list[float], present: list[int], most: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""A first rig and a first path, from which an adjustment finds its way."""
+"""Initial rig and path of an adjustment, from the matches alone."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _BELIEFS = {
 }
 """Deviation about its start, in rad or as a ratio, that a number is given before any match."""
 _NEAREST_M, _FARTHEST_M = 0.2, 60.0
-_LEAST_SHARED = 8
+_MIN_SHARED = 8
 _PNP_PX = 4.0
 
 
@@ -117,12 +117,12 @@ def first_path(rig: Rig, tracks: Tracks) -> tuple[Path, NDArray[np.bool_]]:
 
 def _pose(points_m: Float, rays: Float, focal_px: float) -> tuple[Float, Float] | None:
     """Rotation vector and shift of a camera that sees world points along rays; None if unclear."""
-    if len(points_m) < _LEAST_SHARED:
+    if len(points_m) < _MIN_SHARED:
         return None
     good, turn, shift, inliers = cv2.solvePnPRansac(
         points_m, rays, np.eye(3), None, iterationsCount=300, reprojectionError=_PNP_PX / focal_px
     )
-    if not good or inliers is None or len(inliers) < _LEAST_SHARED:
+    if not good or inliers is None or len(inliers) < _MIN_SHARED:
         return None
     some = inliers.ravel()
     turn, shift = cv2.solvePnPRefineLM(points_m[some], rays[some], np.eye(3), None, turn, shift)

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError
-from ...features.mission import LEFT, RIGHT, Mission
+from tokt.features.common.errors import FrameError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
 
 Float = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _LOCAL_PX = 12.0
 _NOISE_LEVELS = 2.0
 """Local contrast in grey levels that is taken for noise rather than enlarged."""
 _GAIN, _MIDDLE = 50.0, 128.0
-_MOST_FEATURES = 3000
+_MAX_FEATURES = 3000
 _RATIO = 0.8
 LINK_RATIO = 0.85
 """Lowe's ratio between cameras, and between frames, where only matched features compete."""
@@ -33,7 +33,7 @@ _STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.005)
 _RETURN_PX, _MOVE_PX = 0.5, 4.0
 """Window in pixels of the view in which a match is made exact; how far from its start, in px of the
 full frame, it may come back from the other view, and move from where SIFT had it."""
-_LEAST_MATCHES = 16
+_MIN_MATCHES = 16
 """A fundamental matrix has 7 degrees of freedom: from fewer matches it would fit anything."""
 
 
@@ -84,7 +84,7 @@ def gray_view(
     return np.asarray(view, np.float32), (width, height)
 
 
-def even_contrast(view: NDArray[np.float32]) -> NDArray[np.uint8]:
+def even_contrast_gaussian(view: NDArray[np.float32]) -> NDArray[np.uint8]:
     """A view with its background removed and its local contrast made even."""
     spread = _LOCAL_PX * view.shape[1] / 680
     detail = view - cv2.GaussianBlur(view, (0, 0), spread)
@@ -116,18 +116,18 @@ def match_frame(mission: Mission, frame: int, frame_size: tuple[int, int]) -> Fr
     if size != frame_size or right_size != frame_size:
         return None
     scale = view_scale(frame_size[0])
-    views = even_contrast(left_view), even_contrast(right_view)
+    views = even_contrast_gaussian(left_view), even_contrast_gaussian(right_view)
     (left, left_look), (right, right_look) = (_features(view) for view in views)
     a, b = mutual_matches(left_look, right_look, _RATIO).T
-    if len(a) < _LEAST_MATCHES:
+    if len(a) < _MIN_MATCHES:
         return None
     exact, good = _exact(views, left[a], right[b], scale)
     a, b = a[good], b[good]
     places = (left[a] + 0.5) / scale - 0.5, (exact[good] + 0.5) / scale - 0.5
-    if len(a) < _LEAST_MATCHES:
+    if len(a) < _MIN_MATCHES:
         return None
     fit = _one_geometry(*places)
-    if fit.sum() < _LEAST_MATCHES:
+    if fit.sum() < _MIN_MATCHES:
         return None
     return FrameMatches(
         frame, places[0][fit], places[1][fit], left_look[a[fit]], right_look[b[fit]]
@@ -136,7 +136,7 @@ def match_frame(mission: Mission, frame: int, frame_size: tuple[int, int]) -> Fr
 
 def _features(view: NDArray[np.uint8]) -> tuple[Float, NDArray[np.float32]]:
     """SIFT features of a view: its pixels (n, 2) and descriptors (n, 128)."""
-    sift = cv2.SIFT.create(_MOST_FEATURES, enable_precise_upscale=True)
+    sift = cv2.SIFT.create(_MAX_FEATURES, enable_precise_upscale=True)
     found: tuple[Any, Any] = sift.detectAndCompute(view, None)
     keypoints, looks = found
     if looks is None:

@@ -15,15 +15,15 @@ from numpy.typing import ArrayLike
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
-from ...features.errors import ToktError
-from ...inference.calibration_files import (
+from tokt.features.common.errors import ToktError
+from tokt.inference.stereo.calibration_files import (
     CalibrationNumbers,
     Float,
     bouguet_numbers,
     checked_numbers,
     millimetres,
 )
-from ...inference.distortion import distortion
+from tokt.inference.stereo.distortion import distortion
 
 BOUGUET_FORM = "Bouguet toolbox .mat"
 STEREO_PARAMS_FORM = "MATLAB stereoParams .mat"
@@ -31,8 +31,8 @@ STEREO_PARAMS_FORM = "MATLAB stereoParams .mat"
 _MAGIC = b"MATLAB 5.0 MAT-file"
 _MAGIC_73 = b"MATLAB 7.3 MAT-file"
 _HDF5 = b"\x89HDF"
-_LARGEST_BYTES = 64 << 20
-_MOST_MEMORY = 4 << 30
+_MAX_BYTES = 64 << 20
+_MAX_MEMORY = 4 << 30
 """Bytes of address space for reading one: compressed variables can unfold to far more."""
 _BOUGUET_NAMES = (
     *(f"{part}_{side}" for part in ("fc", "cc", "alpha_c", "kc") for side in ("left", "right")),
@@ -69,8 +69,8 @@ def _limit_memory() -> None:
     except ImportError:
         return
     _, most = resource.getrlimit(resource.RLIMIT_AS)
-    if most == resource.RLIM_INFINITY or most > _MOST_MEMORY:
-        resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, most))
+    if most == resource.RLIM_INFINITY or most > _MAX_MEMORY:
+        resource.setrlimit(resource.RLIMIT_AS, (_MAX_MEMORY, most))
 
 
 def _damaged(path: Path) -> NoReturn:
@@ -117,7 +117,7 @@ def _variables(path: Path) -> dict[str, Any]:
         raise ToktError(f"calibration {path} cannot be read: {error.strerror}") from None
     if start == _MAGIC_73 or start.startswith(_HDF5):
         raise ToktError(f"calibration {path} is of MATLAB 7.3: save it with -v7")
-    if start != _MAGIC or size > _LARGEST_BYTES:
+    if start != _MAGIC or size > _MAX_BYTES:
         raise ToktError(f"calibration {path} is not a MATLAB 5 or 7 file of at most 64 MB")
     try:
         variables: dict[str, Any] = loadmat(path, simplify_cells=True)

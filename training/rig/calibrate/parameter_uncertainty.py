@@ -1,4 +1,4 @@
-"""What the frames fix of a rig, and what they cannot."""
+"""Uncertainty of a rig's parameters: which of them the frames determine."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class FocalStep:
-    """What another focal length would do: everything else fitted anew."""
+    """Errors and depths at another focal length, everything else fitted anew."""
 
     focal_px: float
     vertical_median_px: float
@@ -93,8 +93,8 @@ class FocalStep:
 
 
 @dataclass(frozen=True)
-class Certainty:
-    """What the frames fix."""
+class ParameterUncertainty:
+    """Uncertainty of all parameters, and the directions that the frames leave loose."""
 
     parameters: list[Parameter]
     loose: list[Direction]
@@ -105,7 +105,7 @@ class Certainty:
         return asdict(self)
 
 
-def certainty(fit: RigFit, test: Sequence[FrameMatches]) -> Certainty:
+def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> ParameterUncertainty:
     """Standard deviations, loose directions, and the profile of the focal length."""
     estimated = _deviations(fit, fit.names, PRIORS)
     wide = rig_covariance(fit.problem(_ALL), fit.path)
@@ -122,7 +122,7 @@ def certainty(fit: RigFit, test: Sequence[FrameMatches]) -> Certainty:
     parameters.append(
         Parameter("baseline", fit.rig.baseline_mm, "mm", None, None, None, NOT_FIXED, True)
     )
-    return Certainty(parameters, _loose(fit, wide), _focal_profile(fit, test))
+    return ParameterUncertainty(parameters, _loose(fit, wide), _focal_profile(fit, test))
 
 
 def _deviations(fit: RigFit, names: Sequence[str], priors: Mapping[str, float]) -> dict[str, float]:

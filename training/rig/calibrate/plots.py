@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...features.mission import LEFT, RIGHT, Mission
-from ...inference.rectify import Rectifier
-from .matching import FrameMatches, even_contrast, view_scale
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.stereo.rectify import Rectifier
+
+from .matching import FrameMatches, even_contrast_gaussian, view_scale
 from .self_calibration import SelfCalibration
 from .vertical_error import vertical_error
 
@@ -85,7 +86,7 @@ def rectified_pair(found: SelfCalibration, mission: Mission, one: FrameMatches) 
     )
     figure = Figure(figsize=(10.5, 4.2), layout="constrained")
     for axes, (camera, gray) in zip(figure.subplots(1, 2), views, strict=True):
-        view = even_contrast(gray)
+        view = even_contrast_gaussian(gray)
         axes.imshow(view, cmap="gray", vmin=0, vmax=255)
         for row in np.linspace(0, rectifier.size[1], _LINES + 2)[1:-1]:
             axes.axhline(row, color="#e0a500", lw=0.5)

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import jinja2
 
-from ... import __version__
-from ...features import atomic
-from ...features.mission import Mission
-from ..plots import data_uri
-from . import calibration_plots as plots
+from tokt import __version__
+from tokt.features.common import atomic
+from tokt.features.frames.mission import Mission
+from tokt.training.evaluation.plots import data_uri
+
+from . import plots as plots
 from .self_calibration import SelfCalibration
 
 
@@ -22,9 +23,7 @@ def write_report(target: Path, found: SelfCalibration, mission: Mission) -> None
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-    ).from_string(
-        resources.files(__package__).joinpath("calibration_report.html").read_text("utf-8")
-    )
+    ).from_string(resources.files(__package__).joinpath("report.html").read_text("utf-8"))
     clearest = max(found.test_matches, key=len)
     page = template.render(
         found=found,

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
+
 from .adjustment import Adjusted, Path, Problem, adjust
-from .first_guess import first_path, fit_epipolar
+from .initialization import first_path, fit_epipolar
 from .matching import FrameMatches
 from .rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
 from .tracks import Tracks, build_tracks
@@ -24,8 +25,8 @@ PRIORS: Mapping[str, float] = {
 in air has k1 and k2 of about 0; behind a flat port in water a pinhole has 0.40 and 0.24."""
 _WRONG_PX = 4.0
 """An observation that is this far off once the rig fits is a wrong match, and dropped."""
-_LEAST_FRAMES = 3
-_LEAST_FOLLOWED = 30
+_MIN_FRAMES = 3
+_MIN_FOLLOWED = 30
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def _roughly(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Ad
     path, placed = first_path(rig, tracks)
     tracks, path = _placed(tracks, path, placed)
     followed = int((tracks.lengths() > 1).sum())
-    if len(tracks.frames) < _LEAST_FRAMES or followed < _LEAST_FOLLOWED:
+    if len(tracks.frames) < _MIN_FRAMES or followed < _MIN_FOLLOWED:
         return (
             f"only {followed} points can be followed over {len(tracks.frames)} frames: too few to "
             "tell how the cameras stand; take more frames, nearer to something solid"

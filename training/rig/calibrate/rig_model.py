@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.calibration import StereoCalibration
+from tokt.inference.stereo.calibration import StereoCalibration
 
 Float = NDArray[np.float64]
 

@@ -10,15 +10,16 @@ from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
-from ... import __version__
-from ...features.errors import ToktError
-from ...features.mission import Mission, format_frames
-from ...inference.calibration import StereoCalibration
-from .certainty import Certainty, certainty
+from tokt import __version__
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import Mission, format_frames
+from tokt.inference.stereo.calibration import StereoCalibration
+
+from .frame_selection import Progress, match_mission
 from .matching import FrameMatches
+from .parameter_uncertainty import ParameterUncertainty, parameter_uncertainty
 from .rig_fit import RigFit, fit_rig
-from .start import Start
-from .survey import Progress, match_mission
+from .starting_rig import StartingRig
 from .vertical_error import VerticalError, raw_error, vertical_error
 
 PARTS = ("alternate", "even", "odd", "all")
@@ -43,7 +44,7 @@ class SelfCalibration:
     """
 
     mission: str
-    start: Start
+    start: StartingRig
     part: str
     fit: RigFit
     fit_part: RigFit
@@ -54,7 +55,7 @@ class SelfCalibration:
     before: VerticalError
     after: VerticalError
     own: VerticalError
-    certainty: Certainty
+    uncertainty: ParameterUncertainty
     seconds: float
 
     @property
@@ -116,14 +117,14 @@ class SelfCalibration:
                 "calibration_on_all_frames": self.own.figures(),
                 "unit": "px of the full frame",
             },
-            **self.certainty.to_json(),
+            **self.uncertainty.to_json(),
             "seconds": round(self.seconds, 1),
         }
 
 
 def self_calibrate(
     mission: Mission,
-    start: Start,
+    start: StartingRig,
     progress: Progress,
     frames: Sequence[int] | None = None,
     part: str = PARTS[0],
@@ -132,7 +133,7 @@ def self_calibrate(
 
     Parameters
     ----------
-    start : Start
+    start : StartingRig
     progress : callable
         Passes frame numbers on as they are worked on.
     frames : sequence of int, optional
@@ -153,7 +154,7 @@ def self_calibrate(
 
 def _calibrate(
     mission: Mission,
-    start: Start,
+    start: StartingRig,
     progress: Progress,
     frames: Sequence[int] | None,
     part: str,
@@ -180,7 +181,7 @@ def _calibrate(
         before,
         vertical_error(fit_part.rig.calibration(), tested),
         vertical_error(fit.rig.calibration(), matches),
-        certainty(fit, tested),
+        parameter_uncertainty(fit, tested),
         time.perf_counter() - began,
     )
 

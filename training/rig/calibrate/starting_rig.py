@@ -1,4 +1,4 @@
-"""What a self-calibration takes the cameras for before it looks at a frame."""
+"""The cameras that a self-calibration starts from, before it looks at a frame."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.mission import Mission
-from ...inference.calibration import StereoCalibration
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import Mission
+from tokt.inference.stereo.calibration import StereoCalibration
+
+from .frame_selection import frame_size
 from .rig_model import DISTORTION, FOCAL, PRINCIPAL, Rig
-from .survey import frame_size
 
 BASELINE_MM = 305.5
 """Distance between the mission cameras (thesis, table 3.4: the length of T)."""
@@ -21,8 +22,8 @@ _FREE_NAMES = {"k1": ("k1",), "k2": ("k2",), "focal": FOCAL, "principal": PRINCI
 
 
 @dataclass(frozen=True)
-class Start:
-    """What the cameras are taken for before a frame is looked at.
+class StartingRig:
+    """The cameras that a calibration starts from.
 
     Attributes
     ----------
@@ -62,14 +63,14 @@ def parse_free(text: str) -> tuple[str, ...]:
 
 def plain_start(
     mission: Mission, baseline_mm: float, focal_px: float | None, free: tuple[str, ...] | None
-) -> Start:
+) -> StartingRig:
     """Two equal cameras of a known focal length; the lens distortion is estimated."""
     size = frame_size(mission)
     focal = focal_px or FOCAL_PX * size[0] / FOCAL_WIDTH
     words = f"f = {focal:.1f} px{'' if focal_px else ' (the mission cameras of 2016)'}"
     rig = Rig.plain(focal, baseline_mm, size)
     freed = DISTORTION if free is None else free
-    return Start(rig, f"{words}, principal point at the centre", freed)
+    return StartingRig(rig, f"{words}, principal point at the centre", freed)
 
 
 def start_from(
@@ -78,7 +79,7 @@ def start_from(
     mission: Mission,
     baseline_mm: float,
     free: tuple[str, ...] | None,
-) -> Start:
+) -> StartingRig:
     """Cameras as a calibration file has them; only how they stand is estimated, by default.
 
     Of a calibration that cannot be used as it is, as that printed in the thesis, only f, k1 and
@@ -103,11 +104,13 @@ def start_from(
                 "a start with more than k1 k2 p1 p2 k3 of distortion cannot be adjusted"
             )
         rig = Rig.from_cameras(K, D, baseline_mm, size)
-        return Start(rig, "cameras as given, their standing to each other anew", freed, given)
+        return StartingRig(rig, "cameras as given, their standing to each other anew", freed, given)
     centred = [_centred(k, size) for k in K]
     lenses = [d[:2] for d in D]
     rig = Rig.from_cameras((centred[0], centred[1]), (lenses[0], lenses[1]), baseline_mm, size)
-    return Start(rig, "f, k1 and k2 as given; principal point at the centre, square pixels", freed)
+    return StartingRig(
+        rig, "f, k1 and k2 as given; principal point at the centre, square pixels", freed
+    )
 
 
 def _centred(K: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""How well a calibration rectifies: matched points must lie in the same row of both views."""
+"""Vertical error of a calibration: matched points must lie in the same row of both views."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.calibration import StereoCalibration
-from ...inference.rectify import rectified, rectifying
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.rectify import rectified, rectifying
+
 from .matching import FrameMatches
 
 Float = NDArray[np.float64]
@@ -18,11 +19,11 @@ Float = NDArray[np.float64]
 GOOD, SHIFTED, UNUSABLE = "good", "shifted", "unusable"
 GOOD_MEDIAN_PX, GOOD_P90_PX = 1.0, 4.0
 """Vertical error at full resolution up to which block matching at half resolution works."""
-MOST_SHIFT_PX = 6.0
+MAX_SHIFT_PX = 6.0
 """The row offset that the detector's own trim can mend."""
 CHECKED_FRAMES = 40
 """So many frames, spread over the dive, are enough to judge a calibration by."""
-_MOST_BEHIND = 0.05
+_MAX_BEHIND = 0.05
 _REGIONS = 3
 
 
@@ -110,8 +111,8 @@ def raw_error(matches: Sequence[FrameMatches], frame_size: tuple[int, int]) -> V
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """What is to be said of a calibration, by the frames themselves.
+class CalibrationCheck:
+    """A verdict on a calibration, from the frames themselves.
 
     Attributes
     ----------
@@ -149,20 +150,22 @@ def measurable(calibration: StereoCalibration) -> bool:
     return bool(cameras and turned and abs(c.T_mm[0, 0]) > np.abs(c.T_mm[1:]).max())
 
 
-def judge(calibration: StereoCalibration, matches: Sequence[FrameMatches]) -> Judgement:
+def check_calibration(
+    calibration: StereoCalibration, matches: Sequence[FrameMatches]
+) -> CalibrationCheck:
     """Say whether a calibration is good, shifted by some rows, or unusable for these frames."""
     error = vertical_error(calibration, matches)
     trim = float(np.median(error.row_px))
     trimmed = VerticalError(error.row_px - trim, error.disparity_px, error.at, error.frame_size)
     behind = float((error.disparity_px < 0).mean())
-    if behind > _MOST_BEHIND:
+    if behind > _MAX_BEHIND:
         state, reason = UNUSABLE, (
             f"{100 * behind:.0f} % of the points would lie behind the cameras: left and right are "
             "exchanged, or the rotation is wrong"
         )  # fmt: skip
     elif _fits(error):
         state, reason = GOOD, f"rows agree within {error.median_px:.2f} px (median)"
-    elif _fits(trimmed) and abs(trim) <= MOST_SHIFT_PX:
+    elif _fits(trimmed) and abs(trim) <= MAX_SHIFT_PX:
         state, reason = SHIFTED, (
             f"a constant row offset: a trim of {trim:+.1f} px mends it (the right view moved "
             f"{'down' if trim > 0 else 'up'})"
@@ -172,7 +175,7 @@ def judge(calibration: StereoCalibration, matches: Sequence[FrameMatches]) -> Ju
             f"rows differ by {error.median_px:.1f} px (median), and by {trimmed.median_px:.1f} px "
             "with the best constant offset"
         )  # fmt: skip
-    return Judgement(state, reason, trim, error, trimmed)
+    return CalibrationCheck(state, reason, trim, error, trimmed)
 
 
 def _fits(error: VerticalError) -> bool:

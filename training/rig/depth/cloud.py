@@ -1,4 +1,4 @@
-"""From the matches of one pair to a point cloud worth looking at."""
+"""Filtered, coloured point clouds from the matches of one pair."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ...inference.matching import Matches
-from ...inference.rectify import Rectifier
-from .contrast import raised
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.stereo.rectify import Rectifier
+from tokt.training.evaluation.pictures import raise_contrast
 
 NEAREST_M, FARTHEST_M = 0.3, 10.0
 """Range that is kept. A disparity of half resolution is uncertain by about a quarter of a pixel:
@@ -23,7 +23,7 @@ object maps for household environments, Robotics and Autonomous Systems 56 (2008
 
 
 @dataclass(frozen=True)
-class Cloud:
+class PointCloud:
     """Coloured points, and how many there were before filtering.
 
     Parameters
@@ -48,7 +48,7 @@ def cloud_of(
     matches: Matches,
     left: NDArray[np.uint8],
     farthest_m: float = FARTHEST_M,
-) -> Cloud:
+) -> PointCloud:
     """The points that one pair shows.
 
     Parameters
@@ -68,7 +68,7 @@ def cloud_of(
     kept = kept[~outliers(points[kept])]
     colors = _colors(rectifier, np.column_stack([column, row])[kept], left)
     n_near = int(near.sum())
-    return Cloud(points[kept], colors, len(points), len(points) - n_near, n_near - len(kept))
+    return PointCloud(points[kept], colors, len(points), len(points) - n_near, n_near - len(kept))
 
 
 def outliers(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -95,4 +95,4 @@ def _colors(
     y = (places[:, 1] + 0.5) * height / frame_height - 0.5
     at = np.column_stack([np.rint(x).clip(0, width - 1), np.rint(y).clip(0, height - 1)])
     column, row = at.astype(np.int64).T
-    return np.asarray(raised(left, width, height)[row, column], np.uint8)
+    return np.asarray(raise_contrast(left, width, height)[row, column], np.uint8)

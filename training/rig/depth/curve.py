@@ -11,8 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ...inference.verdict import OBSTACLE, UNKNOWN
-from .look import DepthRow
+from tokt.inference.verdict import OBSTACLE, UNKNOWN
+from tokt.training.evaluation.pictures import figure_png
+
+from .pair_depths import DepthRow
 from .summary import gaps_of
 
 COLUMNS = tuple(DepthRow.__dataclass_fields__)
@@ -78,9 +80,7 @@ def curve_png(
     handles, labels = depth.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=9, frameon=False)
     figure.suptitle(f"{name}: depth by frame", fontsize=13)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return figure_png(figure)
 
 
 def _draw_depth(axes: Any, rows: Sequence[DepthRow], frames: NDArray[np.int64], step: int) -> None:

@@ -1,4 +1,4 @@
-"""One stereo pair after another through the runtime's own disparity detector."""
+"""Depths of stereo pairs in their order, by the runtime's own disparity detector."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from ...inference.detector import Detection
-from ...inference.disparity import DisparityDetector
-from ...inference.matching import Matches
-from ...inference.policy import SinglePolicy
-from ...inference.sources import Frame
-from ...inference.verdict import UNKNOWN
+from tokt.inference.detector import Detection
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.verdict import UNKNOWN
 
 FAR_PERCENTILE = 95.0
 
 
 @dataclass(frozen=True)
 class DepthRow:
-    """What one pair gave.
+    """Depths and verdict of one pair.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class DepthRow:
         return asdict(self)
 
 
-class _Remembering:
+class _KeepsMatches:
     """The detector as a policy asks it, keeping the matches of the pair it was asked about."""
 
     def __init__(self, detector: DisparityDetector) -> None:
@@ -71,7 +71,7 @@ class _Remembering:
         return detection
 
 
-def look(
+def measure_depths(
     detector: DisparityDetector, frames: Iterable[Frame], rate: float | None = None
 ) -> Iterator[DepthRow]:
     """Judge frames as ``tokt run --policy disparity`` does; a row for each, whatever it holds.
@@ -85,11 +85,11 @@ def look(
         Frame numbers per second: what the moments of capture are worked out from. Without it
         there is no closing speed.
     """
-    remembering = _Remembering(detector)
+    remembering = _KeepsMatches(detector)
     policy = SinglePolicy(remembering)
     for frame in frames:
         timed = frame if rate is None else replace(frame, t=frame.number / rate, timed=True)
-        trim = detector.row_trim_px
+        trim = detector.row_shift_px
         verdict = policy.judge(timed).verdict
         yield DepthRow(
             frame.number,

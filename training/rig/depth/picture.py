@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import matplotlib as mpl
@@ -23,11 +22,12 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
-from ...inference.matching import Matches
-from ...inference.rectify import Rectifier
-from ...inference.verdict import HEALTHY, STATUS_WORDS
-from .contrast import raised
-from .look import DepthRow
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.stereo.rectify import Rectifier
+from tokt.inference.verdict import HEALTHY, STATUS_WORDS
+from tokt.training.evaluation.pictures import figure_png, raise_contrast
+
+from .pair_depths import DepthRow
 
 _WIDTH = 680
 _DPI = 100
@@ -38,12 +38,12 @@ _STRIPE_PX = 7
 _MAP = ListedColormap(mpl.colormaps["turbo"](np.linspace(0.95, 0.08, _N_DEPTHS)))
 _TICKS_M = (0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 15, 20, 30)
 _BARS_M = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
-_LONGEST_BAR = 0.35
+_MAX_BAR = 0.35
 """Of the frame's width."""
 
 
 def title(row: DepthRow) -> str:
-    """What a pair gave, in one line."""
+    """Depths and verdict of a pair, in one line."""
     words = [f"frame {row.frame}: {STATUS_WORDS[row.status]}"]
     if row.distance_m is not None:
         words.append(f"near end {row.distance_m:.2f} m")
@@ -89,7 +89,7 @@ class DepthPicture:
         """
         figure = Figure(figsize=(14.4, 5.9), dpi=_DPI, layout="constrained")
         frame, depth = figure.subplots(1, 2)
-        frame.imshow(raised(left, self._width, self._height))
+        frame.imshow(raise_contrast(left, self._width, self._height))
         frame.set_title("left camera, contrast raised", fontsize=10)
         depth.imshow(self.depth_rgb(matches), interpolation="nearest")
         depth.set_title("depth, in the left camera's pixels", fontsize=10)
@@ -101,9 +101,7 @@ class DepthPicture:
         figure.suptitle(title(row), fontsize=13)
         if row.health != HEALTHY:
             figure.supxlabel(row.health, fontsize=9, color="#b03030", wrap=True)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png")
-        return buffer.getvalue()
+        return figure_png(figure)
 
     def depth_rgb(self, matches: Matches | None) -> NDArray[np.uint8]:
         """The right panel: uint8, shape (height, width, 3), as large as the left one."""
@@ -136,7 +134,7 @@ class DepthPicture:
             return
         known = self._rectifier.calibration
         px_per_m = known.K1[0, 0] / known.frame_size[0] * self._width / row.median_m
-        length = next((m for m in _BARS_M if m * px_per_m <= _LONGEST_BAR * self._width), None)
+        length = next((m for m in _BARS_M if m * px_per_m <= _MAX_BAR * self._width), None)
         if length is None:
             return
         x, y = 0.04 * self._width, 0.94 * self._height

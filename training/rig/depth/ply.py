@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 VERTEX = np.dtype(
     [(axis, "<f4") for axis in ("x", "y", "z")] + [(hue, "u1") for hue in ("red", "green", "blue")]

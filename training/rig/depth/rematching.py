@@ -1,4 +1,4 @@
-"""Frames of a mission looked at once more, one at a time: what is drawn and made a cloud of."""
+"""Pairs matched again, one at a time: for depth pictures and point clouds."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features import atomic
-from ...features.errors import FrameError
-from ...features.mission import LEFT, RIGHT, Mission
-from ...inference.disparity import DisparityDetector
-from ...inference.matching import Matches
-from .cloud import Cloud, cloud_of
-from .contrast import RAISED_IS
-from .look import DepthRow
+from tokt.features.common import atomic
+from tokt.features.common.errors import FrameError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.matching import Matches
+from tokt.training.evaluation.pictures import CONTRAST_METHOD
+
+from .cloud import PointCloud, cloud_of
+from .pair_depths import DepthRow
 from .picture import DepthPicture
 from .ply import ply_bytes
 
 _COLOR_ENDS_M = (1.0, 10.0)
 """Of the colour bar where nothing was matched."""
-_LEAST_RATIO = 2.0
+_MIN_RATIO = 2.0
 """Far end of the colour bar over its near end: below, it would show the noise."""
 
 
-class Views:
+class PairRematcher:
     """Matches some pairs again: those of a whole mission do not fit into memory.
 
     Parameters
@@ -48,7 +49,7 @@ class Views:
         if row.valid_fraction is None:
             return left, None
         right = self._mission.read(row.frame, RIGHT)
-        return left, self._detector.match(left, right, row_trim_px=row.row_trim_px)
+        return left, self._detector.match(left, right, row_shift_px=row.row_trim_px)
 
     def draw(
         self, folder: Path, rows: Sequence[DepthRow], progress: Callable[..., Iterable[DepthRow]]
@@ -78,11 +79,11 @@ class Views:
         return [
             f"mission {self._mission.name}, frame {row.frame}",
             "metres in the left camera's axes: x right, y down, z forward",
-            f"colours: left frame, {RAISED_IS}",
+            f"colours: left frame, {CONTRAST_METHOD}",
         ]
 
 
-def _counts(cloud: Cloud) -> dict[str, int]:
+def _counts(cloud: PointCloud) -> dict[str, int]:
     return {
         "points": len(cloud.points_m),
         "matched": cloud.matched,
@@ -97,4 +98,4 @@ def _color_ends(rows: Sequence[DepthRow]) -> tuple[float, float]:
     far = [row.far_m for row in rows if row.far_m is not None]
     if not near or not far:
         return _COLOR_ENDS_M
-    return min(near), max(max(far), _LEAST_RATIO * min(near))
+    return min(near), max(max(far), _MIN_RATIO * min(near))

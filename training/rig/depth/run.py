@@ -9,21 +9,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...features import atomic
-from ...features.errors import ToktError
-from ...features.grid import DEFAULT_GRID
-from ...features.mission import LEFT, RIGHT, Mission, format_frames
-from ...inference.calibration import StereoCalibration
-from ...inference.clock import SYSTEM_CLOCK
-from ...inference.disparity import DisparityDetector
-from ...inference.sources import MissionSource
-from ...inference.verdict import OBSTACLE
-from ...models.operating_point import frame_step
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.sources.files import MissionSource
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import OBSTACLE
+from tokt.models.operating_point import frame_step
+
 from .cloud import FARTHEST_M
 from .curve import curve_csv, curve_png
-from .look import DepthRow, look
+from .pair_depths import DepthRow, measure_depths
+from .rematching import PairRematcher
 from .summary import summary
-from .views import Views
 
 SPREAD_PICTURES = 12
 """So many frames are drawn when none was chosen."""
@@ -34,7 +35,7 @@ Progress = Callable[..., Any]
 
 @dataclass(frozen=True)
 class DepthRequest:
-    """What is wanted of a mission.
+    """Options of a depth measurement.
 
     Parameters
     ----------
@@ -100,13 +101,13 @@ def run_depth(
     settings = (calibration, DEFAULT_GRID, request.matcher, request.scale)
     detector = DisparityDetector(*settings)
     frames = progress(source, len(source.numbers), "depth")
-    rows = {row.frame: row for row in look(detector, frames, request.rate)}
+    rows = {row.frame: row for row in measure_depths(detector, frames, request.rate)}
     step = frame_step({*mission.frames(LEFT), *mission.frames(RIGHT)})
     found = summary(list(rows.values()), step)
     atomic.write_text(out / "depth.csv", curve_csv(list(rows.values())))
     atomic.write_bytes(out / "depth.png", curve_png(list(rows.values()), found, mission.name, step))
     # The rows are what a run would say; what is looked at has every pixel matched.
-    views = Views(mission, DisparityDetector(*settings, step=1))
+    views = PairRematcher(mission, DisparityDetector(*settings, step=1))
     drawn = [rows[number] for number in _to_draw(rows, found, request)]
     about = {
         "mission": mission.name,
@@ -178,7 +179,7 @@ def _to_draw(
 
 
 def _cloud(
-    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest, views: Views
+    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest, views: PairRematcher
 ) -> dict[str, Any] | None:
     number = _cloud_frame(found, request)
     if request.ply is None or number is None:

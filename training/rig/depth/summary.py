@@ -1,4 +1,4 @@
-"""What a mission's depths come to: first detection, gaps, jitter, and whether they are steady."""
+"""Summary of a mission's depths: first detection, gaps, jitter, steadiness."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ...features.mission import format_frames
-from ...inference.verdict import CLEAR, OBSTACLE, UNKNOWN
-from .look import DepthRow
+from tokt.features.frames.mission import format_frames
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+
+from .pair_depths import DepthRow
 
 IN_A_ROW = 3
 """Frames with an obstacle, one after the other, that make a detection."""

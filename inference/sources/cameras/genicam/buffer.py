@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.camera_frame import MOSAIC_FORMATS, PIXEL_FORMATS
-from ..reason import Fault, Reason
+from tokt.features.frames.camera_frame import MOSAIC_FORMATS, PIXEL_FORMATS
+from tokt.inference.reason import Fault, Reason
 
 _NS_PER_S = 1_000_000_000
 _COLOUR_BYTES = 3
@@ -38,7 +38,7 @@ class Pixels:
     ----------
     height, width : int
     pixel_format : str
-        One of `tokt.features.camera_frame.PIXEL_FORMATS`.
+        One of `tokt.features.frames.camera_frame.PIXEL_FORMATS`.
     data : array of uint8, shape (n_bytes,)
         Without padding. The buffer's own memory wherever that has none: gone when it is queued.
     """
@@ -68,12 +68,14 @@ def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
     """
     image, offset = _image(buffer)
     height, width = int(image.height), int(image.width)
-    pixel_format = format_name(said(image, "pixel_format", said(image, "data_format", 0)))
+    pixel_format = format_name(
+        read_property(image, "pixel_format", read_property(image, "data_format", 0))
+    )
     row = width * bytes_per_pixel(pixel_format)
-    padding = int(said(image, "padding_x", said(image, "x_padding", 0)))
-    lines = int(said(buffer, "delivered_image_height", height)) or height
+    padding = int(read_property(image, "padding_x", read_property(image, "x_padding", 0)))
+    lines = int(read_property(buffer, "delivered_image_height", height)) or height
     size = height * (row + padding)
-    filled = said(buffer, "size_filled", offset + size)
+    filled = read_property(buffer, "size_filled", offset + size)
     if lines < height:
         raise _incomplete(f"{lines} of {height} rows came")
     # The last row's padding may be left out.
@@ -90,10 +92,10 @@ def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
 
 def _image(buffer: Any) -> tuple[Any, int]:
     """What describes the picture, and where it begins, in bytes."""
-    for part in said(buffer, "parts", ()):
-        if said(part, "data_type", 0) == _PART_IS_IMAGE:
-            return part, int(said(part, "data_offset", 0))
-    return buffer, int(said(buffer, "image_offset", 0))
+    for part in read_property(buffer, "parts", ()):
+        if read_property(part, "data_type", 0) == _PART_IS_IMAGE:
+            return part, int(read_property(part, "data_offset", 0))
+    return buffer, int(read_property(buffer, "image_offset", 0))
 
 
 def bytes_per_pixel(pixel_format: str) -> int:
@@ -132,15 +134,15 @@ def taken_s(buffer: Any, ticks_per_s: float | None) -> float | None:
         None where the producer does not say, or gives ticks of unknown length.
     """
     # Nanoseconds are GenTL's; a time stamp of 0 is a camera's way to have none.
-    nanoseconds = said(buffer, "timestamp_ns", 0)
+    nanoseconds = read_property(buffer, "timestamp_ns", 0)
     if nanoseconds:
         return float(nanoseconds / _NS_PER_S)
-    ticks = said(buffer, "timestamp", 0)
+    ticks = read_property(buffer, "timestamp", 0)
     return float(ticks / ticks_per_s) if ticks and ticks_per_s else None
 
 
-def said(module: Any, name: str, otherwise: Any) -> Any:
-    """What a GenTL module says of itself, or something else where it does not."""
+def read_property(module: Any, name: str, otherwise: Any) -> Any:
+    """A property of a GenTL module; `otherwise` where the module does not have it."""
     from genicam.gentl import ClosedException, GenericException, InvalidHandleException
 
     try:

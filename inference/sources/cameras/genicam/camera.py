@@ -1,6 +1,6 @@
-"""One open GenICam camera: what harvesters needs to be told, and what is kept from it.
+"""One open GenICam camera, through harvesters.
 
-For a camera's own process only (see `genicam_process`).
+For a camera's own process only (see `process`).
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-from ...features.errors import ToktError
-from ..reason import NO_FAULT, Fault, Reason
-from .genicam_buffer import NoPictureError, Pixels, pixels_of, said, taken_s
-from .genicam_features import Features
-from .genicam_listing import Listed
-from .genicam_producers import Producers, in_one_line
-from .options import CameraOptions
+from tokt.features.common.errors import ToktError
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.sources.cameras.options import CameraOptions
+
+from .buffer import NoPictureError, Pixels, pixels_of, read_property, taken_s
+from .features import GenicamFeatures
+from .listing import ListedCamera
+from .producers import Producers, in_one_line
 
 _BUFFERS = 4
 _WAIT_S = 0.2
@@ -30,8 +31,8 @@ class CameraGoneError(Exception):
 
 
 @dataclass(frozen=True)
-class Taken:
-    """One exposure as it lies in the producer's buffer, or why there is no picture.
+class FetchedFrame:
+    """One exposure fetched from the producer's buffers, or why there is no picture.
 
     Parameters
     ----------
@@ -59,10 +60,10 @@ class GenicamCamera:
     ----------
     acquirer : harvesters.core.ImageAcquirer
         Of a camera that is set and started.
-    features : Features
+    features : GenicamFeatures
     """
 
-    def __init__(self, acquirer: Any, features: Features) -> None:
+    def __init__(self, acquirer: Any, features: GenicamFeatures) -> None:
         from genicam.genapi import GenericException as FeatureError
         from genicam.gentl import GenericException as ProducerError
         from harvesters.core import Callback
@@ -82,19 +83,19 @@ class GenicamCamera:
         self._formats = dict_by_ints
         self._incomplete = False
         self._last_id = 0
-        self._ticks_per_s = said(acquirer.device, "timestamp_frequency", 0) or (
+        self._ticks_per_s = read_property(acquirer.device, "timestamp_frequency", 0) or (
             features.ticks_per_s()
         )
         self.period_s = features.period_s()
         self.shared_clock = features.clock_is_shared()
 
     @contextmanager
-    def next(self) -> Iterator[Taken | None]:
+    def next(self) -> Iterator[FetchedFrame | None]:
         """Wait a moment for the next exposure; its pixels are there within the context only.
 
         Yields
         ------
-        Taken or None
+        FetchedFrame or None
             None where none came.
 
         Raises
@@ -123,31 +124,31 @@ class GenicamCamera:
         """
         stream = self._acquirer.data_streams[0]
         try:
-            for _ in range(int(said(stream, "num_awaiting_delivery", 0))):
+            for _ in range(int(read_property(stream, "num_awaiting_delivery", 0))):
                 buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
                 if buffer is not None:
                     self._give_back(buffer)
         except self._gone as error:
             raise CameraGoneError(in_one_line(str(error))) from None
 
-    def _taken(self, buffer: Any) -> Taken:
+    def _taken(self, buffer: Any) -> FetchedFrame:
         fetched_s = time.monotonic()
-        self._last_id = int(said(buffer, "frame_id", self._last_id + 1))
+        self._last_id = int(read_property(buffer, "frame_id", self._last_id + 1))
         when = taken_s(buffer, self._ticks_per_s)
         try:
             pixels = pixels_of(buffer, self._format_name)
         except NoPictureError as error:
-            return Taken(self._last_id, when, fetched_s, None, error.fault)
-        return Taken(self._last_id, when, fetched_s, pixels)
+            return FetchedFrame(self._last_id, when, fetched_s, None, error.fault)
+        return FetchedFrame(self._last_id, when, fetched_s, pixels)
 
-    def _not_whole(self) -> Taken | None:
+    def _not_whole(self) -> FetchedFrame | None:
         """What came, where no buffer did."""
         if not self._incomplete:
             return None
         # Its own number went with the buffer; cameras count frames one by one.
         self._last_id += 1
         fault = Fault(Reason.INCOMPLETE, "incomplete frame: packets were lost")
-        return Taken(self._last_id, None, time.monotonic(), None, fault)
+        return FetchedFrame(self._last_id, None, time.monotonic(), None, fault)
 
     def _format_name(self, number: int) -> str:
         return str(self._formats.get(number, f"unknown (0x{number:08x})"))
@@ -162,14 +163,14 @@ class GenicamCamera:
 
 @contextmanager
 def opened_camera(
-    producers: Producers, listed: Listed, name: str, options: CameraOptions, share: float
+    producers: Producers, listed: ListedCamera, name: str, options: CameraOptions, share: float
 ) -> Iterator[GenicamCamera]:
     """Open a camera, set it and have it send frames.
 
     Parameters
     ----------
     producers : Producers
-    listed : Listed
+    listed : ListedCamera
         Which camera.
     name : str
         How the user calls it, for messages.
@@ -195,9 +196,9 @@ def opened_camera(
     try:
         info = producers.info(listed)
         acquirer = producers.harvester.create(info, config=ParameterSet(values))
-        features = Features(acquirer.remote_device.node_map, name)
+        features = GenicamFeatures(acquirer.remote_device.node_map, name)
         features.set_up(options, share, listed.link)
-        Features(acquirer.data_streams[0].node_map, name).give(
+        GenicamFeatures(acquirer.data_streams[0].node_map, name).give(
             "StreamBufferHandlingMode", _NEWEST_ONLY
         )
         acquirer.start()

@@ -3,7 +3,7 @@
 ::
 
     camera ── producer ── harvesters ──> pipe ──> reader thread ──> deliver
-    └───────── genicam_process ──────┘            └── this process ──────┘
+    └───────────── process ─────────┘            └── this process ──────┘
 
 Newest wins: when `deliver` is slow the pipe is full, the camera's process waits, and its producer
 overwrites what nobody took. What waited in the pipe is as old as it is: `Capture.arrived` is when
@@ -18,17 +18,19 @@ import queue
 import subprocess
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from ...features.camera_frame import frame_from_camera
-from ...features.errors import ToktError
-from ..clock import Clock
-from ..reason import Fault, Reason
-from .capture import Capture, Deliver
-from .genicam_listing import Place, check_installed
-from .genicam_messages import Message, program, read_message, write_message
-from .options import CameraOptions
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.camera_frame import frame_from_camera
+from tokt.inference.clock import Clock
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Deliver
+from tokt.inference.sources.cameras.options import CameraOptions
+
+from .listing import ListedCamera, Place, check_installed, is_index, list_cameras
+from .messages import Message, program, read_message, write_message
 
 _OPEN_S = 30.0
 _CLOSE_S = 3.0
@@ -237,3 +239,40 @@ class GenicamDriver:
 
 def _refused(words: str) -> dict[str, Any]:
     return {"kind": "refused", "words": words}
+
+
+def open_drivers(ids: Sequence[str], options: CameraOptions, clock: Clock) -> list[CameraDriver]:
+    """Drivers of the cameras that a user named: left, and right where there are two.
+
+    Parameters
+    ----------
+    ids : sequence of str
+        Each a camera's device ID, serial number or name, or its index in what the producers list.
+        An index is looked up now and never again: with a camera unplugged it would be another's.
+    options : CameraOptions
+    clock : Clock
+
+    Raises
+    ------
+    ToktError
+        If there is no such camera, saying which there are, unless it is to be waited for; if two
+        are the same; or if nothing is installed that could drive one.
+    """
+    listing = list_cameras()
+    found: list[ListedCamera | None] = []
+    for text in ids:
+        try:
+            found.append(listing.camera(text))
+        except ToktError:
+            # A number would be whichever camera is first to come.
+            if not options.wait or is_index(text):
+                raise
+            found.append(None)
+    known = [camera.place for camera in found if camera is not None]
+    if len(set(known)) < len(known) or len(set(ids)) < len(ids):
+        raise ToktError(f"{' and '.join(ids)} are the same camera: {listing.in_words()}")
+    share = 1 / len(ids)
+    return [
+        GenicamDriver(side, text, camera.place if camera else None, options, share, clock)
+        for side, (text, camera) in enumerate(zip(ids, found, strict=True))
+    ]

@@ -10,9 +10,9 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
-from ...features.camera_frame import PIXEL_FORMATS
-from ...features.errors import ToktError
-from .options import GIGABIT_BYTES_S, CameraOptions
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.camera_frame import PIXEL_FORMATS
+from tokt.inference.sources.cameras.options import GIGABIT_BYTES_S, CameraOptions
 
 _GIGE = ("GEV", "GigEVision")
 _FIXED_RATE = "FixedRate"
@@ -20,7 +20,7 @@ _PTP_S, _LOOK_S = 15.0, 0.1
 _PTP_FOLLOWS = ("Master", "Slave")
 
 
-class Features:
+class GenicamFeatures:
     """The features of one camera.
 
     Parameters

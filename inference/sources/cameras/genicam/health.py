@@ -1,20 +1,21 @@
-"""Whether GenICam cameras can be reached: harvesters, the vendors' producers, their cameras."""
+"""The doctor's check of GenICam cameras: harvesters, the vendors' producers, their cameras."""
 
 from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
 
-from ..features.errors import ToktError
-from ..features.finding import FAULT, NOTE, OK, Finding
-from .cameras.genicam_listing import list_cameras
-from .cameras.genicam_producers import producer_files
+from tokt.features.common.errors import ToktError
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+
+from .listing import list_cameras
+from .producers import producer_files
 
 NAME = "genicam cameras"
 _TIMEOUT_S = 30.0
 
 
 def genicam_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
-    """Which GenICam cameras there are, or what is missing.
+    """The GenICam cameras that there are, or what is missing.
 
     Looked for in another process: producers are native code of the vendors.
 

@@ -1,4 +1,4 @@
-"""Which GenICam cameras there are, and which one a user means."""
+"""The list of GenICam cameras, and the one in it that a user means."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from typing import Any
 
-from ...features.errors import ToktError
-from .genicam_messages import program
+from tokt.features.common.errors import ToktError
+
+from .messages import program
 
 PATH_VARIABLE = "GENICAM_GENTL64_PATH"
 """Folders of producers, as the GenTL standard names the variable; separated like PATH."""
 
 _TIMEOUT_S = 30.0
-_KEYS: tuple[Callable[[Listed], str], ...] = (
+_KEYS: tuple[Callable[[ListedCamera], str], ...] = (
     lambda camera: camera.place.device,
     lambda camera: camera.serial,
     lambda camera: camera.name,
@@ -25,7 +26,7 @@ _KEYS: tuple[Callable[[Listed], str], ...] = (
 
 @dataclass(frozen=True)
 class Place:
-    """Where a camera is found again: the IDs of its producer, its interface and itself."""
+    """The IDs by which a camera is found again: of its producer, its interface and itself."""
 
     producer: str
     interface: str
@@ -33,7 +34,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Listed:
+class ListedCamera:
     """A camera that a producer lists.
 
     Parameters
@@ -58,22 +59,22 @@ class Listed:
 
 @dataclass(frozen=True)
 class Listing:
-    """What all producers list.
+    """The cameras that all producers list, and what is wrong with producers.
 
     Parameters
     ----------
     producers : tuple of str
         Files that could be loaded.
-    cameras : tuple of Listed
+    cameras : tuple of ListedCamera
     complaints : tuple of str
         What could not be loaded or opened, and why.
     """
 
     producers: tuple[str, ...]
-    cameras: tuple[Listed, ...]
+    cameras: tuple[ListedCamera, ...]
     complaints: tuple[str, ...]
 
-    def camera(self, text: str) -> Listed:
+    def camera(self, text: str) -> ListedCamera:
         """The camera that a user calls so: its ID, serial number or name, or its index here.
 
         Raises
@@ -107,7 +108,8 @@ class Listing:
     def from_json(cls, value: dict[str, Any]) -> Listing:
         """What `to_json` gave."""
         cameras = tuple(
-            Listed(**{**camera, "place": Place(**camera["place"])}) for camera in value["cameras"]
+            ListedCamera(**{**camera, "place": Place(**camera["place"])})
+            for camera in value["cameras"]
         )
         return cls(tuple(value["producers"]), cameras, tuple(value["complaints"]))
 

@@ -1,4 +1,4 @@
-"""What a camera's process and the runtime say to each other.
+"""The messages between a camera's process and the runtime.
 
 The runtime writes one line, its order. The process answers in messages: one line of JSON each,
 those with ``"bytes"`` followed by so many bytes. When the runtime closes its end it shall stop.
@@ -13,8 +13,8 @@ from typing import IO, Any
 
 
 def program() -> list[str]:
-    """What starts such a process. -P: no package of the current folder is one of tokt's."""
-    return [sys.executable, "-P", "-m", "tokt.inference.cameras.genicam_process"]
+    """The command of such a process. -P: no package of the current folder is one of tokt's."""
+    return [sys.executable, "-P", "-m", "tokt.inference.sources.cameras.genicam.process"]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ a frame, looks for cameras or opens one (a wait of 100 ms stops every thread for
 are the vendors' native code: one that crashes or hangs is a camera lost, and not the runtime. And a
 producer that lost its camera may keep its memory; here that goes with the process.
 
-What it is told and what it answers: `genicam_messages`.
+What it is told and what it answers: `messages`.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ import threading
 import time
 from typing import IO, Any
 
-from ...features.errors import ToktError
-from .genicam_camera import CameraGoneError, GenicamCamera, Taken, opened_camera
-from .genicam_listing import Listed, Listing, Place
-from .genicam_messages import write_message
-from .genicam_producers import in_one_line, opened_producers
-from .options import CameraOptions
+from tokt.features.common.errors import ToktError
+from tokt.inference.sources.cameras.options import CameraOptions
+
+from .camera import CameraGoneError, FetchedFrame, GenicamCamera, opened_camera
+from .listing import ListedCamera, Listing, Place
+from .messages import write_message
+from .producers import in_one_line, opened_producers
 
 _SLOW_S = 0.02
 _OPEN_S = 60.0
@@ -100,7 +101,7 @@ def _watch_input(stop: threading.Event) -> None:
     stop.set()
 
 
-def _chosen(listing: Listing, order: dict[str, Any]) -> Listed:
+def _chosen(listing: Listing, order: dict[str, Any]) -> ListedCamera:
     """The camera that the order names, by its place if that is known."""
     if order["place"] is None:
         return listing.camera(order["name"])
@@ -124,7 +125,7 @@ def _send_next(answers: IO[bytes], camera: GenicamCamera) -> None:
         camera.forget_waiting()
 
 
-def _header(taken: Taken) -> dict[str, Any]:
+def _header(taken: FetchedFrame) -> dict[str, Any]:
     header: dict[str, Any] = {
         "kind": "frame",
         "frame_id": taken.frame_id,

@@ -1,6 +1,6 @@
 """GenTL producers: the camera vendors' libraries, and the cameras that they list.
 
-To be used in a camera's own process only (`genicam_process`): a producer can be opened once in a
+To be used in a camera's own process only (`process`): a producer can be opened once in a
 process, and whatever one does wrong is done to that process.
 """
 
@@ -17,11 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...features.errors import ToktError
-from .genicam_listing import PATH_VARIABLE, Listed, Listing, Place
+from tokt.features.common.errors import ToktError
+
+from .listing import PATH_VARIABLE, ListedCamera, Listing, Place
 
 _FIRST_CALL = "GCInitLib"
-_MOST_COMPLAINTS = 8
+_MAX_COMPLAINTS = 8
 
 
 class _Complaints(logging.Handler):
@@ -29,7 +30,7 @@ class _Complaints(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self.words: deque[str] = deque(maxlen=_MOST_COMPLAINTS)
+        self.words: deque[str] = deque(maxlen=_MAX_COMPLAINTS)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep the words."""
@@ -49,7 +50,7 @@ class Producers:
     harvester: Any
     listing: Listing
 
-    def info(self, camera: Listed) -> Any:
+    def info(self, camera: ListedCamera) -> Any:
         """What harvesters opens a camera of the listing with."""
         return self.harvester.device_info_list[self.listing.cameras.index(camera)]
 
@@ -121,12 +122,12 @@ def _sound(files: list[Path]) -> tuple[list[Path], list[str]]:
     return sound, refused
 
 
-def _listed(info: Any) -> Listed:
+def _listed(info: Any) -> ListedCamera:
     interface = info.parent
     place = Place(interface.parent.id_, interface.id_, info.id_)
     # What a producer does not say harvesters has as None.
     said = {key: str(value) for key, value in info.property_dict.items() if value is not None}
-    return Listed(
+    return ListedCamera(
         place,
         serial=said.get("serial_number", ""),
         name=said.get("user_defined_name", ""),

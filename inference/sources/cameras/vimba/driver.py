@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.camera_frame import frame_from_camera
-from ...features.errors import ToktError
-from ..clock import Clock
-from ..reason import NO_FAULT, Fault, Reason
-from .capture import CameraDriver, Capture, Deliver
-from .options import CameraOptions
-from .vimba_features import Features, Stream, set_features
-from .vimba_library import load_pymba
-from .vimba_stream import VimbaStream
-from .vimba_system import VimbaSystem
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.camera_frame import frame_from_camera
+from tokt.inference.clock import Clock
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Deliver
+from tokt.inference.sources.cameras.options import CameraOptions
+
+from .features import CameraTiming, VimbaFeatures, set_features
+from .library import load_pymba
+from .stream import VimbaStream
+from .system import VimbaSystem
 
 _COMPLETE = 0  # VmbFrameStatusComplete
 _HAS_TIMESTAMP = 8  # VmbFrameFlagsTimestamp
@@ -76,7 +77,7 @@ class VimbaDriver:
         self._system = system
         # An index is looked up once: after a camera was pulled out it may be another's.
         self._id: str | None = None
-        self._set: Stream | None = None
+        self._timing: CameraTiming | None = None
         self._stream: VimbaStream | None = None
         self._unreleased: list[VimbaStream] = []
         self._failures = 0
@@ -89,12 +90,12 @@ class VimbaDriver:
     @property
     def period_s(self) -> float | None:
         """Seconds between exposures, where a rate was asked for."""
-        return None if self._set is None else self._set.period_s
+        return None if self._timing is None else self._timing.period_s
 
     @property
     def shared_clock(self) -> bool:
         """Whether its clock is set by PTP."""
-        return self._set is not None and self._set.shared_clock
+        return self._timing is not None and self._timing.shared_clock
 
     @property
     def failures(self) -> int:
@@ -118,8 +119,8 @@ class VimbaDriver:
             raise
         self._stream = VimbaStream(opened, lambda frame: deliver(self._capture(frame)))
         try:
-            features = Features(opened, self._pymba.VimbaException, self._name, self._clock)
-            self._set = set_features(features, self._options, self._share)
+            features = VimbaFeatures(opened, self._pymba.VimbaException, self._name, self._clock)
+            self._timing = set_features(features, self._options, self._share)
             self._stream.start()
         except ToktError:
             self.stop()
@@ -149,10 +150,10 @@ class VimbaDriver:
     def _capture(self, frame: Any) -> Capture:
         """What is in a buffer, in memory of its own."""
         arrived, t = self._clock.monotonic(), self._clock.time()
-        assert self._set is not None
+        assert self._timing is not None
         taken_s = math.nan
         if frame.receiveFlags & _HAS_TIMESTAMP:
-            taken_s = frame.timestamp / self._set.ticks_per_s
+            taken_s = frame.timestamp / self._timing.ticks_per_s
         picture, fault = _picture(frame)
         return Capture(self._camera, frame.frameID, taken_s, arrived, t, picture, fault)
 

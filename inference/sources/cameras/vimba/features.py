@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ...features.camera_frame import PIXEL_FORMATS
-from ...features.errors import ToktError
-from ..clock import Clock
-from .options import CameraOptions
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.camera_frame import PIXEL_FORMATS
+from tokt.inference.clock import Clock
+from tokt.inference.sources.cameras.options import CameraOptions
 
 _EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
 _FRAME_RATE = ("AcquisitionFrameRateAbs", "AcquisitionFrameRate")
@@ -22,8 +22,8 @@ _ADJUST_S, _PTP_S, _LOOK_S = 3.0, 15.0, 0.02
 
 
 @dataclass(frozen=True)
-class Stream:
-    """What is to be known of a camera that is set.
+class CameraTiming:
+    """The clock and the period of a camera that is set.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Stream:
     shared_clock: bool
 
 
-class Features:
+class VimbaFeatures:
     """An opened camera's features.
 
     Parameters
@@ -124,12 +124,12 @@ class Features:
         return True
 
 
-def set_features(features: Features, options: CameraOptions, share: float) -> Stream:
+def set_features(features: VimbaFeatures, options: CameraOptions, share: float) -> CameraTiming:
     """Set an opened camera.
 
     Parameters
     ----------
-    features : Features
+    features : VimbaFeatures
     options : CameraOptions
     share : float
         The part of the bandwidth that this camera has.
@@ -155,14 +155,14 @@ def set_features(features: Features, options: CameraOptions, share: float) -> St
     features.demand("acquisition mode", "Continuous", "AcquisitionMode")
     # What a camera that keeps no rate says of its rate is not to be relied on.
     rate = None if options.frame_rate is None else features.get(*_FRAME_RATE)
-    return Stream(
+    return CameraTiming(
         ticks_per_s=float(features.get("GevTimestampTickFrequency") or _NS_PER_S),
         period_s=1 / rate if rate else None,
         shared_clock=options.ptp,
     )
 
 
-def _set_pixel_format(features: Features, asked: str | None) -> None:
+def _set_pixel_format(features: VimbaFeatures, asked: str | None) -> None:
     offered = features.entries("PixelFormat")
     if asked is None:
         known = [pixel_format for pixel_format in PIXEL_FORMATS if pixel_format in offered]
@@ -182,7 +182,7 @@ def _set_pixel_format(features: Features, asked: str | None) -> None:
     features.demand("pixel format", alike[0], "PixelFormat")
 
 
-def _set_network(features: Features, options: CameraOptions, share: float) -> None:
+def _set_network(features: VimbaFeatures, options: CameraOptions, share: float) -> None:
     if options.packet_size is not None:
         features.demand("packet size", options.packet_size, *_PACKET_SIZE)
     elif features.first("GVSPAdjustPacketSize"):
@@ -193,7 +193,7 @@ def _set_network(features: Features, options: CameraOptions, share: float) -> No
         features.demand("bandwidth", bytes_s, "StreamBytesPerSecond")
 
 
-def _set_trigger(features: Features, options: CameraOptions) -> None:
+def _set_trigger(features: VimbaFeatures, options: CameraOptions) -> None:
     if options.trigger is not None:
         features.offer("FrameStart", "TriggerSelector")
         features.demand("trigger", options.trigger, "TriggerSource")

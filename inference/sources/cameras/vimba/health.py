@@ -1,12 +1,13 @@
-"""Whether cameras can be reached: pymba, and the Vimba library it drives them with."""
+"""The doctor's check of Vimba cameras: pymba, and the library it drives them with."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 
-from ..features.finding import FAULT, NOTE, OK, Finding
-from .cameras.vimba_library import NO_PYMBA, WHAT_TO_SET, is_missing, pymba_version
+from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+
+from .library import NO_PYMBA, WHAT_TO_SET, is_missing, pymba_version
 
 NAME = "camera driver"
 _TIMEOUT_S = 20.0

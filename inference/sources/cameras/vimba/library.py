@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 NO_PYMBA = "no pymba; live cameras need tokt[camera]"
 WHAT_TO_SET = (

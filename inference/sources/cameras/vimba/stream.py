@@ -14,7 +14,7 @@ import ctypes
 from collections.abc import Callable
 from typing import Any
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 _BUFFERS = 6  # a buffer is away for the few ms of its copy: these cover a pause of a tenth of a s
 

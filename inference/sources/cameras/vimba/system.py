@@ -6,7 +6,7 @@ import threading
 from types import ModuleType
 from typing import Any
 
-from ...features.errors import ToktError
+from tokt.features.common.errors import ToktError
 
 _ACCESS_DENIED = -6  # VmbErrorInvalidAccess; pymba names it ERR_OPERATION_INVALID_FOR_ACCESS_MODE
 

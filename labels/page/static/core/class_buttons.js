@@ -1,6 +1,6 @@
 // A class as people see it (colour, key and name together), and rows of buttons of classes.
 
-import { inkOn } from "./cell_drawing.js";
+import { inkOn } from "../frame/cell_drawing.js";
 import { button, el } from "./dom.js";
 import { classes, colourOf, signOf } from "./mission.js";
 

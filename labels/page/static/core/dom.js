@@ -1,4 +1,4 @@
-// Making elements without markup in strings, and saying things to screen readers.
+// Making elements without markup in strings, drawing once, and saying things to screen readers.
 
 /**
  * Make an element.
@@ -92,4 +92,21 @@ export function say(text, { bad = false } = {}) {
   toast.classList.add("shown");
   clearTimeout(toastTimer);
   toastTimer = setTimeout(() => toast.classList.remove("shown"), bad ? 8000 : 4000);
+}
+
+/**
+ * A function that runs `work` once before the next drawing, however often it is called.
+ * @param {Function} work
+ * @returns {Function}
+ */
+export function soon(work) {
+  let waiting = false;
+  return () => {
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => {
+      waiting = false;
+      work();
+    });
+  };
 }

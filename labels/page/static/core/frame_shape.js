@@ -2,7 +2,7 @@
 
 import { address } from "./api.js";
 import { frames, mission, setting } from "./mission.js";
-import { patchSize } from "./patch_grid.js";
+import { patchSize } from "../frame/patch_grid.js";
 
 const USUAL = 0.75;
 const known = new Map();

@@ -3,7 +3,7 @@
 import { announce, button, el, say } from "./dom.js";
 import { blind, mission, onChange, setPerson, who } from "./mission.js";
 import { listenAnew } from "./live.js";
-import { onState, pending, state, stateReason, tryNow } from "./saver.js";
+import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
 
 const WORDS = {
   saved: () => "All saved",

@@ -3,7 +3,9 @@
 // single character therefore also answers to Alt with it.
 
 import { el } from "./dom.js";
-import { classes, selectClass } from "./mission.js";
+import { classes, selectClass, setSetting, setting } from "./mission.js";
+
+const CONTRAST_STEP = 10;
 
 /**
  * @typedef {Object} KeyEntry
@@ -188,3 +190,23 @@ function printed(key) {
 export function reachable(key) {
   return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
 }
+
+function enhance(by) {
+  setSetting("enhance", Math.max(0, Math.min(100, setting("enhance") + by)));
+}
+
+function otherPalette() {
+  setSetting("palette", setting("palette") === "taxonomy" ? "contrast" : "taxonomy");
+}
+
+const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" });
+
+/**
+ * Keys for how pictures look, the same in every view that shows pictures.
+ * @type {KeyEntry[]}
+ */
+export const lookKeys = [
+  lookKey("[", "less contrast", () => enhance(-CONTRAST_STEP)),
+  lookKey("]", "more contrast", () => enhance(CONTRAST_STEP)),
+  lookKey("k", "colours: taxonomy, or high contrast", otherPalette),
+];

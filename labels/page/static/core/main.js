@@ -1,14 +1,14 @@
 // Starts the page: the mission first, then the views, the keys and what keeps everything saved.
 
-import "./frame_view.js";
+import "../frame/frame_view.js";
 import { el, say } from "./dom.js";
 import { startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
 import { startListening } from "./live.js";
 import { frames, loadMission, mission } from "./mission.js";
-import { startNotices } from "./notices.js";
+import { startNotices } from "../saving/notices.js";
 import { addLaterView, currentView, go, loadLaterViews, startRouting } from "./router.js";
-import { redo, startSaving, undo } from "./saver.js";
+import { redo, startSaving, undo } from "../saving/saver.js";
 
 const RETRY_MS = 1000;
 const LOAD_LATER_MS = 3000;
@@ -34,11 +34,11 @@ async function start() {
   document.getElementById("help-button").addEventListener("click", toggleHelp);
   listen();
   // Only what most visits begin with is loaded at once.
-  const later = (name) => (again) => import(`./${name}_view.js${again}`);
-  addLaterView("overview", "Overview", later("overview"));
-  addLaterView("sheet", "Review sheet", later("sheet"));
-  addLaterView("audit", "", later("audit"));
-  addLaterView("agreement", "Agreement", later("agreement"));
+  const later = (view) => (again) => import(`../${view}_view.js${again}`);
+  addLaterView("overview", "Overview", later("overview/overview"));
+  addLaterView("sheet", "Review sheet", later("sheets/sheet"));
+  addLaterView("audit", "", later("sheets/audit"));
+  addLaterView("agreement", "Agreement", later("sheets/agreement"));
   startRouting(home());
   setTimeout(loadLaterViews, LOAD_LATER_MS);
 }

@@ -1,7 +1,7 @@
 // Drawing what is known of patches onto a canvas: outlines inside their borders, signs, values.
 // The texture in the middle of a patch stays free.
 
-import { colourOf, mission, signOf } from "./mission.js";
+import { colourOf, mission, signOf } from "../core/mission.js";
 import { rowCol } from "./patch_grid.js";
 
 const HINT_DASH = { strong: [8, 4], kept: [2, 3], weak: [2, 8] };

@@ -1,7 +1,7 @@
 // The bar under the picture: which frame this is, where to go, filter, and the strip's legend.
 
-import { backAfterMouse, button, el, focusView } from "./dom.js";
-import { frameIndex, frames, mission, setSetting } from "./mission.js";
+import { backAfterMouse, button, el, focusView } from "../core/dom.js";
+import { frameIndex, frames, mission, setSetting } from "../core/mission.js";
 import { countPassing, filterChoices, filterName } from "./steps.js";
 import { STATES } from "./timeline.js";
 

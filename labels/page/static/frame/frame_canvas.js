@@ -8,7 +8,7 @@ import {
   drawPending,
   drawStroke,
 } from "./cell_drawing.js";
-import { mission, setting } from "./mission.js";
+import { mission, setting } from "../core/mission.js";
 import { cellAt, patchSize, rowCol } from "./patch_grid.js";
 import { Viewport } from "./viewport.js";
 

@@ -1,6 +1,6 @@
 // The table of the frame view's keys: what dispatches them, the overlay and the buttons read it.
 
-import { reachable } from "./keys.js";
+import { reachable } from "../core/keys.js";
 
 const NEXT = "Frames";
 const PAINT = "Painting";

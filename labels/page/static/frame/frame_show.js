@@ -1,10 +1,10 @@
 // Which frame is shown and how: its picture (enhanced, raw, or the frame before), its labels, and
 // the neighbours fetched ahead.
 
-import { post } from "./api.js";
-import { labelsOf, prefetch } from "./labels.js";
-import { frameIndex, frames, mission, setting, stateOf, takeNewsOf } from "./mission.js";
-import { forgetFailed, picture, pictureNow, prefetchPictures } from "./pictures.js";
+import { post } from "../core/api.js";
+import { labelsOf, prefetch } from "../saving/labels.js";
+import { frameIndex, frames, mission, setting, stateOf, takeNewsOf } from "../core/mission.js";
+import { forgetFailed, picture, pictureNow, prefetchPictures } from "../core/pictures.js";
 import { stepFrom } from "./steps.js";
 import { framesFollowed } from "./suggest.js";
 

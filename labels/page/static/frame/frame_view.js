@@ -1,15 +1,15 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
-import { nextBlindFrame } from "./blind_list.js";
-import { onClassFrames } from "./class_frames.js";
-import { announce, el, focusView, say } from "./dom.js";
+import { nextBlindFrame } from "../sheets/blind_list.js";
+import { onClassFrames } from "../overview/class_frames.js";
+import { announce, el, focusView, say } from "../core/dom.js";
 import { buildBar } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
 import { FrameShow } from "./frame_show.js";
 import { describeCell, describeFrame } from "./frame_words.js";
 import { listenToPointer } from "./gestures.js";
-import { labelsOf, onLabels, prefetch } from "./labels.js";
+import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import {
   blind,
   frames,
@@ -20,17 +20,17 @@ import {
   selectedClass,
   setSetting,
   setting,
-} from "./mission.js";
+} from "../core/mission.js";
 import { accept, copyFrom, dropAllCopies, paint, paintRest } from "./painting.js";
 import { PatchCursor } from "./patch_cursor.js";
 import { cellName, cellsOfRow, rowCol } from "./patch_grid.js";
-import { addView, noteAddress } from "./router.js";
-import { onState, pending, state } from "./saver.js";
+import { addView, noteAddress } from "../core/router.js";
+import { onState, pending, state } from "../saving/saver.js";
 import { endFrame, filterName, nextIn, nextUncertain, stepFrom } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
 import { buildTools, showSettings } from "./tool_column.js";
-import { hintsOf } from "./unconfirmed.js";
+import { hintsOf } from "../saving/unconfirmed.js";
 
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const PICTURE_SETTING_MS = 120;

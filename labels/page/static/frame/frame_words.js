@@ -1,7 +1,7 @@
 // Sentences about a frame and its patches, for the status line and for screen readers.
 
 import { disagree } from "./cell_drawing.js";
-import { stateOf } from "./mission.js";
+import { stateOf } from "../core/mission.js";
 import { cellName } from "./patch_grid.js";
 import { STATES } from "./timeline.js";
 

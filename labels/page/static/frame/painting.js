@@ -1,11 +1,16 @@
 // What a person does to the labels of one frame, as actions.
 
-import { copiesOf, dropCopiesOf, setCopies } from "./copies.js";
-import { say } from "./dom.js";
-import { labelsChanged, labelsOf } from "./labels.js";
-import { clearClass } from "./mission.js";
-import { act } from "./saver.js";
-import { acceptingChanges, hintsOf } from "./unconfirmed.js";
+import { say } from "../core/dom.js";
+import { labelsChanged, labelsOf } from "../saving/labels.js";
+import { clearClass } from "../core/mission.js";
+import { act } from "../saving/saver.js";
+import {
+  acceptingChanges,
+  copiesOf,
+  dropCopiesOf,
+  hintsOf,
+  setCopies,
+} from "../saving/unconfirmed.js";
 
 /**
  * Put a label on patches.

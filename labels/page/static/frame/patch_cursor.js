@@ -1,6 +1,6 @@
 // The patch that the keyboard is on, and the rectangle that Shift+arrows spans from it.
 
-import { mission } from "./mission.js";
+import { mission } from "../core/mission.js";
 import { cellAt, cellsBetween, rowCol } from "./patch_grid.js";
 
 /** Where the keyboard works on the frame. */

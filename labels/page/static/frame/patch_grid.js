@@ -1,9 +1,9 @@
 // Where patches lie on a frame, and which of them a pointer crosses.
 
-import { mission } from "./mission.js";
+import { mission } from "../core/mission.js";
 
 /**
- * The part of a frame that patches cover: their size is rounded down, as in features/grid.py.
+ * The part of a frame that patches cover: their size is rounded down, as in features/frames/grid.py.
  * @param {number} width  Of the frame, in pixels.
  * @param {number} height
  * @returns {{width: number, height: number}} Size of one patch in frame pixels.

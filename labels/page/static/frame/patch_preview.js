@@ -1,9 +1,9 @@
 // One patch at a larger size, and where it lies in its frame.
 
-import { el } from "./dom.js";
-import { frameAspect, patchAspect, thumbAddress } from "./frame_shape.js";
+import { el } from "../core/dom.js";
+import { frameAspect, patchAspect, thumbAddress } from "../core/frame_shape.js";
 import { cellName, patchSize, rowCol } from "./patch_grid.js";
-import { patchInTile, patchesAddress, placeTile } from "./tile_pictures.js";
+import { patchInTile, patchesAddress, placeTile } from "../sheets/tile_pictures.js";
 
 const WIDTH = 240; // CSS pixels, of both pictures
 const MARGIN = 1;

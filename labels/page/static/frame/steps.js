@@ -1,8 +1,8 @@
 // Which frame comes next: in order, by filter, the next unlabelled one, the model's queue.
 
-import { get } from "./api.js";
-import { hasClass } from "./class_frames.js";
-import { blind, classes, frameIndex, frames, mission, setting, stateOf } from "./mission.js";
+import { get } from "../core/api.js";
+import { hasClass } from "../overview/class_frames.js";
+import { blind, classes, frameIndex, frames, mission, setting, stateOf } from "../core/mission.js";
 
 const CLASS = "class:";
 

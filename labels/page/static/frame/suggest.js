@@ -20,10 +20,10 @@
 // whatever the value; where it goes back to an earlier suggestion only, it does not, unless the
 // threshold is 0: nobody said it yet, and the model now says otherwise.
 
-import { classOf, classes, clearClass, frameIndex, frames, mission, setting } from "./mission.js";
-import { labelsOf } from "./labels.js";
+import { classOf, classes, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
+import { labelsOf } from "../saving/labels.js";
 
-const LONGEST_CHAIN = 32;
+const MAX_CHAIN = 32;
 const NEAREST = 5;
 
 /** The class that a binary model's "obstacle" stands for. */
@@ -107,7 +107,7 @@ export function framesFollowed(camera, frame) {
   const list = frames(camera);
   const chain = [];
   let at = frameIndex(camera, frame);
-  while (chain.length < LONGEST_CHAIN && at > 0 && list[at] - list[at - 1] <= NEAREST) {
+  while (chain.length < MAX_CHAIN && at > 0 && list[at] - list[at - 1] <= NEAREST) {
     at -= 1;
     chain.push(list[at]);
     // Where all is labelled, what came before does not matter.

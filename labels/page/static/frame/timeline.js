@@ -1,7 +1,7 @@
 // The strip of all frames of a camera: states told apart by colour and by height, jump by click,
 // drag or keys.
 
-import { frameIndex, frames, mission } from "./mission.js";
+import { frameIndex, frames, mission } from "../core/mission.js";
 import { passing } from "./steps.js";
 
 /** Each state's name, colour and part of the strip's height. Later ones win a shared pixel. */

@@ -1,7 +1,7 @@
 // The column of tools: classes with their keys and counts, what to do with the frame, the
 // picture, the model.
 
-import { backAfterMouse, button, el, setAttribute } from "./dom.js";
+import { backAfterMouse, button, el, setAttribute } from "../core/dom.js";
 import {
   classes,
   colourOf,
@@ -10,7 +10,7 @@ import {
   setSetting,
   setting,
   signOf,
-} from "./mission.js";
+} from "../core/mission.js";
 import { needsObstacleClass, obstacleClass } from "./suggest.js";
 
 /**

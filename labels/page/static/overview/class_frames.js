@@ -1,7 +1,7 @@
 // Which frames have a label of mine of one class: asked of the server, for the filter.
 
-import { get } from "./api.js";
-import { onChange, onReload } from "./mission.js";
+import { get } from "../core/api.js";
+import { onChange, onReload } from "../core/mission.js";
 
 const ASK_AGAIN_MS = 300;
 

@@ -1,6 +1,6 @@
 // Which frames one page of the overview shows.
 
-const LEAST_WIDTH = 60; // CSS pixels
+const MIN_WIDTH = 60; // CSS pixels
 // So much of a row may be missing: pictures a little smaller are better than an empty strip.
 const SQUEEZED = 0.2;
 
@@ -12,7 +12,7 @@ const SQUEEZED = 0.2;
  * @returns {{count: number, width: number, height: number}} Thumbnails, and each one's picture.
  */
 export function pageSize(room, { columns, aspect, gap, caption }) {
-  const widest = Math.max(LEAST_WIDTH, Math.floor((room.width - (columns - 1) * gap) / columns));
+  const widest = Math.max(MIN_WIDTH, Math.floor((room.width - (columns - 1) * gap) / columns));
   const fitting = (room.height + gap) / (Math.round(widest * aspect) + caption + gap);
   const rows = Math.max(1, Math.floor(fitting + SQUEEZED));
   const share = (room.height + gap) / rows - gap - caption; // of the height, for each picture

@@ -1,10 +1,10 @@
 // The bars of the overview: which frames are shown, and what one key does to all of them.
 
-import { pager, sizeButtons } from "./bar_parts.js";
-import { blindFrames } from "./blind_list.js";
-import { classTag } from "./class_buttons.js";
-import { backAfterMouse, button, el } from "./dom.js";
-import { reachable } from "./keys.js";
+import { pager, sizeButtons } from "../core/bar_parts.js";
+import { blindFrames } from "../sheets/blind_list.js";
+import { classTag } from "../core/class_buttons.js";
+import { backAfterMouse, button, el } from "../core/dom.js";
+import { reachable } from "../core/keys.js";
 import {
   blind,
   classes,
@@ -13,9 +13,9 @@ import {
   selectedClass,
   setSetting,
   setting,
-} from "./mission.js";
-import { filterChoices, filterName } from "./steps.js";
-import { needsObstacleClass, obstacleClass } from "./suggest.js";
+} from "../core/mission.js";
+import { filterChoices, filterName } from "../frame/steps.js";
+import { needsObstacleClass, obstacleClass } from "../frame/suggest.js";
 import { suggesting } from "./thumb.js";
 
 /** The two bars. */

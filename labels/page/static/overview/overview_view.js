@@ -1,12 +1,12 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
-import { passesBlindList, tryBlindList } from "./blind_list.js";
+import { passesBlindList, tryBlindList } from "../sheets/blind_list.js";
 import { onClassFrames } from "./class_frames.js";
-import { el, say } from "./dom.js";
-import { frameAspect, lookAtShapes, thumbAddress } from "./frame_shape.js";
+import { el, say, soon } from "../core/dom.js";
+import { frameAspect, lookAtShapes, thumbAddress } from "../core/frame_shape.js";
 import { framesBefore, framesFrom, pageSize } from "./frame_pages.js";
-import { labelsOf, onLabels, prefetch } from "./labels.js";
-import { lookKeys } from "./look_keys.js";
+import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
+import { lookKeys } from "../core/keys.js";
 import {
   clearClass,
   frames,
@@ -18,13 +18,12 @@ import {
   selectedClass,
   setSetting,
   setting,
-} from "./mission.js";
+} from "../core/mission.js";
 import { OverviewBar } from "./overview_bar.js";
-import { actOn, patchesAre } from "./relabel.js";
-import { addView, go } from "./router.js";
-import { soon } from "./soon.js";
-import { filterWords, passing } from "./steps.js";
-import { framesFollowed } from "./suggest.js";
+import { actOn, patchesAre } from "../saving/relabel.js";
+import { addView, go } from "../core/router.js";
+import { filterWords, passing } from "../frame/steps.js";
+import { framesFollowed } from "../frame/suggest.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
 
@@ -32,7 +31,7 @@ const GAP = 6;
 const CAPTION = 20;
 const COLUMNS = { least: 2, most: 10, usual: 7 };
 const CONFIDENCE = { step: 0.1, most: 3 };
-const MOST_BEFORE = 120; // frames fetched only because suggestions depend on them
+const MAX_BEFORE = 120; // frames fetched only because suggestions depend on them
 const UNSURE = "unsure";
 
 let parts = null; // the elements on show; null while another view is
@@ -136,7 +135,7 @@ function layOut() {
 /** These frames, and those before them that their suggestions depend on. */
 function needed(shown) {
   const before = shown.flatMap((frame) => framesFollowed(page.camera, frame));
-  return [...new Set([...before.slice(0, MOST_BEFORE), ...shown])];
+  return [...new Set([...before.slice(0, MAX_BEFORE), ...shown])];
 }
 
 function nothing() {

@@ -2,8 +2,8 @@
 // confident model suggests it, dotted with a question mark where the model is not confident.
 // One sign an area: signs in every patch would hide a picture this small.
 
-import { colourOf, mission, signOf } from "./mission.js";
-import { patchSize, rowCol } from "./patch_grid.js";
+import { colourOf, mission, signOf } from "../core/mission.js";
+import { patchSize, rowCol } from "../frame/patch_grid.js";
 
 const DASHES = { solid: [], dashed: [5, 3], dotted: [1.5, 3] };
 const RIM = "rgb(0 0 0 / 60%)";

@@ -1,10 +1,10 @@
 // The labels of frames: what the server said last, with the actions that still wait on top.
 
-import { get } from "./api.js";
-import { framesOf, frameKey, waitingFor } from "./pending.js";
-import { blind, cellCount, mission, onChange, onReload, who } from "./mission.js";
+import { get } from "../core/api.js";
+import { framesOf, frameKey, waitingFor } from "./outbox.js";
+import { blind, cellCount, mission, onChange, onReload, who } from "../core/mission.js";
 
-const MOST_A_REQUEST = 60;
+const MAX_A_REQUEST = 60;
 const KEPT = 400;
 
 // frame key -> {event, place, mine, models, others, settled, suggestions}; least recently used
@@ -116,8 +116,8 @@ function fetchWanted() {
   wanted = new Map();
   for (const [camera, batch] of batches) {
     const parts = [];
-    for (let from = 0; from < batch.frames.length; from += MOST_A_REQUEST) {
-      parts.push(fetchFrames(camera, batch.frames.slice(from, from + MOST_A_REQUEST)));
+    for (let from = 0; from < batch.frames.length; from += MAX_A_REQUEST) {
+      parts.push(fetchFrames(camera, batch.frames.slice(from, from + MAX_A_REQUEST)));
     }
     Promise.all(parts).then(batch.done);
   }

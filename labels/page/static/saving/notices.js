@@ -1,9 +1,9 @@
 // The list of what was not written: conflicts to decide, refused actions, others' leftovers.
 
-import { button, el } from "./dom.js";
-import { go } from "./router.js";
-import { onChange } from "./mission.js";
-import { cellName } from "./patch_grid.js";
+import { button, el } from "../core/dom.js";
+import { go } from "../core/router.js";
+import { onChange } from "../core/mission.js";
+import { cellName } from "../frame/patch_grid.js";
 import {
   closeConflict,
   discard,
@@ -14,7 +14,7 @@ import {
 } from "./refused.js";
 import { act, onState, pending, sendAgain, state, stateReason } from "./saver.js";
 
-const MOST_SHOWN = 30;
+const MAX_SHOWN = 30;
 
 /** Show the list whenever there is something in it. */
 export function startNotices() {
@@ -30,9 +30,9 @@ let counted = 0;
 function show() {
   const lists = [openConflicts(), setAsideEntries(), foreignEntries()];
   const items = [
-    ...openConflicts().slice(0, MOST_SHOWN).map(conflictItem),
+    ...openConflicts().slice(0, MAX_SHOWN).map(conflictItem),
     ...more(openConflicts(), "conflicts"),
-    ...setAsideEntries().slice(0, MOST_SHOWN).map(refusedItem),
+    ...setAsideEntries().slice(0, MAX_SHOWN).map(refusedItem),
     ...more(setAsideEntries(), "refused actions"),
     ...foreignItems(),
   ];
@@ -61,8 +61,8 @@ function headline(conflicts, refused, foreign) {
 }
 
 function more(list, what) {
-  if (list.length <= MOST_SHOWN) return [];
-  return [el("li", { text: `… and ${list.length - MOST_SHOWN} more ${what}` })];
+  if (list.length <= MAX_SHOWN) return [];
+  return [el("li", { text: `… and ${list.length - MAX_SHOWN} more ${what}` })];
 }
 
 function trouble() {

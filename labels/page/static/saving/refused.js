@@ -1,8 +1,8 @@
 // What was not written: actions the server refused, patches somebody changed meanwhile, and
 // actions of other missions or people that wait in this browser. Nothing leaves it silently.
 
-import { forget, keep, uniqueKey } from "./journal.js";
-import { names, read, remove, write } from "./storage.js";
+import { forget, keep, uniqueKey } from "./outbox.js";
+import { names, read, remove, write } from "../core/storage.js";
 
 const CONFLICT = "tokt.conflict/";
 

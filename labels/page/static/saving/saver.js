@@ -1,13 +1,22 @@
 // Saving: each action is kept in the browser before it shows, sent in order, one at a time, and
 // sent again until the server acknowledged it. The server counts an action's key once.
 
-import { ApiError, get, post } from "./api.js";
-import { say } from "./dom.js";
-import { forget, holdPage, isKept, keep, leftovers, uniqueKey } from "./journal.js";
+import { ApiError, get, post } from "../core/api.js";
+import { say } from "../core/dom.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
-import { blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who } from "./mission.js";
-import { forgetOwn, noteOwn } from "./own_events.js";
-import { dequeue, enqueue, framesOf, waiting } from "./pending.js";
+import { blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who } from "../core/mission.js";
+import {
+  dequeue,
+  enqueue,
+  forget,
+  framesOf,
+  holdPage,
+  isKept,
+  keep,
+  leftovers,
+  uniqueKey,
+  waiting,
+} from "./outbox.js";
 import {
   noteConflicts,
   readConflicts,
@@ -19,7 +28,7 @@ import {
 import {
   didOf,
   forgetChanges,
-  forgetLine,
+  forgetHistory,
   nextRedo,
   nextUndo,
   noteAction,
@@ -27,14 +36,15 @@ import {
   noteUndo,
   opposite,
   takeHeads,
-} from "./undo_line.js";
+} from "./undo_history.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];
 const LOOK_FOR_LEFTOVERS_MS = 5000;
 // The server or the disk is in trouble, not the action: it stays in the queue.
 const KEEP_STATUS = new Set([401, 403, 408, 421, 429, 507]);
 // A server that fails this often on one action fails because of it: later ones must go on.
-const MOST_FAILURES = 5;
+const MAX_FAILURES = 5;
+const KEPT_RANGES = 500;
 
 const listeners = new Set();
 const idleWaiters = [];
@@ -44,6 +54,8 @@ let trouble = null; // {state: "offline"|"refused", text}
 let stranger = ""; // what the server shows instead of this page's mission
 let tries = 0;
 let retryTimer = 0;
+// The store's events that this page's own actions made: what they say is known here already.
+const ownEvents = [];
 
 /**
  * Be told when `state()` or `pending()` may have changed.
@@ -292,7 +304,7 @@ function acknowledged(entry, answer) {
   if (start !== undefined) performance.measure("tokt:ack", { start, end: performance.now() });
   starts.delete(entry.key);
   forget(entry);
-  if (!answer.repeated && answer.changed) noteOwn(answer.event - answer.changed, answer.event);
+  if (!answer.repeated && answer.changed) noteOwn(answer);
   acknowledge(entry, answer);
   dequeue(entry);
   if (entry.who === who() && entry.blind === blind()) takeNews(answer);
@@ -307,13 +319,30 @@ function acknowledged(entry, answer) {
   stateChanged();
 }
 
+function noteOwn({ event, changed }) {
+  ownEvents.push({ before: event - changed, last: event });
+  if (ownEvents.length > KEPT_RANGES) ownEvents.shift();
+}
+
+/**
+ * Whether all events after `since` up to `last` are of this page's own actions.
+ * @param {number} since
+ * @param {number} last
+ * @returns {boolean}
+ */
+export function allOwn(since, last) {
+  let known = since;
+  for (const range of ownEvents) if (range.before <= known) known = Math.max(known, range.last);
+  return known >= last;
+}
+
 function failed(entry, { status, message }) {
   const bad = status >= 400 && status < 500 && !KEEP_STATUS.has(status);
-  if (bad || (status === 500 && tries >= MOST_FAILURES)) {
+  if (bad || (status === 500 && tries >= MAX_FAILURES)) {
     trouble = null;
     tries = 0;
     dequeue(entry);
-    forgetLine();
+    forgetHistory();
     setAside(entry, message);
     showFrames(entry);
     refreshHeads();
@@ -359,12 +388,12 @@ export function startSaving() {
   holdPage();
   begin();
   onReload(() => {
-    forgetLine();
+    forgetHistory();
     readConflicts(mission.mission, who());
   });
   onChange((what) => {
     if (what === "all") {
-      forgetOwn();
+      ownEvents.length = 0; // the server may be another one now, whose events count anew
       begin();
     }
     if (what === "status") stateChanged();
@@ -394,7 +423,7 @@ async function takeLeftovers() {
   const unsent = mine.filter(({ refusal }) => !refusal);
   if (!unsent.length) return;
   for (const entry of [...unsent].reverse()) enqueue(entry, { first: true });
-  forgetLine();
+  forgetHistory();
   unsent.forEach(showFrames);
   const were = unsent.length === 1 ? "action" : "actions";
   say(`${unsent.length} ${were} of an earlier page were not saved yet and are sent now.`);

@@ -1,10 +1,12 @@
-// What is proposed for a frame but said by nobody: copies of the frame before, suggestions.
+// Proposals for a frame that nobody confirmed: copies of the frame before, which the browser keeps,
+// and suggestions.
 
-import { copiesOf } from "./copies.js";
 import { labelsOf } from "./labels.js";
-import { mission } from "./mission.js";
-import { suggestedLabels } from "./suggest.js";
+import { mission, who } from "../core/mission.js";
+import { read, remove, write } from "../core/storage.js";
+import { suggestedLabels } from "../frame/suggest.js";
 
+const PREFIX = "tokt.copy/";
 const COPY = { text: "copy", strong: true, kept: true, model: null };
 
 /**
@@ -53,4 +55,46 @@ export function acceptingChanges(camera, frame, cells) {
     groups.set(name, group);
   }
   return [...groups.values()];
+}
+
+function nameOf(camera, frame) {
+  const { rows, cols } = mission.grid;
+  return `${PREFIX}${mission.mission}/${rows}x${cols}/${who()}/${camera}/${frame}`;
+}
+
+/**
+ * The unconfirmed copies on a frame.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {(?string)[]} One a cell; empty where there are none.
+ */
+export function copiesOf(camera, frame) {
+  return read(nameOf(camera, frame)) ?? [];
+}
+
+/**
+ * Set the copies of a frame.
+ * @param {string} camera
+ * @param {number} frame
+ * @param {(?string)[]} labels
+ * @returns {boolean} Whether the browser keeps them.
+ */
+export function setCopies(camera, frame, labels) {
+  const name = nameOf(camera, frame);
+  if (labels.some((label) => label !== null)) return write(name, labels);
+  remove(name);
+  return true;
+}
+
+/**
+ * Drop the copies of some cells: they have a label now.
+ * @param {string} camera
+ * @param {number} frame
+ * @param {number[]} cells
+ */
+export function dropCopiesOf(camera, frame, cells) {
+  const labels = copiesOf(camera, frame);
+  if (!cells.some((cell) => labels[cell])) return;
+  for (const cell of cells) labels[cell] = null;
+  setCopies(camera, frame, labels);
 }

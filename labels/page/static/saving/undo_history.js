@@ -47,7 +47,7 @@ export function takeHeads({ undo, redo }) {
 }
 
 /** Forget everything: an action was refused, or another person works here. */
-export function forgetLine() {
+export function forgetHistory() {
   undoable = [];
   redoable = [];
 }

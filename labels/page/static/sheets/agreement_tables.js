@@ -1,7 +1,7 @@
 // The numbers of an agreement between two annotators, as labels/agreement.py computes them.
 
-import { classTag, swatch } from "./class_buttons.js";
-import { button, el } from "./dom.js";
+import { classTag, swatch } from "../core/class_buttons.js";
+import { button, el } from "../core/dom.js";
 
 const NONE = "–";
 

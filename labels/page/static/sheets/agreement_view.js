@@ -1,17 +1,16 @@
 // Agreement of two annotators: figures, the patches on which they differ, and blind labelling.
 
 import { classTable, confusionTable, figures } from "./agreement_tables.js";
-import { get } from "./api.js";
+import { get } from "../core/api.js";
 import { loadBlindList } from "./blind_list.js";
 import { blindForm, blindProgress, continueBlind } from "./blind_panel.js";
 import { ConflictSheet } from "./conflict_sheet.js";
-import { button, el } from "./dom.js";
-import { lookAtShapes } from "./frame_shape.js";
-import { onLabels } from "./labels.js";
-import { lookKeys } from "./look_keys.js";
-import { blind, mission, onChange, onReload, onSetting, who } from "./mission.js";
-import { addView, go } from "./router.js";
-import { soon } from "./soon.js";
+import { button, el, soon } from "../core/dom.js";
+import { lookAtShapes } from "../core/frame_shape.js";
+import { onLabels } from "../saving/labels.js";
+import { lookKeys } from "../core/keys.js";
+import { blind, mission, onChange, onReload, onSetting, who } from "../core/mission.js";
+import { addView, go } from "../core/router.js";
 import { selectionKeys } from "./tile_grid.js";
 
 const COMPARE_AGAIN_MS = 1000;

@@ -1,11 +1,11 @@
 // The patches of a label audit as tiles: looked at, confirmed or relabelled.
 
-import { pager } from "./bar_parts.js";
-import { classButtons, swatch } from "./class_buttons.js";
-import { button, el, say } from "./dom.js";
-import { labelsOf, prefetch } from "./labels.js";
-import { PatchPreview, nameOf } from "./patch_preview.js";
-import { actOn, patchesAre } from "./relabel.js";
+import { pager } from "../core/bar_parts.js";
+import { classButtons, swatch } from "../core/class_buttons.js";
+import { button, el, say } from "../core/dom.js";
+import { labelsOf, prefetch } from "../saving/labels.js";
+import { PatchPreview, nameOf } from "../frame/patch_preview.js";
+import { actOn, patchesAre } from "../saving/relabel.js";
 import { TileGrid } from "./tile_grid.js";
 
 const PAGE = 200;

@@ -1,15 +1,14 @@
 // Label audit: patches whose label a model that did not learn it contradicts, the worst first.
 // Each is confirmed or relabelled by a person; nothing changes by itself.
 
-import { get } from "./api.js";
+import { get } from "../core/api.js";
 import { AuditSheet } from "./audit_sheet.js";
-import { el } from "./dom.js";
-import { lookAtShapes } from "./frame_shape.js";
-import { onLabels } from "./labels.js";
-import { lookKeys } from "./look_keys.js";
-import { blind, mission, onChange, onReload, onSetting } from "./mission.js";
-import { addView, go } from "./router.js";
-import { soon } from "./soon.js";
+import { el, soon } from "../core/dom.js";
+import { lookAtShapes } from "../core/frame_shape.js";
+import { onLabels } from "../saving/labels.js";
+import { lookKeys } from "../core/keys.js";
+import { blind, mission, onChange, onReload, onSetting } from "../core/mission.js";
+import { addView, go } from "../core/router.js";
 import { selectionKeys } from "./tile_grid.js";
 
 const LEARN_MS = 1000;

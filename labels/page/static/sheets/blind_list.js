@@ -1,7 +1,7 @@
 // The frames of a blind second labelling: those that the first annotator labelled, without how.
 
-import { get } from "./api.js";
-import { blind, frameIndex, onChange, onReload, setting, stateOf } from "./mission.js";
+import { get } from "../core/api.js";
+import { blind, frameIndex, onChange, onReload, setting, stateOf } from "../core/mission.js";
 
 let list = null; // [{camera, frame}] in the mission's order
 let listed = new Set(); // "camera/frame"

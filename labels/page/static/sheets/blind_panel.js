@@ -1,10 +1,10 @@
 // Labelling a second time without seeing the first: beginning, going on, and comparing.
 
 import { blindFrames, loadBlindList, nextBlindFrame } from "./blind_list.js";
-import { button, el, say } from "./dom.js";
-import { listenAnew } from "./live.js";
-import { mission, setPerson, setSetting, setting, stateOf, who } from "./mission.js";
-import { go } from "./router.js";
+import { button, el, say } from "../core/dom.js";
+import { listenAnew } from "../core/live.js";
+import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/mission.js";
+import { go } from "../core/router.js";
 
 const SIGNS = {
   u: { sign: "○", text: "unseen" },

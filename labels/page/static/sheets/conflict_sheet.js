@@ -1,12 +1,12 @@
 // The patches on which two annotators differ, as tiles: filtered, looked at, settled.
 
-import { pager } from "./bar_parts.js";
-import { classButtons, swatch } from "./class_buttons.js";
-import { button, el, say } from "./dom.js";
-import { labelsOf, prefetch } from "./labels.js";
-import { who } from "./mission.js";
-import { PatchPreview, nameOf } from "./patch_preview.js";
-import { actOn, patchesAre } from "./relabel.js";
+import { pager } from "../core/bar_parts.js";
+import { classButtons, swatch } from "../core/class_buttons.js";
+import { button, el, say } from "../core/dom.js";
+import { labelsOf, prefetch } from "../saving/labels.js";
+import { who } from "../core/mission.js";
+import { PatchPreview, nameOf } from "../frame/patch_preview.js";
+import { actOn, patchesAre } from "../saving/relabel.js";
 import { TileGrid } from "./tile_grid.js";
 
 const PAGE = 200;

@@ -1,12 +1,12 @@
 // The review sheet: all patches of a class, odd ones first, many relabelled at once.
 
-import { get } from "./api.js";
-import { pager, sizeButtons } from "./bar_parts.js";
-import { classButtons, classTag } from "./class_buttons.js";
-import { button, el, say } from "./dom.js";
-import { lookAtShapes } from "./frame_shape.js";
-import { labelsOf, onLabels, prefetch } from "./labels.js";
-import { lookKeys } from "./look_keys.js";
+import { get } from "../core/api.js";
+import { pager, sizeButtons } from "../core/bar_parts.js";
+import { classButtons, classTag } from "../core/class_buttons.js";
+import { button, el, say, soon } from "../core/dom.js";
+import { lookAtShapes } from "../core/frame_shape.js";
+import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
+import { lookKeys } from "../core/keys.js";
 import {
   classes,
   mission,
@@ -15,11 +15,10 @@ import {
   onSetting,
   setSetting,
   setting,
-} from "./mission.js";
-import { PatchPreview, nameOf } from "./patch_preview.js";
-import { actOn, patchesAre } from "./relabel.js";
-import { addView, go } from "./router.js";
-import { soon } from "./soon.js";
+} from "../core/mission.js";
+import { PatchPreview, nameOf } from "../frame/patch_preview.js";
+import { actOn, patchesAre } from "../saving/relabel.js";
+import { addView, go } from "../core/router.js";
 import { TileGrid, selectionKeys } from "./tile_grid.js";
 import { MARGINS } from "./tile_pictures.js";
 

@@ -1,8 +1,8 @@
 // A scrolling grid of patch tiles, selected by mouse, by rectangle or by keyboard.
 
-import { el } from "./dom.js";
-import { patchAspect } from "./frame_shape.js";
-import { putAt } from "./patch_preview.js";
+import { el } from "../core/dom.js";
+import { patchAspect } from "../core/frame_shape.js";
+import { putAt } from "../frame/patch_preview.js";
 import { TilePictures, patchInTile } from "./tile_pictures.js";
 import { TileSelection } from "./tile_selection.js";
 

@@ -1,9 +1,9 @@
 // Pictures of patches: many in one image (a sprite), fetched when they come into view.
 
-import { address } from "./api.js";
-import { patchAspect } from "./frame_shape.js";
-import { mission, setting } from "./mission.js";
-import { rowCol } from "./patch_grid.js";
+import { address } from "../core/api.js";
+import { patchAspect } from "../core/frame_shape.js";
+import { mission, setting } from "../core/mission.js";
+import { rowCol } from "../frame/patch_grid.js";
 
 const COLUMNS = 10;
 const CHUNK = 20;

@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..features.errors import ToktError
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
+from tokt.cli.output import print_json, say
+from tokt.cli.training.models import FlagsOption, ModelArgument, shipped
+from tokt.features.common.errors import ToktError
+
 from .keygen import SignOption
-from .models import FlagsOption, ModelArgument, shipped
-from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import print_json, say
 
 if TYPE_CHECKING:
-    from ..models.bundle import Bundle
-    from ..models.store import Store
-    from ..models.trusted_keys import KeyEvent
+    from tokt.models.bundle.bundle import Bundle
+    from tokt.models.signing.trusted_keys import KeyEvent
+    from tokt.models.store.store import Store
 
 StoreArgument = Annotated[Path, typer.Argument(help="The store's folder.")]
-ReasonOption = Annotated[str, typer.Option(help="Why; kept in the store's history.")]
+ReasonOption = Annotated[str, typer.Option(help="Reason, kept in the store's history.")]
 
 
 def deploy(
@@ -33,12 +34,12 @@ def deploy(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Check a model and make it the active one of a store, a local or a mounted folder.
+    """Check a model and make it the active one of a store (a local or mounted folder).
 
     Ends with what to copy and to type for a PC that no network reaches.
     """
-    from ..models.bundle import SUFFIX
-    from ..models.store import Store
+    from tokt.models.bundle.bundle import SUFFIX
+    from tokt.models.store.store import Store
 
     target = Store(store)
     if model.endswith(SUFFIX) and sign is None:
@@ -55,7 +56,7 @@ def deploy(
 
 def _carry(store: Store, bundle: Bundle) -> dict[str, Any]:
     """What has to be copied to a PC without a network, and typed there."""
-    from ..models.bundle import SUFFIX
+    from tokt.models.bundle.bundle import SUFFIX
 
     name = re.sub(r"[^\w.-]", "_", f"{bundle.name}-{bundle.version}{SUFFIX}", flags=re.ASCII)
     name = name if name[0].isalnum() else f"model{name}"  # no option, no hidden file
@@ -89,15 +90,15 @@ def rollback(
         str,
         typer.Option(
             metavar="N|SHA256|NAME/VERSION",
-            help="Any earlier model: its entry's number, the first digits of its SHA-256, or its "
-            "name. Default: what was active before.",
+            help="Earlier model: its number in the history, the start of its SHA-256, or its "
+            "name. Default: the model that was active before.",
         ),
     ] = "",
     reason: ReasonOption = "",
     json: JsonOption = False,
 ) -> None:
-    """Go back to a model that was active before; it is checked whole first."""
-    from ..models.store import Store
+    """Go back to an earlier model of the store, after checking it in full."""
+    from tokt.models.store.store import Store
 
     entry = Store(store).rollback(reason, to, notice=say)
     if json:
@@ -110,31 +111,37 @@ def store(
     store: StoreArgument,
     trust: Annotated[
         Path | None,
-        typer.Option(metavar="KEY.pub", help="From now on take only bundles signed by this key."),
+        typer.Option(
+            metavar="KEY.pub",
+            help="Trust this key; accept only signed bundles from now on.",
+        ),
     ] = None,
     distrust: Annotated[
         str | None,
-        typer.Option(metavar="ID", help="Take no bundle any more that this key has signed."),
+        typer.Option(metavar="ID", help="Refuse bundles signed by this key from now on."),
     ] = None,
     accept_unsigned: Annotated[
-        bool, typer.Option("--accept-unsigned", help="Trust no key, ask for no signature.")
+        bool,
+        typer.Option(
+            "--accept-unsigned", help="Trust no key and accept bundles without a signature."
+        ),
     ] = False,
     reason: ReasonOption = "",
     json: JsonOption = False,
 ) -> None:
-    """Show what is active in a store, where it comes from, what has been, and the keys it trusts.
+    """Show a store's active model, its origin, its history and the keys it trusts.
 
     With one of the options, change the keys first.
     """
-    from ..models.store import Store
-    from ..models.store_view import store_json
+    from tokt.models.store.store import Store
+    from tokt.models.store.summary import store_summary
 
     if [trust is not None, distrust is not None, accept_unsigned].count(True) > 1:
         raise ToktError("give one of --trust, --distrust and --accept-unsigned at a time")
     change = _change_keys(Store(store), trust, distrust, accept_unsigned, reason)
     if reason and change is None:
         raise ToktError("--reason goes with --trust, --distrust or --accept-unsigned")
-    value = store_json(Store(store))
+    value = store_summary(Store(store))
     if json:
         print_json(value)
         return
@@ -145,7 +152,7 @@ def _change_keys(
     store: Store, trust: Path | None, distrust: str | None, accept_unsigned: bool, reason: str
 ) -> KeyEvent | None:
     if trust is not None:
-        from ..models.public_key import read_public_key
+        from tokt.models.signing.public_key import read_public_key
 
         return store.trust(read_public_key(trust), trust.stem, reason, notice=say)
     if distrust is not None:

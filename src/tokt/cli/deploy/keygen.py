@@ -9,34 +9,37 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..features.errors import ToktError
-from .options import JsonOption
-from .output import print_json, say
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json, say
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
-    from ..models.private_key import SigningKey
+    from tokt.models.signing.private_key import SigningKey
 
 PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
 
 SignOption = Annotated[
     Path | None,
-    typer.Option("--sign", metavar="KEY", help="Sign it with this private key (tokt keygen)."),
+    typer.Option(
+        "--sign", metavar="KEY", help="Sign the bundle with this private key (see tokt keygen)."
+    ),
 ]
 
 
 def keygen(
-    name: Annotated[Path, typer.Argument(help="NAME or PATH; makes NAME.key and NAME.pub.")],
+    name: Annotated[Path, typer.Argument(help="Name or path; NAME.key and NAME.pub are written.")],
     passphrase: Annotated[
         bool,
         typer.Option(
             "--passphrase",
-            help=f"Encrypt the private key; asked for, or taken from {PASSPHRASE_VARIABLE}.",
+            help="Encrypt the private key with a passphrase, asked for or read from "
+            f"{PASSPHRASE_VARIABLE}.",
         ),
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Make a pair of keys: a private one to sign bundles, a public one for stores to trust."""
-    from ..models.private_key import write_key_pair
+    """Generate a key pair: the private key signs bundles, stores trust the public one."""
+    from tokt.models.signing.private_key import write_key_pair
 
     pair = write_key_pair(name, _passphrase("for the new key", new=True) if passphrase else "")
     if pair.exposed:
@@ -52,7 +55,7 @@ def keygen(
 
 def signing_key(path: Path) -> SigningKey:
     """The private key in a file; its passphrase is asked for if it has one."""
-    from ..models.private_key import read_signing_key
+    from tokt.models.signing.private_key import read_signing_key
 
     return read_signing_key(path, lambda: _passphrase(f"of {path}", new=False))
 

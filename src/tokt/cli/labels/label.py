@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..features.errors import ToktError
-from .options import DEFAULT_WORKSPACE, TaxonomyOption, WorkspaceOption
+from tokt.cli.options import DEFAULT_WORKSPACE, TaxonomyOption, WorkspaceOption
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
-    from ..models.bundle import Bundle
+    from tokt.models.bundle.bundle import Bundle
 
 
 def label(
@@ -21,17 +21,17 @@ def label(
         Path, typer.Argument(metavar="MISSION", help="A folder of frames or a video file.")
     ],
     port: Annotated[
-        int, typer.Option(help="Port of the page; 0 takes any that is free.", min=0, max=65535)
+        int, typer.Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
     host: Annotated[
         str,
         typer.Option(
-            metavar="ADDR", help="Address to serve on; any but loopback asks for the token."
+            metavar="ADDR", help="Address to serve on; all but loopback require the token."
         ),
     ] = "127.0.0.1",
     token: Annotated[
         str | None,
-        typer.Option(metavar="T", help="Token to ask for; default with --host: a new one."),
+        typer.Option(metavar="T", help="Token to require. Default with --host: a new one."),
     ] = None,
     model: Annotated[
         str | None,
@@ -40,10 +40,11 @@ def label(
         ),
     ] = None,
     annotator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Who labels; default: the user's name.")
+        str | None,
+        typer.Option(metavar="NAME", help="Name of the annotator. Default: the user's name."),
     ] = None,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Open no browser, only print the address.")
+        bool, typer.Option("--no-browser", help="Print the address and open no browser.")
     ] = False,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     taxonomy: TaxonomyOption = None,
@@ -52,13 +53,13 @@ def label(
     ] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
-    from .. import __version__
-    from ..features.grid import Grid
-    from ..features.mission import open_mission
-    from ..inference.interrupt import stop_on_signal
-    from ..labels.page.address import listen
-    from ..labels.page.serve import serve
-    from ..labels.page.start import open_session
+    from tokt import __version__
+    from tokt.cli.interrupt import stop_on_signal
+    from tokt.features.frames.grid import Grid
+    from tokt.features.frames.mission import open_mission
+    from tokt.labels.page.api.address import listen
+    from tokt.labels.page.api.serve import serve
+    from tokt.labels.page.state.open_session import open_session
 
     if token is not None and not token.strip():
         raise ToktError("--token is empty")
@@ -81,7 +82,7 @@ def label(
 
 
 def _load(model: str, workspace: Path) -> Bundle:
-    from ..models.load import load_model
+    from tokt.models.registry.load import load_model
 
     return load_model(model, workspace)
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import print_json, progress
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
+from tokt.cli.output import print_json, progress
 
 if TYPE_CHECKING:
-    from ..labels.audit_file import Audit
+    from tokt.labels.formats.audit_csv import Audit
 
 _SHOWN = 10
 
@@ -24,25 +24,27 @@ def audit_labels(
     ],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE.csv", help="A label file of them, with why."),
+        typer.Option(
+            "--output", "-o", metavar="FILE.csv", help="Label file to write, with reasons."
+        ),
     ] = None,
-    top: Annotated[int | None, typer.Option(help="Only the worst N.", min=1)] = None,
+    top: Annotated[int | None, typer.Option(help="Show the worst N only.", min=1)] = None,
     folds: Annotated[
-        int | None, typer.Option(help="Parts held out in turn; a dataset's. Default: 5.", min=2)
+        int | None, typer.Option(help="Folds of a dataset's cross-validation. Default: 5.", min=2)
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes for features; -1: one a core.")] = -1,
+    jobs: Annotated[int, typer.Option(help="Processes for features; -1 for one per core.")] = -1,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Rank the labels that models which did not learn them contradict; nothing is changed.
+    """Rank labels that held-out models contradict; no label is changed.
 
     They are kept in the workspace for the labelling page: its review sheet shows them under Audit.
     """
-    from ..labels.audit_file import write_audit, write_audit_csv
-    from ..training.audit import audit, subject_named
+    from tokt.labels.formats.audit_csv import write_audit, write_audit_csv
+    from tokt.training.fitting.label_audit import audit, audit_input_named
 
     found = audit(
-        subject_named(reference, workspace, folds), workspace / "cache", progress, top, jobs
+        audit_input_named(reference, workspace, folds), workspace / "cache", progress, top, jobs
     )
     kept = write_audit(workspace, found)
     if output is not None:

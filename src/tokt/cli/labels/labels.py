@@ -8,23 +8,24 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from ..features.errors import ToktError
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from tokt.cli.output import print_json, progress, say
+from tokt.features.common.errors import ToktError
+
 from .label_audit import audit_labels
-from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import print_json, progress, say
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..features.grid import Grid
-    from ..labels.agreement import Agreement, ClassAgreement
-    from ..labels.formats.images import MissionImages
-    from ..labels.record import LabelRecord
-    from ..labels.store import LabelStore
-    from ..labels.taxonomy import Taxonomy
+    from tokt.features.frames.grid import Grid
+    from tokt.labels.agreement import Agreement, ClassAgreement
+    from tokt.labels.formats.images import MissionImages
+    from tokt.labels.record import LabelRecord
+    from tokt.labels.store.store import LabelStore
+    from tokt.labels.taxonomy import Taxonomy
 
 labels_app = typer.Typer(
-    help="Label files in and out, counts, and how well annotators agree.",
+    help="Import and export label files, count labels, compare annotators.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -40,7 +41,7 @@ FormatOption = Annotated[
     typer.Option(
         "--format",
         metavar="csv|viame|coco|labelstudio|patches",
-        help="Default: by ending and content; a .json to export needs it.",
+        help="Default: by ending and content; required to export a .json.",
     ),
 ]
 MissionDirOption = Annotated[
@@ -48,12 +49,14 @@ MissionDirOption = Annotated[
     typer.Option(
         "--mission-dir",
         metavar="DIR",
-        help="The mission's frames: their names, sizes and pixels (all formats but csv).",
+        help="Folder of the mission's frames; needed by all formats but csv.",
     ),
 ]
 MissionOption = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="The mission in the labels; default: --mission-dir's name."),
+    typer.Option(
+        metavar="NAME", help="Mission name in the labels. Default: the name of --mission-dir."
+    ),
 ]
 GRID_FORM = "ROWSxCOLS@WIDTH"
 _LONG = 100_000  # labels whose import takes more than a second
@@ -64,10 +67,10 @@ def import_labels(
     file: LabelFile,
     annotator: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Who labelled; default: the file's own name."),
+        typer.Option(metavar="NAME", help="Name of the annotator. Default: the name in the file."),
     ] = None,
     grid: Annotated[
-        str, typer.Option(metavar=GRID_FORM, help="Grid the rows and columns count in.")
+        str, typer.Option(metavar=GRID_FORM, help="Grid of the file's rows and columns.")
     ] = "10x10@360",
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
@@ -80,18 +83,18 @@ def import_labels(
         typer.Option(
             "--map",
             metavar="THEIRS=OURS",
-            help="The file's class is this one; THEIRS= leaves it out. May be repeated.",
+            help="Map a class of the file to one of ours; THEIRS= leaves it out. Repeatable.",
         ),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Add a label file to the workspace: all of it, or nothing when a line is wrong."""
-    from ..features.grid import Grid
-    from ..labels.formats.exchange import FORMATS, format_named, format_to_read
-    from ..labels.formats.options import ReadOptions
-    from ..labels.taxonomy import load_taxonomy
+    """Add a label file to the workspace; nothing is added if a line is wrong."""
+    from tokt.features.frames.grid import Grid
+    from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
+    from tokt.labels.formats.options import ReadOptions
+    from tokt.labels.taxonomy import load_taxonomy
 
     chosen = format_named(file_format) if file_format else format_to_read(file)
     options = ReadOptions(
@@ -138,15 +141,19 @@ def export_labels(
     file: LabelFile,
     mission: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="This mission only; default: --mission-dir's name."),
+        typer.Option(
+            metavar="NAME", help="Export this mission only. Default: the name of --mission-dir."
+        ),
     ] = None,
     annotator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="This annotator only.")
+        str | None, typer.Option(metavar="NAME", help="Export this annotator only.")
     ] = None,
     camera: Annotated[
-        str | None, typer.Option(metavar="left|right", help="This camera only.")
+        str | None, typer.Option(metavar="left|right", help="Export this camera only.")
     ] = None,
-    grid: Annotated[str | None, typer.Option(metavar=GRID_FORM, help="This grid only.")] = None,
+    grid: Annotated[
+        str | None, typer.Option(metavar=GRID_FORM, help="Export this grid only.")
+    ] = None,
     full: Annotated[
         bool, typer.Option("--full", help="csv: add annotator, time, grid, source, model_version.")
     ] = False,
@@ -157,10 +164,10 @@ def export_labels(
     json: JsonOption = False,
 ) -> None:
     """Write the labels in force to a file, sorted by patch."""
-    from ..features.grid import Grid
-    from ..labels.formats.exchange import CSV, FORMATS, format_named, format_to_write
-    from ..labels.formats.options import WriteOptions
-    from ..labels.taxonomy import load_taxonomy
+    from tokt.features.frames.grid import Grid
+    from tokt.labels.formats.formats import CSV, FORMATS, format_named, format_to_write
+    from tokt.labels.formats.options import WriteOptions
+    from tokt.labels.taxonomy import load_taxonomy
 
     chosen = format_named(file_format) if file_format else format_to_write(file)
     images = _images(mission_dir, mission)
@@ -203,7 +210,7 @@ def _in_force(
     store: LabelStore, wanted: _Wanted, *, settled: bool
 ) -> tuple[list[LabelRecord], list[str]]:
     """Labels in force, and a line each for what else the store has of them."""
-    from ..labels.formats.options import count
+    from tokt.labels.formats.options import count
 
     mission, annotator, grid, camera = wanted
     choose = store.current_and_settled if settled else store.current
@@ -230,8 +237,8 @@ def _in_force(
 def _images(mission_dir: Path | None, name: str | None) -> MissionImages | None:
     if mission_dir is None:
         return None
-    from ..features.mission import open_mission
-    from ..labels.formats.images import MissionImages
+    from tokt.features.frames.mission import open_mission
+    from tokt.labels.formats.images import MissionImages
 
     return MissionImages(open_mission(mission_dir), name)
 
@@ -254,7 +261,7 @@ def _say_lost(title: str, lost: Iterable[str]) -> None:
 @labels_app.command("stats")
 def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False) -> None:
     """Count frames, patches and classes by mission and annotator."""
-    from ..labels.taxonomy import UNSURE, load_taxonomy
+    from tokt.labels.taxonomy import UNSURE, load_taxonomy
 
     with _open_store(workspace) as store:
         stats = store.stats()
@@ -277,15 +284,17 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
 @labels_app.command("agreement")
 def show_agreement(
     a: Annotated[str, typer.Argument(metavar="A", help="Label file, or annotator in the store.")],
-    b: Annotated[str, typer.Argument(metavar="B", help="The one to hold against A.")],
+    b: Annotated[
+        str, typer.Argument(metavar="B", help="Label file or annotator to compare with A.")
+    ],
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Compare two annotators: Cohen's kappa, agreement by class, confusion."""
-    from ..labels.agreement import agreement
-    from ..labels.taxonomy import FILE_NAME as TAXONOMY_FILE
-    from ..labels.taxonomy import load_taxonomy
+    from tokt.labels.agreement import agreement
+    from tokt.labels.taxonomy import FILE_NAME as TAXONOMY_FILE
+    from tokt.labels.taxonomy import load_taxonomy
 
     classes = load_taxonomy(workspace, taxonomy)
     found = agreement(_said_by(a, workspace, classes), _said_by(b, workspace, classes), classes)
@@ -299,7 +308,7 @@ def show_agreement(
 
 
 def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
-    from ..labels.store import FILE_NAME, LabelStore
+    from tokt.labels.store.store import FILE_NAME, LabelStore
 
     return LabelStore(workspace / FILE_NAME, create=create)
 
@@ -311,12 +320,12 @@ def _names(names: Iterable[str]) -> str:
 def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]:
     """Labels of a file, where there is one of that name, or of an annotator in the store."""
     if Path(who).is_file():
-        from ..labels.formats.exchange import FORMATS, format_to_read
-        from ..labels.formats.options import ReadOptions
+        from tokt.labels.formats.formats import FORMATS, format_to_read
+        from tokt.labels.formats.options import ReadOptions
 
         read = FORMATS[format_to_read(Path(who))].read
         return read(Path(who), ReadOptions(taxonomy)).records
-    from ..labels.store import FILE_NAME
+    from tokt.labels.store.store import FILE_NAME
 
     if not (workspace / FILE_NAME).is_file():
         raise ToktError(f"{who} is not a file, and {workspace} has no label store")

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..features.errors import ToktError
-from .options import JsonOption
-from .output import print_json, progress, say
-from .stereo_file import describe_calibration_file
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json, progress, say
+from tokt.cli.stereo_file import describe_calibration_file
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
-    from ..features.mission import Mission
-    from ..inference.calibration import StereoCalibration
-    from ..training.stereo.checkerboard import BoardCalibration
-    from ..training.stereo.self_calibration import SelfCalibration
-    from ..training.stereo.start import Start
+    from tokt.features.frames.mission import Mission
+    from tokt.inference.stereo.calibration import StereoCalibration
+    from tokt.training.rig.calibrate.checkerboard import BoardCalibration
+    from tokt.training.rig.calibrate.self_calibration import SelfCalibration
+    from tokt.training.rig.calibrate.starting_rig import StartingRig
 
 NOT_GOOD = 1
 """Exit code of --check for a calibration that is shifted or unusable."""
@@ -25,31 +25,36 @@ NOT_GOOD = 1
 
 def calibrate(
     mission: Annotated[
-        Path, typer.Argument(help="Mission folder with Left/ and Right/; of boards with --board.")
+        Path,
+        typer.Argument(
+            help="Folder with Left/ and Right/: a mission, or checkerboards with --board."
+        ),
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Calibration to write: .yml, .json, .xml.")
+        Path | None,
+        typer.Option("-o", "--output", help="Calibration file to write: .yml, .json or .xml."),
     ] = None,
     baseline: Annotated[
         float | None,
-        typer.Option(
-            help="Distance between the cameras, mm. Default: 305.5, the mission's of 2016."
-        ),
+        typer.Option(help="Distance between the cameras in mm. Default: 305.5 (the 2016 mission)."),
     ] = None,
     focal: Annotated[
-        float | None, typer.Option(help="Focal length in px. Default: 2222.7 at 1360 px width.")
+        float | None,
+        typer.Option(help="Focal length in px. Default: 2222.7 at a width of 1360 px."),
     ] = None,
     start: Annotated[
-        Path | None, typer.Option(help="Take focal length and distortion from this calibration.")
+        Path | None, typer.Option(help="Start from this calibration's focal length and distortion.")
     ] = None,
     free: Annotated[
         str | None,
         typer.Option(
-            help="What to estimate besides rotation, direction and focal ratio: k1,k2,focal,"
+            help="Parameters to estimate besides rotation, direction and focal ratio: k1,k2,focal,"
             "principal or none. Default: k1,k2; with --start none."
         ),
     ] = None,
-    frames: Annotated[str | None, typer.Option(help="Only these frames, as 160-205.")] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Use these frames only, such as 160-205.")
+    ] = None,
     fit: Annotated[
         str,
         typer.Option(
@@ -57,22 +62,22 @@ def calibrate(
             "to these frame numbers, tested on the others. all: not tested."
         ),
     ] = "alternate",
-    report: Annotated[Path | None, typer.Option(help="Write a report, one HTML file.")] = None,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write.")] = None,
     check: Annotated[
         bool,
         typer.Option(
             "--check",
-            help="Measure --calibration on the mission's frames instead. Exit code 0 when it is "
-            "good, 1 when it is shifted or unusable.",
+            help="Check --calibration on the mission's frames instead. Exit code 0 if it is "
+            "good, 1 if it is shifted or unusable.",
         ),
     ] = False,
     calibration: Annotated[
-        Path | None, typer.Option(help="The calibration to check, of any form.")
+        Path | None, typer.Option(help="Calibration file to check, of any form.")
     ] = None,
     board: Annotated[
-        str | None, typer.Option(help="Checkerboard pictures: inner corners, as 9x6.")
+        str | None, typer.Option(help="Inner corners of a checkerboard, such as 9x6.")
     ] = None,
-    square: Annotated[float | None, typer.Option(help="Side of the board's squares, mm.")] = None,
+    square: Annotated[float | None, typer.Option(help="Side of the board's squares in mm.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Calibrate two cameras from a mission's own frames, or from checkerboard pictures."""
@@ -108,9 +113,14 @@ def _check_name(output: Path) -> None:
 
 def _start(
     mission: Path, baseline: float | None, focal: float | None, start: Path | None, free: str | None
-) -> Start:
-    from ..features.mission import open_mission
-    from ..training.stereo.start import BASELINE_MM, parse_free, plain_start, start_from
+) -> StartingRig:
+    from tokt.features.frames.mission import open_mission
+    from tokt.training.rig.calibrate.starting_rig import (
+        BASELINE_MM,
+        parse_free,
+        plain_start,
+        start_from,
+    )
 
     for name, value in (("--baseline", baseline), ("--focal", focal)):
         if value is not None and not 0 < value < float("inf"):
@@ -131,15 +141,15 @@ def _start(
 def _from_mission(
     mission: Path,
     output: Path,
-    start: Start,
+    start: StartingRig,
     frames: str | None,
     part: str,
     report: Path | None,
     json: bool,
 ) -> None:
-    from ..features.mission import open_mission, parse_frames
-    from ..inference.calibration_writer import write_calibration
-    from ..training.stereo.self_calibration import PARTS, self_calibrate
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.inference.stereo.calibration_writer import write_calibration
+    from tokt.training.rig.calibrate.self_calibration import PARTS, self_calibrate
 
     if part not in PARTS:
         raise ToktError(f"--fit is one of {', '.join(PARTS)}, not {part!r}")
@@ -149,7 +159,7 @@ def _from_mission(
     found = self_calibrate(opened, start, progress, wanted, part)
     write_calibration(output, found.calibration, found.notes())
     if report is not None:
-        from ..training.stereo.calibration_report import write_report
+        from tokt.training.rig.calibrate.report import write_report
 
         write_report(report, found, opened)
     if json:
@@ -170,7 +180,7 @@ def _print_self(found: SelfCalibration) -> None:
     print(f"    before  median {before.median_px:7.2f}  p90 {before.p90_px:7.2f}")
     print(f"    after   median {after.median_px:7.2f}  p90 {after.p90_px:7.2f}")
     print(f"  {'':13}{'value':>12}{'sigma':>11}{'all free':>11}{'sigma then':>11}")
-    for one in found.certainty.parameters:
+    for one in found.uncertainty.parameters:
         figures = "".join(
             f"{'-' if value is None else format(value, '.3g' if i % 2 == 0 else '.5g'):>11}"
             for i, value in enumerate((one.sigma, one.value_all_free, one.sigma_all_free))
@@ -183,7 +193,7 @@ def _print_self(found: SelfCalibration) -> None:
 
 
 def _focal_words(found: SelfCalibration) -> str:
-    here, *others = found.certainty.focal
+    here, *others = found.uncertainty.focal
     words = [
         f"{step.focal_px:.0f} px gives {step.vertical_median_px:.2f} px and depths "
         f"x {step.depth_scale:.2f}"
@@ -197,8 +207,8 @@ def _focal_words(found: SelfCalibration) -> str:
 
 def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
     """Measure a calibration on a mission's frames, and end with the exit code of the answer."""
-    from ..features.mission import open_mission
-    from ..training.stereo.vertical_error import GOOD, UNUSABLE, measurable
+    from tokt.features.frames.mission import open_mission
+    from tokt.training.rig.calibrate.vertical_error import GOOD, UNUSABLE, measurable
 
     described = describe_calibration_file(file)
     opened = open_mission(mission)
@@ -220,7 +230,7 @@ def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
 
 def _misfit(calibration: StereoCalibration, mission: Mission) -> str:
     """Why a calibration is not of this mission's cameras, whatever its frames show."""
-    from ..training.stereo.survey import frame_size
+    from tokt.training.rig.calibrate.frame_selection import frame_size
 
     size, given = frame_size(mission), calibration.frame_size
     if given == size:
@@ -231,14 +241,14 @@ def _misfit(calibration: StereoCalibration, mission: Mission) -> str:
 def _measured(
     calibration: StereoCalibration, mission: Mission, frames: str | None
 ) -> dict[str, Any]:
-    from ..features.mission import format_frames, parse_frames
-    from ..training.stereo.survey import match_mission
-    from ..training.stereo.vertical_error import CHECKED_FRAMES, judge
+    from tokt.features.frames.mission import format_frames, parse_frames
+    from tokt.training.rig.calibrate.frame_selection import match_mission
+    from tokt.training.rig.calibrate.vertical_error import CHECKED_FRAMES, check_calibration
 
     wanted = parse_frames(frames) if frames else None
     matches = match_mission(mission, wanted, progress, CHECKED_FRAMES, spread=True)
     return {
-        **judge(calibration, matches).to_json(),
+        **check_calibration(calibration, matches).to_json(),
         "frames": format_frames(one.frame for one in matches),
     }
 
@@ -262,9 +272,9 @@ def _print_check(answer: dict[str, Any]) -> None:
 
 
 def _from_boards(folder: Path, board: str, square: float | None, output: Path, json: bool) -> None:
-    from ..features.mission import open_mission
-    from ..inference.calibration_writer import write_calibration
-    from ..training.stereo.checkerboard import calibrate_boards, parse_board
+    from tokt.features.frames.mission import open_mission
+    from tokt.inference.stereo.calibration_writer import write_calibration
+    from tokt.training.rig.calibrate.checkerboard import calibrate_boards, parse_board
 
     if square is None or not 0 < square < float("inf"):
         raise ToktError("--board needs --square MM, the side of the board's squares")

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from .options import JsonOption
-from .output import print_json, progress
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json, progress
 
 _REASONS = 3
 """Why pairs could not be judged: so many reasons are told, the most frequent ones."""
@@ -21,32 +21,34 @@ def depth(
         Path, typer.Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
     ply: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a point cloud of one frame as PLY.")
+        Path | None, typer.Option(metavar="FILE", help="PLY file for a point cloud of one frame.")
     ] = None,
     ply_frame: Annotated[
-        int | None, typer.Option(help="Frame of the point cloud; default: the nearest.")
+        int | None, typer.Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
     ply_farthest: Annotated[
-        float, typer.Option(help="Leave out of the point cloud what is farther, metres.", min=0)
+        float, typer.Option(help="Farthest distance in the point cloud, in metres.", min=0)
     ] = 10.0,
     out: Annotated[
         Path,
         typer.Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png."),
     ] = Path("depth-out"),
     frames: Annotated[
-        str | None, typer.Option(help="Look at these frame numbers only, as 1-99,132-246.")
+        str | None, typer.Option(help="Use these frames only, such as 1-99,132-246.")
     ] = None,
     pictures: Annotated[
         str | None,
         typer.Option(
-            help="Draw these frames, as 170,186, or none; default: those of --frames, or else a "
-            "dozen of those with an obstacle."
+            help="Frames to draw, such as 170,186, or none. Default: those of --frames, else a "
+            "dozen with an obstacle."
         ),
     ] = None,
     stereo: Annotated[str, typer.Option(help="bm (block matching) or sgbm (semi-global).")] = "bm",
-    scale: Annotated[float, typer.Option(help="Scale at which frames are matched, up to 1.")] = 0.5,
+    scale: Annotated[
+        float, typer.Option(help="Scale at which frames are matched, at most 1.")
+    ] = 0.5,
     rate: Annotated[
-        float | None, typer.Option(metavar="FPS", help="Frames a second, for closing speed.")
+        float | None, typer.Option(metavar="FPS", help="Frames per second, for the closing speed.")
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -55,9 +57,9 @@ def depth(
     A pair that cannot be judged is a row that says why. Matched pixels only: open water has no
     depth, and what is not matched is not clear.
     """
-    from ..features.mission import open_mission, parse_frames
-    from ..training.depth.run import DepthRequest, run_depth
-    from .stereo_file import read_calibration_file
+    from tokt.cli.stereo_file import read_calibration_file
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.training.rig.depth.run import DepthRequest, run_depth
 
     chosen = None if frames is None else parse_frames(frames)
     opened = open_mission(mission)
@@ -80,7 +82,7 @@ def depth(
 
 
 def _print(found: dict[str, Any], out: Path) -> None:
-    from ..inference.verdict import UNKNOWN
+    from tokt.inference.verdict import UNKNOWN
 
     print(
         f"{found['mission']}: {found['frames']} pairs, {found['obstacle']} with an obstacle, "

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .output import say
+from tokt.cli.output import say
 
 
 def listen(
@@ -27,14 +27,14 @@ def listen(
 
     v2 numbers its datagrams: those that are missing are counted, for each sender by itself.
     """
-    from ..inference.clock import SYSTEM_CLOCK
-    from ..inference.interrupt import stop_on_signal
-    from ..inference.listen import Heard, Watch, as_json, as_words
-    from ..inference.listen import listen as heard_on
+    from tokt.cli.interrupt import stop_on_signal
+    from tokt.inference.clock import SYSTEM_CLOCK
+    from tokt.inference.outputs.listen import ReceivedDatagram, SenderMonitor, as_json, as_words
+    from tokt.inference.outputs.listen import listen as heard_on
 
     received = 0
     interrupted: list[bool] = []
-    watch = Watch(SYSTEM_CLOCK.monotonic(), timeout)
+    watch = SenderMonitor(SYSTEM_CLOCK.monotonic(), timeout)
 
     def stopped() -> bool:
         return bool(interrupted) or received == count
@@ -44,7 +44,7 @@ def listen(
 
     with stop_on_signal(lambda: interrupted.append(True)):
         for event in heard_on(host, port, watch, SYSTEM_CLOCK, stopped, ready):
-            received += isinstance(event, Heard)
+            received += isinstance(event, ReceivedDatagram)
             try:
                 print(as_json(event) if json_lines else as_words(event), flush=True)
             except BrokenPipeError:

@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..features.errors import ToktError
-from .options import JsonOption
-from .output import print_json, progress, say
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json, progress, say
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
-    from ..features.mission import Mission
-    from ..inference.assemble import Stereo
-    from ..inference.logged_run import LoggedRun
-    from ..inference.odometry import Odometry
-    from ..inference.replay import Replay
-    from ..inference.replay_tally import Stretch, Tally
+    from tokt.features.frames.mission import Mission
+    from tokt.inference.policy.assembly import StereoSetup
+    from tokt.inference.replay.logged_run import LoggedRun
+    from tokt.inference.replay.replay import Replay
+    from tokt.inference.replay.tally import ReplayStretch, Tally
+    from tokt.inference.stereo.odometry import Odometry
 
 DIFFERENT = 1
 """Exit code where a verdict or a picture is not what it was."""
-_MOST_SHOWN = 40
+_MAX_SHOWN = 40
 
 
 def replay(
@@ -59,10 +59,10 @@ def replay(
     Exit code 0: each verdict is the same to the last bit. 1: some are not, or pictures have
     changed. 2: it cannot be judged again.
     """
-    from ..inference.logged_run import open_run
-    from ..inference.replay import Replay
-    from ..inference.replay_tally import Tally
-    from ..inference.run_models import model_named, models_of_run
+    from tokt.inference.replay.logged_run import open_run
+    from tokt.inference.replay.replay import Replay
+    from tokt.inference.replay.run_models import model_named, models_of_run
+    from tokt.inference.replay.tally import Tally
 
     logged = open_run(log, run)
     mission, pixel_format = _pictures(logged, source)
@@ -98,8 +98,8 @@ def replay(
 
 def _pictures(logged: LoggedRun, source: Path | None) -> tuple[Mission, str | None]:
     """Where the pictures are, and how they are held."""
-    from ..features.mission import open_mission
-    from ..inference.logged_run import is_recording
+    from tokt.features.frames.mission import open_mission
+    from tokt.inference.replay.logged_run import is_recording
 
     place = source or (logged.path if logged.recorded else Path(logged.start.source))
     if source is None and not place.exists():
@@ -112,11 +112,11 @@ def _pictures(logged: LoggedRun, source: Path | None) -> tuple[Mission, str | No
     return open_mission(place), raw
 
 
-def _stereo(logged: LoggedRun, calibration: Path | None) -> Stereo | None:
+def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:
     """How the run looked at pairs; with another calibration only where one is named."""
-    from ..inference.assemble import Stereo
-    from ..inference.run_start import used_file
-    from .stereo_file import read_calibration_file
+    from tokt.cli.stereo_file import read_calibration_file
+    from tokt.inference.policy.assembly import StereoSetup
+    from tokt.inference.recording.run_start import used_file
 
     start = logged.start
     if start.calibration is None or start.stereo_way is None or start.stereo_scale is None:
@@ -131,14 +131,14 @@ def _stereo(logged: LoggedRun, calibration: Path | None) -> Stereo | None:
         if calibration is None:
             raise ToktError(f"{different} (--calibration {path} takes it all the same)")
         say(f"note: {different}")
-    return Stereo(
+    return StereoSetup(
         read_calibration_file(path), start.stereo_way, start.stereo_scale, _odometry(logged)
     )
 
 
 def _odometry(logged: LoggedRun) -> Odometry | None:
-    from ..inference.odometry import load_odometry
-    from ..inference.run_start import used_file
+    from tokt.inference.recording.run_start import used_file
+    from tokt.inference.stereo.odometry import load_odometry
 
     then = logged.start.odometry
     if then is None:
@@ -151,7 +151,7 @@ def _odometry(logged: LoggedRun) -> Odometry | None:
 
 def _software_warnings(logged: LoggedRun) -> list[str]:
     """What computed the verdicts then and is another now."""
-    from ..inference.run_start import software
+    from tokt.inference.recording.run_start import software
 
     then = logged.start.software
     return [
@@ -186,13 +186,13 @@ def _show(plan: Replay, tally: Tally, by: str) -> None:
     if tally.gaps:
         what = "frames that were not recorded" if logged.recorded else "lines that are lost"
         print(f"in {tally.gaps} places: {what}, which are in no figure here")
-    for stretch in tally.stretches[:_MOST_SHOWN]:
+    for stretch in tally.stretches[:_MAX_SHOWN]:
         print(_stretch_line(stretch))
-    if len(tally.stretches) > _MOST_SHOWN:
-        print(f"... and {len(tally.stretches) - _MOST_SHOWN} more stretches (--json has all)")
+    if len(tally.stretches) > _MAX_SHOWN:
+        print(f"... and {len(tally.stretches) - _MAX_SHOWN} more stretches (--json has all)")
 
 
-def _stretch_line(stretch: Stretch) -> str:
+def _stretch_line(stretch: ReplayStretch) -> str:
     value: dict[str, Any] = stretch.to_json()
     frames = f"{stretch.first}"
     if stretch.frames > 1:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import JsonOption
-from .output import print_json
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json
 
 if TYPE_CHECKING:
-    from ..inference.shadow_report import ShadowReport, Stretch
+    from tokt.inference.replay.shadow_report import ShadowReport, ShadowStretch
 
-_MOST_SHOWN = 40
+_MAX_SHOWN = 40
 
 
 def shadow(
@@ -24,7 +24,7 @@ def shadow(
     json: JsonOption = False,
 ) -> None:
     """Show where a challenger and the running model said otherwise on the same frames."""
-    from ..inference.shadow_report import read_shadow
+    from tokt.inference.replay.shadow_report import read_shadow
 
     report = read_shadow(log, run)
     if json:
@@ -57,10 +57,10 @@ def _show(report: ShadowReport) -> None:
         print(f"the challenger judged no more: {report.fault}")
     if report.lost_lines:
         print(f"{report.lost_lines} places of the log cannot be read")
-    for stretch in report.stretches[:_MOST_SHOWN]:
+    for stretch in report.stretches[:_MAX_SHOWN]:
         print(_stretch_line(stretch))
-    if len(report.stretches) > _MOST_SHOWN:
-        print(f"... and {len(report.stretches) - _MOST_SHOWN} more stretches (--json has all)")
+    if len(report.stretches) > _MAX_SHOWN:
+        print(f"... and {len(report.stretches) - _MAX_SHOWN} more stretches (--json has all)")
     print(
         "Frames that follow each other show almost the same: go by stretches and episodes. Which "
         "of the two is right is not known here; labels can tell (tokt label, tokt evaluate)."
@@ -82,7 +82,7 @@ def _show_side(report: ShadowReport, side: str) -> None:
     )
 
 
-def _stretch_line(stretch: Stretch) -> str:
+def _stretch_line(stretch: ShadowStretch) -> str:
     said = stretch.to_json()
     frames = f"{stretch.first}"
     if stretch.frames > 1:

@@ -1,18 +1,75 @@
-"""The bench as a table for people."""
+"""`tokt bench`: speed against the libraries and the thesis's pipeline, in one run."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from .measure import Result
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json, progress, say
+from tokt.features.common.errors import ToktError
 
+if TYPE_CHECKING:
+    from tokt.studies.speed.paired_timing import Result
+
+_NOT_EXACT = 1
 _PLAIN_WIDTH = 170
+
+
+def bench(
+    mission: Annotated[
+        Path | None, typer.Option(help="Mission to measure on. Default: a rendered one.")
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option(help="Label file of the mission. Default: its labels.csv.")
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Stereo calibration. Default: calibration.yml in the mission or beside it.",
+        ),
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(
+            help="Number of frames to compare results on. Default: all.",
+            min=1,
+        ),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(help="Folder for bench.json and bench.png."),
+    ] = Path("bench-out"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Measure few frames, few times: a first look only.")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Measure speed against the libraries and the thesis's pipeline; exit code 1 if not exact."""
+    if calibration and mission is None:
+        raise ToktError("--calibration goes together with --mission")
+    from tokt.cli.stereo_file import read_calibration_file
+    from tokt.studies.speed.run import FULL, QUICK, run_bench
+
+    extent = QUICK if quick else FULL
+    if frames is not None:
+        extent = replace(extent, compared=frames)
+    known = read_calibration_file(calibration) if calibration else None
+    found = run_bench(out, mission, labels, extent, progress, say, known)
+    if json:
+        print_json(found.to_json())
+    else:
+        print_table(found.results, found.about)
+    say(f"chart: {out / 'bench.png'}")
+    if not found.exact:
+        say("tokt: warning: not every case gave the same as the libraries")
+        raise typer.Exit(_NOT_EXACT)
 
 
 def _figure(value: float) -> str:
@@ -82,6 +139,10 @@ def _stereo_remark(extras: Mapping[str, Any]) -> str:
 
 def print_table(results: Sequence[Result], about: Mapping[str, Any]) -> None:
     """Print the results on standard output, as wide as the terminal or as plain text."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
     console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("case", no_wrap=True)

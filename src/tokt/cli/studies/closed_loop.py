@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..features.errors import ToktError
-from . import output
+from tokt.cli import output
+from tokt.features.common.errors import ToktError
 
 
 def fly_and_report(
@@ -26,9 +26,9 @@ def fly_and_report(
     ToktError
         If one is out of its range, or a run cannot be flown.
     """
-    from ..training.closed_loop.loop import METHODS, WIDTH
-    from ..training.closed_loop.scenes import KINDS
-    from ..training.closed_loop.study import Study, fly_study
+    from tokt.studies.simulation.loop.flight import METHODS, WIDTH
+    from tokt.studies.simulation.loop.scenes import KINDS
+    from tokt.studies.simulation.study import Study, fly_study
 
     if runs < 1:
         raise ToktError(f"at least one run is needed, not {runs}")

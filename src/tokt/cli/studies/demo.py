@@ -7,19 +7,17 @@ from typing import Annotated
 
 import typer
 
-from ..features.errors import ToktError
-from .options import JsonOption
-from .output import print_json, progress, say
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json, progress, say
+from tokt.features.common.errors import ToktError
 
 
 def demo(
     mission: Annotated[
-        Path | None, typer.Option(help="A real mission; default: a rendered one.")
+        Path | None, typer.Option(help="Mission to use. Default: a rendered one.")
     ] = None,
-    labels: Annotated[Path | None, typer.Option(help="Its label file.")] = None,
-    out: Annotated[
-        Path, typer.Option(help="Folder for everything the demo makes; emptied first.")
-    ] = Path("demo-out"),
+    labels: Annotated[Path | None, typer.Option(help="Label file of the mission.")] = None,
+    out: Annotated[Path, typer.Option(help="Output folder; emptied first.")] = Path("demo-out"),
     frames: Annotated[
         int, typer.Option(help="Stereo pairs of the rendered mission.", min=60)
     ] = 120,
@@ -28,8 +26,8 @@ def demo(
     ] = 1360,
     json: JsonOption = False,
 ) -> None:
-    """Label file, dataset, training, registry, bundle, store, runtime, UDP: one run of it all."""
-    from ..training.demo import run_demo
+    """Run the whole chain, from a label file to UDP datagrams, and write a report."""
+    from tokt.studies.demo.demo import run_demo
 
     if (mission is None) != (labels is None):
         raise ToktError("--mission and --labels go together")

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from .options import JsonOption
-from .output import print_json, progress, say
+from tokt.cli.options import JsonOption
+from tokt.cli.output import print_json, progress, say
 
 
 def reproduce(
@@ -22,41 +22,43 @@ def reproduce(
     ] = None,
     other: Annotated[
         Path | None,
-        typer.Option(help="Its image of anything else. Default: a rendered texture."),
+        typer.Option(help="The thesis's image of anything else. Default: a rendered texture."),
     ] = None,
     dark: Annotated[
         Path | None,
-        typer.Option(help="A badly lit image, for figures 5.6 to 5.8. Default: a rendered one."),
+        typer.Option(help="Badly lit image for figures 5.6 to 5.8. Default: a rendered one."),
     ] = None,
     dark_mask: Annotated[
         Path | None,
-        typer.Option(help="A person's mask of --dark: an image, white where an obstacle is."),
+        typer.Option(help="Mask of --dark drawn by a person: white where an obstacle is."),
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Stereo calibration. Default: calibrated from the frames."),
+        typer.Option(help="Stereo calibration. Default: calibrate from the frames."),
     ] = None,
     labels: Annotated[
         Path | None,
-        typer.Option(help="Label file (CSV). Default: labels.csv of the mission, if there is one."),
+        typer.Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
     ] = None,
     model: Annotated[
-        Path | None, typer.Option(help="A bundle (.tokt) to judge the frames with, too.")
+        Path | None, typer.Option(help="Bundle (.tokt) to judge the frames with as well.")
     ] = None,
     sample: Annotated[
-        int, typer.Option(help="Frames, spread over the mission, for slow methods.", min=1)
+        int, typer.Option(help="Number of frames for slow methods, spread over the mission.", min=1)
     ] = 12,
-    jobs: Annotated[int | None, typer.Option(help="Processes; default: one a core.", min=1)] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes. Default: one per core.", min=1)
+    ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Compute the thesis's tables and figures again, beside other methods and tokt's own.
+    """Reproduce the thesis's tables and figures, beside other methods and tokt's own.
 
     Each says what the thesis printed, what came out, and whether the two agree. SLIC superpixels
     are run on a sample of the frames.
     """
-    from ..features.errors import ToktError
-    from ..training.reproduce.material import ReproduceRequest
-    from ..training.reproduce.run import run_reproduce
+    from tokt.features.common.errors import ToktError
+    from tokt.studies.thesis.inputs import ReproduceRequest
+    from tokt.studies.thesis.run import run_reproduce
 
     if dark_mask is not None and dark is None:
         raise ToktError("--dark-mask goes together with --dark")

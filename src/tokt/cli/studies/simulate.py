@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ..features.errors import ToktError
-from . import output
+from tokt.cli import output
+from tokt.features.common.errors import ToktError
 
 _FOR_MISSIONS = ("frames",)
 _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
@@ -16,41 +16,47 @@ _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
 
 def simulate(
     context: typer.Context,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder for what is made.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder to write.")],
     seed: Annotated[
-        int, typer.Option(help="The same seed gives the same bytes; of runs, the first one's.")
+        int,
+        typer.Option(
+            help="Seed; the same one gives the same bytes. With --closed-loop: of the first run."
+        ),
     ] = 1,
-    frames: Annotated[int, typer.Option(help="Mission: number of stereo pairs.")] = 120,
+    frames: Annotated[int, typer.Option(help="Mission: number of stereo pairs to render.")] = 120,
     width: Annotated[
         int | None,
-        typer.Option(help="Frame width in pixels: 1360 of a mission, 360 in the closed loop."),
+        typer.Option(
+            help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."
+        ),
     ] = None,
     closed_loop: Annotated[
         bool,
         typer.Option(
             "--closed-loop",
-            help="No mission: a vehicle that is steered by what tokt run says of what it sees.",
+            help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
         ),
     ] = False,
     scenes: Annotated[
-        str | None, typer.Option(help="Closed loop: which scenes, by comma. Default: all.")
+        str | None, typer.Option(help="Closed loop: scenes, separated by commas. Default: all.")
     ] = None,
     methods: Annotated[
         str | None,
         typer.Option(
-            help="Closed loop: texture, disparity, either, fallback, none, by comma. Default: all."
+            help="Closed loop: any of texture,disparity,either,fallback,none. Default: all."
         ),
     ] = None,
-    runs: Annotated[int, typer.Option(help="Closed loop: runs of each scene and method.")] = 5,
+    runs: Annotated[
+        int, typer.Option(help="Closed loop: number of runs of each scene and method.")
+    ] = 5,
     model: Annotated[
         Path | None,
         typer.Option(
-            metavar="BUNDLE", help="Closed loop: the model. Default: trained on rendered missions."
+            metavar="BUNDLE",
+            help="Closed loop: model to fly. Default: one trained on rendered missions.",
         ),
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="Frames or runs at a time; all cores by default.")
-    ] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes. Default: one per core.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
@@ -75,8 +81,8 @@ def _refuse(context: typer.Context, names: tuple[str, ...], closed_loop: bool) -
 def _mission(
     folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, as_json: bool
 ) -> None:
-    from tokt.labels.synthetic.mission import simulate_mission
-    from tokt.labels.synthetic.rig import FULL_WIDTH
+    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+    from tokt.studies.simulation.scene.rig import FULL_WIDTH
 
     mission = simulate_mission(
         folder,

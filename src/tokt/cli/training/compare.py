@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from tokt.cli.output import figure, print_json, progress, say
+
 from .dataset import labels_for
-from .figures import figure
-from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import print_json, progress, say
 
 if TYPE_CHECKING:
-    from ..training.compare.judged import Judged
+    from tokt.training.compare.predictions import ComparedModels
 
 
 def compare(
@@ -21,50 +21,54 @@ def compare(
         list[str], typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Write the report, one HTML file.")
+        Path | None, typer.Option("-o", "--output", help="HTML report to write.")
     ] = None,
     mission: Annotated[
         Path | None,
         typer.Option(
             "--mission",
-            help="Compare on this mission's frames; default: on what cross-validation held out.",
+            help="Mission to compare on. Default: the patches that cross-validation held out.",
         ),
     ] = None,
     labels: Annotated[
         list[Path] | None,
-        typer.Option("--labels", help="Label file of it; repeatable. Default: the label store."),
+        typer.Option(
+            "--labels", help="Label file of the mission; repeatable. Default: the label store."
+        ),
     ] = None,
     frames: Annotated[
-        str | None, typer.Option(help="Only these frames of it, as 1-99,132-246.")
+        str | None, typer.Option(help="Use these frames of it only, such as 1-99,132-246.")
     ] = None,
     learning_curve: Annotated[
         str | None,
-        typer.Option(metavar="MODEL", help="Whose learning curve; default: the best model's."),
+        typer.Option(
+            metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."
+        ),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Say which model is better, by how much, and whether the data can tell."""
-    from ..features import atomic
-    from ..features.errors import ToktError
-    from ..models.registry import Registry
-    from ..training.compare.comparison import compare_models
-    from ..training.compare.held_out import judge_held_out
-    from ..training.compare.log import has_registry, log_comparison
-    from ..training.compare.report import report_html
+    """Compare models: which is better, by how much, and is the difference real?"""
+    from tokt.features.common import atomic
+    from tokt.features.common.errors import ToktError
+    from tokt.models.registry.registry import Registry
+    from tokt.training.compare.comparison import compare_models
+    from tokt.training.compare.held_out_predictions import read_held_out
+    from tokt.training.compare.mlflow_run import has_registry, log_comparison
+    from tokt.training.compare.report import report_html
 
     if mission is None and (labels or frames or taxonomy):
         raise ToktError("--labels, --frames and --taxonomy go with --mission")
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
-    judged = (
-        judge_held_out(models, workspace)
+    compared = (
+        read_held_out(models, workspace)
         if mission is None
         else _on_mission(models, mission, labels or [], frames, taxonomy, workspace)
     )
-    result = compare_models(judged, workspace, progress, learning_curve)
-    html = report_html(judged, result)
+    result = compare_models(compared, workspace, progress, learning_curve)
+    html = report_html(compared, result)
     if output is not None:
         atomic.write_text(output, html)
     if json:
@@ -86,13 +90,13 @@ def _on_mission(
     frames: str | None,
     taxonomy: Path | None,
     workspace: Path,
-) -> Judged:
-    from ..features.mission import open_mission, parse_frames
-    from ..labels.taxonomy import load_taxonomy
-    from ..models.load import load_model
-    from ..training.compare.held_out import check_different
-    from ..training.compare.on_mission import judge_mission
-    from ..training.mission_source import labels_of_mission
+) -> ComparedModels:
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.labels.taxonomy import load_taxonomy
+    from tokt.models.registry.load import load_model
+    from tokt.training.compare.held_out_predictions import check_different
+    from tokt.training.compare.mission_predictions import predict_mission
+    from tokt.training.datasets.mission_source import labels_of_mission
 
     classes = load_taxonomy(workspace, taxonomy)
     opened = open_mission(mission)
@@ -103,7 +107,7 @@ def _on_mission(
     mine, remark = labels_of_mission(opened, records, bundles[0].grid, only=bool(labels))
     if remark:
         say(f"note: {remark}")
-    return judge_mission(bundles, opened, mine, classes, progress, wanted)
+    return predict_mission(bundles, opened, mine, classes, progress, wanted)
 
 
 def _print_comparison(result: dict[str, Any]) -> None:

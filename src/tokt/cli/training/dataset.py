@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..features.errors import ToktError
-from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import print_json, progress, say
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from tokt.cli.output import print_json, progress, say
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
-    from ..features.grid import Grid
-    from ..features.mission import Mission
-    from ..labels.record import LabelRecord
-    from ..labels.taxonomy import Taxonomy
+    from tokt.features.frames.grid import Grid
+    from tokt.features.frames.mission import Mission
+    from tokt.labels.record import LabelRecord
+    from tokt.labels.taxonomy import Taxonomy
 
-dataset_app = typer.Typer(help="Immutable, content-hashed dataset versions.", no_args_is_help=False)
+dataset_app = typer.Typer(
+    help="Build, list and show dataset versions, immutable and named by content.",
+    no_args_is_help=False,
+)
 
 
 def labels_for(
@@ -33,9 +36,9 @@ def labels_for(
     The store knows missions by name: it is refused where it has labels of another dive of the
     same name as one of `missions`.
     """
-    from ..labels.mission_book import check_mission
-    from ..labels.store import FILE_NAME, LabelStore
-    from ..training.mission_source import read_labels
+    from tokt.labels.store.known_missions import check_mission
+    from tokt.labels.store.store import FILE_NAME, LabelStore
+    from tokt.training.datasets.mission_source import read_labels
 
     if labels:
         return read_labels(labels, taxonomy, grid)
@@ -47,7 +50,7 @@ def labels_for(
 
 @dataset_app.command("build")
 def build(
-    name: Annotated[str, typer.Argument(help="The dataset's name.")],
+    name: Annotated[str, typer.Argument(help="Name of the dataset.")],
     mission: Annotated[
         list[Path] | None, typer.Option("--mission", help="Mission folder or video; repeatable.")
     ] = None,
@@ -56,32 +59,31 @@ def build(
         typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
     ] = None,
     patches: Annotated[
-        Path | None, typer.Option("--patches", help="Folder with one sub-folder of images a class.")
+        Path | None,
+        typer.Option("--patches", help="Folder with one sub-folder of patch images per class."),
     ] = None,
     task: Annotated[str, typer.Option(help="binary (obstacle or clear) or classes.")] = "binary",
     frames: Annotated[
-        str | None, typer.Option(help="Only these frame numbers, as 1-99,132-246.")
+        str | None, typer.Option(help="Use these frames only, such as 1-99,132-246.")
     ] = None,
     grid: Annotated[
-        str | None, typer.Option(help="The grid of the labels. Default: 10x10@360.")
+        str | None, typer.Option(help="Grid of the labels. Default: 10x10@360.")
     ] = None,
     block: Annotated[
         int | None,
-        typer.Option(
-            help="Frames a group; groups are never split between folds. Default: 20.", min=1
-        ),
+        typer.Option(help="Frames per group; no group is split between folds. Default: 20.", min=1),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Snapshot labelled patches of missions, or a folder of patches, as a dataset version."""
-    from ..features.grid import DEFAULT_GRID, Grid
-    from ..features.mission import open_mission, parse_frames
-    from ..labels.taxonomy import load_taxonomy
-    from ..training.dataset import build_dataset, thin_classes
-    from ..training.mission_source import plan_from_missions, plan_from_patch_folder
-    from ..training.splits import BLOCK_FRAMES, FOLDS
+    """Build a dataset version from labelled missions, or from a folder of patches."""
+    from tokt.features.frames.grid import DEFAULT_GRID, Grid
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.labels.taxonomy import load_taxonomy
+    from tokt.training.datasets.dataset import build_dataset, thin_classes
+    from tokt.training.datasets.mission_source import plan_from_missions, plan_from_patch_folder
+    from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS
 
     if bool(mission) == bool(patches):
         raise ToktError("give either --mission DIR or --patches DIR")
@@ -126,7 +128,7 @@ def build(
 @dataset_app.command("list")
 def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False) -> None:
     """List every dataset version of the workspace."""
-    from ..training.dataset import list_datasets
+    from tokt.training.datasets.dataset import list_datasets
 
     found = list_datasets(workspace / "datasets")
     if json:
@@ -145,8 +147,8 @@ def show(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Show what a dataset version holds."""
-    from ..training.dataset import open_dataset
+    """Show the content of a dataset version."""
+    from tokt.training.datasets.dataset import open_dataset
 
     found = open_dataset(dataset, workspace / "datasets")
     _show(found.label, found.info, json)

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from tokt.cli.output import print_json, print_patches, progress, say
+
 from .dataset import labels_for
-from .figures import print_patches
-from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import print_json, progress, say
 
 if TYPE_CHECKING:
-    from ..models.bundle import Bundle
+    from tokt.models.bundle.bundle import Bundle
 
 
 def evaluate(
@@ -24,18 +24,18 @@ def evaluate(
         typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
     ] = None,
     frames: Annotated[
-        str | None, typer.Option(help="Only these frame numbers, as 1-99,132-246.")
+        str | None, typer.Option(help="Use these frames only, such as 1-99,132-246.")
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Score a model on a labelled mission: patches, frame statuses, first detection."""
-    from ..features.mission import open_mission, parse_frames
-    from ..labels.taxonomy import load_taxonomy
-    from ..models.load import load_model
-    from ..training.evaluate import evaluate as evaluate_task
-    from ..training.mission_source import labels_of_mission
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.labels.taxonomy import load_taxonomy
+    from tokt.models.registry.load import load_model
+    from tokt.training.datasets.mission_source import labels_of_mission
+    from tokt.training.evaluation.evaluate import evaluate as evaluate_task
 
     classes = load_taxonomy(workspace, taxonomy)
     opened = open_mission(mission)

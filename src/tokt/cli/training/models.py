@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..features.errors import ToktError
-from .keygen import SignOption, signing_key
-from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import print_json, say
+from tokt.cli.deploy.keygen import SignOption, signing_key
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
+from tokt.cli.output import print_json, say
+from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
-    from ..models.bundle import Bundle
+    from tokt.models.bundle.bundle import Bundle
 
-models_app = typer.Typer(help="Registered model versions.", no_args_is_help=False)
+models_app = typer.Typer(
+    help="List, show and alias registered model versions.", no_args_is_help=False
+)
 
 ModelArgument = Annotated[
     str, typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
@@ -27,7 +29,7 @@ FlagsOption = Annotated[
     typer.Option(
         "--taxonomy",
         metavar="FILE",
-        help="Taxonomy file that says which classes are obstacles. Default: as trained.",
+        help="Taxonomy file that sets which classes are obstacles. Default: as trained.",
     ),
 ]
 
@@ -35,7 +37,7 @@ FlagsOption = Annotated[
 @models_app.command("list")
 def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False) -> None:
     """List every registered version."""
-    from ..models.registry import Registry
+    from tokt.models.registry.registry import Registry
 
     found = Registry(workspace).versions()
     if json:
@@ -55,8 +57,8 @@ def show(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Show a model's card: what it is, what was measured, where it comes from."""
-    from ..models.load import load_model
+    """Show a model's card: description, figures, origin."""
+    from tokt.models.registry.load import load_model
 
     bundle = load_model(model, workspace)
     content = bundle.content
@@ -85,12 +87,12 @@ def show(
 @models_app.command("alias")
 def alias(
     model: Annotated[str, typer.Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
-    alias: Annotated[str, typer.Argument(help="For example champion.")],
+    alias: Annotated[str, typer.Argument(help="Alias, such as champion.")],
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Point an alias at a version."""
-    from ..models.registry import Registry
+    from tokt.models.registry.registry import Registry
 
     version = Registry(workspace).set_alias(model, alias)
     if json:
@@ -101,7 +103,7 @@ def alias(
 
 def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | None) -> Bundle:
     """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
-    from ..models.load import load_model
+    from tokt.models.registry.load import load_model
 
     key = None if sign is None else signing_key(sign)
     bundle = load_model(model, workspace)
@@ -111,12 +113,15 @@ def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | Non
 
 
 def _flagged(bundle: Bundle, taxonomy: Path) -> Bundle:
-    from ..labels.taxonomy import Taxonomy
-    from ..models.reflag import PROVENANCE_KEY, reflagged
+    from tokt.labels.taxonomy import Taxonomy
+    from tokt.models.bundle.override_obstacle_classes import (
+        PROVENANCE_KEY,
+        override_obstacle_classes,
+    )
 
     known = {item.name: item.obstacle for item in Taxonomy.load(taxonomy).classes}
     sha256 = hashlib.sha256(taxonomy.read_bytes()).hexdigest()
-    found = reflagged(bundle, known, taxonomy.name, sha256)
+    found = override_obstacle_classes(bundle, known, taxonomy.name, sha256)
     if found is bundle:
         say(f"note: {taxonomy} changes nothing: {bundle.label} has these obstacles already")
         return bundle
@@ -131,15 +136,17 @@ def _flagged(bundle: Bundle, taxonomy: Path) -> Bundle:
 
 def export(
     model: ModelArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The file, ending in .tokt.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Bundle file to write, ending in .tokt.")
+    ],
     taxonomy: FlagsOption = None,
     sign: SignOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Write a model version as a bundle, the one file that is shipped."""
-    from ..features.atomic import write_bytes
-    from ..models.bundle import SUFFIX
+    """Export a model version as a bundle, the one file that is shipped."""
+    from tokt.features.common.atomic import write_bytes
+    from tokt.models.bundle.bundle import SUFFIX
 
     if output.suffix != SUFFIX:
         raise ToktError(f"a bundle's name ends in {SUFFIX}, unlike {output}")

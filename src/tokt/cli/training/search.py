@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import print_json, progress
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
+from tokt.cli.output import print_json, progress
 
 _RULE = (
     "the simplest within one standard error, and 0.01, of the best (result.json has the rule in "
@@ -19,54 +19,57 @@ _RULE = (
 def search(
     dataset: Annotated[str, typer.Argument(help="NAME or NAME@HASH.")],
     name: Annotated[
-        str | None, typer.Option(help="The winner's name; default: DATASET-search.")
+        str | None, typer.Option(help="Name of the winning model. Default: DATASET-search.")
     ] = None,
     space: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.toml", help="Extractors, C and class weights to try; default: ours."
+            metavar="FILE.toml",
+            help="Space file: extractors, C and class weights to try. Default: the built-in one.",
         ),
     ] = None,
     budget: Annotated[
         str | None,
-        typer.Option(help="Begin no trial after this time (30m, 2h) or number of trials (12)."),
+        typer.Option(
+            help="Budget: begin no trial after this time (30m, 2h) or number of trials (12)."
+        ),
     ] = None,
     nested: Annotated[
         bool,
         typer.Option(
             "--nested",
-            help="Repeat the search inside each training part too: the honest score of searching.",
+            help="Repeat the search inside each training part as well, for an honest score.",
         ),
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh/--resume", help="Forget finished trials, or go on from them.")
+        bool, typer.Option("--fresh/--resume", help="Discard finished trials, or resume from them.")
     ] = False,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=2)] = 5,
     embargo: Annotated[
         int, typer.Option(help="Frames left out of training on each side of a test frame.", min=1)
     ] = 5,
-    jobs: Annotated[int, typer.Option(help="Processes; -1 for one a core.", min=-1)] = -1,
+    jobs: Annotated[int, typer.Option(help="Processes; -1 for one per core.", min=-1)] = -1,
     dask: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Work on a dask cluster that sees the same files (tcp://HOST:8786).",
+            help="Dask cluster to work on that sees the same files (tcp://HOST:8786).",
         ),
     ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Try many extractors, and train and register the simplest of the best.
+    """Search extractors; train and register the simplest of the best.
 
     Each is scored by blocked cross-validation. A search that was stopped goes on where it was.
     """
-    from ..models.registry import Registry, check_model_name
-    from ..training.cross_validation import Split
-    from ..training.dataset import open_dataset
-    from ..training.search.budget import budget_from
-    from ..training.search.search import SearchRequest
-    from ..training.search.search import search as search_task
-    from ..training.search.space import BUILT_IN, read_space
+    from tokt.models.registry.registry import Registry, check_model_name
+    from tokt.training.datasets.dataset import open_dataset
+    from tokt.training.fitting.cross_validation import Split
+    from tokt.training.search.budget import budget_from
+    from tokt.training.search.search import SearchRequest
+    from tokt.training.search.search import search as search_task
+    from tokt.training.search.space import BUILT_IN, read_space
 
     data = open_dataset(dataset, workspace / "datasets")
     model_name = name or f"{data.name}-search"

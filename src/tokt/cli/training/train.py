@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .figures import figure, print_patches
-from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import print_json, progress
+from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
+from tokt.cli.output import figure, print_json, print_patches, progress
 
 if TYPE_CHECKING:
-    from ..training.operating_point import Target
-    from ..training.train import Trained
+    from tokt.training.fitting.choose_operating_point import FalseStatusTarget
+    from tokt.training.fitting.train import Trained
 
 AUTO = "auto"
 _FROM_A_FILE = (
@@ -27,14 +26,14 @@ def train(
     extractor: Annotated[
         str | None,
         typer.Option(
-            help="lbp, haralick, exact ones joined by + (lbp_24_8_frame+haralick), or "
+            help="lbp, haralick, exact names joined by + (lbp_24_8_frame+haralick), or "
             "spec:FILE.json. Default: haralick, the best one with preset best.",
             show_default=False,
         ),
     ] = None,
-    preset: Annotated[str, typer.Option(help="thesis, plain or best.")] = "best",
+    preset: Annotated[str, typer.Option(help="Preset: thesis, plain or best.")] = "best",
     name: Annotated[
-        str | None, typer.Option(help="The model's name; default: DATASET-EXTRACTOR.")
+        str | None, typer.Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
     ] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=2)] = 5,
     embargo: Annotated[
@@ -42,64 +41,66 @@ def train(
     ] = 5,
     class_weight: Annotated[
         str | None,
-        typer.Option(help="none, balanced, or auto (the better one). Default: the preset's."),
+        typer.Option(
+            help="Class weights: none, balanced, or auto (the better one). Default: the preset's."
+        ),
     ] = None,
     changes: Annotated[
         str | None,
         typer.Option(
-            help="Picture changes to learn from too, as gain_0.5,jpeg_60, or none. Default: the "
-            "preset's."
+            help="Augmentations to learn from as well, such as gain_0.5,jpeg_60, or none. Default: "
+            "the preset's."
         ),
     ] = None,
     stress: Annotated[
-        bool, typer.Option("--stress", help="Test the folds on changed pictures, too.")
+        bool, typer.Option("--stress", help="Test the folds on augmented frames as well.")
     ] = False,
     false_status_rate: Annotated[
-        float, typer.Option(help="False statuses an ocean frame that the operating point allows.")
+        float, typer.Option(help="Highest allowed rate of false statuses per ocean frame.")
     ] = 1e-4,
     confidence: Annotated[
-        float, typer.Option(help="That the rate is kept; 0.5 for the best estimate.")
+        float, typer.Option(help="Confidence that the rate is kept; 0.5 for the best estimate.")
     ] = 0.5,
     least_patches: Annotated[
-        str, typer.Option(help="Patches that make a frame an alarm: a number, or auto.")
+        str, typer.Option(help="Patches that make an alarm of a frame: a number, or auto.")
     ] = AUTO,
     frame_rule: Annotated[
-        str, typer.Option(help="Alarms that make a status: K/N of the last frames, or auto.")
+        str, typer.Option(help="Alarms that make a status: K/N of the last N frames, or auto.")
     ] = AUTO,
     ocean: Annotated[
-        Path | None, typer.Option(help="Ocean image of preset thesis; default: a clear frame.")
+        Path | None, typer.Option(help="Ocean image of preset thesis. Default: a clear frame.")
     ] = None,
     other: Annotated[
-        Path | None, typer.Option(help="Other image of preset thesis; default: a rendered one.")
+        Path | None, typer.Option(help="Other image of preset thesis. Default: a rendered one.")
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; -1 for one a core.")] = -1,
+    jobs: Annotated[int, typer.Option(help="Processes; -1 for one per core.")] = -1,
     dask: Annotated[
-        str | None, typer.Option(help="A dask scheduler to use instead, as tcp://HOST:8786.")
+        str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://HOST:8786.")
     ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Cross-validate, choose the operating point, train, log and register one model version."""
-    from ..features.errors import ToktError
-    from ..models.registry import Registry, check_model_name
-    from ..training.cross_validation import Split
-    from ..training.dataset import open_dataset
-    from ..training.operating_point import DEFAULT_TARGET
-    from ..training.picture_changes import STRESS
-    from ..training.presets import (
+    from tokt.features.common.errors import ToktError
+    from tokt.models.registry.registry import Registry, check_model_name
+    from tokt.training.datasets.augmentations import STRESS
+    from tokt.training.datasets.dataset import open_dataset
+    from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET
+    from tokt.training.fitting.cross_validation import Split
+    from tokt.training.fitting.presets import (
         DEFAULT_EXTRACTOR,
         extractor_for,
-        learning_changes,
         settings_named,
         weighted,
+        with_augmentations,
     )
-    from ..training.tracking import log_and_register
-    from ..training.train import TrainRequest
-    from ..training.train import train as train_task
+    from tokt.training.fitting.tracking import log_and_register
+    from tokt.training.fitting.train import TrainRequest
+    from tokt.training.fitting.train import train as train_task
 
     data = open_dataset(dataset, workspace / "datasets")
     settings = weighted(settings_named(preset, data.grid), class_weight)
-    settings = learning_changes(settings, changes)
+    settings = with_augmentations(settings, changes)
     if (ocean or other) and not settings.two_images:
         raise ToktError("--ocean and --other go with --preset thesis")
     target = _target(false_status_rate, confidence, least_patches, frame_rule)
@@ -143,19 +144,21 @@ def _file_name(extractor: str) -> str:
     return extractor.replace("+", "_")
 
 
-def _target(rate: float, confidence: float, least_patches: str, frame_rule: str) -> Target:
-    from ..training.operating_point import Target
+def _target(
+    rate: float, confidence: float, least_patches: str, frame_rule: str
+) -> FalseStatusTarget:
+    from tokt.training.fitting.choose_operating_point import FalseStatusTarget
 
     least = None if least_patches == AUTO else _number(least_patches, "--least-patches", "2")
     if frame_rule == AUTO:
-        return Target(rate, confidence, least, None)
+        return FalseStatusTarget(rate, confidence, least, None)
     hits, _, window = frame_rule.partition("/")
     asked = [_number(text, "--frame-rule", "2/3") for text in (hits, window)]
-    return Target(rate, confidence, least, (asked[0], asked[1]))
+    return FalseStatusTarget(rate, confidence, least, (asked[0], asked[1]))
 
 
 def _number(text: str, option: str, example: str) -> int:
-    from ..features.errors import ToktError
+    from tokt.features.common.errors import ToktError
 
     if not (text.isascii() and text.isdigit() and len(text) < 10):
         raise ToktError(f"{option} is {AUTO} or something like {example}, not {text!r}")

@@ -1,4 +1,4 @@
-"""What every method that tokt is compared with answers to."""
+"""The interface of every method that tokt is compared with, and its result for one frame."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.reason import Fault
-from ...inference.verdict import Verdict, unknown_verdict
+from tokt.inference.reason import Fault
+from tokt.inference.verdict import Verdict, unknown_verdict
 
 
 @dataclass(frozen=True)
-class BaselineJudged:
-    """What a method says of one frame.
+class BaselineResult:
+    """A method's result for one frame.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Baseline(Protocol):
 
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineJudged:
+    ) -> BaselineResult:
         """Judge one frame.
 
         Parameters
@@ -68,6 +68,6 @@ class Baseline(Protocol):
         """Forget the frames before: another run starts."""
 
 
-def not_judged(fault: Fault) -> BaselineJudged:
+def not_judged(fault: Fault) -> BaselineResult:
     """A frame that a method cannot judge, and why."""
-    return BaselineJudged(unknown_verdict(fault), None, str(fault))
+    return BaselineResult(unknown_verdict(fault), None, str(fault))

@@ -27,11 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.neighbors import KNeighborsClassifier
 
-from ...features.errors import ToktError
-from ...inference.verdict import verdict_from_mask
-from ..bench.thesis_way import GRID
-from .baseline import BaselineJudged
+from tokt.features.common.errors import ToktError
+from tokt.inference.verdict import verdict_from_mask
+
+from .baseline import BaselineResult
 from .superpixels import resized_bgr, superpixels
+from .thesis_texture import GRID
 
 BINS = 32
 """Bins a channel: 8 steps of Lab in OpenCV's 0..255."""
@@ -123,14 +124,14 @@ class LabColour:
 
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineJudged:
+    ) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         picture = resized_bgr(left)
         cut = superpixels(picture)
         obstacle = self._classifier.predict(_colours(picture, cut)) == 1
         mask = np.where(obstacle[_places(cut)], 255, 0).astype(np.uint8)
         words = f"{int(obstacle.sum())} of {len(obstacle)} superpixels are not coloured as water"
-        return BaselineJudged(verdict_from_mask(mask, self.name), mask, words)
+        return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
 
     def reset(self) -> None:
         """Nothing is kept from frame to frame."""

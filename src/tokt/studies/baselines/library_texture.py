@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features import reference
-from ...inference.verdict import Verdict, verdict_from_mask
-from .thesis_way import GRID, resized_gray
+from tokt.features.kernels import reference
+from tokt.inference.verdict import Verdict, verdict_from_mask
+
+from .thesis_texture import GRID, resized_gray
 
 DescribeAll = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
 

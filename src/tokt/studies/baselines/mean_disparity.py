@@ -6,9 +6,9 @@ part of the window the way is free. Otherwise the side whose mean disparity is s
 the one with less in it or with what is farther away, is the way to go.
 
 Ours, because the paper's text and its numbers are not at hand: the map is that of
-`tokt.inference.disparity` (rectified, checked left to right), pixels without a match count as
-disparity 0, the threshold is given as a distance, and the part as `BLOCKED`. A frame in which the
-stereo detector itself cannot judge is unknown.
+`tokt.inference.stereo.disparity` (rectified, checked left to right), pixels without a match count
+as disparity 0, the threshold is given as a distance, and the part as `BLOCKED`. A frame in which
+the stereo detector itself cannot judge is unknown.
 
 References
 ----------
@@ -24,14 +24,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.matching import Matches
-from ...inference.sources import Frame
-from ...inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
-from ..bench.thesis_way import GRID
-from .baseline import BaselineJudged, not_judged
+from tokt.features.common.errors import ToktError
+from tokt.inference.frame import Frame
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
+
+from .baseline import BaselineResult, not_judged
+from .thesis_texture import GRID
 
 NEAR_M = 6.0
 """Nearer than this counts: ten seconds at 0.6 m/s."""
@@ -69,7 +70,7 @@ class Thirds:
 
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineJudged:
+    ) -> BaselineResult:
         """Judge one pair; see `Baseline.judge`."""
         if right is None:
             raise ToktError("the left, centre, right disparity needs frames of two cameras")
@@ -79,7 +80,7 @@ class Thirds:
             return not_judged(seen.detection.fault)
         return self._decide(seen.matches, seen.detection.mask.shape)
 
-    def _decide(self, matches: Matches, size: tuple[int, ...]) -> BaselineJudged:
+    def _decide(self, matches: Matches, size: tuple[int, ...]) -> BaselineResult:
         rectifier = self._detector.rectifier
         disparity = np.where(matches.valid, matches.disparity_px, 0.0)
         near = disparity > rectifier.focal_baseline_px_m / self._near_m
@@ -94,7 +95,7 @@ class Thirds:
             f"{100 * centre:.1f} % of the centre is nearer than {self._near_m:g} m; mean "
             f"disparity {left:.1f} px left, {right:.1f} px right"
         )
-        return BaselineJudged(verdict, mask, words)
+        return BaselineResult(verdict, mask, words)
 
 
 def _mean_of_third(values: NDArray[Any], searched: NDArray[np.bool_], which: int) -> float:

@@ -9,9 +9,9 @@ Ours, because the paper's text is not at hand (of others' programs of the method
 1.2, one has 0.8 and one 0.7, and some compare frames that lie apart, too): SIFT in place of SURF,
 which free builds of OpenCV do not have; the local contrast is made even first, as the frames are
 nearly black; a frame is held against the one `BACK` judged frames before, because a slow vehicle's
-frames change by a few per cent from one to the next; and `LEAST` keypoints are needed. A thing that
-keeps its size, or shrinks, is no obstacle to this method: it says nothing of a tower that the
-vehicle backs away from, and a frame with none before is unknown.
+frames change by a few per cent from one to the next; and `MIN_KEYPOINTS` keypoints are needed. A
+thing that keeps its size, or shrinks, is no obstacle to this method: it says nothing of a tower
+that the vehicle backs away from, and a frame with none before is unknown.
 
 References
 ----------
@@ -30,14 +30,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.reason import Fault, Reason
-from ...inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
-from ..bench.thesis_way import GRID
-from ..stereo.matching import even_contrast, mutual_matches, view_scale
-from .baseline import BaselineJudged, not_judged
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
+from tokt.training.rig.calibrate.matching import even_contrast_gaussian, mutual_matches, view_scale
+
+from .baseline import BaselineResult, not_judged
+from .thesis_texture import GRID
 
 BACK = 4
-LEAST = 5
+MIN_KEYPOINTS = 5
 """Keypoints. In the sea trial's frames of open water one grows by chance in every second frame,
 four at the most in 126 frames: this number was chosen on them."""
 SCALES = np.arange(1.0, 1.51, 0.1)
@@ -45,14 +46,14 @@ GROWN = 1.2
 CLEARLY = 0.8
 _RATIO = 0.8
 """Lowe's: how much nearer the best match is than the second."""
-_MOST_FEATURES = 2000
-_LEAST_HALF_PX, _MOST_HALF_PX = 6, 40
+_MAX_FEATURES = 2000
+_MIN_HALF_PX, _MAX_HALF_PX = 6, 40
 """Half the side of the picture around a keypoint, before it is enlarged."""
 
 
 @dataclass(frozen=True)
-class _Look:
-    """What is remembered of a frame."""
+class _RememberedFrame:
+    """The keypoints remembered of a frame."""
 
     t_s: float
     view: NDArray[np.uint8]
@@ -95,10 +96,10 @@ class SizeChange:
     title = "keypoints that grow"
     source = "Mori and Scherer 2013"
 
-    def __init__(self, back: int = BACK, least: int = LEAST) -> None:
+    def __init__(self, back: int = BACK, least: int = MIN_KEYPOINTS) -> None:
         self._least = least
-        self._before: deque[_Look] = deque(maxlen=back)
-        self._sift = cv2.SIFT.create(_MOST_FEATURES)
+        self._before: deque[_RememberedFrame] = deque(maxlen=back)
+        self._sift = cv2.SIFT.create(_MAX_FEATURES)
 
     def reset(self) -> None:
         """Forget the frames before: another run starts."""
@@ -106,7 +107,7 @@ class SizeChange:
 
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineJudged:
+    ) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         now = self._look(left, t_s)
         full = len(self._before) == self._before.maxlen
@@ -116,24 +117,24 @@ class SizeChange:
             return not_judged(Fault(Reason.FRAME_RULE, "no frame to compare with yet"))
         return self._decide(grown(before, now), now, t_s - before.t_s, left.shape[:2])
 
-    def _look(self, frame: NDArray[np.uint8], t_s: float) -> _Look:
+    def _look(self, frame: NDArray[np.uint8], t_s: float) -> _RememberedFrame:
         gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         scale = view_scale(frame.shape[1])
         small = cv2.resize(
             gray.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA
         )
-        view = even_contrast(np.asarray(small, np.float32))
+        view = even_contrast_gaussian(np.asarray(small, np.float32))
         found: tuple[Any, Any] = self._sift.detectAndCompute(view, None)
         keypoints, looks = found
         if looks is None:
             looks = np.zeros((0, 128), np.float32)
         places = np.array([keypoint.pt for keypoint in keypoints], np.float64).reshape(-1, 2)
         sizes = np.array([keypoint.size for keypoint in keypoints], np.float64)
-        return _Look(t_s, view, places, sizes, looks)
+        return _RememberedFrame(t_s, view, places, sizes, looks)
 
     def _decide(
-        self, found: Grown, now: _Look, elapsed_s: float, frame_size: tuple[int, ...]
-    ) -> BaselineJudged:
+        self, found: Grown, now: _RememberedFrame, elapsed_s: float, frame_size: tuple[int, ...]
+    ) -> BaselineResult:
         picture = np.zeros(now.view.shape, np.uint8)
         for (x, y), radius in zip(found.places, found.radii, strict=True):
             cv2.circle(picture, (round(x), round(y)), max(round(radius), 1), 255, cv2.FILLED)
@@ -150,16 +151,16 @@ class SizeChange:
             contact_s = elapsed_s / (scale - 1)
             verdict = replace(verdict, contact_s=contact_s)
             words += f", to {scale:.1f} times their size: {contact_s:.1f} s to contact"
-        return BaselineJudged(verdict, mask, words)
+        return BaselineResult(verdict, mask, words)
 
 
-def grown(before: _Look, now: _Look) -> Grown:
+def grown(before: _RememberedFrame, now: _RememberedFrame) -> Grown:
     """Which keypoints of `before` are in `now` and became clearly larger."""
     places, radii, scales = [], [], []
     for earlier, later in mutual_matches(before.looks, now.looks, _RATIO):
         if now.sizes[later] <= before.sizes[earlier]:
             continue
-        half = int(np.clip(round(before.sizes[earlier]), _LEAST_HALF_PX, _MOST_HALF_PX))
+        half = int(np.clip(round(before.sizes[earlier]), _MIN_HALF_PX, _MAX_HALF_PX))
         scale = enlargement(before.view, before.places[earlier], now.view, now.places[later], half)
         if scale >= GROWN:
             places.append(now.places[later])

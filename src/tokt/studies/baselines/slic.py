@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
-from ...features.errors import ToktError
-from ...inference.verdict import verdict_from_mask
-from ..bench.thesis_way import DescribePatch
-from .baseline import BaselineJudged
+from tokt.features.common.errors import ToktError
+from tokt.inference.verdict import verdict_from_mask
+
+from .baseline import BaselineResult
 from .superpixels import Box, outline_boxes, resized_bgr, superpixels
-from .thesis_classifier import thesis_classifier
+from .thesis_models import thesis_classifier
+from .thesis_texture import DescribePatch
 
 _ERODED, _DILATED = 2, 4
 SOURCE = "Brusletto 2016"
@@ -41,7 +42,7 @@ class SlicTexture:
     Parameters
     ----------
     describe : callable
-        Features of one gray rectangle, as in `tokt.training.bench.thesis_way`.
+        Features of one gray rectangle, as in `tokt.studies.baselines.thesis_texture`.
     classifier : sklearn.svm.LinearSVC
         Predicts 1 for an obstacle.
     name : str
@@ -99,7 +100,7 @@ class SlicTexture:
 
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineJudged:
+    ) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         picture = resized_bgr(left)
         mask = np.zeros(picture.shape[:2], np.uint8)
@@ -112,7 +113,7 @@ class SlicTexture:
                 x, y, width, height = box
                 mask[y : y + height, x : x + width] = 255 * obstacle
         words = f"{obstacles} of {seen} superpixels are not ocean"
-        return BaselineJudged(verdict_from_mask(mask, self.name), mask, words)
+        return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
 
     def reset(self) -> None:
         """Nothing is kept from frame to frame."""

@@ -27,7 +27,7 @@ from skimage.color import rgb2lab
 from skimage.filters import gaussian
 from skimage.segmentation import slic
 
-from ..bench.thesis_way import GRID
+from .thesis_texture import GRID
 
 N_SEGMENTS = 100
 SIGMA_PX = 5.0

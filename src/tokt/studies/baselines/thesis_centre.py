@@ -35,7 +35,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.verdict import Box
+from tokt.inference.verdict import Box
 
 Contours = Sequence[NDArray[Any]]
 
@@ -44,7 +44,7 @@ _DILATION = np.ones((5, 5), np.uint8)
 
 @dataclass(frozen=True)
 class ThesisCentre:
-    """What the thesis's program makes of a mask.
+    """Centre, box and message of a mask, as the thesis's program computes them.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""What the thesis makes of a pair after block matching: a map, a margin cut off, a point cloud.
+"""The thesis's steps after block matching: a map, its margin cut off, a point cloud.
 
-The map is `tokt.training.bench.thesis_stereo`'s. The cloud's projection is that of the author's
+The map is `tokt.studies.baselines.thesis_stereo`'s. The cloud's projection is that of the author's
 own earlier program (points3Dmaker): the map's 0..255 are taken for disparities, a focal length
 of 57 (the camera's 2222 px times 35 over 1360, in whole numbers as its Python divided), the mean
 of the printed principal points, and no baseline, so that its lengths have no unit. Whether figure
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench.thesis_stereo import (
+from .thesis_stereo import (
     BLOCK_PX,
     CROP_PX,
     LEFT_CAMERA,
@@ -32,7 +32,7 @@ FOCAL, CENTRE = 2222 * 35 // 1360, ((681.42537 + 637.64260) / 2, (22.08306 + 33.
 
 @dataclass(frozen=True)
 class Margin:
-    """What the 200 columns at either side hold.
+    """The effect of cutting 200 columns off either side of a map.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def cropped(stretched: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def margin_of(stretched: NDArray[np.uint8]) -> Margin:
-    """What cutting the margin off does to a map."""
+    """Measure the effect of cutting the margin off a map."""
     inside = cropped(stretched)
     margin = np.hstack([stretched[:, :CROP_PX], stretched[:, -CROP_PX:]])
     return Margin(

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import LinearSVC
 
-from ..baselines.thesis_classifier import thesis_classifier
-from ..bench.thesis_way import (
+from .thesis_texture import (
     GRID,
     DescribePatch,
-    Judged,
+    ThesisTextureResult,
     describe_haralick,
     describe_lbp_10_5,
     describe_lbp_24_8,
@@ -68,7 +69,7 @@ class ThesisModel:
     classifier: LinearSVC
     converged: bool
 
-    def judge(self, frame: NDArray[np.uint8]) -> Judged:
+    def judge(self, frame: NDArray[np.uint8]) -> ThesisTextureResult:
         """Judge a decoded frame as the thesis does, patch by patch."""
         return judge(frame, self.describe, self.classifier)
 
@@ -91,3 +92,26 @@ def thesis_model(name: str, ocean: TrainingImage, other: TrainingImage) -> Thesi
     classifier = thesis_classifier(np.vstack(rows), targets)
     converged = bool(np.max(classifier.n_iter_) < classifier.max_iter)
     return ThesisModel(name, TITLES[name], describe, classifier, converged)
+
+
+PENALTY, SEED = 100.0, 42
+"""C and random_state, the two that the thesis's program sets."""
+
+
+def thesis_classifier(rows: NDArray[np.float64], obstacle: NDArray[np.int64]) -> LinearSVC:
+    """A LinearSVC as the thesis fits it: C = 100, seed 42, unscaled features.
+
+    What it leaves to scikit-learn is written out as its release of 2016 had it: the dual problem,
+    at most 1000 iterations. Unscaled Haralick features do not converge in these.
+
+    Parameters
+    ----------
+    rows : array of float64, shape (n, dim)
+    obstacle : array of int, shape (n,)
+        1 for an obstacle, 0 for ocean.
+    """
+    classifier = LinearSVC(C=PENALTY, random_state=SEED, dual=True, max_iter=1000)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        classifier.fit(rows, obstacle)
+    return classifier

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.verdict import STATUS_MEAN_THRESHOLD, Verdict, verdict_from_mask
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, Verdict, verdict_from_mask
 
 THESIS_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the frames that the settings are for."""
@@ -39,8 +39,8 @@ _DILATED_BY = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True)
-class JudgedPair:
-    """What the pipeline says of one pair.
+class ThesisStereoResult:
+    """The pipeline's result for one pair.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def disparity_map(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[
     return np.asarray(stretched, np.uint8)
 
 
-def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> JudgedPair:
+def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> ThesisStereoResult:
     """Judge one decoded pair.
 
     Parameters
@@ -110,4 +110,4 @@ def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> JudgedPair:
     """
     cropped = disparity_map(left, right)[:, CROP_PX:-CROP_PX]
     mask = np.asarray(cv2.dilate(cropped, _DILATED_BY, iterations=_DILATIONS), np.uint8)
-    return JudgedPair(float(cv2.mean(cropped)[0]), verdict_from_mask(mask, "thesis"))
+    return ThesisStereoResult(float(cv2.mean(cropped)[0]), verdict_from_mask(mask, "thesis"))

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
-from ...features.grid import Grid
-from ...inference.verdict import Verdict, verdict_from_mask
+from tokt.features.frames.grid import Grid
+from tokt.inference.verdict import Verdict, verdict_from_mask
 
 GRID = Grid()
 
@@ -77,8 +77,8 @@ def resized_gray(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """What the pipeline says of one frame.
+class ThesisTextureResult:
+    """The pipeline's result for one frame.
 
     Parameters
     ----------
@@ -90,7 +90,9 @@ class Judged:
     verdict: Verdict
 
 
-def judge(frame: NDArray[np.uint8], describe: DescribePatch, classifier: Any) -> Judged:
+def judge(
+    frame: NDArray[np.uint8], describe: DescribePatch, classifier: Any
+) -> ThesisTextureResult:
     """Judge a frame patch by patch.
 
     Parameters
@@ -110,4 +112,4 @@ def judge(frame: NDArray[np.uint8], describe: DescribePatch, classifier: Any) ->
         if classifier.predict(row.reshape(1, -1))[0] == 1:
             obstacle[index] = True
             mask[y0:y1, x0:x1] = 255
-    return Judged(obstacle, verdict_from_mask(mask, "thesis"))
+    return ThesisTextureResult(obstacle, verdict_from_mask(mask, "thesis"))

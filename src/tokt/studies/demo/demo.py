@@ -4,101 +4,53 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ..features import atomic
-from ..features.errors import ToktError
-from ..features.grid import DEFAULT_GRID
-from ..features.mission import LEFT, Mission, format_frames, open_mission
-from ..labels.label_csv import read_label_csv
-from ..labels.record import LabelRecord
-from ..labels.store import LabelStore
-from ..labels.synthetic.mission import simulate_mission
-from ..labels.taxonomy import UNSURE, Taxonomy
-from ..models.bundle import Bundle
-from ..models.registry import Registry
-from ..models.store import Store
-from .classifier import decision_values
-from .compare.bootstrap import Difference, compare_f1
-from .cross_validation import Split
-from .dataset import DatasetVersion, build_dataset
-from .evaluate import Scored, evaluate_scored, score_mission
-from .mission_source import labels_of_mission, plan_from_missions
-from .presets import extractor_for, settings_named
-from .replay import Replay, replay
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import LEFT, format_frames, open_mission
+from tokt.labels.formats.label_csv import read_label_csv
+from tokt.labels.record import LabelRecord
+from tokt.labels.store.store import LabelStore
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.models.registry.registry import Registry
+from tokt.models.store.store import Store
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.training.compare.bootstrap import compare_f1
+from tokt.training.datasets.dataset import build_dataset
+from tokt.training.datasets.mission_source import labels_of_mission, plan_from_missions
+from tokt.training.datasets.splits import (
+    BLOCK_FRAMES,
+    EMBARGO_FRAMES,
+    FOLDS,
+    block_of,
+    every_nth_block,
+)
+from tokt.training.evaluation.evaluate import evaluate_scored, score_mission
+from tokt.training.fitting.classifier import decision_values
+from tokt.training.fitting.cross_validation import Split
+from tokt.training.fitting.presets import extractor_for, settings_named
+from tokt.training.fitting.tracking import log_and_register
+from tokt.training.fitting.train import TrainRequest, train
+
+from .demo_run import DemoRun, Say
+from .replay import replay
 from .report import write_report
-from .splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, block_of, every_nth_block
-from .tracking import log_and_register
-from .train import Trained, TrainRequest, train
 
 _MARK = "made-by-tokt-demo"
 _HOLD_BACK_EVERY = 3
-_LEAST_BLOCKS = 12
+_MIN_BLOCKS = 12
 _CANDIDATES = (("tower-lbp", "lbp", "best"), ("tower-haralick", "haralick", "best"))
 _BASELINES = (("thesis-lbp", "lbp", "thesis"), ("thesis-haralick", "haralick", "thesis"))
 
 Progress = Callable[..., Any]
-Say = Callable[[str], None]
-
-
-@dataclass
-class DemoRun:
-    """Everything a demo found, for its report.
-
-    Parameters
-    ----------
-    mission : Mission
-    records : list of LabelRecord
-        All labels of it.
-    rendered : bool
-        Whether the mission is a rendered one.
-    block_frames, embargo_frames : int
-        How the mission is cut into blocks, and the gap between parts.
-    train_frames, held_frames : list of int
-        Labelled frames learnt from, and held back (with a gap between them).
-    seconds : dict
-        Wall time of each stage.
-    """
-
-    mission: Mission
-    records: list[LabelRecord]
-    taxonomy: Taxonomy
-    rendered: bool
-    block_frames: int
-    embargo_frames: int
-    train_frames: list[int]
-    held_frames: list[int]
-    dataset: DatasetVersion | None = None
-    trained: dict[str, Trained] = field(default_factory=dict)
-    bundles: dict[str, Bundle] = field(default_factory=dict)
-    scored: dict[str, Scored] = field(default_factory=dict)
-    evaluations: dict[str, dict[str, Any]] = field(default_factory=dict)
-    difference: Difference | None = None
-    champion: str = ""
-    replay: Replay | None = None
-    skew: float = float("nan")
-    disagreements: int = -1
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def unknown(self) -> int:
-        """Replayed frames that the runtime could not judge."""
-        return sum(entry["status"] == -1 for entry in self.replay.log) if self.replay else 0
-
-    @contextmanager
-    def stage(self, name: str, say: Say) -> Iterator[None]:
-        """Time one stage and say when it begins."""
-        say(f"-- {name}")
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - start
 
 
 def _empty_folder(out: Path, *kept: Path | None) -> None:
@@ -116,7 +68,7 @@ def _empty_folder(out: Path, *kept: Path | None) -> None:
 def block_rule(records: list[LabelRecord]) -> tuple[int, int]:
     """Frames a block and frames of embargo: the usual ones, or less for a short mission."""
     labelled = len({record.frame for record in records})
-    block = min(BLOCK_FRAMES, max(2, labelled // _LEAST_BLOCKS))
+    block = min(BLOCK_FRAMES, max(2, labelled // _MIN_BLOCKS))
     return block, EMBARGO_FRAMES * block // BLOCK_FRAMES
 
 

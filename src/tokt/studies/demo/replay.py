@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..features.errors import ToktError
-from ..features.mission import format_frames
-from ..inference.udp import decode
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import format_frames
+from tokt.inference.outputs.udp import decode
 
-_LARGEST_DATAGRAM = 65535
+_MAX_DATAGRAM = 65535
 _LAST_DATAGRAM_WAIT_S = 0.5
 
 
 @dataclass(frozen=True)
-class Replay:
-    """What a replay gave.
+class DemoReplay:
+    """The log and the datagrams of a replay.
 
     Parameters
     ----------
@@ -49,13 +49,13 @@ def _receive(receiver: socket.socket, done: threading.Event, datagrams: list[byt
     receiver.settimeout(_LAST_DATAGRAM_WAIT_S)
     while True:
         try:
-            datagrams.append(receiver.recv(_LARGEST_DATAGRAM))
+            datagrams.append(receiver.recv(_MAX_DATAGRAM))
         except TimeoutError:
             if done.is_set():
                 return
 
 
-def replay(store: Path, mission: Path, frames: list[int], log: Path) -> Replay:
+def replay(store: Path, mission: Path, frames: list[int], log: Path) -> DemoReplay:
     """Run ``tokt run`` on some frames of a mission and listen to what it sends.
 
     Parameters
@@ -86,7 +86,7 @@ def replay(store: Path, mission: Path, frames: list[int], log: Path) -> Replay:
             done.set()
             listener.join()
     lines = log.read_text("utf-8").splitlines()
-    return Replay([json.loads(line) for line in lines], datagrams)
+    return DemoReplay([json.loads(line) for line in lines], datagrams)
 
 
 def _run(store: Path, mission: Path, frames: list[int], log: Path, port: int) -> None:

@@ -5,24 +5,24 @@ from __future__ import annotations
 import platform
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 import numpy as np
 
-from .. import __version__
-from ..features import atomic
-from ..features.kernels import KERNELS
-from ..features.mission import LEFT, format_frames
-from ..inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD
-from ..labels.merge import merge_annotators
-from ..labels.record import LabelRecord
-from ..labels.taxonomy import UNSURE
-from . import plots
-from .pictures import beside_labels, draw, jpeg_uri
+from tokt import __version__
+from tokt.features.common import atomic
+from tokt.features.frames.mission import LEFT, format_frames
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD
+from tokt.labels.merge import merge_annotators
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import UNSURE
+from tokt.training.evaluation import plots
+from tokt.training.evaluation.pictures import beside_labels, draw, jpeg_uri
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-if TYPE_CHECKING:
-    from .demo import DemoRun
+from .demo_run import DemoRun
 
 _PICTURES = 8
 
@@ -55,8 +55,8 @@ def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
     chosen = [(frame, "status 1 without a labelled obstacle") for frame in false[:2]]
     chosen += [(frame, "an obstacle is labelled, but no status 1") for frame in missed[:2]]
     rest = [frame for frame in scored.frames if frame not in {frame for frame, _ in chosen}]
-    places = np.linspace(0, len(rest) - 1, max(0, _PICTURES - len(chosen))).round().astype(int)
-    chosen += [(rest[place], "evenly sampled") for place in dict.fromkeys(places.tolist())]
+    sampled = evenly_spaced(rest, max(0, _PICTURES - len(chosen)))
+    chosen += [(frame, "evenly sampled") for frame in sampled]
     return sorted(chosen)
 
 

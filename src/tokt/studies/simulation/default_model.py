@@ -2,32 +2,43 @@
 
 Their seeds are none of the closed loop's: every frame that the vehicle sees is one that the model
 has not learnt from. Obstacles it knows from `tokt simulate`'s renderer alone, open water from the
-loop's own as well (`drifts`); both draw water, lamp, snow, noise and towers from the same
+loop's own as well (`write_drift`); both draw water, lamp, snow, noise and towers from the same
 distributions.
 """
 
 from __future__ import annotations
 
+import csv
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ...features import atomic
-from ...labels.label_csv import read_label_csv
-from ...labels.synthetic.mission import simulate_mission
-from ...labels.taxonomy import Taxonomy
-from ...models.bundle import Bundle
-from ...models.registry import Registry
-from ..cross_validation import Split
-from ..dataset import build_dataset
-from ..mission_source import plan_from_missions
-from ..operating_point import Target
-from ..presets import extractor_for, settings_named
-from ..splits import EMBARGO_FRAMES, FOLDS
-from ..tracking import log_and_register
-from ..train import TrainRequest, train
-from .drifts import write_drift
+import cv2
+import numpy as np
+
+from tokt.features.common import atomic
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.labels.formats.label_csv import read_label_csv
+from tokt.labels.taxonomy import Taxonomy
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.registry.registry import Registry
+from tokt.studies.simulation.loop.autopilot import STEP_S
+from tokt.studies.simulation.loop.flight import STEPS_A_FRAME
+from tokt.studies.simulation.rendering.patch_labels import OCEAN
+from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.studies.simulation.scene.closed_loop_world import World
+from tokt.studies.simulation.scene.rig import SyntheticRig
+from tokt.studies.simulation.scene.water import Water
+from tokt.training.datasets.dataset import build_dataset
+from tokt.training.datasets.mission_source import plan_from_missions
+from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
+from tokt.training.fitting.choose_operating_point import FalseStatusTarget
+from tokt.training.fitting.cross_validation import Split
+from tokt.training.fitting.presets import extractor_for, settings_named
+from tokt.training.fitting.tracking import log_and_register
+from tokt.training.fitting.train import TrainRequest, train
 
 NAME = "closed-loop"
 EXTRACTOR, PRESET = "haralick", "best"
@@ -89,10 +100,50 @@ def train_default_model(
             EXTRACTOR,
             settings_named(PRESET),
             Split(FOLDS, EMBARGO_FRAMES),
-            target=Target(FALSE_STATUS_RATE),
+            target=FalseStatusTarget(FALSE_STATUS_RATE),
         )
         registry = Registry(folder / "workspace", create=True, own=True)
         log_and_register(train(request, folder / "cache", progress, jobs), registry)
         bundle = registry.bundle(NAME)
     atomic.write_bytes(out, bundle.data)
     return bundle
+
+
+WAYS_M_S = ((0.0, 0.0, 0.6), (0.35, 0.0, 0.0), (0.02, 0.01, 0.02), (-0.1, 0.0, 0.2))
+"""Velocities east, down and north, one after the other: transit, sideways, hovering, in between."""
+_TURN_RAD_S = 0.02
+
+
+def write_drift(folder: Path, seed: int, frames: int, width: int) -> None:
+    """Render one sequence as a mission of left frames, all of its patches labelled ocean.
+
+    Parameters
+    ----------
+    folder : Path
+        To make; its name is the mission's.
+    seed : int
+        Of water, rig, snow and noise.
+    frames : int
+    width : int
+        In pixels.
+    """
+    water, rig = (np.random.default_rng([seed, part]) for part in range(2))
+    renderer = StereoRenderer(
+        World(Water.draw(water), seed=seed), SyntheticRig.draw(rig, width), seed
+    )
+    (folder / "Left").mkdir(parents=True)
+    place, step_s = np.zeros(3), STEP_S * STEPS_A_FRAME
+    for index in range(frames):
+        velocity = np.array(WAYS_M_S[index * len(WAYS_M_S) // frames])
+        t_s = index * step_s
+        frame = renderer.left(t_s, place, _TURN_RAD_S * t_s, velocity)
+        cv2.imwrite(str(folder / "Left" / f"drift_L_{index + 1}.png"), frame)
+        place = place + step_s * velocity
+    with (folder / "labels.csv").open("w", newline="", encoding="utf-8") as handle:
+        writer = csv.writer(handle, lineterminator="\n")
+        writer.writerow(["mission", "camera", "frame", "row", "col", "label"])
+        for number in range(1, frames + 1):
+            for cell in range(DEFAULT_GRID.n_patches):
+                writer.writerow(
+                    [folder.name, "left", number, *divmod(cell, DEFAULT_GRID.cols), OCEAN]
+                )

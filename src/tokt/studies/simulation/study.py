@@ -10,18 +10,19 @@ from typing import Any
 
 import pandas as pd
 
-from ...features import atomic
-from ...features.errors import ToktError
-from ...labels.synthetic.mission import check_width
-from ...models.bundle import Bundle, read_bundle
-from .chart import Chart
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.studies.simulation.loop.flight import METHODS, NONE, WIDTH
+from tokt.studies.simulation.loop.flights import FIRST_TUNING_SEED, RunsRequest, fly_all, uses_model
+from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
+from tokt.studies.simulation.rendering.synthetic_mission import check_width
+from tokt.studies.simulation.report.chart import Chart
+from tokt.studies.simulation.report.outcome import FlightOutcome, outcome_of, table
+from tokt.studies.simulation.report.outlines import outlines
+from tokt.studies.simulation.report.report import Flown, write_report
+
 from .default_model import train_default_model
-from .loop import METHODS, NONE, WIDTH
-from .outcome import Outcome, judge, table
-from .outlines import outlines
-from .report import Flown, write_report
-from .runs import FIRST_TUNING_SEED, RunsRequest, fly_all, uses_model
-from .scenes import KINDS, draw_scene
 
 RESULTS_FORMAT = 1
 """Version of results.json; a change of meaning or a key taken away raises it."""
@@ -33,7 +34,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Study:
-    """What is asked for.
+    """The study that is asked for.
 
     Parameters
     ----------
@@ -61,18 +62,18 @@ class Study:
 
 @dataclass(frozen=True)
 class Studied:
-    """What came of a study.
+    """The outcomes of a study.
 
     Parameters
     ----------
-    outcomes : list of Outcome
+    outcomes : list of FlightOutcome
         By scene, method and seed, as asked.
     model : str or None
         ``name/version`` of the bundle that was flown, with its hash; None where no method uses one.
     """
 
     study: Study
-    outcomes: list[Outcome]
+    outcomes: list[FlightOutcome]
     model: str | None
 
     @property
@@ -126,7 +127,7 @@ def fly_study(study: Study, progress: Progress, say: Say) -> Studied:
     with atomic.new_folder(study.out) as folder:
         bundle = _bundle(study, folder, progress, say)
         tracks = fly_all(request(folder / MODEL_FILE), progress)
-        outcomes = [judge(track) for track in tracks]
+        outcomes = [outcome_of(track) for track in tracks]
         model = None if bundle is None else f"{bundle.label}, sha256 {bundle.sha256}"
         studied = Studied(study, outcomes, model)
         results = json.dumps(studied.to_json(), indent=1, allow_nan=False)

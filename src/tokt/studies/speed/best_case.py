@@ -1,4 +1,4 @@
-"""What the preset best costs a frame: ours against ours, a plain extractor being the baseline."""
+"""The bench case of the preset best: its time for a frame against a plain extractor."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.extractor_spec import build_extractor
-from ...features.frame_pictures import FramePictures
-from ...features.kernels import LIBRARY, load_kernels
-from ...features.levels import Levels
-from ...inference.policy import judge_image
-from ...models.bundle import Bundle
-from .cases import FRAME_WORK, Case
-from .measure import FLOOR
-from .pictures import Picture
-from .thesis_way import GRID
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.spec import build_extractor
+from tokt.features.kernels.dispatch import LIBRARY, load_kernels
+from tokt.features.kernels.quantization import Quantization
+from tokt.inference.policy.policy import judge_image
+from tokt.models.bundle.bundle import Bundle
+from tokt.studies.baselines.thesis_texture import GRID
 
-MOST_TIMES = 2.5
+from .cases import FRAME_WORK, Case
+from .frames import Picture
+from .paired_timing import FLOOR
+
+MAX_TIMES = 2.5
 """How many times the plain extractor's time the preset may take."""
 
 
@@ -58,11 +59,11 @@ class BestFrame(Case[Picture]):
         prepared = FramePictures(picture.frame, GRID)
         return [prepared.picture(image) for image in self._images]
 
-    def _expected(self, picture: Picture, image: Levels | None) -> NDArray[np.uint8]:
+    def _expected(self, picture: Picture, image: Quantization | None) -> NDArray[np.uint8]:
         if image is None:
             return picture.gray
         size = GRID.resized(*picture.frame.shape[:2])
-        return self._reference.to_levels(self._reference.deep_gray(picture.frame, *size), image)
+        return self._reference.quantize(self._reference.resized_gray16(picture.frame, *size), image)
 
     def check(self, picture: Picture) -> bool:
         """Every pixel of these pictures, against matrix products; their textures have own cases."""
@@ -82,7 +83,7 @@ class BestFrame(Case[Picture]):
             "of": FRAME_WORK,
             "baseline_is": f"tokt itself with the plain model {self._plain.label}",
             "floor_is": "the pictures that the preset's extractor looks at, prepared and no more",
-            "asked": f"the preset's time is at most {MOST_TIMES:g} times the plain one's",
+            "asked": f"the preset's time is at most {MAX_TIMES:g} times the plain one's",
             "features": self._best.extractor.dim,
             "pictures_checked": self._checked,
             "pictures_different": self._wrong,

@@ -10,14 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
-from ...features.kernels import KERNELS, Kernels
-from ...inference.policy import judge_image
+from tokt.features.kernels.dispatch import KERNELS, Kernels
+from tokt.inference.policy.policy import judge_image
+from tokt.studies.baselines.library_texture import judge_at_once
+from tokt.studies.baselines.thesis_texture import (
+    GRID,
+    describe_haralick,
+    haralick_directions,
+    judge,
+    lbp_counts,
+)
+
+from .frames import Picture
 from .haralick_agreement import HaralickAgreement
-from .library_way import judge_at_once
-from .measure import BASELINE, FLOOR, LIBRARIES, MEMORY, OURS, Result, in_turns, result
-from .models import Texture, TwoModels
-from .pictures import Picture
-from .thesis_way import GRID, describe_haralick, haralick_directions, judge, lbp_counts
+from .models import ModelPair, ThesisFeatureSet
+from .paired_timing import BASELINE, FLOOR, LIBRARIES, MEMORY, OURS, Result, in_turns, result
 
 KERNEL_WORK = f"the {GRID.n_patches} patches of one gray picture"
 FRAME_WORK = "one decoded frame to its verdict"
@@ -57,10 +64,10 @@ class Case(ABC, Generic[Item]):
 
     @abstractmethod
     def findings(self) -> dict[str, Any]:
-        """What the checks found, as JSON values."""
+        """Findings of the checks, as JSON values."""
 
     def timed(self) -> dict[str, Callable[[Item], object]]:
-        """What is timed in turns."""
+        """The calls that are timed in turns."""
         return {BASELINE: self.baseline, OURS: self.ours}
 
     def measure(self, items: Sequence[Item], rounds: int) -> Result:
@@ -174,11 +181,11 @@ class WholeFrame(Case[Picture]):
 
     Parameters
     ----------
-    texture : Texture
-    models : TwoModels
+    texture : ThesisFeatureSet
+    models : ModelPair
     """
 
-    def __init__(self, texture: Texture, models: TwoModels) -> None:
+    def __init__(self, texture: ThesisFeatureSet, models: ModelPair) -> None:
         super().__init__(f"{texture.name}.frame")
         self._texture, self._models = texture, models
         self._found = dict.fromkeys(
@@ -199,7 +206,7 @@ class WholeFrame(Case[Picture]):
         return judge(picture.frame, self._texture.describe_patch, self._models.classifier)
 
     def ours(self, picture: Picture) -> object:
-        """What ``tokt run`` does between a frame's delivery and its datagram."""
+        """All that ``tokt run`` does between a frame's delivery and its datagram."""
         return judge_image(self._models.bundle, picture.frame)
 
     def libraries(self, picture: Picture) -> object:
@@ -208,12 +215,12 @@ class WholeFrame(Case[Picture]):
         return judge_at_once(picture.frame, texture.describe_all, models.classifier)
 
     def floor(self, picture: Picture) -> object:
-        """What no way of judging patches can do without: the small gray picture."""
+        """The least that judging patches takes: making the small gray picture."""
         height, width = GRID.resized(*picture.frame.shape[:2])
         return KERNELS.resized_gray(picture.frame, height, width)
 
     def memory(self, picture: Picture) -> object:
-        """What no way of reading the frame can do without: each byte once."""
+        """The least that reading the frame takes: each byte once."""
         return picture.frame.max()
 
     def check(self, picture: Picture) -> bool:

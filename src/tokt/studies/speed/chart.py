@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from .measure import Result
+from tokt.training.evaluation.pictures import figure_png
+
+from .paired_timing import Result
 
 _SAME, _DIFFERENT, _FLOOR = "#3b75af", "#c44e52", "#dd8452"
 _DPI = 130
@@ -18,7 +19,7 @@ _ROOM = 1.12
 """Axis length over that of the longest bar, both in decades: room for the figure at its end."""
 _FIGURE_WIDTH = 0.08
 """Of the axis, taken by the figure at a bar's end and a marker beside it."""
-_LEAST_FLOOR = 0.05
+_MIN_FLOOR = 0.05
 """Of our time; a floor below limits nothing, and its marker would only press the bars together."""
 _FLOOR_LABEL = "where the bar would end if tokt took no more time than the floor"
 
@@ -46,7 +47,7 @@ def _name(case: Result) -> str:
 def _floor_ratio(case: Result) -> float | None:
     """The ratio if ours took no more than the floor; None where that says nothing."""
     floor = case.extras.get("floor_ms")
-    if floor is None or not _LEAST_FLOOR * case.ours_ms <= floor < case.ours_ms:
+    if floor is None or not _MIN_FLOOR * case.ours_ms <= floor < case.ours_ms:
         return None
     return case.baseline_ms / float(floor)
 
@@ -82,9 +83,7 @@ def chart_png(results: Sequence[Result], about: Mapping[str, Any]) -> bytes:
     axes.set_title(f"{words}; {threads}", fontsize=8, color="0.35")
     if any(_floor_ratio(case) for case in results):
         figure.legend(loc="outside lower right", fontsize=8, frameon=False)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+    return figure_png(figure, _DPI)
 
 
 def _draw(axes: Any, results: Sequence[Result], left: float, right: float) -> None:

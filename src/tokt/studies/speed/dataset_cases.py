@@ -11,13 +11,14 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.extractor import Haralick, Join, Lbp, build_extractor
-from ...features.image_file import read_image
+from tokt.features.extractors.extractor import Haralick, Join, Lbp, build_extractor
+from tokt.features.frames.image_file import read_image
+from tokt.studies.baselines.library_texture import all_haralick, all_lbp_10_5
+from tokt.studies.baselines.thesis_texture import GRID, haralick_directions, resized_gray
+
+from .frames import Picture
 from .haralick_agreement import HaralickAgreement
-from .library_way import all_haralick, all_lbp_10_5
-from .measure import BASELINE, FLOOR, OURS, Result, in_turns, result
-from .pictures import Picture
-from .thesis_way import GRID, haralick_directions, resized_gray
+from .paired_timing import BASELINE, FLOOR, OURS, Result, in_turns, result
 
 _LBP = Lbp(10, 5, "patch")
 _EXTRACTOR = Join([_LBP, Haralick(ignore_zeros=True)])
@@ -32,7 +33,7 @@ def library_features(file: Path) -> NDArray[np.float64]:
 
 
 def tokt_features(file: Path) -> NDArray[np.float64]:
-    """The same as `tokt.training.feature_table` has it computed."""
+    """The same as `tokt.training.datasets.feature_cache` has it computed."""
     cv2.setNumThreads(1)
     return build_extractor(_EXTRACTOR.spec).describe(read_image(file), GRID)
 

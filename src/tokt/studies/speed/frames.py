@@ -1,8 +1,7 @@
-"""What is measured on: frames of a mission, decoded once, and a textured frame."""
+"""Frames that the bench measures on: of a mission, decoded once, and a textured one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .thesis_way import GRID, resized_gray
+from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 
 _HEIGHT, _WIDTH, _CELL = 1024, 1360, 4  # pixels
 
@@ -36,14 +35,6 @@ class Picture:
     def patches(self) -> list[NDArray[np.uint8]]:
         """The gray patches, each contiguous in memory."""
         return [np.ascontiguousarray(patch) for patch in GRID.cells(self.gray)]
-
-
-def spread_over(numbers: Sequence[int], count: int) -> list[int]:
-    """At most `count` of `numbers`, from the first to the last, evenly spaced."""
-    if len(numbers) <= count:
-        return list(numbers)
-    places = np.linspace(0, len(numbers) - 1, count).round().astype(int)
-    return [numbers[place] for place in places]
 
 
 def textured_frame() -> NDArray[np.uint8]:

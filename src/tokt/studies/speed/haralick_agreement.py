@@ -1,4 +1,4 @@
-"""How near two computations of Haralick's features have to be, and whether they are.
+"""Agreement of Haralick's features with mahotas's, within the accuracy of their formulas.
 
 A value must agree to `RELATIVE`. Some of mahotas's own values are not that accurate: a variance
 computed as the mean square minus the squared mean loses digits where the picture is bright and

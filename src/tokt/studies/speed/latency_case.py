@@ -12,19 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...inference.clock import SYSTEM_CLOCK
-from ...inference.detector import GridDetector
-from ...inference.limits import Limits
-from ...inference.policy import Judgement, Policy, SinglePolicy
-from ...inference.runtime import Runtime
-from ...inference.sources import Frame
-from ...inference.udp import UdpSender, encode_v1
-from .measure import BASELINE, OURS, Result, result
-from .models import Texture, TwoModels
-from .pictures import Picture
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import Limits
+from tokt.inference.frame import Frame
+from tokt.inference.outputs.udp import UdpSender, encode_v1
+from tokt.inference.policy.policy import Judgement, Policy, SinglePolicy
+from tokt.inference.runtime import Runtime
+from tokt.inference.texture.detector import TextureDetector
+from tokt.studies.baselines.thesis_texture import judge
+
+from .frames import Picture
+from .models import ModelPair, ThesisFeatureSet
+from .paired_timing import BASELINE, OURS, Result, result
 from .stamped_receiver import StampedReceiver
-from .thesis_way import judge
 
 NAME = "latency.frame_to_udp"
 FPS = 15.0
@@ -102,14 +103,14 @@ def paced(pictures: Sequence[Picture]) -> Iterator[tuple[int, Picture]]:
 
 
 def measure_latency(
-    texture: Texture, models: TwoModels, pictures: Sequence[Picture], rounds: int
+    texture: ThesisFeatureSet, models: ModelPair, pictures: Sequence[Picture], rounds: int
 ) -> Result:
     """Both ways on the same frames, in turns: a round of all frames each.
 
     Parameters
     ----------
-    texture : Texture
-    models : TwoModels
+    texture : ThesisFeatureSet
+    models : ModelPair
         Of that texture.
     pictures : sequence of Picture
         Those that the runtime judges.
@@ -126,7 +127,7 @@ def measure_latency(
     with _as_at_sea(), closing(StampedReceiver()) as receiver:
         for first in range(0, size, len(pictures)):
             source = CameraPaced(pictures, first, arrived[OURS])
-            policy = TimedPolicy(SinglePolicy(GridDetector(models.bundle)), judging_s)
+            policy = TimedPolicy(SinglePolicy(TextureDetector(models.bundle)), judging_s)
             with closing(UdpSender("127.0.0.1", receiver.port, 2)) as sender:
                 Runtime(source, policy, [sender], SYSTEM_CLOCK, limits=_PATIENT).run()
             _baseline(texture, models, pictures, receiver.port, arrived[BASELINE][first:])
@@ -151,8 +152,8 @@ def measure_latency(
 
 
 def _baseline(
-    texture: Texture,
-    models: TwoModels,
+    texture: ThesisFeatureSet,
+    models: ModelPair,
     pictures: Sequence[Picture],
     port: int,
     arrived: NDArray[np.float64],

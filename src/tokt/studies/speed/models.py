@@ -11,19 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
-from ...features.errors import ToktError
-from ...features.extractor import Extractor, Haralick, Lbp
-from ...features.mission import LEFT, Mission
-from ...labels.merge import merge_annotators
-from ...labels.record import LabelRecord
-from ...labels.taxonomy import UNSURE, Taxonomy
-from ...models.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
-from ...models.linear import LinearModel
-from ..classifier import fit_classifier, linear_model
-from ..presets import Choice, settings_named
-from ..thesis_images import rendered_other_image
-from .library_way import DescribeAll, all_haralick, all_lbp_10_5, all_lbp_24_8
-from .thesis_way import GRID, DescribePatch, describe_haralick, describe_lbp_10_5, describe_lbp_24_8
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor, Haralick, Lbp
+from tokt.features.frames.mission import LEFT, Mission
+from tokt.labels.merge import merge_annotators
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.linear import LinearModel
+from tokt.studies.baselines.library_texture import (
+    DescribeAll,
+    all_haralick,
+    all_lbp_10_5,
+    all_lbp_24_8,
+)
+from tokt.studies.baselines.thesis_texture import (
+    GRID,
+    DescribePatch,
+    describe_haralick,
+    describe_lbp_10_5,
+    describe_lbp_24_8,
+)
+from tokt.training.fitting.classifier import fit_classifier, linear_model
+from tokt.training.fitting.presets import Hyperparameters, settings_named
+from tokt.training.fitting.train import rendered_other_image
 
 LABEL_EVERY = 5
 """Every fifth labelled frame is learnt from: the model only has to find obstacle patches."""
@@ -33,7 +44,7 @@ Read = Callable[[int], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
-class Texture:
+class ThesisFeatureSet:
     """One of the thesis's feature sets, both ways.
 
     Parameters
@@ -53,16 +64,16 @@ class Texture:
     describe_all: DescribeAll
 
 
-TEXTURES = (
-    Texture("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5, all_lbp_10_5),
-    Texture("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8, all_lbp_24_8),
-    Texture("haralick", Haralick(ignore_zeros=True), describe_haralick, all_haralick),
+FEATURE_SETS = (
+    ThesisFeatureSet("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5, all_lbp_10_5),
+    ThesisFeatureSet("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8, all_lbp_24_8),
+    ThesisFeatureSet("haralick", Haralick(ignore_zeros=True), describe_haralick, all_haralick),
 )
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """What the models learn from.
+class TrainingExamples:
+    """Frames and labels that the models learn from.
 
     Parameters
     ----------
@@ -79,7 +90,9 @@ class Lesson:
     words: str
 
 
-def lesson_from_labels(mission: Mission, records: list[LabelRecord], taxonomy: Taxonomy) -> Lesson:
+def examples_from_labels(
+    mission: Mission, records: list[LabelRecord], taxonomy: Taxonomy
+) -> TrainingExamples:
     """Every fifth labelled frame.
 
     Raises
@@ -106,10 +119,10 @@ def lesson_from_labels(mission: Mission, records: list[LabelRecord], taxonomy: T
             "do not show both obstacles and clear water"
         )
     words = f"a scaled LinearSVC learnt from {len(chosen)} labelled frames, its scaler folded in"
-    return Lesson(pictures, "plain", words)
+    return TrainingExamples(pictures, "plain", words)
 
 
-def lesson_from_two_images(mission: Mission) -> Lesson:
+def examples_from_two_images(mission: Mission) -> TrainingExamples:
     """The thesis's training: the mission's first frame is ocean, a rendered texture is other."""
     cells = np.arange(GRID.n_patches)
     ocean = mission.read(mission.frames()[0])
@@ -118,11 +131,11 @@ def lesson_from_two_images(mission: Mission) -> Lesson:
         (rendered_other_image(), cells, np.ones(GRID.n_patches, bool)),
     ]
     words = "a LinearSVC learnt from two images as in the thesis: the first frame and a texture"
-    return Lesson(pictures, "thesis", words)
+    return TrainingExamples(pictures, "thesis", words)
 
 
 @dataclass(frozen=True)
-class TwoModels:
+class ModelPair:
     """One set of weights for both sides.
 
     Parameters
@@ -137,7 +150,9 @@ class TwoModels:
     bundle: Bundle
 
 
-def learn(texture: Texture, lesson: Lesson, golden_frame: NDArray[np.uint8]) -> TwoModels:
+def fit_model_pair(
+    texture: ThesisFeatureSet, examples: TrainingExamples, golden_frame: NDArray[np.uint8]
+) -> ModelPair:
     """Fit a classifier and give both sides its weights.
 
     A scaler is folded in for both, so that the baseline, too, is one predict call a patch and
@@ -145,29 +160,29 @@ def learn(texture: Texture, lesson: Lesson, golden_frame: NDArray[np.uint8]) -> 
 
     Parameters
     ----------
-    texture : Texture
-    lesson : Lesson
+    texture : ThesisFeatureSet
+    lesson : TrainingExamples
     golden_frame : array of uint8
         The frame that the bundle proves itself with; its size is the size the bundle accepts.
     """
-    return learn_features(texture.name, texture.extractor, lesson, golden_frame)
+    return fit_extractor_pair(texture.name, texture.extractor, examples, golden_frame)
 
 
-def learn_features(
-    name: str, extractor: Extractor, lesson: Lesson, golden_frame: NDArray[np.uint8]
-) -> TwoModels:
-    """`learn` for any extractor, also one the thesis has no way for."""
-    settings = settings_named(lesson.settings)
+def fit_extractor_pair(
+    name: str, extractor: Extractor, examples: TrainingExamples, golden_frame: NDArray[np.uint8]
+) -> ModelPair:
+    """`fit_model_pair` for any extractor, also one the thesis has no way for."""
+    settings = settings_named(examples.settings)
     penalty = settings.penalties[0] if settings.two_images else _PENALTY
-    rows = [extractor.describe(frame, GRID)[cells] for frame, cells, _ in lesson.pictures]
-    targets = np.concatenate([flags for _, _, flags in lesson.pictures]).astype(np.int64)
-    pipeline = fit_classifier(np.vstack(rows), targets, Choice(penalty), settings)
+    rows = [extractor.describe(frame, GRID)[cells] for frame, cells, _ in examples.pictures]
+    targets = np.concatenate([flags for _, _, flags in examples.pictures]).astype(np.int64)
+    pipeline = fit_classifier(np.vstack(rows), targets, Hyperparameters(penalty), settings)
     model = linear_model(pipeline, ("ocean", "other"), (False, True))
     classifier = LinearSVC(C=penalty, random_state=settings.seed)
     classifier.coef_, classifier.intercept_ = model.weights.copy(), model.bias.copy()
     classifier.classes_, classifier.n_features_in_ = np.array([0, 1]), model.dim
     data = bundle_bytes(_content(name, extractor, model, golden_frame))
-    return TwoModels(classifier, bundle_from_bytes(data, f"the bench's model {name}"))
+    return ModelPair(classifier, bundle_from_bytes(data, f"the bench's model {name}"))
 
 
 def _content(

@@ -1,4 +1,4 @@
-"""Timing two ways of doing the same, in turns on one thread, and what the times come to."""
+"""Timing of two ways of doing the same, in turns on one thread, and medians of the times."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Times = Mapping[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Result:
-    """What one case came to.
+    """Times and findings of one case.
 
     Parameters
     ----------

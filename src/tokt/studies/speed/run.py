@@ -15,35 +15,37 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features import atomic
-from ...features.errors import ToktError
-from ...features.kernels import KERNELS, LIBRARY, VARIABLE
-from ...features.machine import machine
-from ...features.mission import Mission, open_mission
-from ...inference.calibration import StereoCalibration
-from ...labels.synthetic.mission import simulate_mission
-from ...labels.taxonomy import Taxonomy
-from ..mission_source import labels_of_mission, read_labels
-from ..presets import DEFAULT_EXTRACTOR, extractor_for
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.common.machine import machine
+from tokt.features.frames.mission import Mission, open_mission
+from tokt.features.kernels.dispatch import KERNELS, LIBRARY, VARIABLE
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.labels.taxonomy import Taxonomy
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.studies.speed.stereo.stereo_cases import measure_stereo, stereo_input
+from tokt.training.datasets.mission_source import labels_of_mission, read_labels
+from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+
 from .best_case import BestFrame
 from .cases import Case, HaralickKernel, LbpKernel, WholeFrame
 from .chart import chart_png
 from .dataset_cases import measure_extraction
+from .frames import Picture, textured_frame
 from .latency_case import measure_latency
-from .measure import SPREAD_IS, Result, single_thread
 from .models import (
-    TEXTURES,
-    Lesson,
-    TwoModels,
-    learn,
-    learn_features,
-    lesson_from_labels,
-    lesson_from_two_images,
+    FEATURE_SETS,
+    ModelPair,
+    TrainingExamples,
+    examples_from_labels,
+    examples_from_two_images,
+    fit_extractor_pair,
+    fit_model_pair,
 )
-from .pictures import Picture, spread_over, textured_frame
+from .paired_timing import SPREAD_IS, Result, single_thread
 from .start_case import measure_start
-from .stereo_cases import measure_stereo, stereo_input
-from .thesis_way import GRID
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
@@ -53,8 +55,8 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How much is measured.
+class BenchSize:
+    """Numbers of frames and repetitions of a bench.
 
     Parameters
     ----------
@@ -83,13 +85,13 @@ class Effort:
     latency: int = 15
 
 
-FULL = Effort()
-QUICK = Effort(compared=8, timed=3, rounds=2, files=3, tables=2, starts=2, latency=2)
+FULL = BenchSize()
+QUICK = BenchSize(compared=8, timed=3, rounds=2, files=3, tables=2, starts=2, latency=2)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What one run found.
+    """Results of one run of the bench.
 
     Parameters
     ----------
@@ -125,15 +127,15 @@ def _same_kernels_everywhere() -> Iterator[None]:
             os.environ[VARIABLE] = before
 
 
-def _lesson(mission: Mission, labels: Path | None) -> Lesson:
+def _examples(mission: Mission, labels: Path | None) -> TrainingExamples:
     """Learn from the label file given, from the one in the mission's folder, or from none."""
     beside = mission.path / LABEL_FILE
     file = labels or (beside if beside.is_file() else None)
     if file is None:
-        return lesson_from_two_images(mission)
+        return examples_from_two_images(mission)
     taxonomy = Taxonomy.load()
     records, _ = labels_of_mission(mission, read_labels([file], taxonomy, GRID), GRID, only=True)
-    return lesson_from_labels(mission, records, taxonomy)
+    return examples_from_labels(mission, records, taxonomy)
 
 
 def _compare(cases: Sequence[Case[Picture]], pictures: Iterable[Picture]) -> list[bool]:
@@ -143,22 +145,24 @@ def _compare(cases: Sequence[Case[Picture]], pictures: Iterable[Picture]) -> lis
 
 def measure_in_process(
     mission: Mission,
-    models: Sequence[TwoModels],
-    best: TwoModels,
-    effort: Effort,
+    models: Sequence[ModelPair],
+    best: ModelPair,
+    size: BenchSize,
     progress: Progress,
     say: Say,
 ) -> tuple[list[Result], int, int]:
     """Kernels and frames: compared on all frames, then timed on a few of them."""
     numbers = mission.frames()
-    compared = spread_over(numbers, effort.compared or len(numbers))
+    compared = evenly_spaced(numbers, size.compared or len(numbers))
     kernels: list[Case[Picture]] = [
         LbpKernel("lbp_10_5.kernel", 10, 5),
         LbpKernel("lbp_24_8.kernel", 24, 8),
         HaralickKernel("haralick.kernel"),
     ]
     texture_kernel = HaralickKernel("haralick_texture.kernel")
-    frames: list[Case[Picture]] = [WholeFrame(*pair) for pair in zip(TEXTURES, models, strict=True)]
+    frames: list[Case[Picture]] = [
+        WholeFrame(*pair) for pair in zip(FEATURE_SETS, models, strict=True)
+    ]
     frames.append(BestFrame(models[-1].bundle, best.bundle))
     textured = Picture(textured_frame())
     _compare([texture_kernel], [textured])
@@ -168,44 +172,44 @@ def measure_in_process(
     if not judged:
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its frames")
     # A refused frame costs the runtime next to nothing: timing it would flatter.
-    timed = [Picture(mission.read(number)) for number in spread_over(judged, effort.timed)]
+    timed = [Picture(mission.read(number)) for number in evenly_spaced(judged, size.timed)]
     plan = [*((case, timed) for case in kernels), (texture_kernel, [textured] * len(timed))]
     results = []
     for case, shown in [*plan, *((case, timed) for case in frames)]:
         say(f"-- {case.name}")
-        results.append(case.measure(shown, effort.rounds))
+        results.append(case.measure(shown, size.rounds))
     say("-- latency")
-    results.append(measure_latency(TEXTURES[0], models[0], timed, effort.latency))
+    results.append(measure_latency(FEATURE_SETS[0], models[0], timed, size.latency))
     return results, len(compared), len(timed)
 
 
-def _most_obstacles(mission: Mission, models: TwoModels, count: int) -> int:
+def _most_obstacles(mission: Mission, models: ModelPair, count: int) -> int:
     """Of some frames the one with the most obstacle patches: the start's verdict says something."""
 
     def obstacles(number: int) -> int:
         values = models.bundle.decision_values(mission.read(number))
         return int(models.bundle.model.obstacle_patches(values).sum())
 
-    return max(spread_over(mission.frames(), count), key=obstacles)
+    return max(evenly_spaced(mission.frames(), count), key=obstacles)
 
 
 def _outside(
-    mission: Mission, models: Sequence[TwoModels], effort: Effort, folder: Path, say: Say
+    mission: Mission, models: Sequence[ModelPair], size: BenchSize, folder: Path, say: Say
 ) -> list[Result]:
     """Feature tables from files, and whole processes."""
     files = []
-    for number in spread_over(mission.frames(), effort.files):
+    for number in evenly_spaced(mission.frames(), size.files):
         data, suffix = mission.encoded(number)
         files.append(folder / "files" / f"frame_{number}{suffix}")
         atomic.write_bytes(files[-1], data)
     results = []
     for name, jobs in (("extract.dataset", 1), ("extract.dataset_all_cores", joblib.cpu_count())):
         say(f"-- {name}")
-        results.append(measure_extraction(name, files, jobs, effort.tables))
+        results.append(measure_extraction(name, files, jobs, size.tables))
     say("-- start")
-    frame, suffix = mission.encoded(_most_obstacles(mission, models[0], effort.timed))
+    frame, suffix = mission.encoded(_most_obstacles(mission, models[0], size.timed))
     start = folder / "start"
-    results.append(measure_start("start", models[0], frame, suffix, start, effort.starts))
+    results.append(measure_start("start", models[0], frame, suffix, start, size.starts))
     return results
 
 
@@ -219,22 +223,22 @@ def _measure(
     labels: Path | None,
     calibration: StereoCalibration | None,
     shown_as: str,
-    effort: Effort,
+    size: BenchSize,
     folder: Path,
     progress: Progress,
     say: Say,
 ) -> Bench:
     first = mission.read(mission.frames()[0])
-    lesson = _lesson(mission, labels)
+    examples = _examples(mission, labels)
     stereo = stereo_input(mission, calibration)
     with single_thread(), _same_kernels_everywhere():
-        models = [learn(texture, lesson, first) for texture in TEXTURES]
-        best = learn_features("best", extractor_for(DEFAULT_EXTRACTOR, "best"), lesson, first)
-        results, compared, timed = measure_in_process(mission, models, best, effort, progress, say)
+        models = [fit_model_pair(texture, examples, first) for texture in FEATURE_SETS]
+        best = fit_extractor_pair("best", extractor_for(DEFAULT_EXTRACTOR, "best"), examples, first)
+        results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
         if stereo.calibration is not None:
-            extent = (effort.compared, effort.timed, effort.rounds)
+            extent = (size.compared, size.timed, size.rounds)
             results += measure_stereo(mission, stereo.calibration, *extent, progress, say)
-        results += _outside(mission, models, effort, folder, say)
+        results += _outside(mission, models, size, folder, say)
     about = {
         "machine": machine(),
         "kernels": {
@@ -245,7 +249,7 @@ def _measure(
         "mission": shown_as,
         "frame_size": _size_in_words(first),
         "frames": {"compared": compared, "timed": timed},
-        "model": lesson.words,
+        "model": examples.words,
         "stereo": stereo.words,
         "spread_is": SPREAD_IS,
         "exact": all(case.exact for case in results),
@@ -257,7 +261,7 @@ def run_bench(
     out: Path,
     mission: Path | None,
     labels: Path | None,
-    effort: Effort,
+    size: BenchSize,
     progress: Progress,
     say: Say,
     calibration: StereoCalibration | None = None,
@@ -272,7 +276,7 @@ def run_bench(
     labels : Path or None
         Its label file; by default ``labels.csv`` in the mission's folder, and without one the
         models learn from two images as in the thesis.
-    effort : Effort
+    effort : BenchSize
     progress, say : callable
         Where progress and remarks go.
     calibration : StereoCalibration, optional
@@ -298,7 +302,7 @@ def run_bench(
         else:
             shown_as = mission.resolve().name
         opened = open_mission(mission)
-        found = _measure(opened, labels, calibration, shown_as, effort, folder, progress, say)
+        found = _measure(opened, labels, calibration, shown_as, size, folder, progress, say)
     text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "bench.json", text + "\n")
     atomic.write_bytes(out / "bench.png", chart_png(found.results, found.about))

@@ -1,6 +1,6 @@
 """A UDP socket in a process of its own that notes when each datagram was there.
 
-Run as ``python -m tokt.training.bench.stamped_receiver``. The port is the first line on standard
+Run as ``python -m tokt.studies.speed.stamped_receiver``. The port is the first line on standard
 output; when standard input ends, the rest is a JSON list of ``[seconds, datagram]``. The seconds
 are of `time.monotonic`, which all processes of a machine read alike (on Linux, macOS and Windows).
 """
@@ -15,10 +15,10 @@ import threading
 import time
 from typing import Any
 
-from ...features.errors import ToktError
-from ...inference.udp import decode
+from tokt.features.common.errors import ToktError
+from tokt.inference.outputs.udp import decode
 
-_LARGEST_DATAGRAM = 65535
+_MAX_DATAGRAM = 65535
 _BUFFER_BYTES = 1 << 20
 _WAIT_S = 0.2
 
@@ -78,7 +78,7 @@ def main() -> None:
         threading.Thread(target=wait_for_the_end, daemon=True).start()
         while True:
             try:
-                data = opened.recv(_LARGEST_DATAGRAM)
+                data = opened.recv(_MAX_DATAGRAM)
             except TimeoutError:
                 if ended.is_set():
                     break

@@ -15,18 +15,19 @@ from typing import Any
 import joblib
 import numpy as np
 
-from ...features.errors import ToktError
-from ...inference.udp import decode
+from tokt.features.common.errors import ToktError
+from tokt.inference.outputs.udp import decode
+
 from . import launch
-from .measure import BASELINE, OURS, Result, result
-from .models import TwoModels
+from .models import ModelPair
+from .paired_timing import BASELINE, OURS, Result, result
 
 _LOOK_EVERY_S = 0.2  # whether the process still runs; a datagram is taken at once
-_LARGEST_DATAGRAM = 65535
+_MAX_DATAGRAM = 65535
 
 
 @dataclass(frozen=True)
-class Start:
+class ProcessStart:
     """One process's way to its first verdict.
 
     Parameters
@@ -41,7 +42,7 @@ class Start:
     said: tuple[Any, ...]
 
 
-def first_verdict(command: Callable[[int], list[str]], folder: Path) -> Start:
+def first_verdict(command: Callable[[int], list[str]], folder: Path) -> ProcessStart:
     """Start a program and wait for its datagram and its end.
 
     Parameters
@@ -68,7 +69,7 @@ def first_verdict(command: Callable[[int], list[str]], folder: Path) -> Start:
         raise ToktError(f"a process of the bench ended with {told['code']}: {told['error']}")
     heard = decode(datagram)
     said = (heard["status"], heard["x"], heard["y"])
-    return Start(arrived - told["started"], told["peak_mb"], said)
+    return ProcessStart(arrived - told["started"], told["peak_mb"], said)
 
 
 def _wait(receiver: socket.socket, process: subprocess.Popen[str]) -> bytes | None:
@@ -76,7 +77,7 @@ def _wait(receiver: socket.socket, process: subprocess.Popen[str]) -> bytes | No
     ended = False
     while True:
         try:
-            return receiver.recv(_LARGEST_DATAGRAM)
+            return receiver.recv(_MAX_DATAGRAM)
         except TimeoutError:
             if ended:
                 return None
@@ -84,14 +85,14 @@ def _wait(receiver: socket.socket, process: subprocess.Popen[str]) -> bytes | No
 
 
 def measure_start(
-    name: str, models: TwoModels, frame: bytes, suffix: str, folder: Path, rounds: int
+    name: str, models: ModelPair, frame: bytes, suffix: str, folder: Path, rounds: int
 ) -> Result:
     """Time both processes, in turns, on the same frame.
 
     Parameters
     ----------
     name : str
-    models : TwoModels
+    models : ModelPair
         Of LBP (10, 5).
     frame, suffix : bytes, str
         An image file and the ending of its name.
@@ -113,7 +114,7 @@ def measure_start(
         return [sys.executable, "-m", "tokt", *words, *files]
 
     def baseline(port: int) -> list[str]:
-        module = "tokt.training.bench.thesis_process"
+        module = "tokt.studies.speed.thesis_process"
         return [sys.executable, "-m", module, str(pickle), str(picture), str(port)]
 
     pairs = [
@@ -132,6 +133,6 @@ def measure_start(
     return result(name, times, len(said) == 1, extras)
 
 
-def _median_mb(starts: list[Start]) -> float | None:
+def _median_mb(starts: list[ProcessStart]) -> float | None:
     peaks = [start.peak_mb for start in starts if start.peak_mb is not None]
     return float(np.median(peaks)) if peaks else None

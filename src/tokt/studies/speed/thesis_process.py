@@ -1,6 +1,6 @@
 """A process that judges one frame the thesis's way and sends the verdict: the start-up baseline.
 
-Run as ``python -m tokt.training.bench.thesis_process MODEL FRAME PORT``: the model is a joblib
+Run as ``python -m tokt.studies.speed.thesis_process MODEL FRAME PORT``: the model is a joblib
 file of a LinearSVC on LBP (10, 5), and the verdict goes to 127.0.0.1 as one v1 datagram.
 """
 
@@ -13,8 +13,8 @@ import cv2
 import joblib
 import numpy as np
 
-from ...inference.udp import encode_v1
-from .thesis_way import describe_lbp_10_5, judge
+from tokt.inference.outputs.udp import encode_v1
+from tokt.studies.baselines.thesis_texture import describe_lbp_10_5, judge
 
 
 def main(model: str, frame: str, port: str) -> None:

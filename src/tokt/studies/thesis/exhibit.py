@@ -1,4 +1,4 @@
-"""What one table or figure of the thesis came to: the pieces that a report is made of."""
+"""Exhibits: the words, claims, tables and plots that make one figure or table of the report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NOT_KNOWN = "not known here"
 """What stands for a printed number that the sources at hand do not give."""
 
 
-class Agreement(StrEnum):
+class ClaimAgreement(StrEnum):
     """Whether what came out is what the thesis printed."""
 
     YES = "agrees"
@@ -32,7 +32,7 @@ class Claim:
         As the thesis has it, with its place; `NOT_KNOWN` where that is not at hand.
     found : str
         What this run computed.
-    agreement : Agreement
+    agreement : ClaimAgreement
     why : str
         One sentence: what the agreement was judged by, or why there is none.
     """
@@ -40,7 +40,7 @@ class Claim:
     what: str
     printed: str
     found: str
-    agreement: Agreement
+    agreement: ClaimAgreement
     why: str
 
 

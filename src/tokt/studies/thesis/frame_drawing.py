@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import cv2
@@ -13,15 +12,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from ...features.grid import Grid
-from ...inference.verdict import Box
-from ...labels.page.enhance import DEFAULT_AMOUNT, enhanced, gain
-from ..depth.contrast import RAISED_IS, raised
-from .patch_scores import Flags, PatchTruth
+from tokt.features.frames.grid import Grid
+from tokt.inference.verdict import Box
+from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
+from tokt.studies.thesis.methods.patch_scores import Flags, PatchTruth
+from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
 
 SHOWN = (
     "Frames are nearly black: what is shown, not what is judged, has its contrast raised "
-    f"({RAISED_IS})."
+    f"({CONTRAST_METHOD})."
 )
 """Belongs in every caption of a picture with a frame in it."""
 
@@ -38,9 +37,7 @@ _DPI = 110
 
 def png_of(figure: Figure) -> bytes:
     """A figure as a PNG file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+    return figure_png(figure, _DPI)
 
 
 def show_frame(axes: Any, frame: NDArray[np.uint8], grid: Grid) -> tuple[int, int]:
@@ -55,7 +52,7 @@ def show_frame(axes: Any, frame: NDArray[np.uint8], grid: Grid) -> tuple[int, in
     height, width = grid.resized(*frame.shape[:2])
     # Twice the size: what the eye sees of the tower is finer than the grid's pixels.
     axes.imshow(
-        raised(frame, 2 * width, 2 * height), extent=(-0.5, width - 0.5, height - 0.5, -0.5)
+        raise_contrast(frame, 2 * width, 2 * height), extent=(-0.5, width - 0.5, height - 0.5, -0.5)
     )
     axes.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     return height, width

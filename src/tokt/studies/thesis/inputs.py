@@ -1,4 +1,4 @@
-"""What the exhibits share: frames, labels, the thesis's models, cameras, curves; each made once."""
+"""Inputs of a study: frames, labels, the thesis's models, cameras; each read once."""
 
 from __future__ import annotations
 
@@ -11,23 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError, ToktError
-from ...features.image_file import read_image
-from ...features.mission import LEFT, RIGHT, Mission, open_mission
-from ...inference.calibration import StereoCalibration, describe, read_calibration
-from ...labels.merge import merge_annotators
-from ...labels.record import LabelRecord
-from ...labels.taxonomy import UNSURE, Taxonomy
-from ..bench.thesis_way import GRID
-from ..mission_source import labels_of_mission, read_labels
-from ..stereo.matlab_file import read_matlab_numbers
-from ..stereo.self_calibration import self_calibrate
-from ..stereo.start import BASELINE_MM, plain_start
-from ..thesis_images import rendered_other_image
-from .curves import Curves, measure_curves
-from .own_model import OwnModel, own_model
-from .slow_methods import SlowMethods, slow_methods
-from .thesis_models import DESCRIBE, ThesisModel, TrainingImage, thesis_model
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.image_file import read_image
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
+from tokt.inference.stereo.calibration import StereoCalibration, check_calibration, read_calibration
+from tokt.labels.merge import merge_annotators
+from tokt.labels.record import LabelRecord
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.studies.baselines.thesis_models import DESCRIBE, ThesisModel, TrainingImage, thesis_model
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.training.datasets.mission_source import labels_of_mission, read_labels
+from tokt.training.fitting.train import rendered_other_image
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
+from tokt.training.rig.calibrate.self_calibration import self_calibrate
+from tokt.training.rig.calibrate.starting_rig import BASELINE_MM, plain_start
 
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
 SAMPLE = 12
@@ -39,7 +37,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class ReproduceRequest:
-    """What ``tokt reproduce`` was asked for.
+    """The options of ``tokt reproduce``.
 
     Parameters
     ----------
@@ -71,8 +69,8 @@ class ReproduceRequest:
     jobs: int = -1
 
 
-class Material:
-    """What exhibits are made from; what costs time is computed when first asked for, and once.
+class StudyInputs:
+    """Inputs of the exhibits; each is read or computed when first asked for, and once.
 
     Parameters
     ----------
@@ -242,26 +240,12 @@ class Material:
 
     def spread(self, count: int | None = None) -> list[int]:
         """At most `count` (by default the request's sample) of `scored`, evenly spaced."""
-        wanted = self.request.sample if count is None else count
-        if len(self.scored) <= wanted:
-            return list(self.scored)
-        places = np.linspace(0, len(self.scored) - 1, wanted).round().astype(int)
-        return [self.scored[place] for place in places]
+        return evenly_spaced(self.scored, self.request.sample if count is None else count)
 
     @cached_property
     def thesis(self) -> dict[str, ThesisModel]:
         """The thesis's texture models: lbp_10_5, lbp_24_8, haralick."""
         return {name: thesis_model(name, self.ocean, self.other) for name in DESCRIBE}
-
-    @cached_property
-    def slow(self) -> SlowMethods:
-        """SLIC and superpixel colours, trained for this mission."""
-        return slow_methods(self)
-
-    @cached_property
-    def own(self) -> OwnModel:
-        """A texture model of ours that learnt from all it may: nothing to be scored here."""
-        return own_model(self)
 
     @cached_property
     def calibration(self) -> StereoCalibration | None:
@@ -296,23 +280,6 @@ class Material:
         )
         return found.calibration, words
 
-    @cached_property
-    def structure(self) -> int:
-        """A frame that shows the structure well.
-
-        By labels the one with the most obstacle patches; without an obstacle labelled the one
-        whose mean values, each curve's as a share of its largest, are highest together.
-        """
-        counts = {n: c for n, c in self.obstacle_patches.items() if n in set(self.scored) and c}
-        if counts:
-            return max(counts, key=lambda number: counts[number])
-        return self.curves.highest()
-
-    @cached_property
-    def curves(self) -> Curves:
-        """Mean value and status of every frame by every method."""
-        return measure_curves(self)
-
     def decoded(self, numbers: Sequence[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """Left frames one after the other; those that cannot be read are left out, and told."""
         for number in numbers:
@@ -325,5 +292,5 @@ class Material:
 def _read_calibration(file: Path) -> StereoCalibration:
     """A calibration of any form. Raises ToktError if it cannot be used."""
     if file.suffix.lower() == ".mat":
-        return describe(read_matlab_numbers(file)).usable()
+        return check_calibration(read_matlab_numbers(file)).usable()
     return read_calibration(file).usable()

@@ -15,10 +15,10 @@ from typing import Any
 
 import jinja2
 
-from ...features import atomic
-from ...features.errors import ToktError
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
 
-TEMPLATE = "thesis_page.md.in"
+TEMPLATE = "page.md.in"
 QUOTED_TABLES = {
     "table-5.1-to-5.4": "run_times",
     "figure-5.3-to-5.5": "scores",
@@ -30,7 +30,7 @@ _SPECIAL = re.compile(r"([*|<])")
 
 
 class Results:
-    """What the template may ask of a run's results.
+    """A run's results as the template may ask for them.
 
     Parameters
     ----------

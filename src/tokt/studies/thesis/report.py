@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections import Counter
 from collections.abc import Sequence
 from importlib import resources
@@ -10,13 +9,15 @@ from typing import Any
 
 import jinja2
 
-from .exhibit import Agreement, Exhibit
+from tokt.training.evaluation.pictures import png_uri
+
+from .exhibit import ClaimAgreement, Exhibit
 
 _CLASSES = {
-    Agreement.YES.value: "yes",
-    Agreement.PARTLY.value: "partly",
-    Agreement.NO.value: "no",
-    Agreement.UNCOMPARABLE.value: "open",
+    ClaimAgreement.YES.value: "yes",
+    ClaimAgreement.PARTLY.value: "partly",
+    ClaimAgreement.NO.value: "no",
+    ClaimAgreement.UNCOMPARABLE.value: "open",
 }
 
 
@@ -28,7 +29,7 @@ def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
     exhibits : sequence of Exhibit
         Their pictures.
     results : dict
-        Everything else, as `tokt.training.reproduce.results.results_json` gives it.
+        Everything else, as `tokt.studies.thesis.results.results_json` gives it.
     """
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -39,7 +40,7 @@ def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
         resources.files(__package__).joinpath("report.html").read_text("utf-8")
     )
     pictures = {
-        f"{exhibit.key}/{plot.name}.png": _data_uri(plot.png)
+        f"{exhibit.key}/{plot.name}.png": png_uri(plot.png)
         for exhibit in exhibits
         for plot in exhibit.plots
     }
@@ -57,7 +58,3 @@ def cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return str(value)
-
-
-def _data_uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

@@ -8,31 +8,33 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ... import __version__
-from ...features import atomic
-from ...features.errors import ToktError
-from ...features.machine import machine
-from .centre_figures import centre_and_box
-from .curve_figures import KEY as CURVES_KEY
-from .curve_figures import TITLE as CURVES_TITLE
-from .curve_figures import curve_figures
-from .dark_figures import bad_lighting
-from .dark_picture import given_picture
-from .disparity_figures import disparity_figures
-from .dot_figures import prediction_dots
+from tokt import __version__
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+from tokt.features.common.machine import machine
+from tokt.studies.thesis.exhibits.centre_figures import centre_and_box
+from tokt.studies.thesis.exhibits.curve_figures import KEY as CURVES_KEY
+from tokt.studies.thesis.exhibits.curve_figures import TITLE as CURVES_TITLE
+from tokt.studies.thesis.exhibits.curve_figures import curve_figures
+from tokt.studies.thesis.exhibits.dark_figures import bad_lighting
+from tokt.studies.thesis.exhibits.dark_picture import given_picture
+from tokt.studies.thesis.exhibits.disparity_figures import disparity_figures
+from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
+from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
+from tokt.studies.thesis.exhibits.runtime_tables import KEY as TIMES_KEY
+from tokt.studies.thesis.exhibits.runtime_tables import TITLE as TIMES_TITLE
+from tokt.studies.thesis.exhibits.runtime_tables import runtime_tables
+from tokt.studies.thesis.exhibits.superpixel_figure import superpixel_figure
+from tokt.studies.thesis.exhibits.synchrony_figure import synchrony_figure
+from tokt.studies.thesis.exhibits.training_image_figures import training_images
+from tokt.studies.thesis.exhibits.trend_figure import trend_exhibit
+
+from .context import StudyContext
 from .exhibit import Exhibit
-from .material import Material, Progress, ReproduceRequest, Say
-from .patch_figures import patch_histograms
+from .inputs import Progress, ReproduceRequest, Say
+from .page import write_thesis_page
 from .report import report_html
 from .results import results_json, results_text, table_csv
-from .runtime_tables import KEY as TIMES_KEY
-from .runtime_tables import TITLE as TIMES_TITLE
-from .runtime_tables import runtime_tables
-from .superpixel_figure import superpixel_figure
-from .synchrony_figure import synchrony_figure
-from .thesis_page import write_thesis_page
-from .training_image_figures import training_images
-from .trend_figure import trend_exhibit
 
 REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
 
@@ -46,13 +48,13 @@ class Planned:
     key, title, section : str
         What it is called where it cannot be made.
     make : callable
-        Makes it of a `Material`.
+        Makes it of a `StudyContext`.
     """
 
     key: str
     title: str
     section: str
-    make: Callable[[Material], Exhibit]
+    make: Callable[[StudyContext], Exhibit]
 
 
 EXHIBITS: tuple[Planned, ...] = (
@@ -105,11 +107,11 @@ def run_reproduce(
     """
     began = time.monotonic()
     _check_folder(request.out)
-    material = Material(request, say, progress)
-    _check_inputs(material)
-    made = [_made(planned, material) for planned in exhibits]
+    context = StudyContext(request, say, progress)
+    _check_inputs(context)
+    made = [_made(planned, context) for planned in exhibits]
     seconds = time.monotonic() - began
-    results = results_json(made, mission_of(material), about(material), machine(), seconds)
+    results = results_json(made, mission_of(context), about(context), machine(), seconds)
     # Of an earlier run; without it nobody takes a half-replaced folder for a whole one.
     (request.out / RESULTS).unlink(missing_ok=True)
     for exhibit in made:
@@ -140,60 +142,60 @@ def _check_folder(out: Path) -> None:
         raise ToktError(f"cannot write in {out}: {error.strerror or error}") from None
 
 
-def _check_inputs(material: Material) -> None:
+def _check_inputs(context: StudyContext) -> None:
     """Use everything that was given once: a mistake in it is said before minutes of work."""
-    material.spread()
-    if material.request.labels is not None and not material.labels:
-        raise ToktError(f"{material.request.labels} has no labels of left frames")
-    if material.request.calibration is not None:
-        _ = material.calibration
-    if material.request.model is not None:
-        _ = material.own
-    _ = given_picture(material)
-    if material.request.sample > len(material.frames):
-        material.say(f"--sample: the mission has {len(material.frames)} frames, all are taken")
+    context.spread()
+    if context.request.labels is not None and not context.labels:
+        raise ToktError(f"{context.request.labels} has no labels of left frames")
+    if context.request.calibration is not None:
+        _ = context.calibration
+    if context.request.model is not None:
+        _ = context.tokt_model
+    _ = given_picture(context)
+    if context.request.sample > len(context.frames):
+        context.say(f"--sample: the mission has {len(context.frames)} frames, all are taken")
 
 
-def _made(planned: Planned, material: Material) -> Exhibit:
+def _made(planned: Planned, context: StudyContext) -> Exhibit:
     """An exhibit, or why there is none."""
-    material.say(f"-- {planned.section}: {planned.title}")
+    context.say(f"-- {planned.section}: {planned.title}")
     began = time.monotonic()
     try:
-        exhibit = planned.make(material)
+        exhibit = planned.make(context)
     except ToktError as error:
         exhibit = Exhibit(planned.key, planned.title, planned.section, missing=str(error))
     if exhibit.missing:
-        material.say(f"   not made: {exhibit.missing}")
-    material.say(f"   {time.monotonic() - began:.1f} s")
+        context.say(f"   not made: {exhibit.missing}")
+    context.say(f"   {time.monotonic() - began:.1f} s")
     return replace(exhibit, key=planned.key)
 
 
-def mission_of(material: Material) -> dict[str, Any]:
+def mission_of(context: StudyContext) -> dict[str, Any]:
     """The mission, for the results."""
     return {
-        "name": material.mission.name,
-        "frames": len(material.frames),
-        "pairs": len(material.pairs),
+        "name": context.mission.name,
+        "frames": len(context.frames),
+        "pairs": len(context.pairs),
     }
 
 
-def about(material: Material) -> list[str]:
+def about(context: StudyContext) -> list[str]:
     """What every figure of the run rests on, in lines for people."""
     labels = "without labels"
-    if material.labels:
+    if context.labels:
         labels = (
-            f"labels of {len(material.obstacle_patches)} frames, "
-            f"{sum(count > 0 for count in material.obstacle_patches.values())} of them with an "
-            f"obstacle, {len(material.ocean_frames)} of open ocean all over"
+            f"labels of {len(context.obstacle_patches)} frames, "
+            f"{sum(count > 0 for count in context.obstacle_patches.values())} of them with an "
+            f"obstacle, {len(context.ocean_frames)} of open ocean all over"
         )
-    stereo = "calibration: " + material.calibration_words
+    stereo = "calibration: " + context.calibration_words
     return [
-        f"mission {material.mission.name}: {len(material.frames)} left frames, "
-        f"{len(material.pairs)} stereo pairs; {labels}",
-        f"the thesis's models {material.two_images}",
+        f"mission {context.mission.name}: {len(context.frames)} left frames, "
+        f"{len(context.pairs)} stereo pairs; {labels}",
+        f"the thesis's models {context.two_images}",
         stereo,
         f"slow methods (SLIC, superpixel colours, run times) on a sample of "
-        f"{len(material.spread())} frames, evenly spaced",
+        f"{len(context.spread())} frames, evenly spaced",
         f"made by tokt {__version__} reproduce, every figure computed in this run",
     ]
 

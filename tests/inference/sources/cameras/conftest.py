@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from tokt.inference.cameras.live_source import CameraSource
-from tokt.inference.cameras.open import open_camera_source
-from tokt.inference.cameras.options import CameraOptions
+
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.observer import Event
+from tokt.inference.events import Event
+from tokt.inference.sources.cameras.live_source import CameraSource
+from tokt.inference.sources.cameras.open import open_camera_source
+from tokt.inference.sources.cameras.options import CameraOptions
 
 from .simulated_rig import FOLDERS, Delivered, Live, Simulator
 

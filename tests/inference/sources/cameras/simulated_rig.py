@@ -8,10 +8,12 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from tokt.inference.cameras.capture import Capture
-from tokt.inference.cameras.live_source import CameraSource
-from tokt.inference.observer import Event
-from tokt.inference.sources import Frame
+
+from tests.waiting import MAX_S, until
+from tokt.inference.events import Event
+from tokt.inference.frame import Frame
+from tokt.inference.sources.cameras.capture import Capture
+from tokt.inference.sources.cameras.live_source import CameraSource
 
 FOLDERS = {"x86_64": "x86_64bit", "aarch64": "arm_64bit"}  # as pymba looks for them
 WIDTH, HEIGHT, RATE_HZ = 64, 48, 50.0  # the simulator's own
@@ -74,11 +76,8 @@ class Delivered:
     def __call__(self, capture: Capture) -> None:
         self.captures.append(capture)
 
-    def wait(self, count: int, timeout_s: float = 10.0) -> list[Capture]:
-        until = time.monotonic() + timeout_s
-        while len(self.captures) < count:
-            assert time.monotonic() < until, f"{len(self.captures)} of {count} captures"
-            time.sleep(0.005)
+    def wait(self, count: int) -> list[Capture]:
+        until(lambda: len(self.captures) >= count, lambda: f"{len(self.captures)} of {count}")
         return list(self.captures)
 
 
@@ -93,9 +92,9 @@ class Live:
     def take(self, count: int) -> list[Frame]:
         return [next(self._frames) for _ in range(count)]
 
-    def until(self, wanted: Callable[[Frame], bool], timeout_s: float = 10.0) -> list[Frame]:
+    def until(self, wanted: Callable[[Frame], bool]) -> list[Frame]:
         """Frames up to the first that is wanted, which is the last of them."""
-        frames, end = [], time.monotonic() + timeout_s
+        frames, end = [], time.monotonic() + MAX_S
         while time.monotonic() < end:
             frames.append(next(self._frames))
             if wanted(frames[-1]):

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tokt.inference.cameras.genicam_buffer import NoPictureError, pixels_of, taken_s
+
 from tokt.inference.reason import Reason
+from tokt.inference.sources.cameras.genicam.buffer import NoPictureError, pixels_of, taken_s
 
 gentl = pytest.importorskip("genicam.gentl")
 

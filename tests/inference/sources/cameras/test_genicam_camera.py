@@ -14,21 +14,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tokt.features.camera_frame import frame_from_camera
-from tokt.features.errors import ToktError
-from tokt.inference import genicam_finding
-from tokt.inference.cameras.genicam_buffer import NoPictureError, pixels_of
-from tokt.inference.cameras.genicam_camera import (
+
+from tests.waiting import MAX_S, until
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.camera_frame import frame_from_camera
+from tokt.inference.reason import NO_FAULT, Reason
+from tokt.inference.sources.cameras.genicam import health
+from tokt.inference.sources.cameras.genicam.buffer import NoPictureError, pixels_of
+from tokt.inference.sources.cameras.genicam.camera import (
     CameraGoneError,
+    FetchedFrame,
     GenicamCamera,
-    Taken,
     opened_camera,
 )
-from tokt.inference.cameras.genicam_listing import Listed, Listing, Place
-from tokt.inference.cameras.genicam_process import _chosen, _send_next
-from tokt.inference.cameras.genicam_producers import Producers, opened_producers, producer_files
-from tokt.inference.cameras.options import CameraOptions
-from tokt.inference.reason import NO_FAULT, Reason
+from tokt.inference.sources.cameras.genicam.listing import ListedCamera, Listing, Place
+from tokt.inference.sources.cameras.genicam.process import _chosen, _send_next
+from tokt.inference.sources.cameras.genicam.producers import (
+    Producers,
+    opened_producers,
+    producer_files,
+)
+from tokt.inference.sources.cameras.options import CameraOptions
 
 genicam = pytest.importorskip("genicam")
 pytest.importorskip("harvesters")
@@ -52,7 +58,7 @@ def producers() -> Iterator[Producers]:
         yield opened
 
 
-def taken(camera: GenicamCamera, count: int) -> list[Taken]:
+def taken(camera: GenicamCamera, count: int) -> list[FetchedFrame]:
     """So many exposures, with pictures of their own."""
     found = []
     while len(found) < count:
@@ -85,7 +91,9 @@ def test_what_is_listed_and_who_is_meant(producers):
 def test_who_is_meant_is_one_camera():
     place = Place("p", "i", "d")
     other = Place("p", "j", "e")
-    listing = Listing(("p",), (Listed(place, "7", "bow"), Listed(other, "8", "bow")), ())
+    listing = Listing(
+        ("p",), (ListedCamera(place, "7", "bow"), ListedCamera(other, "8", "bow")), ()
+    )
     assert listing.camera("7").place == listing.camera("0").place == place
     with pytest.raises(ToktError, match="2 cameras are called 'bow'"):
         listing.camera("bow")
@@ -97,7 +105,7 @@ def test_no_producer(monkeypatch, tmp_path):
     monkeypatch.setenv(VARIABLE, f"{tmp_path}{os.pathsep}{tmp_path / 'none'}")
     with pytest.raises(ToktError, match=r"no GenTL producer \(\*\.cti\) in"):
         producer_files()
-    assert genicam_finding.genicam_finding().state == "note"
+    assert health.genicam_finding().state == "note"
     monkeypatch.delenv(VARIABLE)
     with pytest.raises(ToktError, match=f"install the camera vendor's, and set {VARIABLE}"):
         producer_files()
@@ -135,7 +143,7 @@ def test_pixels_that_tokt_does_not_read(producers):
     acquirer = producers.harvester.create(0)
     acquirer.remote_device.node_map.PixelFormat.value = "RGBa8"
     acquirer.start()
-    buffer = acquirer.try_fetch(timeout=2, is_raw=True)
+    buffer = acquirer.try_fetch(timeout=MAX_S, is_raw=True)
     with pytest.raises(NoPictureError, match="sends RGBa8 pixels"):
         pixels_of(buffer, lambda number: "RGBa8" if number == 0x02200016 else "?")
     buffer.parent.queue_buffer(buffer)
@@ -166,10 +174,14 @@ def test_what_came_while_nobody_read_is_given_back(producers):
     options = CameraOptions(frame_rate=20)
     pipe = Stuck()
     with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
-        while not pipe.getvalue():
+        stream = producers.harvester.image_acquirers[0].data_streams[0]
+
+        def given_back() -> bool:
             _send_next(pipe, camera)
+            return bool(pipe.getvalue()) and stream.num_awaiting_delivery == 0
+
+        until(given_back)  # at once, unless the next frame comes before it is looked at
         sent = json.loads(pipe.getvalue().partition(b"\n")[0])
-        assert producers.harvester.image_acquirers[0].data_streams[0].num_awaiting_delivery == 0
         assert taken(camera, 1)[0].frame_id > sent["frame_id"] + 1
     assert (sent["bytes"], sent["reason"]) == (400 * 400, "ok")
 
@@ -199,17 +211,17 @@ def test_a_camera_in_use(producers):
 
 
 def test_what_doctor_finds():
-    found = genicam_finding.genicam_finding()
+    found = health.genicam_finding()
     assert found.state == "ok" and "harvesters" in found.text
     assert found.figures["cameras"] == ["VikyTL_DEV_red", "VikyTL_DEV_green", "VikyTL_DEV_blue"]
 
 
 def test_without_harvesters_doctor_says_what_to_install(monkeypatch):
     def version(name: str) -> str:
-        raise genicam_finding.PackageNotFoundError(name)
+        raise health.PackageNotFoundError(name)
 
-    monkeypatch.setattr(genicam_finding, "version", version)
-    found = genicam_finding.genicam_finding()
+    monkeypatch.setattr(health, "version", version)
+    found = health.genicam_finding()
     assert (found.state, found.text) == (
         "note",
         "no harvesters; GenICam cameras need tokt[genicam]",

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.cameras.genicam_features import Features
-from tokt.inference.cameras.options import CameraOptions
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.sources.cameras.genicam.features import GenicamFeatures
+from tokt.inference.sources.cameras.options import CameraOptions
 
 NodeMap = pytest.importorskip("genicam.genapi").NodeMap
 
@@ -37,12 +38,12 @@ def switch(name: str) -> str:
     return f'<Boolean Name="{name}"><Value>0</Value></Boolean>'
 
 
-def camera(*features: str, formats: tuple[str, ...] = ("Mono8",)) -> tuple[Any, Features]:
+def camera(*features: str, formats: tuple[str, ...] = ("Mono8",)) -> tuple[Any, GenicamFeatures]:
     nodes = NodeMap()
     nodes.load_xml_from_string(
         HEAD + "".join((choice("PixelFormat", *formats), *features)) + "</RegisterDescription>"
     )
-    return nodes, Features(nodes, "cam")
+    return nodes, GenicamFeatures(nodes, "cam")
 
 
 @pytest.mark.parametrize(
@@ -173,7 +174,7 @@ def test_a_clock_that_is_set_by_ptp(enable, status, on, request):
 
 def test_a_clock_that_is_not_set():
     nodes, _ = camera(switch("PtpEnable"), choice("PtpStatus", "Listening", "Slave"))
-    features = Features(nodes, "cam", ptp_s=0.0)
+    features = GenicamFeatures(nodes, "cam", ptp_s=0.0)
     assert not features.clock_is_shared()
     with pytest.raises(ToktError, match="camera cam: no clock by PTP in 0 s"):
         features.set_up(CameraOptions(ptp=True), 1.0, "GEV")

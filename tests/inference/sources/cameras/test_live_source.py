@@ -10,15 +10,17 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.cameras import keeper
-from tokt.inference.cameras.capture import Capture, Deliver
-from tokt.inference.cameras.live_source import CameraSource
-from tokt.inference.cameras.open import open_camera_source
-from tokt.inference.cameras.options import CameraOptions
+
+from tests.waiting import MAX_S, until
+from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import Reason
-from tokt.inference.sources import MANY_MISSED, Frame
+from tokt.inference.sources.cameras import keeper
+from tokt.inference.sources.cameras.capture import Capture, Deliver
+from tokt.inference.sources.cameras.live_source import CameraSource
+from tokt.inference.sources.cameras.open import open_camera_source
+from tokt.inference.sources.cameras.options import CameraOptions
 
 from .simulated_rig import RATE_HZ, Live, Simulator, seen
 
@@ -58,12 +60,11 @@ def test_pairs_of_one_moment_whatever_the_clocks(simulator, live):
     simulator.set(0, clock_offset_s=1000)
     simulator.set(1, delay_s=0.004, jitter_s=0.003)
     cameras = live()
-    frames = cameras.until(is_pair) + cameras.take(15)
+    frames = [frame for _ in range(11) for frame in cameras.until(is_pair)]
     check(frames)
-    assert sum(map(is_pair, frames)) >= 10
     assert cameras.events == []
     ages = [SYSTEM_CLOCK.monotonic() - frame.arrived for frame in frames[-1:]]
-    assert 0 <= ages[0] < 5 and abs(frames[-1].t - time.time()) < 60
+    assert 0 <= ages[0] < MAX_S and abs(frames[-1].t - time.time()) < MAX_S
 
 
 def test_clocks_set_by_ptp_pair_from_the_first_frame(simulator, live):
@@ -107,11 +108,17 @@ def test_a_dropped_frame_of_a_single_camera_is_told_as_missed(simulator, live):
     simulator.set(0, drop_every=4)
     simulator.set(-1, rate=100)
     cameras = live("pymba:0")
-    frames = cameras.take(20)[8:]  # its clock is known by then
+    cameras.take(8)  # its clock is known by then
+    missed: list[int] = []
+
+    def both_seen(frame: Frame) -> bool:
+        missed.append(frame.missed)
+        return len(missed) >= 12 and {*missed} >= {0, 1}
+
+    frames = cameras.until(both_seen)
     for before, frame in pairwise(frames):
         assert frame.missed == seen(frame.left)[1] - seen(before.left)[1] - 1
         assert frame.number - before.number == 1 + frame.missed
-    assert {frame.missed for frame in frames} >= {0, 1}
 
 
 def test_incomplete_frames_are_counted_and_told(simulator, quick):
@@ -170,7 +177,7 @@ def test_the_right_camera_is_pulled_out_and_the_left_goes_on(simulator, quick):
     cameras.until(lambda frame: frame.right_fault.reason is Reason.CAMERA_LOST)
     frames = cameras.take(10)
     check(frames)
-    assert all(frame.left is not None and frame.missed < 5 for frame in frames)
+    assert all(frame.left is not None and frame.missed < MANY_MISSED for frame in frames)
     assert {frame.right_fault.reason for frame in frames} == {Reason.CAMERA_LOST}
     simulator.set(1, plugged=1)
     check(cameras.until(is_pair))
@@ -179,7 +186,7 @@ def test_the_right_camera_is_pulled_out_and_the_left_goes_on(simulator, quick):
 
 def test_a_camera_that_falls_silent_is_started_again(simulator, live, monkeypatch):
     """The library says nothing of it; only that nothing comes any more."""
-    monkeypatch.setattr(keeper, "_LEAST_SILENCE_S", 0.6)
+    monkeypatch.setattr(keeper, "_MIN_SILENCE_S", 0.6)
     cameras = live("pymba:0")
     cameras.take(3)
     simulator.set(0, mute=1)
@@ -187,8 +194,10 @@ def test_a_camera_that_falls_silent_is_started_again(simulator, live, monkeypatc
     assert frame.left_fault.reason is Reason.CAMERA_LOST and "has sent nothing" in frame.left_fault
     simulator.set(0, mute=0)
     cameras.until(lambda one: one.left is not None)
-    assert cameras.event_names == [("camera_lost", "left"), ("camera_back", "left")]
-    assert simulator.count(0, "starts") >= 2
+    # A machine that is busy for longer than this silence loses it once more.
+    names = cameras.event_names
+    assert names == [("camera_lost", "left"), ("camera_back", "left")] * (len(names) // 2)
+    assert names and simulator.count(0, "starts") >= 2
 
 
 def test_while_a_lone_camera_is_lost_frames_say_so_again_and_again(simulator, live):
@@ -199,7 +208,7 @@ def test_while_a_lone_camera_is_lost_frames_say_so_again_and_again(simulator, li
     cameras.until(lambda frame: frame.left is None)
     start = time.monotonic()
     frames = cameras.take(3)
-    assert 0.3 < time.monotonic() - start < 5
+    assert time.monotonic() - start > 0.3
     assert {frame.left_fault.reason for frame in frames} == {Reason.CAMERA_LOST}
     assert len({frame.arrived for frame in frames}) == 3
 
@@ -230,11 +239,9 @@ def test_stop_while_streaming_and_while_lost(simulator):
         frames: list[Frame] = []
         reader = threading.Thread(target=lambda: frames.extend(source), daemon=True)  # noqa: B023
         reader.start()
-        until = time.monotonic() + 10
-        while len(frames) < 3 and time.monotonic() < until:
-            time.sleep(0.005)
+        until(lambda: len(frames) >= 3)  # noqa: B023
         source.stop()
-        reader.join(5)
+        reader.join(MAX_S)
         assert not reader.is_alive() and frames
         assert simulator.opened == [0, 0]
         assert [thread for thread in threading.enumerate() if "camera" in thread.name] == []

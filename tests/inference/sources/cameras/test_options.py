@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.cameras.open import is_camera_source, open_camera_source
-from tokt.inference.cameras.options import CameraOptions
+
+from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.sources.cameras.open import is_camera_source, open_camera_source
+from tokt.inference.sources.cameras.options import CameraOptions
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,11 @@ from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.inference.cameras.capture import LEFT, RIGHT, Capture
-from tokt.inference.cameras.pairing import NOT_FITTED, ClockFit, Moment, Pairer
+
+from tests.tiers import scaled
 from tokt.inference.reason import Reason
+from tokt.inference.sources.cameras.capture import LEFT, RIGHT, Capture
+from tokt.inference.sources.cameras.pairing import NOT_FITTED, ClockFit, Moment, Pairer
 
 PERIOD_S = 0.05
 
@@ -71,7 +73,7 @@ def rigs(draw: st.DrawFn) -> list[Capture]:
 
 
 @given(rigs())
-@settings(max_examples=40)
+@settings(max_examples=scaled(40))
 def test_only_captures_of_one_moment_are_paired_and_none_is_lost(captures):
     # Captures of a camera come in order: a later one never overtakes.
     latest = {LEFT: 0.0, RIGHT: 0.0}
@@ -88,7 +90,7 @@ def test_only_captures_of_one_moment_are_paired_and_none_is_lost(captures):
 
 
 @given(st.floats(0, 1e5), st.floats(0, 1e5), st.integers(9, 40))
-@settings(max_examples=30)
+@settings(max_examples=scaled(30))
 def test_whole_rigs_are_paired_from_the_eighth_capture_on(left_s, right_s, count):
     captures = [
         capture(camera, moment, offset_s)
@@ -102,7 +104,7 @@ def test_whole_rigs_are_paired_from_the_eighth_capture_on(left_s, right_s, count
 
 
 @given(st.floats(-0.49, 0.49), st.floats(0, 3))
-@settings(max_examples=30)
+@settings(max_examples=scaled(30))
 def test_shared_clocks_are_compared_as_they_are_whatever_the_delays(skew, right_delay):
     """By PTP a link of the right camera that is slower by periods changes nothing."""
     right = [capture(RIGHT, n, skew * PERIOD_S, right_delay * PERIOD_S) for n in range(30)]
@@ -210,7 +212,7 @@ def test_what_waits_is_bounded():
 
 
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=30))
-@settings(max_examples=30)
+@settings(max_examples=scaled(30))
 def test_the_period_is_found_where_captures_are_left_out(steps):
     fit, moment, left_out = ClockFit(), 0, 0
     fit.add(capture(LEFT, 0))
@@ -222,7 +224,7 @@ def test_the_period_is_found_where_captures_are_left_out(steps):
 
 
 @given(st.lists(st.integers(1, 5), min_size=3, max_size=30))
-@settings(max_examples=30)
+@settings(max_examples=scaled(30))
 def test_a_period_is_never_taken_for_longer_than_the_nominal_one(steps):
     """A camera that numbers what it delivers hides that exposures are left out."""
     fit, moment = ClockFit(PERIOD_S), 0

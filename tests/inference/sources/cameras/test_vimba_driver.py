@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tokt.features.camera_frame import frame_from_camera
-from tokt.features.errors import ToktError
-from tokt.inference.cameras.capture import CameraDriver, Deliver
-from tokt.inference.cameras.options import CameraOptions
-from tokt.inference.cameras.vimba import open_drivers
+
+from tests.waiting import MAX_S
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.camera_frame import frame_from_camera
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.reason import Reason
+from tokt.inference.sources.cameras.capture import CameraDriver, Deliver
+from tokt.inference.sources.cameras.options import CameraOptions
+from tokt.inference.sources.cameras.vimba.driver import open_drivers
 
 from .simulated_rig import HEIGHT, LEFT_ID, RATE_HZ, RIGHT_ID, WIDTH, Simulator, pattern, seen
 
@@ -210,7 +212,7 @@ def test_what_deliver_raises_costs_one_capture_and_no_buffer(simulator, capfd):
         raise ValueError("a mistake")
 
     one = started(driver(), deliver)
-    assert reached.wait(10)
+    assert reached.wait(MAX_S)
     one.stop()
     assert one.failures == len(calls) >= 40
     assert threading.get_ident() not in calls and len(set(calls)) == 1
@@ -293,10 +295,10 @@ def test_thousands_of_frames_leave_no_memory_behind(simulator):
             enough.set()
 
     one = started(driver(pixel_format="BGR8"), deliver)
-    assert enough.wait(20)
+    assert enough.wait(MAX_S)
     enough.clear()
     before = resident_kb()
-    assert enough.wait(20)
+    assert enough.wait(MAX_S)
     after = resident_kb()
     one.stop()
     assert after - before < 2700

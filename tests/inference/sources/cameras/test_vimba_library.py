@@ -7,9 +7,10 @@ import subprocess
 import sys
 
 import pytest
-from tokt.features.errors import ToktError
-from tokt.inference.camera_driver import camera_driver_finding
-from tokt.inference.cameras.vimba_library import load_pymba
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.sources.cameras.vimba.health import camera_driver_finding
+from tokt.inference.sources.cameras.vimba.library import load_pymba
 
 from .simulated_rig import FOLDERS
 

@@ -190,7 +190,7 @@ def test_nothing_outside_is_served(server, path: str) -> None:
 
 
 def test_every_answer_has_the_headers(server) -> None:
-    for path in ("/", "/static/main.js", "/api/mission", "/api/picture/left/1"):
+    for path in ("/", "/static/core/main.js", "/api/mission", "/api/picture/left/1"):
         answer = server.request("GET", path)
         assert answer.status == 200 and _safe(answer.headers), path
     assert server.request("GET", "/api/mission").headers["Cache-Control"] == "no-store"
@@ -210,18 +210,18 @@ def test_pictures_of_another_mission_are_never_taken_for_these(server) -> None:
 
 
 def test_page_files_are_asked_for_each_time(server) -> None:
-    first = server.request("GET", "/static/main.js")
+    first = server.request("GET", "/static/core/main.js")
     assert first.headers["Content-Type"].startswith("text/javascript")
     assert first.headers["Cache-Control"] == "no-cache"
     known = {"If-None-Match": first.headers["ETag"]}
-    for path, status in (("/static/main.js", 304), ("/static/api.js", 200), ("/", 200)):
+    for path, status in (("/static/core/main.js", 304), ("/static/core/api.js", 200), ("/", 200)):
         assert server.request("GET", path, headers=known).status == status, path
 
 
 def test_token(guarded) -> None:
     parts = urlsplit(guarded.url)
     assert parts.query == "token=s%26cret%3B%20%221%22"
-    for path in ("/", "/?token=secret", "/?token=", "/static/main.js", "/api/mission?token=s"):
+    for path in ("/", "/?token=secret", "/?token=", "/static/core/main.js", "/api/mission?token=s"):
         answer = guarded.request("GET", path)
         assert answer.status == 401 and _safe(answer.headers), path
         assert list(answer.json) == ["error"]

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tokt.features.grid import Grid
+
+from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now
-from tokt.labels.store import LabelStore
+from tokt.labels.store.store import LabelStore
 
 SAID = {0: ("ocean", "ocean"), 1: ("reef", "kelp"), 2: ("kelp", "kelp"), 3: ("kelp", "sand")}
 

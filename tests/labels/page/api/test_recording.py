@@ -9,15 +9,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-from tokt.features.mission import RIGHT, open_mission
-from tokt.inference.assemble import build_policy
+
+from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.disk_budget import DiskLimits
-from tokt.inference.recorder import Recorder
-from tokt.inference.recording import read_recording
+from tokt.inference.policy.assembly import build_policy
+from tokt.inference.recording.disk_budget import DiskLimits
+from tokt.inference.recording.recorder import Recorder
+from tokt.inference.recording.recording import read_recording
 from tokt.inference.runtime import Runtime
-from tokt.inference.sources import open_source
-from tokt.models.bundle import read_bundle
+from tokt.inference.sources.files import open_source
+from tokt.models.bundle.bundle import read_bundle
 
 OCEAN = [0, 1, 2, 90, 91, 92]  # patches
 

@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tokt.features.grid import Grid
+
+from tokt.features.frames.grid import Grid
 from tokt.labels.agreement import agreement
-from tokt.labels.audit_file import Audit, AuditedPatch, write_audit
+from tokt.labels.formats.audit_csv import Audit, AuditedPatch, write_audit
 from tokt.labels.record import LabelRecord
-from tokt.labels.store import LabelStore
+from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
 pytestmark = pytest.mark.xdist_group("browser_views")  # what they share is made once
@@ -298,7 +299,7 @@ def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(
     page.set_viewport_size({"width": 1100, "height": 700})
     page.wait_for_timeout(200)
     # The server is heard anew, as after it was started anew or the tab was hidden.
-    page.evaluate("() => { import('/static/mission.js').then((one) => one.loadMission()); }")
+    page.evaluate("() => { import('/static/core/mission.js').then((one) => one.loadMission()); }")
     page.wait_for_timeout(200)
     page.wait_for_function("() => !document.querySelector('.thumb.loading')")
     assert page.locator(".thumb.left-out .thumb-number").all_inner_texts() == ["38"]

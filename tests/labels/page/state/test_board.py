@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tokt.features.grid import Grid
-from tokt.labels.action import Action, Change
-from tokt.labels.page.board import Board
+
+from tests.tiers import scaled
+from tokt.features.frames.grid import Grid
+from tokt.labels.page.state.board import Board
 from tokt.labels.record import HUMAN, SETTLED, LabelRecord, utc_now
-from tokt.labels.store import LabelStore
+from tokt.labels.store.actions import Action, Change
+from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
 GRID = Grid(1, 3, 36)
@@ -170,7 +172,7 @@ _said = st.tuples(
 )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=scaled(15))
 @given(st.lists(st.lists(_said, max_size=8), min_size=1, max_size=3))
 def test_board_says_what_the_store_says(parts) -> None:
     with (

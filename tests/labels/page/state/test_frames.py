@@ -14,8 +14,10 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.features.errors import FrameError
-from tokt.features.mission import VideoMission, open_mission
+
+from tests.waiting import MAX_S
+from tokt.features.common.errors import FrameError
+from tokt.features.frames.mission import VideoMission, open_mission
 from tokt.labels.page import frames
 from tokt.labels.page.frames import encoded_frame, for_background, read_frame
 
@@ -106,18 +108,18 @@ def test_kept_frames_do_not_wait_for_the_file(
 
     def slow(self: VideoMission, frame: int, camera: str = "left") -> NDArray[np.uint8]:
         reading.set()
-        assert go_on.wait(10)
+        assert go_on.wait(MAX_S)
         return real(self, frame, camera)
 
     monkeypatch.setattr(VideoMission, "read", slow)
     with ThreadPoolExecutor(2) as pool:
         far = pool.submit(read_frame, mission, "left", 60)
-        assert reading.wait(10)
+        assert reading.wait(MAX_S)
         near = pool.submit(read_frame, mission, "left", 5)
-        assert np.array_equal(near.result(10), truth[5])
+        assert np.array_equal(near.result(MAX_S), truth[5])
         assert not far.done()
         go_on.set()
-        assert np.array_equal(far.result(10), truth[60])
+        assert np.array_equal(far.result(MAX_S), truth[60])
 
 
 def test_files_of_frames(video: Path, truth: Any, opened: Any) -> None:

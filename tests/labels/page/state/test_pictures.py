@@ -12,11 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tokt.features.errors import FrameError, ToktError
-from tokt.features.grid import Grid
-from tokt.features.mission import open_mission
-from tokt.labels.page.enhance import enhanced_small, gain
-from tokt.labels.page.pictures import PatchPictures, enhanced, frame_picture
+
+from tests.tiers import scaled
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
+from tokt.labels.page.state.enhance import enhanced_small, gain
+from tokt.labels.page.state.pictures import PatchPictures, enhanced, frame_picture
 
 TOWER = np.s_[300:700, 560:620]
 BESIDE = np.s_[300:700, 650:710]
@@ -94,7 +96,7 @@ def test_colour_stays_where_it_differs_from_the_water() -> None:
     st.integers(0, 100),
     st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60))
 def test_any_frame_can_be_enhanced(
     size: tuple[int, int], colour: bool, amount: int, seed: int
 ) -> None:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from tokt.features.grid import Grid
-from tokt.features.mission import open_mission
-from tokt.labels.page import sheet as sheet_module
-from tokt.labels.page.sheet import Ranked, Sheet
+
+from tests.waiting import until
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
+from tokt.labels.page.state import review_sheet
+from tokt.labels.page.state.review_sheet import PatchRanker, Ranked
 
 FIRST_PAGE = 50
 Cells = dict[str, list[tuple[str, int, int]]]
 
 
 @pytest.fixture
-def sheet(tiny: Any) -> Iterator[Sheet]:
-    made = Sheet(open_mission(tiny.path), Grid())
+def sheet(tiny: Any) -> Iterator[PatchRanker]:
+    made = PatchRanker(open_mission(tiny.path), Grid())
     yield made
     made.close()
 
@@ -33,13 +34,10 @@ def labels(tiny_truth: Any) -> Cells:
     return found
 
 
-def looked_at(sheet: Sheet, cells: Cells) -> Sheet:
+def looked_at(sheet: PatchRanker, cells: Cells) -> PatchRanker:
     sheet.want((camera, frame) for c in cells.values() for camera, frame, _ in c)
     sheet.start()
-    deadline = time.monotonic() + 30
-    while sheet.progress[0] < sheet.progress[1]:
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    until(lambda: sheet.progress[0] >= sheet.progress[1])
     return sheet
 
 
@@ -59,7 +57,9 @@ def cells_of(ranked: Ranked) -> list[tuple[str, int, int]]:
 @pytest.mark.parametrize(
     ("of", "into"), [("ocean", "subsea_installation"), ("subsea_installation", "ocean")]
 )
-def test_planted_wrong_labels_come_first(sheet: Sheet, tiny_truth: Any, of: str, into: str) -> None:
+def test_planted_wrong_labels_come_first(
+    sheet: PatchRanker, tiny_truth: Any, of: str, into: str
+) -> None:
     cells = labels(tiny_truth)
     wrong = plant(cells, of, into, 6)
     ranked = looked_at(sheet, cells).patches(cells, into)
@@ -70,7 +70,7 @@ def test_planted_wrong_labels_come_first(sheet: Sheet, tiny_truth: Any, of: str,
     assert values == sorted(values) and values[0] < 0 < values[-1]
 
 
-def test_the_sheet_says_how_the_order_was_made(sheet: Sheet, tiny_truth: Any) -> None:
+def test_the_sheet_says_how_the_order_was_made(sheet: PatchRanker, tiny_truth: Any) -> None:
     cells = labels(tiny_truth)
     looked_at(sheet, cells)
     # Frames 1..40 are in blocks 0, 1 and 2 (frame 40).
@@ -90,14 +90,14 @@ def test_the_sheet_says_how_the_order_was_made(sheet: Sheet, tiny_truth: Any) ->
 
 
 def test_no_classifier_saw_the_block_of_the_patch_it_judges(
-    sheet: Sheet, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
+    sheet: PatchRanker, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import LinearSVC
 
     cells = labels(tiny_truth)
     looked_at(sheet, cells)
-    known = sheet._features.known()
+    known = sheet._features.snapshot()
     block_of = {
         known.features[row, cell].tobytes(): int(known.numbers[row]) // 20
         for row in range(40)
@@ -123,7 +123,7 @@ def test_no_classifier_saw_the_block_of_the_patch_it_judges(
 
 
 def test_without_a_second_class_odd_is_what_is_far_from_the_middle(
-    sheet: Sheet, tiny_truth: Any
+    sheet: PatchRanker, tiny_truth: Any
 ) -> None:
     cells = labels(tiny_truth)
     wrong = plant(cells, "subsea_installation", "ocean", 6)
@@ -133,7 +133,9 @@ def test_without_a_second_class_odd_is_what_is_far_from_the_middle(
     assert all(patch.value <= 0 for patch in ranked.patches)
 
 
-def test_before_all_frames_are_looked_at_nothing_is_missing(sheet: Sheet, tiny_truth: Any) -> None:
+def test_before_all_frames_are_looked_at_nothing_is_missing(
+    sheet: PatchRanker, tiny_truth: Any
+) -> None:
     cells = labels(tiny_truth)
     ranked = sheet.patches(cells, "ocean", version=1)
     assert (ranked.done, ranked.of, ranked.ready) == (0, 40, False)
@@ -148,7 +150,7 @@ def test_an_unreadable_frame_comes_last(own_tiny: Any, tiny_truth: Any) -> None:
     (own_tiny.path / "Left" / "tiny_L_7.png").write_bytes(b"")
     cv2.imwrite(str(own_tiny.path / "Left" / "tiny_L_8.png"), np.zeros((3, 500), np.uint8))
     cells = labels(tiny_truth)
-    sheet = Sheet(open_mission(own_tiny.path), Grid())
+    sheet = PatchRanker(open_mission(own_tiny.path), Grid())
     ranked = looked_at(sheet, cells).patches(cells, "ocean")
     sheet.close()
     last = [cell for cell in cells["ocean"] if cell[1] in (7, 8)]
@@ -158,7 +160,7 @@ def test_an_unreadable_frame_comes_last(own_tiny: Any, tiny_truth: Any) -> None:
 
 
 def test_pages_of_one_ranking_are_computed_once(
-    sheet: Sheet, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
+    sheet: PatchRanker, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cells = labels(tiny_truth)
     looked_at(sheet, cells)
@@ -167,23 +169,23 @@ def test_pages_of_one_ranking_are_computed_once(
     assert list(fresh.patches) == list(first.patches)  # seeded
     sheet.patches(cells, "ocean", version=("anna", 5))
     with monkeypatch.context() as patched:
-        patched.setattr(sheet_module, "_values", lambda *a: pytest.fail("computed again"))
+        patched.setattr(review_sheet, "_values", lambda *a: pytest.fail("computed again"))
         page = sheet.patches({}, "ocean", version=("anna", 5)).patches[20:23]
     assert page == list(first.patches)[20:23]
     fewer = {**cells, "ocean": cells["ocean"][:10]}
     assert len(sheet.patches(fewer, "ocean", version=("anna", 6)).patches) == 10
 
 
-def test_a_label_nobody_used_has_no_patches(sheet: Sheet, tiny_truth: Any) -> None:
+def test_a_label_nobody_used_has_no_patches(sheet: PatchRanker, tiny_truth: Any) -> None:
     ranked = looked_at(sheet, labels(tiny_truth)).patches(labels(tiny_truth), "reef")
     assert len(ranked.patches) == 0 and ranked.patches[:200] == []
     assert len(sheet.patches({}, "ocean").patches) == 0
 
 
 def test_more_patches_than_are_trained_on_are_all_ranked(
-    sheet: Sheet, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
+    sheet: PatchRanker, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sheet_module, "MOST_TRAINED", 200)
+    monkeypatch.setattr(review_sheet, "MAX_TRAINED", 200)
     cells = labels(tiny_truth)
     wrong = plant(cells, "ocean", "subsea_installation", 4)
     ranked = looked_at(sheet, cells).patches(cells, "subsea_installation")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -14,11 +12,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tokt.features.errors import FrameError, ToktError
-from tokt.features.grid import Grid
-from tokt.features.mission import open_mission
-from tokt.labels.page.suggestions import Suggester, suggestions
-from tokt.models.bundle import Bundle, read_bundle
+
+from tests.waiting import until
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
+from tokt.labels.page.suggestions.suggester import Suggester, suggestions
+from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.linear import LinearModel
 
 
@@ -27,16 +27,9 @@ def bundle(tiny_bundle: Path) -> Bundle:
     return read_bundle(tiny_bundle)
 
 
-def eventually(condition: Callable[[], bool], seconds: float = 20) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
 def finished(suggester: Suggester) -> Suggester:
     suggester.start()
-    eventually(lambda: suggester.ready)
+    until(lambda: suggester.ready)
     suggester.close()
     return suggester
 
@@ -97,8 +90,8 @@ def test_faulty_frames_have_a_fault_and_no_suggestions(
         assert "truncated" in seven.fault and seven.classes.size == seven.values.size == 0
         assert eight.fault == "the frame is 272x272, the model learnt from 360x272"
         assert nine.fault == "" and nine.classes.size == 100
-        assert suggester.ready and len(suggester.judged().frames) == 38
-        assert not {7, 8} & set(suggester.judged().frames.tolist())
+        assert suggester.ready and len(suggester.known().frames) == 38
+        assert not {7, 8} & set(suggester.known().frames.tolist())
 
 
 def test_a_restart_computes_nothing_again(
@@ -112,7 +105,7 @@ def test_a_restart_computes_nothing_again(
         one, two = first.of("left", frame), second.of("left", frame)
         assert one and two and np.array_equal(one.classes, two.classes)
         assert np.array_equal(one.values, two.values)
-    assert np.array_equal(first.judged().features, second.judged().features)
+    assert np.array_equal(first.known().features, second.known().features)
 
 
 def counted(mission: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
@@ -185,7 +178,7 @@ def test_a_stop_in_the_middle_keeps_what_was_computed(
 ) -> None:
     first = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
     first.start()
-    eventually(lambda: first.progress[0] >= 3)
+    until(lambda: first.progress[0] >= 3)
     first.close()
     done = first.progress[0]
     mission = open_mission(tiny.path)
@@ -228,18 +221,19 @@ def test_many_threads_ask_while_all_is_computed(tiny: Any, bundle: Bundle, tmp_p
 
     with ThreadPoolExecutor(4) as pool:
         assert all(pool.map(ask, [*range(40, 0, -1)] * 3))
-    eventually(lambda: suggester.ready)
+    until(lambda: suggester.ready)
     suggester.close()
 
 
 def test_requests_do_not_stop_the_computing(tiny: Any, bundle: Bundle, tmp_path: Path) -> None:
     suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
     suggester.start()
-    deadline = time.monotonic() + 20
-    while suggester.progress[0] < 5:
+
+    def asking() -> bool:
         suggester.give_way()
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
+        return suggester.progress[0] >= 5
+
+    until(asking)
     suggester.close()
 
 

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.training.closed_loop.autopilot import STEP_S, Autopilot
-from tokt.training.closed_loop.planner import Planner, PlannerSettings
-from tokt.training.closed_loop.track import Recorder, Track
-from tokt.training.closed_loop.vehicle import HULL_RADIUS_M, State, Vehicle
+
+from tokt.studies.simulation.loop.autopilot import STEP_S, Autopilot
+from tokt.studies.simulation.loop.planner import Planner, PlannerSettings
+from tokt.studies.simulation.loop.track import Track, TrackRecorder
+from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M, State, Vehicle
 
 Float = NDArray[np.float64]
 START_M, GOAL_M = -14.0, 12.0
@@ -155,7 +156,7 @@ def fly(
     ahead = np.array([math.sin(sea.heading), 0.0, math.cos(sea.heading)])
     vehicle = Vehicle(State(START_M * ahead, sea.heading, np.zeros(3)), sea.current)
     planner, autopilot = Planner(GOAL_M * ahead, settings), Autopilot()
-    recorder = Recorder("stand-in", sea.name, "stand-in", seed)
+    recorder = TrackRecorder("stand-in", sea.name, "stand-in", seed)
     waiting = None
     for step in range(int(most_s / STEP_S)):
         t_s = step * STEP_S

@@ -13,16 +13,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.training.closed_loop.outcome import judge
-from tokt.training.closed_loop.planner import PlannerSettings
-from tokt.training.closed_loop.target import Mode
-from tokt.training.closed_loop.track import Track
+
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.planner import PlannerSettings
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.report.outcome import outcome_of
 
 pytestmark = pytest.mark.xdist_group("closed_loop_stand_in")
 
 
 def safe(track: Track, clearance_m: float) -> None:
-    outcome = judge(track)
+    outcome = outcome_of(track)
     assert outcome.reached and outcome.clearance_m > clearance_m, outcome
     assert outcome.false_avoidances == 0, outcome
 
@@ -38,7 +39,7 @@ def safe(track: Track, clearance_m: float) -> None:
 )
 def test_a_tower_is_passed(stand_in: SimpleNamespace, seed: int, changes: Any) -> None:
     track = stand_in.fly(stand_in.draw("tower", seed, **changes), seed)
-    outcome = judge(track)
+    outcome = outcome_of(track)
     assert outcome.reached and outcome.clearance_m > 0.4, outcome
     if "unknown_s" in changes:
         dark = (track.t_s > 11.5) & (track.t_s < 14.0)
@@ -49,14 +50,14 @@ def test_a_tower_is_passed(stand_in: SimpleNamespace, seed: int, changes: Any) -
 
 def test_the_control_hits_it(stand_in: SimpleNamespace) -> None:
     track = stand_in.fly(stand_in.draw("tower", 1), 1, PlannerSettings(deaf=True))
-    assert judge(track).collided
+    assert outcome_of(track).collided
 
 
 def test_a_sensor_that_looks_elsewhere_does_not_help(stand_in: SimpleNamespace) -> None:
     """The method broken on purpose: it sees a tower, but not the one that is there."""
     sea = stand_in.draw("tower", 1)
     elsewhere = stand_in.Sea(sea.solid, (stand_in.tower(30.0, 0.0),))
-    assert judge(stand_in.fly(elsewhere, 1)).collided
+    assert outcome_of(stand_in.fly(elsewhere, 1)).collided
 
 
 def test_a_current_across(stand_in: SimpleNamespace) -> None:
@@ -66,7 +67,7 @@ def test_a_current_across(stand_in: SimpleNamespace) -> None:
 @pytest.mark.parametrize(("seed", "changes"), [(6, {"version": 1}), (7, {"stereo": True})])
 def test_two_in_succession(stand_in: SimpleNamespace, seed: int, changes: Any) -> None:
     track = stand_in.fly(stand_in.draw("two", seed, **changes), seed)
-    outcome = judge(track)
+    outcome = outcome_of(track)
     assert outcome.reached and outcome.clearance_m > 0.2, outcome
 
 
@@ -87,13 +88,13 @@ def test_the_frame_of_the_offset_is_the_body_fixed_one(stand_in: SimpleNamespace
     """What failed at sea: at a heading that is not north, an offset in the world's frame."""
     sea = stand_in.draw("tower", 10, heading=math.radians(100))
     safe(stand_in.fly(sea, 10), 0.4)
-    assert judge(stand_in.fly(sea, 10, PlannerSettings(frame="world"))).collided
+    assert outcome_of(stand_in.fly(sea, 10, PlannerSettings(frame="world"))).collided
     # At a heading of north the fault does not show, which is how it got to sea.
     north = stand_in.draw("tower", 10)
     safe(stand_in.fly(north, 10, PlannerSettings(frame="world")), 0.4)
 
 
 def test_empty_water_is_crossed_straight(stand_in: SimpleNamespace) -> None:
-    outcome = judge(stand_in.fly(stand_in.draw("empty", 11), 11))
+    outcome = outcome_of(stand_in.fly(stand_in.draw("empty", 11), 11))
     assert outcome.reached and outcome.detour < 0.01 and outcome.avoidances == 0
     assert outcome.time_s < 50 and math.isinf(outcome.clearance_m)

@@ -12,15 +12,16 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tokt.training.closed_loop.chart import Chart
-from tokt.training.closed_loop.film import animation
-from tokt.training.closed_loop.map import still
-from tokt.training.closed_loop.outcome import judge
-from tokt.training.closed_loop.overview import overview
-from tokt.training.closed_loop.report import Flown, write_report
-from tokt.training.closed_loop.target import Mode
-from tokt.training.closed_loop.track import Recorder, Track
-from tokt.training.closed_loop.vehicle import State
+
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.track import Track, TrackRecorder
+from tokt.studies.simulation.loop.vehicle import State
+from tokt.studies.simulation.report.chart import Chart
+from tokt.studies.simulation.report.film import animation
+from tokt.studies.simulation.report.map import still
+from tokt.studies.simulation.report.outcome import outcome_of
+from tokt.studies.simulation.report.overview import overview
+from tokt.studies.simulation.report.report import Flown, write_report
 
 pytestmark = pytest.mark.xdist_group("closed_loop_stand_in")
 
@@ -29,7 +30,7 @@ RED, BLUE, ORANGE, VIOLET, WATER = "#cc1f2f", "#2f6db3", "#e08a1e", "#8e44ad", "
 
 def track(modes: list[Mode], status: int, least_m: float, seed: int = 1, **about: Any) -> Track:
     """Straight north past something, a mode for every stretch of a second."""
-    recorder = Recorder(
+    recorder = TrackRecorder(
         "one <tower>", about.get("scene", "tower"), about.get("method", "texture"), seed
     )
     for step in range(20 * len(modes)):
@@ -97,7 +98,7 @@ def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(
 ) -> None:
     runs = [track([Mode.TRANSIT] * 2, 1, least, seed) for seed, least in ((4, 2.0), (5, 0.9))]
     runs += [track([Mode.TRANSIT] * 2, 0, 0.3, 6, method="none")]
-    flown = [Flown(run, chart, judge(run)) for run in runs]
+    flown = [Flown(run, chart, outcome_of(run)) for run in runs]
     write_report(tmp_path, [one.outcome for one in flown], flown, ["Flown for <this> test."])
     page = (tmp_path / "report.html").read_text("utf-8")
     assert "Flown for &lt;this&gt; test." in page and "one &lt;tower&gt;" in page

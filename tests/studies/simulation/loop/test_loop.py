@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.features.errors import ToktError
-from tokt.labels.synthetic import tower, walls
-from tokt.labels.synthetic.eyes import Eyes
-from tokt.training.closed_loop import loop
-from tokt.training.closed_loop.loop import NONE, Flight, fly
-from tokt.training.closed_loop.runtime_process import RuntimeProcess
-from tokt.training.closed_loop.scenes import KINDS, Scene, draw_scene
-from tokt.training.closed_loop.target import Mode
-from tokt.training.closed_loop.track import Track
-from tokt.training.closed_loop.vehicle import HULL_RADIUS_M
+
+from tokt.features.common.errors import ToktError
+from tokt.studies.simulation.loop import flight
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.flight import NONE, Flight, fly
+from tokt.studies.simulation.loop.runtime_process import RuntimeProcess
+from tokt.studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
+from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
+from tokt.studies.simulation.scene import tower, walls
 
 WIDTH = 360
 SEED = 1005  # of those that were tuned on: 1 to 100 are for what is reported
@@ -26,7 +27,7 @@ BEGINS_S = 5.0  # long enough to begin to avoid
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
-def near(name: str, start_m: float = -8.0, goal_m: float = 3.0) -> Scene:
+def near(name: str, start_m: float = -8.0, goal_m: float = 3.0) -> LoopScene:
     """A scene with less water before and behind what is there: a third of the time to fly."""
     scene = draw_scene(name, SEED, WIDTH)
     (east, down, _), (to_east, to_down, _) = scene.start.position, scene.goal
@@ -53,7 +54,7 @@ def test_a_tower_is_hit_by_who_does_not_listen_and_passed_by_who_does(avoided: T
 
 
 def test_the_same_seed_is_the_same_run(avoided: Track, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loop, "LONGEST_S", BEGINS_S)
+    monkeypatch.setattr(flight, "MAX_S", BEGINS_S)
     again = flown("tower", "disparity")
     assert len(again.avoidances_s) >= 1
     for name in ("t_s", "position", "heading", "clearance_m", "frame_status", "mode"):
@@ -65,14 +66,14 @@ def test_views_that_do_not_fit_together_avoid_nothing(
     avoided: Track, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The method broken on purpose: with views that show no common point nothing is avoided."""
-    look = Eyes.pair
+    look = StereoRenderer.pair
 
-    def shuffled(self: Eyes, t_s: float, *pose: Any) -> Any:
+    def shuffled(self: StereoRenderer, t_s: float, *pose: Any) -> Any:
         left, right = look(self, t_s, *pose)
         return left, np.ascontiguousarray(right[::-1])
 
-    monkeypatch.setattr(Eyes, "pair", shuffled)
-    monkeypatch.setattr(loop, "LONGEST_S", BEGINS_S)
+    monkeypatch.setattr(StereoRenderer, "pair", shuffled)
+    monkeypatch.setattr(flight, "MAX_S", BEGINS_S)
     track = flown("tower", "disparity")
     assert len(track.avoidances_s) == 0 and not (track.frame_status == 1).any()
     assert avoided.avoidances_s[0] < BEGINS_S - 1.0, "too short to say anything"
@@ -81,7 +82,7 @@ def test_views_that_do_not_fit_together_avoid_nothing(
 def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) -> None:
     start, end = 1.5, 6.5
     scene = replace(draw_scene("blind", SEED, WIDTH), blind_s=(start, end))
-    monkeypatch.setattr(loop, "LONGEST_S", end + 1.5)
+    monkeypatch.setattr(flight, "MAX_S", end + 1.5)
     track = fly(Flight(scene, "disparity", None))
     blind = (track.frame_t_s >= start) & (track.frame_t_s < end)
     assert blind.sum() == 20 and (track.frame_status[blind] == -1).all()
@@ -115,7 +116,7 @@ def test_scenes_are_drawn_by_their_seed(name: str) -> None:
         )
 
 
-def _ahead(scene: Scene) -> float:
+def _ahead(scene: LoopScene) -> float:
     """Least clearance of the straight way."""
     along = np.linspace(0.0, 1.0, 400)[:, None]
     way = scene.start.position + along * (scene.goal - scene.start.position)
@@ -131,7 +132,7 @@ def test_a_runtime_that_cannot_start_says_why(tmp_path: Path) -> None:
     (tmp_path / "no.tokt").write_bytes(b"no bundle")
     options = ["--bundle", str(tmp_path / "no.tokt"), "--policy", "texture"]
     scene = draw_scene("empty", 1, WIDTH)
-    left = Eyes(scene.world, scene.rig, 1).left(0.0, np.zeros(3), 0.0, np.zeros(3))
+    left = StereoRenderer(scene.world, scene.rig, 1).left(0.0, np.zeros(3), 0.0, np.zeros(3))
     with (
         pytest.raises(ToktError, match=r"did not say a verdict: tokt: error: .*no.tokt: truncated"),
         RuntimeProcess(options) as runtime,

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.training.closed_loop.outcome import bounds, judge, table
-from tokt.training.closed_loop.target import Mode
-from tokt.training.closed_loop.track import Recorder, Track
-from tokt.training.closed_loop.vehicle import State
+
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.track import Track, TrackRecorder
+from tokt.studies.simulation.loop.vehicle import State
+from tokt.studies.simulation.report.outcome import bounds, outcome_of, table
 
 
 def recorded(
@@ -24,7 +25,7 @@ def recorded(
     **about: Any,
 ) -> Track:
     """A track over these corners (east, north), one a second."""
-    recorder = Recorder("a scene", about.get("scene", "tower"), about.get("method", "m"), 3)
+    recorder = TrackRecorder("a scene", about.get("scene", "tower"), about.get("method", "m"), 3)
     for second, ((east, north), clearance) in enumerate(zip(corners, clearances, strict=True)):
         where = State(np.array([east, 0.0, north]), 0.0, np.zeros(3))
         recorder.step(float(second), where, Mode.TRANSIT, clearance)
@@ -38,23 +39,23 @@ AROUND = [(0.0, 0.0), (3.0, 4.0), (0.0, 8.0)]
 
 
 def test_clearance_is_from_the_hull_and_below_nothing_it_has_hit() -> None:
-    near = judge(recorded(STRAIGHT, [5.0, 0.9, 4.0]))
+    near = outcome_of(recorded(STRAIGHT, [5.0, 0.9, 4.0]))
     assert not near.collided and near.clearance_m == pytest.approx(0.1)
-    hit = judge(recorded(STRAIGHT, [5.0, 0.79, 4.0]))
+    hit = outcome_of(recorded(STRAIGHT, [5.0, 0.79, 4.0]))
     # Whatever else: who hits something has not arrived.
     assert hit.collided and not hit.reached and math.isnan(hit.detour)
 
 
 def test_the_detour_is_against_the_straight_line() -> None:
-    assert judge(recorded(STRAIGHT, [9.0] * 3)).detour == pytest.approx(0.0)
-    around = judge(recorded(AROUND, [9.0] * 3))
+    assert outcome_of(recorded(STRAIGHT, [9.0] * 3)).detour == pytest.approx(0.0)
+    around = outcome_of(recorded(AROUND, [9.0] * 3))
     assert around.path_m == pytest.approx(10.0) and around.detour == pytest.approx(0.25)
-    assert math.isnan(judge(recorded(AROUND, [9.0] * 3, reached=False)).detour)
+    assert math.isnan(outcome_of(recorded(AROUND, [9.0] * 3, reached=False)).detour)
 
 
 def test_an_avoidance_is_false_where_nothing_solid_was_in_the_picture() -> None:
     frames = [(0.0, 0, False), (1.0, 1, True), (2.0, 1, False), (6.0, 1, False), (7.0, -1, False)]
-    outcome = judge(recorded(STRAIGHT, [9.0] * 3, frames, avoidances=(2.25, 6.25)))
+    outcome = outcome_of(recorded(STRAIGHT, [9.0] * 3, frames, avoidances=(2.25, 6.25)))
     assert outcome.avoidances == 2 and outcome.false_avoidances == 1
     assert outcome.false_statuses == 2 and outcome.frames == 5 and outcome.unknown_frames == 1
 
@@ -69,9 +70,9 @@ def test_bounds_are_clopper_and_pearson_s() -> None:
 
 
 def test_the_table_has_a_row_for_each_scene_and_method() -> None:
-    hit = judge(recorded(STRAIGHT, [5.0, 0.5, 4.0], method="none"))
-    good = judge(recorded(AROUND, [5.0, 1.8, 4.0]))
-    false = judge(recorded(STRAIGHT, [math.inf] * 3, avoidances=(1.0,), scene="snow"))
+    hit = outcome_of(recorded(STRAIGHT, [5.0, 0.5, 4.0], method="none"))
+    good = outcome_of(recorded(AROUND, [5.0, 1.8, 4.0]))
+    false = outcome_of(recorded(STRAIGHT, [math.inf] * 3, avoidances=(1.0,), scene="snow"))
     rows = table([good, replace(good, clearance_m=2.0), hit, false]).set_index(["scene", "method"])
     assert list(rows.index) == [("tower", "m"), ("tower", "none"), ("snow", "m")]
     assert list(rows["runs"]) == [2, 1, 1] and list(rows["collided"]) == [0, 1, 0]
@@ -88,7 +89,7 @@ def test_the_table_has_a_row_for_each_scene_and_method() -> None:
 
 
 def test_json_has_no_number_that_json_has_not() -> None:
-    outcome = judge(recorded(STRAIGHT, [math.inf] * 3, reached=False))
+    outcome = outcome_of(recorded(STRAIGHT, [math.inf] * 3, reached=False))
     shown = json.loads(json.dumps(outcome.to_json(), allow_nan=False))
     assert shown["clearance_m"] is None and shown["detour"] is None and shown["seed"] == 3
 
@@ -99,4 +100,4 @@ def test_a_track_knows_where_frames_were_taken() -> None:
     assert track.obstacle_places[:, 2] == pytest.approx([2.0, 7.0])
     assert track.nearest == 1
     with pytest.raises(ValueError, match="without a step"):
-        Recorder("a", "b", "c", 1).track((), False)
+        TrackRecorder("a", "b", "c", 1).track((), False)

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tokt.inference.udp import decode
-from tokt.training.closed_loop.planner import Planner, PlannerSettings
-from tokt.training.closed_loop.target import Mode, Target
-from tokt.training.closed_loop.vehicle import State
+
+from tokt.inference.outputs.udp import decode
+from tokt.studies.simulation.loop.autopilot import Mode, Setpoint
+from tokt.studies.simulation.loop.planner import Planner, PlannerSettings
+from tokt.studies.simulation.loop.vehicle import State
 
 GOAL = np.array([0.0, 0.0, 20.0])
 FRAME_S = 0.25
@@ -36,13 +37,13 @@ class Talk:
         self.planner = Planner(GOAL, PlannerSettings(**settings))
         self.t_s = 0.0
 
-    def say(self, datagram: dict[str, Any] | None, nav: State) -> Target:
+    def say(self, datagram: dict[str, Any] | None, nav: State) -> Setpoint:
         self.t_s += FRAME_S
         self.planner.hear(self.t_s, datagram)
         return self.planner.target(self.t_s, nav)
 
 
-def beside(target: Target, nav: State) -> float:
+def beside(target: Setpoint, nav: State) -> float:
     """How far to starboard of the vehicle a target is."""
     east, _, north = target.position - nav.position
     return east * math.cos(nav.heading_rad) - north * math.sin(nav.heading_rad)

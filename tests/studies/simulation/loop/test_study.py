@@ -9,8 +9,10 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from tokt.training.closed_loop import default_model, loop, scenes, study
-from tokt.training.closed_loop.default_model import train_default_model
+
+from tokt.studies.simulation import default_model, study
+from tokt.studies.simulation.default_model import train_default_model
+from tokt.studies.simulation.loop import flight, scenes
 
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
@@ -39,7 +41,7 @@ def test_a_study(
     model: Path, tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scenes, "START_M", -7.0)
-    monkeypatch.setattr(loop, "LONGEST_S", 13.0)  # into the tower, or beside it by then
+    monkeypatch.setattr(flight, "MAX_S", 13.0)  # into the tower, or beside it by then
     out = tmp_path / "out"
     command = ["simulate", out, "--closed-loop", "--scenes", "tower", "--methods", "texture,none"]
     ran = run_tokt(*command, "--seed", 1001, "--runs", 1, "--model", model, "--jobs", 1, "--json")
@@ -63,7 +65,7 @@ def test_a_study(
 def test_methods_without_a_model_need_none_and_the_seeds_are_said(
     tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop, "LONGEST_S", 0.5)
+    monkeypatch.setattr(flight, "MAX_S", 0.5)
     monkeypatch.setattr(study, "train_default_model", None)
     about: list[str] = []
     monkeypatch.setattr(study, "write_report", lambda *given: about.extend(given[-1]))

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from tokt.training.closed_loop.vehicle import MINERVA, Forces, State, Vehicle
+
+from tokt.studies.simulation.loop.vehicle import MINERVA, Forces, State, Vehicle
 
 STEP_S = 0.05
 AT_REST = State(np.zeros(3), 0.0, np.zeros(3))

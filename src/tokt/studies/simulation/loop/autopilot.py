@@ -1,4 +1,4 @@
-"""The autopilot: thrusters' forces that bring the vehicle to a target and keep it there.
+"""The autopilot: setpoints, and the thrusters' forces that bring the vehicle there.
 
 Position error -> velocity over ground -> force, each in the body-fixed frame; the velocity error
 is integrated, so that a steady current leaves no offset. As a ship's dynamic positioning works
@@ -9,9 +9,40 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
-from .target import Target
-from .vehicle import MINERVA, Forces, State, VehicleParameters, turn
+from .vehicle import MINERVA, Float, Forces, State, VehicleParameters, turn
+
+
+class Mode(StrEnum):
+    """The planner's mode."""
+
+    TRANSIT = "transit"
+    AVOID = "avoid"
+    BACK_OFF = "back off"
+    HOLD = "hold"
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """The position, heading and speed that the planner asks the autopilot for.
+
+    Parameters
+    ----------
+    position : (3,) float64
+        World, metres.
+    heading : float
+        Radians.
+    mode : Mode
+    speed_m_s : float
+        Not to be exceeded on the way.
+    """
+
+    position: Float
+    heading: float
+    mode: Mode
+    speed_m_s: float = 0.6
+
 
 STEP_S = 0.05
 """Of the control loop and of the vehicle's steps: 20 a second."""
@@ -69,13 +100,13 @@ class Autopilot:
         self.dt_s = dt_s
         self._sums = [0.0, 0.0, 0.0, 0.0]
 
-    def forces(self, state: State, target: Target) -> Forces:
-        """What to ask of the thrusters now."""
+    def forces(self, state: State, target: Setpoint) -> Forces:
+        """Forces to ask of the thrusters now."""
         wanted = [*self._velocity(state, target), self._yaw_rate(state, target)]
         have = [*state.velocity_body.tolist(), state.yaw_rate]
         return Forces(*(self._force(axis, wanted[axis], have[axis]) for axis in range(4)))
 
-    def _velocity(self, state: State, target: Target) -> tuple[float, float, float]:
+    def _velocity(self, state: State, target: Setpoint) -> tuple[float, float, float]:
         """Surge, sway and heave over ground to ask for, m/s."""
         own = self.settings
         east, down, north = (target.position - state.position).tolist()
@@ -94,7 +125,7 @@ class Autopilot:
         gain = own.position / over
         return gain * surge, gain * sway, gain * down
 
-    def _yaw_rate(self, state: State, target: Target) -> float:
+    def _yaw_rate(self, state: State, target: Setpoint) -> float:
         most = self.settings.yaw_rad_s
         error = turn(target.heading - state.heading_rad)
         return min(max(self.settings.heading * error, -most), most)

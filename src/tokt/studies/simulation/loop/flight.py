@@ -1,4 +1,4 @@
-"""One run of the closed loop: vehicle, cameras, the real runtime, planner and autopilot.
+"""One flight of the closed loop: vehicle, cameras, the real runtime, planner and autopilot.
 
 ::
 
@@ -8,8 +8,8 @@
 
 Time is simulated: no frame is rendered before the verdict on the one before has come, so that a
 run is the same however busy the machine is; but `fallback` goes by the wall clock where the model
-takes more than `tokt.inference.policy.LATE_S`. What a verdict's way takes at sea is put in as
-`LATENCY_S`.
+takes more than `tokt.inference.policy.policy.LATE_S`. What a verdict's way takes at sea is put in
+as `LATENCY_S`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...labels.synthetic.eyes import Eyes
+from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
+
 from .autopilot import STEP_S, Autopilot
 from .planner import Planner, PlannerSettings
 from .runtime_process import RuntimeProcess
-from .scenes import KINDS, Scene
-from .track import IN_VIEW_M, Recorder, Track
+from .scenes import KINDS, LoopScene
+from .track import IN_VIEW_M, Track, TrackRecorder
 from .vehicle import HULL_RADIUS_M, Vehicle
 
 NONE = "none"
@@ -43,7 +44,7 @@ STEPS_A_FRAME = 5
 LATENCY_S = 0.1
 """From a frame to its verdict at the planner. Source: `tokt bench` on the mission's frames, 5 to
 7 ms at the 99th percentile, and a camera's exposure and transfer, assumed."""
-LONGEST_S = 150.0
+MAX_S = 150.0
 """A run that takes longer has not arrived; straight there takes under 30 s."""
 STEREO_SCALE = "1.0"
 """Of the views matched: frames are rendered as wide as the grid's picture, and are not halved."""
@@ -55,11 +56,11 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Flight:
-    """What is to be flown.
+    """A flight to fly: scene, method, model and planner.
 
     Parameters
     ----------
-    scene : Scene
+    scene : LoopScene
     method : str
         Of `METHODS`.
     model : Path or None
@@ -67,7 +68,7 @@ class Flight:
     planner : PlannerSettings
     """
 
-    scene: Scene
+    scene: LoopScene
     method: str
     model: Path | None
     planner: PlannerSettings = field(default_factory=PlannerSettings)
@@ -113,15 +114,17 @@ class _Run:
         scene = flight.scene
         self._scene, self._runtime = scene, runtime
         self._pairs = _looks_at_pairs(flight.method)
-        self._eyes = Eyes(scene.world, scene.rig, scene.seed)
+        self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.current_m_s)
         self._autopilot = Autopilot()
         self._planner = Planner(scene.goal, replace(flight.planner, deaf=runtime is None))
-        self._recorder = Recorder(KINDS[scene.name].title, scene.name, flight.method, scene.seed)
+        self._recorder = TrackRecorder(
+            KINDS[scene.name].title, scene.name, flight.method, scene.seed
+        )
         self._said: tuple[float, dict[str, Any]] | None = None
 
     def fly(self) -> Track:
-        for step in range(round(LONGEST_S / STEP_S)):
+        for step in range(round(MAX_S / STEP_S)):
             t_s = step * STEP_S
             if step % STEPS_A_FRAME == 0:
                 self._frame(step // STEPS_A_FRAME + 1, t_s)
@@ -151,12 +154,12 @@ class _Run:
         if blind is not None and blind[0] <= t_s < blind[1]:
             return None, None
         pose = (t_s, state.camera, state.heading_rad, state.velocity_world)
-        return self._eyes.pair(*pose) if self._pairs else (self._eyes.left(*pose), None)
+        return self._renderer.pair(*pose) if self._pairs else (self._renderer.left(*pose), None)
 
     def _in_view(self, t_s: float) -> bool:
         """Whether something solid is in the left camera's picture, and not far away."""
         return bool(
-            self._eyes.sees_solid(
+            self._renderer.sees_solid(
                 t_s, self._vehicle.state.camera, self._vehicle.state.heading_rad, IN_VIEW_M
             )
         )

@@ -1,4 +1,4 @@
-"""Many runs: every scene with every method, for some seeds, on several processes."""
+"""Many flights: every scene with every method, for some seeds, on several processes."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...features.errors import ToktError
-from ..parallel import mapped
-from .loop import METHODS, NONE, Flight, fly
+from tokt.features.common.errors import ToktError
+from tokt.training.parallel import mapped
+
+from .flight import METHODS, NONE, Flight, fly
 from .scenes import KINDS, draw_scene
 from .track import Track
 
@@ -24,7 +25,7 @@ Progress = Callable[..., Any]
 
 @dataclass(frozen=True)
 class RunsRequest:
-    """Which runs.
+    """The flights to fly: scenes, methods and seeds.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ class RunsRequest:
 
 
 @dataclass(frozen=True)
-class _Task:
+class _FlightTask:
     scene: str
     method: str
     seed: int
@@ -82,7 +83,7 @@ def fly_all(request: RunsRequest, progress: Progress) -> list[Track]:
         By scene, then method, then seed, as asked.
     """
     tasks = [
-        _Task(scene, method, seed, request.width, request.model)
+        _FlightTask(scene, method, seed, request.width, request.model)
         for scene in request.scenes
         for method in request.methods
         for seed in request.seeds
@@ -96,7 +97,7 @@ def uses_model(method: str) -> bool:
     return method not in ("disparity", NONE)
 
 
-def _fly(task: _Task) -> Track:
+def _fly(task: _FlightTask) -> Track:
     scene = draw_scene(task.scene, task.seed, task.width)
     model = task.model if uses_model(task.method) else None
     return fly(Flight(scene, task.method, model))

@@ -1,4 +1,4 @@
-"""One way past an obstacle: what was seen of it, in the frame of the manoeuvre, and how far on.
+"""One manoeuvre past an obstacle: what was seen of it, in its own frame, and how far to go.
 
 The frame is the body-fixed one of the moment at which the obstacle was first seen: `along` is
 ahead, `beside` to the side that the planner passes on. All that follows is remembered in it, as
@@ -23,7 +23,7 @@ ON_HEADING = math.radians(4)
 
 
 @dataclass(frozen=True)
-class Sight:
+class CameraAssumptions:
     """The camera that judges, and what is assumed where a datagram does not say; metres.
 
     Parameters
@@ -71,8 +71,8 @@ class Sight:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What one verdict adds, in metres of the lane.
+class ObstacleSighting:
+    """An obstacle as one verdict shows it, in metres of the manoeuvre's frame.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Seen:
 
 
 @dataclass
-class Lane:
+class Manoeuvre:
     """One manoeuvre past an obstacle, or several that are seen together.
 
     Parameters
@@ -126,7 +126,7 @@ class Lane:
     heading: float
     look: float
     side: int
-    sight: Sight
+    camera: CameraAssumptions
     hold_along: float = 0.0
     retreat: float | None = None
     retreat_beside: float = 0.0
@@ -135,7 +135,7 @@ class Lane:
     absent: int = 0
     glance: tuple[Float, float] | None = None
     glances: int = 0
-    seen: list[Seen] = field(default_factory=list)
+    seen: list[ObstacleSighting] = field(default_factory=list)
 
     def place(self, position: Float) -> tuple[float, float]:
         """(along, beside) of a place in the world."""
@@ -157,22 +157,22 @@ class Lane:
 
     def see(self, datagram: Mapping[str, Any], nav: State, wide: bool) -> None:
         """Remember what a verdict of status 1 says, from where the vehicle is."""
-        sight = self.sight
+        camera = self.camera
         own = self.place(nav.position)
         turned = turn(nav.heading_rad - self.look)
-        ranges = sight.ranges(datagram.get("distance_m"))
-        centre = turned + sight.bearing(-(datagram["x"] or 0))
+        ranges = camera.ranges(datagram.get("distance_m"))
+        centre = turned + camera.bearing(-(datagram["x"] or 0))
         places = tuple(self._spot(own, turned, centre, far) for far in ranges)
-        half = sight.wide_half_m if wide else sight.half_m
+        half = camera.wide_half_m if wide else camera.half_m
         edge = max(beside for _, beside in places) + half
         box = datagram.get("box")
         if box is not None:
-            column = box[0] + (box[2] if self.side > 0 else 0) - sight.mask_width / 2
-            rim = turned + sight.bearing(column)
+            column = box[0] + (box[2] if self.side > 0 else 0) - camera.mask_width / 2
+            rim = turned + camera.bearing(column)
             edge = max(edge, *(self._spot(own, turned, rim, far)[1] for far in ranges))
-        end = max(along for along, _ in places) + sight.depth_m
+        end = max(along for along, _ in places) + camera.depth_m
         before = self.edge(own[0])
-        self.seen.append(Seen(own[0], edge, end, places))
+        self.seen.append(ObstacleSighting(own[0], edge, end, places))
         self.absent = self.glances = 0
         self.glance = None
         # A tenth of a metre more is noise of the mask's centre, not another obstacle.

@@ -6,9 +6,10 @@ body-fixed frame; back to the goal when it is reached. Added here, and why:
 
 - *Beside, then past.* The camera sees 17 degrees to either side. The obstacle leaves the view long
   before the vehicle is past it, and a planner that goes back to the goal at the first clear verdict
-  turns into it. So what was seen is remembered in the frame of the manoeuvre (`Lane`), by bearing
-  and distance, or every distance it may have where the datagram has none: first sideways until the
-  hull fits past what is remembered *and* the water ahead is clear, then ahead until it is behind.
+  turns into it. So what was seen is remembered in the frame of the manoeuvre (`Manoeuvre`), by
+  bearing and distance, or every distance it may have where the datagram has none: first sideways
+  until the hull fits past what is remembered *and* the water ahead is clear, then ahead until it is
+  behind.
 - *Glance.* Before it goes back it stops and looks to the inner side: there may be another one.
 - *One side.* The side of the first verdict is kept until the obstacle is passed.
 - *Back off.* A large mean value, a small distance or a short time to contact: first straight back
@@ -29,9 +30,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...inference.verdict import OBSTACLE, UNKNOWN
-from .lane import Lane, Sight
-from .target import Mode, Target
+from tokt.inference.verdict import OBSTACLE, UNKNOWN
+
+from .autopilot import Mode, Setpoint
+from .manoeuvre import CameraAssumptions, Manoeuvre
 from .vehicle import Float, State, turn
 
 STOPPING_S = 0.6
@@ -46,7 +48,7 @@ WELL_INSIDE = 0.7
 
 @dataclass(frozen=True)
 class PlannerSettings:
-    """What the planner goes by; metres, seconds and radians.
+    """Settings of the planner, in metres, seconds and radians.
 
     Parameters
     ----------
@@ -54,7 +56,7 @@ class PlannerSettings:
         Speed of transit.
     silence_s : float
         Nothing heard for longer is taken for unknown (docs/udp.md).
-    sight : Sight
+    sight : CameraAssumptions
         The camera and what is assumed of obstacles.
     beside_m : float
         From the edge of what is remembered to the hull's centre, on the way past: the hull's
@@ -90,7 +92,7 @@ class PlannerSettings:
 
     cruise_m_s: float = 0.6
     silence_s: float = 1.5
-    sight: Sight = field(default_factory=Sight)
+    camera: CameraAssumptions = field(default_factory=CameraAssumptions)
     beside_m: float = 1.5
     past_m: float = 1.3
     clear_frames: int = 3
@@ -121,7 +123,7 @@ class Planner:
     Attributes
     ----------
     mode : Mode
-        As of the last `target`.
+        As of the last `autopilot`.
     avoidances : list of float
         When each manoeuvre began, s.
     """
@@ -134,21 +136,21 @@ class Planner:
         self._heard: list[dict[str, Any]] = []
         self._heard_s: float | None = None
         self._known = False
-        self._lane: Lane | None = None
+        self._manoeuvre: Manoeuvre | None = None
         self._held: tuple[Float, float] | None = None
         self._reached = False
 
     def hear(self, t_s: float, datagram: dict[str, Any] | None) -> None:
-        """Take in a datagram as `tokt.inference.udp.decode` gives it, or None for nothing.
+        """Take in a datagram as `tokt.inference.outputs.udp.decode` gives it, or None for nothing.
 
-        What it says is judged from where the vehicle is at the next `target`.
+        What it says is judged from where the vehicle is at the next `autopilot`.
         """
         if datagram is not None:
             self._heard_s = t_s
             self._heard.append(datagram)
 
-    def target(self, t_s: float, nav: State) -> Target:
-        """Where to be now.
+    def target(self, t_s: float, nav: State) -> Setpoint:
+        """The setpoint for now.
 
         Parameters
         ----------
@@ -164,17 +166,17 @@ class Planner:
         if not self._known or self._silent(t_s):
             return self._hold(nav)
         self._held = None
-        if self._lane is not None and self._lane.glances >= self.settings.glance_frames:
-            self._lane = None
-        if self._lane is None:
+        if self._manoeuvre is not None and self._manoeuvre.glances >= self.settings.glance_frames:
+            self._manoeuvre = None
+        if self._manoeuvre is None:
             return self._transit(nav)
-        if self._passed(self._lane, nav):
-            return self._glance(self._lane, nav)
-        return self._avoid(self._lane, nav)
+        if self._passed(self._manoeuvre, nav):
+            return self._glance(self._manoeuvre, nav)
+        return self._avoid(self._manoeuvre, nav)
 
     @property
     def reached(self) -> bool:
-        """Whether the vehicle was at the goal at the last `target`."""
+        """Whether the vehicle was at the goal at the last `autopilot`."""
         return self._reached
 
     def _take_in(self, t_s: float, datagram: dict[str, Any], nav: State) -> None:
@@ -182,38 +184,38 @@ class Planner:
         self._known = status != UNKNOWN
         if status == OBSTACLE:
             self._take_in_obstacle(t_s, datagram, nav)
-        elif self._lane is not None and self._known:
-            self._lane.clear(nav, WELL_INSIDE * self.settings.sight.half_view)
-            if self._lane.absent >= self.settings.dismiss_frames:
-                self._lane = None
+        elif self._manoeuvre is not None and self._known:
+            self._manoeuvre.clear(nav, WELL_INSIDE * self.settings.camera.half_view)
+            if self._manoeuvre.absent >= self.settings.dismiss_frames:
+                self._manoeuvre = None
 
     def _take_in_obstacle(self, t_s: float, datagram: dict[str, Any], nav: State) -> None:
         own = self.settings
-        if self._lane is None:
+        if self._manoeuvre is None:
             self.avoidances.append(t_s)
-            self._lane = self._new_lane(datagram, nav)
+            self._manoeuvre = self._new_manoeuvre(datagram, nav)
         wide = self._is_wide(datagram)
-        glanced = self._lane.glance is not None
-        self._lane.see(datagram, nav, wide)
-        if glanced and self._passed(self._lane, nav):
+        glanced = self._manoeuvre.glance is not None
+        self._manoeuvre.see(datagram, nav, wide)
+        if glanced and self._passed(self._manoeuvre, nav):
             # It is beside, and not on the way past: on the way back the camera will face it.
-            self._lane = None
+            self._manoeuvre = None
             return
         if self._too_near(datagram, wide):
-            self._lane.back_off(nav, own.back_off_m, own.back_off_most_m)
+            self._manoeuvre.back_off(nav, own.back_off_m, own.back_off_most_m)
 
-    def _new_lane(self, datagram: dict[str, Any], nav: State) -> Lane:
+    def _new_manoeuvre(self, datagram: dict[str, Any], nav: State) -> Manoeuvre:
         """A manoeuvre that begins here, beside the way on which the vehicle is."""
         own = self.settings
         look = self._course(nav)
         # While it still turns to its way, what it sees is beside that, not ahead.
-        bearing = turn(nav.heading_rad - look) + own.sight.bearing(-(datagram["x"] or 0))
+        bearing = turn(nav.heading_rad - look) + own.camera.bearing(-(datagram["x"] or 0))
         # Away from it; the thesis's program goes left where it is right ahead.
         side = 1 if bearing < 0 else -1
         frame = look if own.frame == "body" else 0.0
-        lane = Lane(nav.position, frame, look, side, own.sight)
-        lane.stop_at(_stopping_m(nav))
-        return lane
+        manoeuvre = Manoeuvre(nav.position, frame, look, side, own.camera)
+        manoeuvre.stop_at(_stopping_m(nav))
+        return manoeuvre
 
     def _course(self, nav: State) -> float:
         """The heading that transit goes on: to the goal; close to it, as it is."""
@@ -226,7 +228,7 @@ class Planner:
     def _is_wide(self, datagram: dict[str, Any]) -> bool:
         """Whether it fills so much of the view that it may go on on either side."""
         own, box = self.settings, datagram.get("box")
-        if box is not None and box[2] > own.wide_box * own.sight.mask_width:
+        if box is not None and box[2] > own.wide_box * own.camera.mask_width:
             return True
         return (datagram["mean"] or 0.0) > own.back_off_mean
 
@@ -246,24 +248,24 @@ class Planner:
             )
         )
 
-    def _passed(self, lane: Lane, nav: State) -> bool:
+    def _passed(self, manoeuvre: Manoeuvre, nav: State) -> bool:
         """Whether all that is remembered is behind, or the goal is beside."""
-        return lane.place(nav.position)[0] > self._end(lane) - REACHED_M
+        return manoeuvre.place(nav.position)[0] > self._end(manoeuvre) - REACHED_M
 
-    def _end(self, lane: Lane) -> float:
+    def _end(self, manoeuvre: Manoeuvre) -> float:
         """How far along to go: past what is remembered, and no farther than the goal."""
-        return min(lane.end() + self.settings.past_m, lane.place(self.goal)[0])
+        return min(manoeuvre.end() + self.settings.past_m, manoeuvre.place(self.goal)[0])
 
     def _silent(self, t_s: float) -> bool:
         return self._heard_s is None or t_s - self._heard_s > self.settings.silence_s
 
-    def _hold(self, nav: State) -> Target:
+    def _hold(self, nav: State) -> Setpoint:
         if self._held is None:
             self._held = nav.position + STOPPING_S * nav.velocity_world, nav.heading_rad
         self.mode = Mode.HOLD
-        return Target(*self._held, self.mode, self.settings.cruise_m_s)
+        return Setpoint(*self._held, self.mode, self.settings.cruise_m_s)
 
-    def _transit(self, nav: State) -> Target:
+    def _transit(self, nav: State) -> Setpoint:
         """To the goal, looking where it goes: turned first, where the goal is not ahead."""
         own = self.settings
         way = self.goal - nav.position
@@ -271,44 +273,44 @@ class Planner:
         self.mode = Mode.TRANSIT
         heading = self._course(nav)
         off = abs(turn(heading - nav.heading_rad))
-        speed = own.cruise_m_s * max(0.0, 1.0 - off / own.sight.half_view)
-        return Target(self.goal, heading, self.mode, speed)
+        speed = own.cruise_m_s * max(0.0, 1.0 - off / own.camera.half_view)
+        return Setpoint(self.goal, heading, self.mode, speed)
 
-    def _avoid(self, lane: Lane, nav: State) -> Target:
+    def _avoid(self, manoeuvre: Manoeuvre, nav: State) -> Setpoint:
         """Back, then beside, then past."""
         own = self.settings
-        along, beside = lane.place(nav.position)
-        if lane.retreat is not None and along > lane.retreat + REACHED_M:
+        along, beside = manoeuvre.place(nav.position)
+        if manoeuvre.retreat is not None and along > manoeuvre.retreat + REACHED_M:
             self.mode = Mode.BACK_OFF
-            return self._on_lane(lane, lane.retreat, lane.retreat_beside)
-        if lane.retreat is not None:
-            lane.retreat = None
-            lane.stop_at(along)
+            return self._on_manoeuvre(manoeuvre, manoeuvre.retreat, manoeuvre.retreat_beside)
+        if manoeuvre.retreat is not None:
+            manoeuvre.retreat = None
+            manoeuvre.stop_at(along)
         self.mode = Mode.AVOID
-        need = lane.edge(along) + own.beside_m
-        if beside > need - REACHED_M and lane.settled >= own.clear_frames:
+        need = manoeuvre.edge(along) + own.beside_m
+        if beside > need - REACHED_M and manoeuvre.settled >= own.clear_frames:
             # Farther out than it need be, it does not come back in beside the obstacle.
-            lane.stop_at(along + _stopping_m(nav))
-            return self._on_lane(lane, self._end(lane), max(need, beside))
-        return self._on_lane(lane, lane.hold_along, max(need, beside))
+            manoeuvre.stop_at(along + _stopping_m(nav))
+            return self._on_manoeuvre(manoeuvre, self._end(manoeuvre), max(need, beside))
+        return self._on_manoeuvre(manoeuvre, manoeuvre.hold_along, max(need, beside))
 
-    def _glance(self, lane: Lane, nav: State) -> Target:
+    def _glance(self, manoeuvre: Manoeuvre, nav: State) -> Setpoint:
         """Past it: look where the way back leads, farther to the side than the way itself.
 
         On the way back the camera sees what is ahead, but not what is beside and near already.
         """
-        if lane.glance is None:
-            inward = -lane.side * 2 * self.settings.sight.half_view
-            turned = turn(self._course(nav) + inward - lane.look)
+        if manoeuvre.glance is None:
+            inward = -manoeuvre.side * 2 * self.settings.camera.half_view
+            turned = turn(self._course(nav) + inward - manoeuvre.look)
             # Farther round than that it would look at what it has passed.
             turned = min(max(turned, -FARTHEST_GLANCE), FARTHEST_GLANCE)
-            lane.glance = nav.position, lane.look + turned
+            manoeuvre.glance = nav.position, manoeuvre.look + turned
         self.mode = Mode.AVOID
-        return Target(*lane.glance, self.mode, self.settings.cruise_m_s)
+        return Setpoint(*manoeuvre.glance, self.mode, self.settings.cruise_m_s)
 
-    def _on_lane(self, lane: Lane, along: float, beside: float) -> Target:
-        place = lane.world(along, beside, float(self.goal[1]))
-        return Target(place, lane.look, self.mode, self.settings.cruise_m_s)
+    def _on_manoeuvre(self, manoeuvre: Manoeuvre, along: float, beside: float) -> Setpoint:
+        place = manoeuvre.world(along, beside, float(self.goal[1]))
+        return Setpoint(place, manoeuvre.look, self.mode, self.settings.cruise_m_s)
 
 
 def _stopping_m(nav: State) -> float:

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...inference.frame_stream import encode_frame
-from ...inference.udp import decode
+from tokt.features.common.errors import ToktError
+from tokt.inference.outputs.udp import decode
+from tokt.inference.sources.stream import encode_frame
 
-LONGEST_S = 60.0
+MAX_S = 60.0
 """Wall time in seconds for a start or a verdict: a process that takes longer is taken for dead."""
 _LOOK_S = 0.2
 _DATAGRAM = 65_536
@@ -104,7 +104,7 @@ class RuntimeProcess:
         return said
 
     def _wait_for(self, readable: socket.socket, what: str) -> None:
-        end = time.monotonic() + LONGEST_S
+        end = time.monotonic() + MAX_S
         while not select.select([readable], [], [], _LOOK_S)[0]:
             if self._process.poll() is not None or time.monotonic() > end:
                 raise self._failed(what)

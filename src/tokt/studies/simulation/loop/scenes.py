@@ -19,12 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...labels.synthetic.dust import Cloud
-from ...labels.synthetic.fish import School
-from ...labels.synthetic.rig import Rig
-from ...labels.synthetic.water import Water
-from ...labels.synthetic.world import World, one_tower, trap
+from tokt.features.common.errors import ToktError
+from tokt.studies.simulation.scene.closed_loop_world import World, one_tower, trap
+from tokt.studies.simulation.scene.dust import DustCloud
+from tokt.studies.simulation.scene.fish import School
+from tokt.studies.simulation.scene.rig import SyntheticRig
+from tokt.studies.simulation.scene.water import Water
+
 from .vehicle import State
 
 Float = NDArray[np.float64]
@@ -45,7 +46,7 @@ THICK_SNOW = 4
 
 
 @dataclass(frozen=True)
-class Scene:
+class LoopScene:
     """One seed's scene.
 
     Parameters
@@ -53,7 +54,7 @@ class Scene:
     name : str
     seed : int
     world : World
-    rig : Rig
+    rig : SyntheticRig
     start : State
     goal : (3,) array
         World coordinates, metres.
@@ -64,7 +65,7 @@ class Scene:
     name: str
     seed: int
     world: World
-    rig: Rig
+    rig: SyntheticRig
     start: State
     goal: Float
     blind_s: tuple[float, float] | None = None
@@ -76,7 +77,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Kind:
+class SceneKind:
     """A kind of scene.
 
     Parameters
@@ -91,10 +92,10 @@ class Kind:
 
     title: str
     obstacles: int
-    make: Callable[[Rng, Scene], Scene]
+    make: Callable[[Rng, LoopScene], LoopScene]
 
 
-def _with(scene: Scene, **changes: object) -> Scene:
+def _with(scene: LoopScene, **changes: object) -> LoopScene:
     return replace(scene, world=replace(scene.world, **changes))  # type: ignore[arg-type]
 
 
@@ -102,38 +103,38 @@ def _offset(rng: Rng) -> float:
     return float(rng.uniform(-OFFSET_M, OFFSET_M))
 
 
-def _empty(rng: Rng, scene: Scene) -> Scene:
+def _empty(rng: Rng, scene: LoopScene) -> LoopScene:
     return scene
 
 
-def _tower(rng: Rng, scene: Scene) -> Scene:
+def _tower(rng: Rng, scene: LoopScene) -> LoopScene:
     return _with(scene, things=(one_tower(rng, (_offset(rng), 0.0, 0.0)),))
 
 
-def _two(rng: Rng, scene: Scene) -> Scene:
+def _two(rng: Rng, scene: LoopScene) -> LoopScene:
     towers = tuple(one_tower(rng, (_offset(rng), 0.0, along)) for along in (0.0, SECOND_M))
     goal = scene.goal + np.array([0.0, 0.0, SECOND_M])
     return replace(_with(scene, things=towers), goal=goal)
 
 
-def _trap(rng: Rng, scene: Scene) -> Scene:
+def _trap(rng: Rng, scene: LoopScene) -> LoopScene:
     dead_end = trap(rng, (_offset(rng), 0.0, 1.5), width_m=4.0, depth_m=3.0)
     return _with(scene, things=(dead_end,))
 
 
-def _current(rng: Rng, scene: Scene) -> Scene:
+def _current(rng: Rng, scene: LoopScene) -> LoopScene:
     across = CURRENT_M_S * float(rng.choice([-1.0, 1.0])) * float(rng.uniform(0.5, 1.0))
     along = float(rng.uniform(-0.5, 0.5)) * CURRENT_M_S
     return _with(_tower(rng, scene), current=(across, 0.0, along))
 
 
-def _blind(rng: Rng, scene: Scene) -> Scene:
+def _blind(rng: Rng, scene: LoopScene) -> LoopScene:
     start = float(rng.uniform(3.0, 12.0))
     scene = _with(_tower(rng, scene), current=(float(rng.uniform(-0.1, 0.1)), 0.0, 0.0))
     return replace(scene, blind_s=(start, start + 6.0))
 
 
-def _fish(rng: Rng, scene: Scene) -> Scene:
+def _fish(rng: Rng, scene: LoopScene) -> LoopScene:
     side = float(rng.choice([-1.0, 1.0]))
     through = (0.0, scene.start.position[1], float(rng.uniform(-4.0, 0.0)))
     at_s = float(rng.uniform(6.0, 12.0))
@@ -141,31 +142,33 @@ def _fish(rng: Rng, scene: Scene) -> Scene:
     return _with(scene, fish=school)
 
 
-def _snow(rng: Rng, scene: Scene) -> Scene:
+def _snow(rng: Rng, scene: LoopScene) -> LoopScene:
     water = scene.world.water
     return _with(scene, water=replace(water, snow_per_frame=THICK_SNOW * water.snow_per_frame))
 
 
-def _dust(rng: Rng, scene: Scene) -> Scene:
+def _dust(rng: Rng, scene: LoopScene) -> LoopScene:
     at = (_offset(rng), scene.start.position[1], float(rng.uniform(-5.0, -1.0)))
-    return _with(scene, dust=(Cloud.draw(rng, at, drift=(float(rng.normal(0, 0.03)), 0.0, 0.0)),))
+    return _with(
+        scene, dust=(DustCloud.draw(rng, at, drift=(float(rng.normal(0, 0.03)), 0.0, 0.0)),)
+    )
 
 
 KINDS = {
-    "tower": Kind("one tower", 1, _tower),
-    "two": Kind("two towers in succession (thesis, figure 5.9)", 2, _two),
-    "trap": Kind("a dead end (thesis, figure 6.2)", 1, _trap),
-    "current": Kind("one tower in a current", 1, _current),
-    "blind": Kind("one tower, no pictures for 6 s", 1, _blind),
-    "empty": Kind("empty water with marine snow", 0, _empty),
-    "snow": Kind(f"empty water, {THICK_SNOW} times the snow", 0, _snow),
-    "fish": Kind("a school of fish, nothing to hit", 0, _fish),
-    "dust": Kind("a cloud of sediment, nothing to hit", 0, _dust),
+    "tower": SceneKind("one tower", 1, _tower),
+    "two": SceneKind("two towers in succession (thesis, figure 5.9)", 2, _two),
+    "trap": SceneKind("a dead end (thesis, figure 6.2)", 1, _trap),
+    "current": SceneKind("one tower in a current", 1, _current),
+    "blind": SceneKind("one tower, no pictures for 6 s", 1, _blind),
+    "empty": SceneKind("empty water with marine snow", 0, _empty),
+    "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", 0, _snow),
+    "fish": SceneKind("a school of fish, nothing to hit", 0, _fish),
+    "dust": SceneKind("a cloud of sediment, nothing to hit", 0, _dust),
 }
 """By name, in the order of tables."""
 
 
-def draw_scene(name: str, seed: int, width: int) -> Scene:
+def draw_scene(name: str, seed: int, width: int) -> LoopScene:
     """The scene of a seed.
 
     Parameters
@@ -187,11 +190,11 @@ def draw_scene(name: str, seed: int, width: int) -> Scene:
     # Each part has a stream of its own, so that none shifts another.
     place, water, rig, special = (np.random.default_rng([seed, part]) for part in range(4))
     depth = float(place.uniform(*DEPTH_M))
-    scene = Scene(
+    scene = LoopScene(
         name,
         seed,
         World(Water.draw(water), seed=seed),
-        Rig.draw(rig, width),
+        SyntheticRig.draw(rig, width),
         State(np.array([0.0, depth, START_M]), 0.0, np.zeros(3)),
         np.array([0.0, depth, GOAL_M]),
     )

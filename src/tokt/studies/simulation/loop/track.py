@@ -1,4 +1,4 @@
-"""What one run recorded: the way of the vehicle, what the planner was at, what was heard."""
+"""The record of one flight: the vehicle's path, the planner's modes, the verdicts heard."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .target import Mode
+from .autopilot import Mode
 from .vehicle import Float, State
 
 IN_VIEW_M = 10.0
@@ -78,7 +78,7 @@ class Track:
         return int(np.argmin(self.clearance_m))
 
 
-class Recorder:
+class TrackRecorder:
     """Collects a `Track`.
 
     Parameters

@@ -32,7 +32,7 @@ CAMERA_AHEAD_M = 0.5
 
 @dataclass(frozen=True)
 class Forces:
-    """What the thrusters do, or are asked to: N along surge, sway and heave, N m about yaw."""
+    """Forces of the thrusters, real or asked for: N along surge, sway, heave; N m about yaw."""
 
     surge: float = 0.0
     sway: float = 0.0
@@ -42,7 +42,7 @@ class Forces:
 
 @dataclass(frozen=True)
 class State:
-    """Where the vehicle's centre is, and how it moves over ground.
+    """Position and motion of the vehicle's centre over ground.
 
     Parameters
     ----------

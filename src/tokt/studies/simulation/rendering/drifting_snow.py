@@ -1,4 +1,4 @@
-"""Marine snow that stays in its water: a vehicle passes it, and both eyes see the same.
+"""Marine snow that stays in its water: a vehicle passes it, and both cameras see the same.
 
 The particles fill a cube that repeats in all directions, as densely as `snow.marine_snow` has
 them; sizes, focus and brightness are as there.
@@ -12,15 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .eye_maps import EyeMaps, Standpoint
+from tokt.studies.simulation.scene.water import Water
+
 from .snow import ACROSS, DOWN, EXPOSURE_S, FAR_M, NEAR_M, SIZE_SIGMA, blur_px
-from .water import Water
+from .view_maps import Standpoint, ViewMaps
 
 Float = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 _PERIOD_M = 5.0
-"""Longer than what both eyes see of `NEAR_M` to `FAR_M` is from corner to corner."""
+"""Longer than what both cameras see of `NEAR_M` to `FAR_M` is from corner to corner."""
 _MIDDLE_M = (0.15, 0.0, 1.9)
 """About the middle of that, in the left camera's coordinates."""
 _REACHES = (2, 3, 4, 5, 6, 8, 11, 15, 21, 30, 45, 65, 95, 140, 200)
@@ -76,7 +77,7 @@ class Snow:
 
 
 def snow_light(
-    snow: Snow, eye: EyeMaps, left: Standpoint, own: Standpoint, carried: Float,
+    snow: Snow, maps: ViewMaps, left: Standpoint, own: Standpoint, carried: Float,
     through: Float, depth: Single,
 ) -> Single:  # fmt: skip
     """Grey levels of the snow before lamp and camera's gain, (height, width) float32.
@@ -84,7 +85,7 @@ def snow_light(
     Parameters
     ----------
     through : (3,) array
-        How fast the eye moves through the water, m/s, world axes.
+        How fast the camera moves through the water, m/s, world axes.
     depth : (pixels,) float32
         Of surfaces, which hide what is behind them.
     """
@@ -94,30 +95,30 @@ def snow_light(
     here = (places + shift) @ own.rotation.T
     visible = here[:, 2] > NEAR_M / 2
     here, distance, size = here[visible], distance[visible], size[visible]
-    where = eye.project(here)
-    streak = eye.project(here - EXPOSURE_S * (own.rotation @ through)) - where
-    last = np.array([eye.width, eye.height]) - 1
+    where = maps.project(here)
+    streak = maps.project(here - EXPOSURE_S * (own.rotation @ through)) - where
+    last = np.array([maps.width, maps.height]) - 1
     column, row = np.rint(where.clip(0, last)).astype(np.int64).T
-    radius = blur_px(distance, eye.scale)
-    amount = snow.brightness * eye.scale**2 * size / distance**2
-    open_to_view = depth[row * eye.width + column] >= here[:, 2]
+    radius = blur_px(distance, maps.scale)
+    amount = snow.brightness * maps.scale**2 * size / distance**2
+    open_to_view = depth[row * maps.width + column] >= here[:, 2]
     use = np.flatnonzero(open_to_view)
-    return splat(eye, where[use], radius[use], streak[use], amount[use])
+    return splat(maps, where[use], radius[use], streak[use], amount[use])
 
 
-def splat(eye: EyeMaps, where: Float, radius: Float, streak: Float, amount: Float) -> Single:
+def splat(maps: ViewMaps, where: Float, radius: Float, streak: Float, amount: Float) -> Single:
     """A frame of Gaussian discs of standard deviation `radius` px and sum `amount`, drawn out."""
     variance = np.maximum(radius, 0.5) ** 2
     dx, dy = streak.T
     a, b, c = variance + dx * dx / 12, dx * dy / 12, variance + dy * dy / 12
     area = a * c - b * b
     reach = np.minimum(3 * np.sqrt(np.maximum(a, c)), _REACHES[-1] - 1)
-    size = np.array([eye.width, eye.height])
+    size = np.array([maps.width, maps.height])
     touches = ((where + reach[:, None] > 0) & (where - reach[:, None] < size - 1)).all(axis=1)
     bucket = np.searchsorted(_REACHES, np.where(touches, np.ceil(reach), 0))
     bucket[~touches] = -1
     margin = 2 * _REACHES[int(bucket.max(initial=0))] + 1
-    rows, columns = eye.height + 2 * margin, eye.width + 2 * margin
+    rows, columns = maps.height + 2 * margin, maps.width + 2 * margin
     whole = np.rint(where).astype(np.int64)
     off = (where - whole).astype(np.float32)
     peak = (amount / (2 * math.pi * np.sqrt(area))).astype(np.float32)
@@ -138,7 +139,7 @@ def splat(eye: EyeMaps, where: Float, radius: Float, streak: Float, amount: Floa
         corner = (whole[chosen, 1] + margin) * columns + whole[chosen, 0] + margin
         places.append((corner[:, None, None] + (steps * columns)[:, None] + steps).ravel())
     if not places:
-        return np.zeros((eye.height, eye.width), np.float32)
+        return np.zeros((maps.height, maps.width), np.float32)
     total = np.bincount(np.concatenate(places), np.concatenate(lights), rows * columns)
     image = total.reshape(rows, columns)[margin:-margin, margin:-margin]
     return np.ascontiguousarray(image, np.float32)

@@ -1,7 +1,7 @@
-"""Where an eye's rays meet the surfaces of a world: the same geometry as `raycast`, made for speed.
+"""Ray casting for the closed loop: `raycast`'s geometry, made for speed.
 
 Only the pixels inside each solid's outline are looked at, in single precision; what a surface
-looks like there is worked out once for all of them (`shading`).
+looks like there is worked out once for all of them (`fast_lighting`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .eye_maps import EyeMaps, Standpoint
-from .surfaces import Boxes, Frusta, Surfaces
+from tokt.studies.simulation.scene.surfaces import Boxes, Frusta, Surfaces
+
+from .view_maps import Standpoint, ViewMaps
 
 Float = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -27,25 +28,25 @@ CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
 
 
 class Hits:
-    """The nearest surface at every pixel of one eye, flat.
+    """The nearest surface at every pixel of one camera, flat.
 
     Attributes
     ----------
     depth : (pixels,) float32
         Metres along the optical axis; infinite in open water.
-    skin : (pixels,) int64
-        Number of the surface's skin; only where something was hit, as the following.
+    material_number : (pixels,) int64
+        Number of the surface's material; only where something was hit, as the following.
     across, along : (pixels,) float32
         Surface coordinates, m; a stalk's `along` is its brightness.
     facing : (pixels,) float32
         Outward normal times the vector to the lamp, m; not a number on a stalk.
     """
 
-    def __init__(self, eye: EyeMaps, standpoint: Standpoint) -> None:
-        self.eye, self.standpoint = eye, standpoint
-        self.depth: Single = np.full(eye.pixels, np.inf, np.float32)
+    def __init__(self, maps: ViewMaps, standpoint: Standpoint) -> None:
+        self.maps, self.standpoint = maps, standpoint
+        self.depth: Single = np.full(maps.pixels, np.inf, np.float32)
         self.any = False
-        self._outline = np.zeros((eye.height, eye.width), np.uint8)
+        self._outline = np.zeros((maps.height, maps.width), np.uint8)
 
     def add_solids(self, surfaces: Surfaces, origins: Float) -> None:
         """Cast the rays at all solids; `origins` (things, 3) is where the things are."""
@@ -65,7 +66,7 @@ class Hits:
         corners = self.standpoint.seen(frusta.hull + shift[:, None])
         turn = (frusta.axes @ self.standpoint.rotation.T).astype(np.float32)
         centre = np.einsum("nij,nj->ni", frusta.axes, self.standpoint.centre - frusta.start - shift)
-        lamp = centre + np.einsum("nij,j->ni", turn, self.eye.lamp)
+        lamp = centre + np.einsum("nij,j->ni", turn, self.maps.lamp)
         for i in self.in_view(corners):
             pixels = self.inside(corners[i])
             if len(pixels):
@@ -77,7 +78,7 @@ class Hits:
         """Solved through the rays' distance from the axis: single precision is enough for that."""
         ox, oy, oz = o
         radius, slope, length = (float(v[i]) for v in (frusta.radius, frusta.slope, frusta.length))
-        dx, dy, dz = turn @ self.eye.rays.take(pixels, axis=1)
+        dx, dy, dz = turn @ self.maps.rays.take(pixels, axis=1)
         reach = radius + slope * oy
         a = dx * dx + dz * dz
         along = ox * dx + oz * dz
@@ -111,7 +112,7 @@ class Hits:
         if len(flat):
             facing[flat] = end[flat] * (lamp[1] - y[flat])
             around[flat], y[flat] = x[flat], z[flat]
-        self.paint(pixels[won], t, int(frusta.skin[i]), around, y, facing)
+        self.paint(pixels[won], t, int(frusta.material_number[i]), around, y, facing)
 
     def _add_boxes(self, boxes: Boxes, centres: Float) -> None:
         signs = CORNERS
@@ -121,14 +122,16 @@ class Hits:
             axes, half = boxes.axes[i], boxes.half[i]
             turn = (axes @ self.standpoint.rotation.T).astype(np.float32)
             centre = axes @ (self.standpoint.centre - centres[i])
-            lamp = centre + turn @ self.eye.lamp
+            lamp = centre + turn @ self.maps.lamp
             for axis in np.flatnonzero(np.abs(centre) > half):
                 side = float(np.sign(centre[axis]))
                 face = seen[i][signs[:, axis] == side]
                 pixels = self.inside(face)
                 if len(pixels):
-                    skin = int(boxes.skin[i])
-                    self._cast_face(pixels, turn, centre, half, int(axis), side, lamp, skin)
+                    material_number = int(boxes.material_number[i])
+                    self._cast_face(
+                        pixels, turn, centre, half, int(axis), side, lamp, material_number
+                    )
 
     def _cast_face(
         self,
@@ -139,11 +142,11 @@ class Hits:
         axis: int,
         side: float,
         lamp: Float,
-        skin: int,
+        material_number: int,
     ) -> None:
-        """One face of a box that the eye is outside of."""
+        """One face of a box that the camera is outside of."""
         first, second = (axis + 1) % 3, (axis + 2) % 3
-        rays = turn @ self.eye.rays.take(pixels, axis=1)
+        rays = turn @ self.maps.rays.take(pixels, axis=1)
         t = np.float32(side * half[axis] - o[axis]) / rays[axis]
         across = np.float32(o[first]) + t * rays[first]
         along = np.float32(o[second]) + t * rays[second]
@@ -151,43 +154,43 @@ class Hits:
         hit &= (np.abs(across) <= half[first]) & (np.abs(along) <= half[second])
         won = np.flatnonzero(hit)
         facing = np.full(len(won), side * lamp[axis] - half[axis], np.float32)
-        self.paint(pixels[won], t[won], skin, across[won], along[won], facing)
+        self.paint(pixels[won], t[won], material_number, across[won], along[won], facing)
 
     def in_view(self, corners: Float) -> list[int]:
         """Numbers of the solids, given by the corners (n, m, 3) of a hull, that may be in view."""
-        eye = self.eye
+        maps = self.maps
         depth = corners[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            where = eye.project(corners)
+            where = maps.project(corners)
         low, high = where.min(axis=1), where.max(axis=1)
-        outside = (high < -2) | (low > np.array([eye.width, eye.height]) + 1)
+        outside = (high < -2) | (low > np.array([maps.width, maps.height]) + 1)
         ahead, some = (depth > NEAREST_M).all(axis=1), (depth > NEAREST_M).any(axis=1)
         found: list[int] = np.flatnonzero(some & ~(ahead & outside.any(axis=1))).tolist()
         return found
 
     def inside(self, corners: Float) -> Index:
         """Pixels in the outline of the hull of `corners` (m, 3), and a rim of one pixel."""
-        eye = self.eye
+        maps = self.maps
         if corners[:, 2].min() <= NEAREST_M:
             ahead = corners[:, 2] > NEAREST_M
             if not ahead.any():
                 return np.empty(0, np.int64)
             corners = _cut(corners[ahead], corners[~ahead])
-        hull = cv2.convexHull(eye.project(corners).astype(np.float32))
+        hull = cv2.convexHull(maps.project(corners).astype(np.float32))
         left, top, width, height = cv2.boundingRect(hull)
         if max(-left, -top, left + width, top + height) > _OUTLINE_PX:
-            right, bottom = eye.width + 8, eye.height + 8
+            right, bottom = maps.width + 8, maps.height + 8
             frame = np.array([[-8, -8], [right, -8], [right, bottom], [-8, bottom]], np.float32)
             area, hull = cv2.intersectConvexConvex(hull, frame)
             if area <= 0:
                 return np.empty(0, np.int64)
         outline = np.rint(hull).astype(np.int32)
-        low, high = max(top - 3, 0), min(top + height + 3, eye.height)
+        low, high = max(top - 3, 0), min(top + height + 3, maps.height)
         rows = self._outline[low:high]
         cv2.fillConvexPoly(self._outline, outline, 1)
         cv2.polylines(self._outline, [outline], True, 1, thickness=3)
         found = rows.view(np.bool_).ravel().nonzero()[0]
-        found += low * eye.width
+        found += low * maps.width
         rows[:] = 0
         return found
 
@@ -195,7 +198,7 @@ class Hits:
         self,
         pixels: Index,
         depth: Single,
-        skin: int,
+        material_number: int,
         across: Single,
         along: Single,
         facing: Single | np.float32,
@@ -205,11 +208,11 @@ class Hits:
             return
         if not self.any:
             self.any = True
-            size = self.eye.pixels
-            self.skin = np.zeros(size, np.int64)
+            size = self.maps.pixels
+            self.material_number = np.zeros(size, np.int64)
             self.across, self.along, self.facing = np.zeros((3, size), np.float32)
         self.depth[pixels] = depth
-        self.skin[pixels] = skin
+        self.material_number[pixels] = material_number
         self.across[pixels] = across
         self.along[pixels] = along
         self.facing[pixels] = facing

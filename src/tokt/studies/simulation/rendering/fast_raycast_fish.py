@@ -1,20 +1,21 @@
-"""Where an eye's rays meet fish: ellipsoids, in the same pictures as the solids."""
+"""Ray casting of fish for the closed loop: ellipsoids, in the same frames as the solids."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .fish import TEXTURE_M, School
-from .hits import CORNERS, Hits
-from .surfaces import FISH_SKIN
+from tokt.studies.simulation.scene.fish import TEXTURE_M, School
+from tokt.studies.simulation.scene.surfaces import FISH_MATERIAL
+
+from .fast_raycast import CORNERS, Hits
 
 Float = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
 def add_fish(hits: Hits, school: School, t_s: float) -> None:
-    """Cast an eye's rays at a school where it is at a time."""
+    """Cast a camera's rays at a school where it is at a time."""
     centres, axes, half = school.shapes(t_s)
     corners = hits.standpoint.seen(centres[:, None] + (CORNERS * half[:, None]) @ axes)
     for i in hits.in_view(corners):
@@ -26,10 +27,10 @@ def add_fish(hits: Hits, school: School, t_s: float) -> None:
 def _cast(hits: Hits, pixels: Index, centre: Float, axes: Float, half: Float) -> None:
     """One ellipsoid, in units of its half sizes: there it is the unit sphere."""
     turn = axes @ hits.standpoint.rotation.T
-    eye = axes @ (hits.standpoint.centre - centre)
-    lamp = eye + turn @ hits.eye.lamp
-    rays = (turn / half[:, None]).astype(np.float32) @ hits.eye.rays.take(pixels, axis=1)
-    o = (eye / half).astype(np.float32)
+    camera = axes @ (hits.standpoint.centre - centre)
+    lamp = camera + turn @ hits.maps.lamp
+    rays = (turn / half[:, None]).astype(np.float32) @ hits.maps.rays.take(pixels, axis=1)
+    o = (camera / half).astype(np.float32)
     a = (rays * rays).sum(axis=0)
     cross = np.cross(o, rays, axisb=0)
     root = a - (cross * cross).sum(axis=1)
@@ -43,4 +44,4 @@ def _cast(hits: Hits, pixels: Index, centre: Float, axes: Float, half: Float) ->
     to_lamp = lamp.astype(np.float32)[:, None] - np.stack([x * hx, y * hy, z * hz])
     across, along = (np.float32(TEXTURE_M / 2) * (1 + v) for v in (-x, y))
     facing = (normal * to_lamp).sum(axis=0)
-    hits.paint(pixels[won], t, FISH_SKIN, across, along, facing)
+    hits.paint(pixels[won], t, FISH_MATERIAL, across, along, facing)

@@ -1,4 +1,4 @@
-"""How dark water, a lamp and a camera turn the tower into a frame.
+"""Image formation of simulated missions: dark water, a lamp and a camera's response.
 
 Light from the lamp reaches a surface at distance r_l and returns to the camera over r, so a
 surface shows ``albedo * lamp * beam / r_l**2 * exp(-c (r_l + r))`` (Beer-Lambert) in front of a
@@ -16,11 +16,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.studies.simulation.scene.rig import SyntheticRig
+from tokt.studies.simulation.scene.water import CameraResponse, Water
+
 from .raycast import View
-from .rig import Rig
 from .snow import marine_snow
-from .story import Pose
-from .water import Eye, Water
+from .trajectory import CameraPose
 
 Image = NDArray[np.float32]
 
@@ -40,7 +41,7 @@ UNEVEN = 0.006
 
 @dataclass(frozen=True)
 class Exposure:
-    """One eye's frame before the sensor: linear grey levels, (height, width, 3) float32 BGR."""
+    """One camera's frame before the sensor: linear grey levels, (height, width, 3) float32 BGR."""
 
     open_water: Image
     tower: Image
@@ -54,50 +55,50 @@ class Exposure:
 
 def expose(
     water: Water,
-    rig: Rig,
-    pose: Pose,
+    rig: SyntheticRig,
+    pose: CameraPose,
     view: View,
-    eye: Eye,
+    response: CameraResponse,
     rng: np.random.Generator,
 ) -> Exposure:
-    """Image formation of one eye.
+    """Image formation of one camera.
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Of the water at this moment: give both eyes the same, so that they see the same snow.
+        Of the water at this moment: give both cameras the same, so that they see the same snow.
     """
-    shape = illumination(rig, eye)
+    shape = illumination(rig, response)
     drift = rng.uniform(0.97, 1.03)
     clouds = rng.standard_normal((9, 12)).astype(np.float32)
     uneven = 1 + UNEVEN * cv2.resize(clouds, (rig.width, rig.height), interpolation=cv2.INTER_CUBIC)
     veil = np.array(water.veil, np.float32) * (shape * uneven * np.float32(drift))[..., None]
-    open_water = (veil + np.array(water.veil_floor, np.float32)) * np.float32(eye.gain)
-    tower = tower_light(water, rig, pose, view, open_water, eye.gain)
+    open_water = (veil + np.array(water.veil_floor, np.float32)) * np.float32(response.gain)
+    tower = tower_light(water, rig, pose, view, open_water, response.gain)
     snow = marine_snow(water, rig, pose, view, rng)
-    tint = np.array(SNOW_TINT, np.float32) * np.float32(eye.gain)
+    tint = np.array(SNOW_TINT, np.float32) * np.float32(response.gain)
     return Exposure(open_water, tower, (snow * shape)[..., None] * tint)
 
 
-def illumination(rig: Rig, eye: Eye) -> Image:
+def illumination(rig: SyntheticRig, response: CameraResponse) -> Image:
     """Back-scattered light over the picture, 1 at its brightest: beam and vignette together."""
     x = (np.arange(rig.width, dtype=np.float32) + 0.5) / rig.width
     y = (np.arange(rig.height, dtype=np.float32) + 0.5) / rig.width
-    across = np.exp(-0.5 * ((x - eye.centre[0]) / eye.spread[0]) ** 2)
-    down = np.exp(-0.5 * ((y - eye.centre[1]) / eye.spread[1]) ** 2)
+    across = np.exp(-0.5 * ((x - response.centre[0]) / response.spread[0]) ** 2)
+    down = np.exp(-0.5 * ((y - response.centre[1]) / response.spread[1]) ** 2)
     return np.asarray(np.outer(down, across) * vignette(x[None, :], y[:, None], rig), np.float32)
 
 
-def vignette(x: NDArray[Any], y: NDArray[Any], rig: Rig) -> NDArray[Any]:
+def vignette(x: NDArray[Any], y: NDArray[Any], rig: SyntheticRig) -> NDArray[Any]:
     """Fall-off of the lens towards the corners; x, y in frame widths."""
     radius_squared = (x - 0.5) ** 2 + (y - rig.height / rig.width / 2) ** 2
     return np.asarray(1 - 0.25 * (radius_squared / 0.39) ** 6)
 
 
 def tower_light(
-    water: Water, rig: Rig, pose: Pose, view: View, open_water: Image, gain: float
+    water: Water, rig: SyntheticRig, pose: CameraPose, view: View, open_water: Image, gain: float
 ) -> Image:
-    """What the tower changes of the open water, in grey levels; it may darken."""
+    """The tower's change of the open water, in grey levels; it may darken."""
     change = np.zeros_like(open_water)
     pixels = view.tower
     if not len(pixels):

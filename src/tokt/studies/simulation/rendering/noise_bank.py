@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .light import UNEVEN
+from tokt.studies.simulation.scene.water import Water
+
+from .lighting import UNEVEN
 from .sensor import KERNEL, noise_factor, unit_noise
-from .water import Water
 
 Single = NDArray[np.float32]
 
@@ -19,7 +20,7 @@ _CLOUD_ROWS, _CLOUD_COLUMNS = 9, 12
 
 
 @dataclass(frozen=True, eq=False)
-class Bank:
+class NoiseBank:
     """Values over an area of four frames, (2 * height, 3 * 2 * width) float32: blue, green, red.
 
     Frames cut from it at random share rows at most by chance, never the whole of their noise.
@@ -34,30 +35,30 @@ class Bank:
         return self.values[row : row + height, column : column + 3 * width]
 
 
-def sensor_bank(rng: np.random.Generator, height: int, width: int) -> Bank:
+def sensor_bank(rng: np.random.Generator, height: int, width: int) -> NoiseBank:
     """Noise of a sensor whose pixels have unit deviation before the colours are interpolated."""
     noise = unit_noise(rng, (2 * height, 2 * width))
     noise *= np.float32(noise_factor(width) / float(np.square(KERNEL).sum()))
-    return Bank(noise.reshape(2 * height, 6 * width))
+    return NoiseBank(noise.reshape(2 * height, 6 * width))
 
 
-def cloud_bank(rng: np.random.Generator, height: int, width: int) -> Bank:
-    """What the veil is to be multiplied with: water is never quite even."""
+def cloud_bank(rng: np.random.Generator, height: int, width: int) -> NoiseBank:
+    """Factors for the veil of open water, which is never quite even."""
     knots = rng.standard_normal((2 * _CLOUD_ROWS, 2 * _CLOUD_COLUMNS)).astype(np.float32)
     clouds = cv2.resize(knots, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
-    return Bank(np.repeat(1 + np.float32(UNEVEN) * clouds, 3, axis=1))
+    return NoiseBank(np.repeat(1 + np.float32(UNEVEN) * clouds, 3, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
-class Sensor:
+class SensorNoise:
     """Shot and read noise of one camera; see `sensor.develop`."""
 
-    bank: Bank
+    bank: NoiseBank
     shot: Single
     read_squared: Single
 
     @classmethod
-    def of(cls, water: Water, rng: np.random.Generator, height: int, width: int) -> Sensor:
+    def of(cls, water: Water, rng: np.random.Generator, height: int, width: int) -> SensorNoise:
         """The sensor of a camera with frames of this size."""
         shot, read = (
             np.tile(np.array(values, np.float32), width)

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.grid import Grid
+from tokt.features.frames.grid import Grid
 
 OCEAN, UNSURE, TOWER = "ocean", "unsure", "subsea_installation"
-LEAST_COVERAGE = 0.10
+MIN_COVERAGE = 0.10
 """Share of a patch from which the tower counts, as on the real mission."""
-LEAST_CONTRAST = 0.8
+MIN_CONTRAST = 0.8
 """Mean absolute difference in grey levels that a person can make out with enhancement."""
 
 
@@ -69,10 +69,10 @@ def contrast(
 def patch_labels(covered: NDArray[np.float64], seen: NDArray[np.float64]) -> list[str]:
     """`subsea_installation`, `unsure` or `ocean` for each patch, row by row.
 
-    A patch is the tower's when it covers `LEAST_COVERAGE` of it and differs from open water by
-    `LEAST_CONTRAST`; a smaller or fainter part of the tower is `unsure`.
+    A patch is the tower's when it covers `MIN_COVERAGE` of it and differs from open water by
+    `MIN_CONTRAST`; a smaller or fainter part of the tower is `unsure`.
     """
-    certain = (covered >= LEAST_COVERAGE) & (seen >= LEAST_CONTRAST)
+    certain = (covered >= MIN_COVERAGE) & (seen >= MIN_CONTRAST)
     return list(np.where(certain, TOWER, np.where(covered > 0, UNSURE, OCEAN)))
 
 

@@ -1,4 +1,4 @@
-"""What a camera sees of the tower: depth, direction and albedo of every tower pixel.
+"""Ray casting for simulated missions: depth, direction and albedo of every tower pixel.
 
 Each solid is intersected analytically with the rays through the pixel centres inside the convex
 hull of its projection, so that masks and depth follow from the geometry alone.
@@ -13,8 +13,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.studies.simulation.scene.tower import (
+    GROWTH,
+    TEXEL_M,
+    TEXTURE_SIZE,
+    Cuboid,
+    Frustum,
+    Material,
+    Stalk,
+    Tower,
+)
+
 from .boxes import pixels_of_boxes
-from .tower import GROWTH, TEXEL_M, TEXTURE_SIZE, Box, Frustum, Material, Stalk, Tower
 
 Float = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -79,7 +89,7 @@ class View:
         return values.reshape(self.camera.height, self.camera.width, *values.shape[1:])
 
 
-def look(tower: Tower, camera: Camera) -> View:
+def cast_rays(tower: Tower, camera: Camera) -> View:
     """Cast the rays of `camera` at `tower`."""
     pixels = camera.height * camera.width
     view = View(
@@ -167,7 +177,7 @@ def _add_frustum(view: View, tower: Tower, solid: Frustum) -> None:
     _paint(view, pixels[won], t, albedo, normal)
 
 
-def _add_box(view: View, tower: Tower, box: Box) -> None:
+def _add_box(view: View, tower: Tower, box: Cuboid) -> None:
     camera = view.camera
     signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
     pixels = _inside_hull(camera, box.centre + (signs * box.half) @ box.axes)

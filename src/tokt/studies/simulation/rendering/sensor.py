@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .light import Exposure
-from .rig import FULL_WIDTH
-from .water import Water
+from tokt.studies.simulation.scene.rig import FULL_WIDTH
+from tokt.studies.simulation.scene.water import Water
+
+from .lighting import Exposure
 
 _GRID_WIDTH = 360
 KERNEL = np.array([0.27, 0.46, 0.27], np.float32)

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.studies.simulation.scene.rig import SyntheticRig
+from tokt.studies.simulation.scene.water import Water
+
 from .boxes import pixels_of_boxes
 from .raycast import View
-from .rig import Rig
-from .story import Pose
-from .water import Water
+from .trajectory import CameraPose
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -27,7 +28,9 @@ _COARSE = 4
 """Big blobs are drawn this many times smaller."""
 
 
-def marine_snow(water: Water, rig: Rig, pose: Pose, view: View, rng: np.random.Generator) -> Image:
+def marine_snow(
+    water: Water, rig: SyntheticRig, pose: CameraPose, view: View, rng: np.random.Generator
+) -> Image:
     """Particles near the cameras: faint discs out of focus, drawn out by the vehicle's motion."""
     count, camera = water.snow_per_frame, view.camera
     depth = np.cbrt(rng.uniform(NEAR_M**3, FAR_M**3, count))

@@ -1,4 +1,4 @@
-"""Render a whole synthetic mission into a folder."""
+"""Synthetic missions: one approach to a tower, rendered into a folder with its truth."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.atomic import new_folder
-from ...features.errors import ToktError
-from ...features.grid import DEFAULT_GRID
-from ...features.mission import LEFT
-from .light import Exposure, expose
+from tokt.features.common.atomic import new_folder
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import LEFT
+from tokt.studies.simulation.scene.rig import FULL_WIDTH, SyntheticRig
+from tokt.studies.simulation.scene.tower import Tower
+from tokt.studies.simulation.scene.water import Water
+
+from .lighting import Exposure, expose
 from .patch_labels import (
-    LEAST_CONTRAST,
-    LEAST_COVERAGE,
+    MIN_CONTRAST,
+    MIN_COVERAGE,
     OCEAN,
     TOWER,
     UNSURE,
@@ -32,16 +36,13 @@ from .patch_labels import (
     coverage,
     patch_labels,
 )
-from .raycast import View, look
-from .rig import FULL_WIDTH, Rig
+from .raycast import View, cast_rays
 from .sensor import develop
-from .story import Pose, draw_story
-from .tower import Tower
-from .water import Water
+from .trajectory import CameraPose, draw_trajectory
 
 SCENE_FORMAT = 1
 """Version of scene.json; a change of meaning or a key taken away raises it."""
-_LEAST_WIDTH = 120
+_MIN_WIDTH = 120
 JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95,
          cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422]  # fmt: skip
 """Quantisation and colour sampling of the mission's own files."""
@@ -50,12 +51,12 @@ _MOMENT, _SENSOR = 4, 5
 """Numbers of the random streams of a frame; the scene's are 0 to 3."""
 _FARTHEST_MM = np.iinfo(np.uint16).max
 
-Progress = Callable[[Iterable["Frame"], int, str], Iterable["Frame"]]
+Progress = Callable[[Iterable["RenderedFrame"], int, str], Iterable["RenderedFrame"]]
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What one stereo pair adds to the labels and the scene file."""
+class RenderedFrame:
+    """One rendered stereo pair's part of the labels and the scene file."""
 
     number: int
     nearest_m: float | None
@@ -94,25 +95,25 @@ class SyntheticMission:
 
 
 @dataclass(frozen=True)
-class Scene:
+class MissionScene:
     """Everything a seed decides; frames can be rendered from it in any order."""
 
     seed: int
-    rig: Rig
+    rig: SyntheticRig
     water: Water
     tower: Tower
-    poses: list[Pose]
+    poses: list[CameraPose]
 
     @classmethod
-    def draw(cls, seed: int, n_frames: int, width: int) -> Scene:
+    def draw(cls, seed: int, n_frames: int, width: int) -> MissionScene:
         """Draw a scene; each part has a stream of its own, so that none shifts another."""
-        rig, water, tower, story = (np.random.default_rng([seed, part]) for part in range(4))
+        rig, water, tower, trajectory = (np.random.default_rng([seed, part]) for part in range(4))
         return cls(
             seed,
-            Rig.draw(rig, width),
+            SyntheticRig.draw(rig, width),
             Water.draw(water),
             Tower.draw(tower),
-            draw_story(story, n_frames),
+            draw_trajectory(trajectory, n_frames),
         )
 
 
@@ -138,7 +139,7 @@ def simulate_mission(
     seed : int
         The same seed gives the same bytes, whatever `jobs`.
     n_frames : int
-        Stereo pairs; from 40 on every part of the story has frames.
+        Stereo pairs; from 40 on every part of the dive has frames.
     width : int
         Frame width in pixels; the height and the cameras follow the mission's proportions.
     jobs : int, optional
@@ -153,7 +154,7 @@ def simulate_mission(
     """
     out = Path(out)
     _check(out, seed, n_frames, width, jobs)
-    scene = Scene.draw(seed, n_frames, width)
+    scene = MissionScene.draw(seed, n_frames, width)
     name = out.resolve().name
     if out.is_dir():
         out.rmdir()
@@ -188,15 +189,17 @@ def check_width(width: int) -> None:
     ------
     ToktError
     """
-    if not _LEAST_WIDTH <= width <= FULL_WIDTH:
-        raise ToktError(f"frames are {_LEAST_WIDTH} to {FULL_WIDTH} pixels wide, not {width}")
+    if not _MIN_WIDTH <= width <= FULL_WIDTH:
+        raise ToktError(f"frames are {_MIN_WIDTH} to {FULL_WIDTH} pixels wide, not {width}")
 
 
-def _render_all(scene: Scene, folder: Path, jobs: int, progress: Progress | None) -> list[Frame]:
+def _render_all(
+    scene: MissionScene, folder: Path, jobs: int, progress: Progress | None
+) -> list[RenderedFrame]:
     total = len(scene.poses)
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            done: Iterable[Frame] = pool.map(
+            done: Iterable[RenderedFrame] = pool.map(
                 lambda number: _render_frame(scene, folder, number), range(1, total + 1)
             )
             if progress is not None:
@@ -206,14 +209,14 @@ def _render_all(scene: Scene, folder: Path, jobs: int, progress: Progress | None
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _render_frame(scene: Scene, folder: Path, number: int) -> Frame:
-    """Render and write one stereo pair, and the left eye's truth."""
+def _render_frame(scene: MissionScene, folder: Path, number: int) -> RenderedFrame:
+    """Render and write one stereo pair, and the left camera's truth."""
     pose = scene.poses[number - 1]
-    views = [look(scene.tower, camera) for camera in pose.cameras(scene.rig)]
-    eyes = (scene.water.left, scene.water.right)
-    for side, (view, eye) in enumerate(zip(views, eyes, strict=True)):
+    views = [cast_rays(scene.tower, camera) for camera in pose.cameras(scene.rig)]
+    responses = (scene.water.left, scene.water.right)
+    for side, (view, response) in enumerate(zip(views, responses, strict=True)):
         moment = np.random.default_rng([scene.seed, _MOMENT, number])
-        exposure = expose(scene.water, scene.rig, pose, view, eye, moment)
+        exposure = expose(scene.water, scene.rig, pose, view, response, moment)
         if side == 0:
             labels = _write_truth(folder, number, view, exposure)
         sensor = np.random.default_rng([scene.seed, _SENSOR, number, side])
@@ -221,7 +224,7 @@ def _render_frame(scene: Scene, folder: Path, number: int) -> Frame:
         image = develop(scene.water, exposure, sensor)
         _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, JPEG)
     nearest = float(views[0].depth.min())
-    return Frame(
+    return RenderedFrame(
         number,
         round(nearest, 4) if np.isfinite(nearest) else None,
         round(float(np.linalg.norm(pose.centre)), 4),
@@ -230,7 +233,7 @@ def _render_frame(scene: Scene, folder: Path, number: int) -> Frame:
 
 
 def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> list[str]:
-    """Write mask and depth of the left eye; return the labels of its patches."""
+    """Write mask and depth of the left camera; return the labels of its patches."""
     depth = view.image(view.depth)
     mask = np.isfinite(depth)
     millimetres = np.where(mask, np.rint(depth * 1000), 0).clip(0, _FARTHEST_MM)
@@ -250,7 +253,7 @@ def _write_image(path: Path, image: NDArray[Any], parameters: list[int]) -> None
     path.write_bytes(data.tobytes())
 
 
-def _labels_csv(name: str, frames: list[Frame]) -> bytes:
+def _labels_csv(name: str, frames: list[RenderedFrame]) -> bytes:
     """One row a patch of the left frames."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -262,7 +265,7 @@ def _labels_csv(name: str, frames: list[Frame]) -> bytes:
     return text.getvalue().encode("utf-8")
 
 
-def _scene_json(scene: Scene, frames: list[Frame]) -> str:
+def _scene_json(scene: MissionScene, frames: list[RenderedFrame]) -> str:
     content = {
         "format": SCENE_FORMAT,
         "seed": scene.seed,
@@ -270,8 +273,8 @@ def _scene_json(scene: Scene, frames: list[Frame]) -> str:
         "width": scene.rig.width,
         "height": scene.rig.height,
         "grid": str(DEFAULT_GRID),
-        "least_coverage": LEAST_COVERAGE,
-        "least_contrast_grey_levels": LEAST_CONTRAST,
+        "least_coverage": MIN_COVERAGE,
+        "least_contrast_grey_levels": MIN_CONTRAST,
         "water": scene.water.to_json(),
         "frames": [
             {
@@ -285,7 +288,7 @@ def _scene_json(scene: Scene, frames: list[Frame]) -> str:
     return json.dumps(content, indent=1) + "\n"
 
 
-def _summary(out: Path, scene: Scene, frames: list[Frame]) -> SyntheticMission:
+def _summary(out: Path, scene: MissionScene, frames: list[RenderedFrame]) -> SyntheticMission:
     labels = Counter(label for frame in frames for label in frame.labels)
     return SyntheticMission(
         path=str(out),

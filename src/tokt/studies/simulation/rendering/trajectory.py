@@ -1,4 +1,4 @@
-"""Where the vehicle is in each frame: open water, an approach, a retreat.
+"""The vehicle's trajectory in a simulated mission: open water, an approach, a retreat.
 
 Modelled on the mission of 20 April 2016: the tower comes into view 40 % into the dive, is nearest
 three quarters into it, and sinks in the picture as the vehicle backs away and rises.
@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.studies.simulation.scene.rig import SyntheticRig
+
 from .raycast import Camera
-from .rig import Rig
 
 Float = NDArray[np.float64]
 
@@ -25,14 +26,14 @@ _HEIGHT_M = [-0.9, -0.8, -0.7, -0.6, -0.55, -0.35, -0.25, -0.2, 0.5, 1.6]
 
 
 @dataclass(frozen=True)
-class Pose:
+class CameraPose:
     """The left camera in tower coordinates, and how far the vehicle moves a second."""
 
     centre: Float
     rotation: Float
     velocity: Float
 
-    def cameras(self, rig: Rig) -> tuple[Camera, Camera]:
+    def cameras(self, rig: SyntheticRig) -> tuple[Camera, Camera]:
         """The left and the right camera of `rig` at this pose."""
         right = rig.rotation @ self.rotation
         centre = self.centre - right.T @ rig.translation_m
@@ -43,7 +44,7 @@ class Pose:
         )
 
 
-def draw_story(rng: np.random.Generator, n_frames: int) -> list[Pose]:
+def draw_trajectory(rng: np.random.Generator, n_frames: int) -> list[CameraPose]:
     """The poses of a dive of `n_frames` frames; sway, heave and turns differ by seed."""
     time = (np.arange(n_frames) + 0.5) / n_frames
     side = rng.choice([-1.0, 1.0])
@@ -68,7 +69,7 @@ def draw_story(rng: np.random.Generator, n_frames: int) -> list[Pose]:
     forward = -np.gradient(distance) if n_frames > 1 else np.zeros(n_frames)
     velocity = drift + np.outer(np.sign(forward) * 0.25, [0, 0, 1])
     return [
-        Pose(centre, _rotation(turn), speed)
+        CameraPose(centre, _rotation(turn), speed)
         for centre, turn, speed in zip(centres, turns, velocity, strict=True)
     ]
 

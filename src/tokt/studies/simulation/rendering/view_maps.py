@@ -1,4 +1,4 @@
-"""What never changes for one eye of a rig in one water: rays, the lamp's place, open water."""
+"""Maps that never change for one camera in one water: rays, the lamp's place, open water."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .light import LAMP_AT_M, LAMP_TOWARDS, SNOW_TINT, illumination, vignette
-from .rig import Rig
-from .water import Water
+from tokt.studies.simulation.scene.rig import SyntheticRig
+from tokt.studies.simulation.scene.water import Water
+
+from .lighting import LAMP_AT_M, LAMP_TOWARDS, SNOW_TINT, illumination, vignette
 
 Float = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class EyeMaps:
-    """Maps over the pixels of one eye, in its own camera coordinates (x right, y down, z ahead).
+class ViewMaps:
+    """Maps over the pixels of one camera, in its own coordinates (x right, y down, z ahead).
 
     Attributes
     ----------
@@ -60,9 +61,9 @@ class EyeMaps:
     snow_gain: Single
 
     @classmethod
-    def of(cls, water: Water, rig: Rig, side: int) -> EyeMaps:
-        """The maps of the left eye (0) or the right one (1)."""
-        matrix, eye = ((rig.left, water.left), (rig.right, water.right))[side]
+    def of(cls, water: Water, rig: SyntheticRig, side: int) -> ViewMaps:
+        """The maps of the left camera (0) or the right one (1)."""
+        matrix, response = ((rig.left, water.left), (rig.right, water.right))[side]
         turn = (np.eye(3), rig.rotation)[side]
         shift = (np.zeros(3), rig.translation_m)[side]
         x = (np.arange(rig.width) - matrix[0, 2]) / matrix[0, 0]
@@ -72,7 +73,7 @@ class EyeMaps:
         axis = turn @ LAMP_TOWARDS / np.linalg.norm(LAMP_TOWARDS)
         across = (np.arange(rig.width) + 0.5) / rig.width
         down = (np.arange(rig.height) + 0.5) / rig.width
-        shape = illumination(rig, eye)[..., None]
+        shape = illumination(rig, response)[..., None]
         size = (rig.height, 3 * rig.width)
 
         def single(values: Any) -> Single:
@@ -91,10 +92,10 @@ class EyeMaps:
             axis,
             single(lamp @ rays),
             single(axis @ rays),
-            single(eye.gain * vignette(across[None, :], down[:, None], rig)).ravel(),
-            single(shape * np.array(water.veil) * eye.gain).reshape(size),
-            single(np.ones_like(shape) * np.array(water.veil_floor) * eye.gain).reshape(size),
-            single(shape * np.array(SNOW_TINT) * eye.gain).reshape(size),
+            single(response.gain * vignette(across[None, :], down[:, None], rig)).ravel(),
+            single(shape * np.array(water.veil) * response.gain).reshape(size),
+            single(np.ones_like(shape) * np.array(water.veil_floor) * response.gain).reshape(size),
+            single(shape * np.array(SNOW_TINT) * response.gain).reshape(size),
         )
 
     @property
@@ -103,26 +104,26 @@ class EyeMaps:
         return self.width * self.height
 
     def project(self, points: Float) -> Float:
-        """Columns and rows (..., 2) of points (..., 3) in front of this eye."""
+        """Columns and rows (..., 2) of points (..., 3) in front of this camera."""
         there = points[..., :2] / points[..., 2:] * self.matrix[0, 0] + self.matrix[:2, 2]
         return np.asarray(there)
 
 
 @dataclass(frozen=True, eq=False)
 class Standpoint:
-    """One eye at one moment: a world point p is seen at ``rotation @ (p - centre)``."""
+    """One camera at one moment: a world point p is seen at ``rotation @ (p - centre)``."""
 
     rotation: Float
     centre: Float
 
     @classmethod
-    def of(cls, eye: EyeMaps, position: Float, heading_rad: float) -> Standpoint:
-        """Where `eye` is when the left camera is at `position`, level and heading that way."""
+    def of(cls, maps: ViewMaps, position: Float, heading_rad: float) -> Standpoint:
+        """The standpoint of `maps` with the left camera at `position`, level, at that heading."""
         cos, sin = np.cos(heading_rad), np.sin(heading_rad)
         level = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
-        rotation = eye.turn @ level
-        return cls(rotation, position - rotation.T @ eye.shift)
+        rotation = maps.turn @ level
+        return cls(rotation, position - rotation.T @ maps.shift)
 
     def seen(self, points: Float) -> Float:
-        """World points (..., 3) in this eye's coordinates."""
+        """World points (..., 3) in this camera's coordinates."""
         return np.asarray((points - self.centre) @ self.rotation.T)

@@ -1,8 +1,7 @@
-"""What maps of runs are drawn on: axes in metres, what is solid, start, goal and current."""
+"""The chart that flights are drawn on: axes in metres, what is solid, start, goal and current."""
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from .target import Mode
-from .track import Track
-from .vehicle import HULL_RADIUS_M, Float
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M, Float
+from tokt.training.evaluation.pictures import figure_png
 
 COLORS = {
     Mode.TRANSIT: "#2f6db3",
@@ -32,7 +32,7 @@ _TALL_IN, _BESIDE_IN = 8.0, 2.6
 
 @dataclass(frozen=True)
 class Chart:
-    """What is on the map besides the track.
+    """All that a map shows besides the track.
 
     Parameters
     ----------
@@ -101,9 +101,7 @@ def draw_solid(axes: Axes, outlines: Sequence[Float]) -> None:
 
 def png(figure: Figure) -> bytes:
     """A figure as a PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return figure_png(figure)
 
 
 def _draw_current(axes: Axes, chart: Chart) -> None:

@@ -12,14 +12,15 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Wedge
 
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.vehicle import CAMERA_AHEAD_M, HULL_RADIUS_M
+
 from .chart import COLORS, EAST_NORTH, RED, Chart, pieces, sheet
-from .target import Mode
-from .track import Track
-from .vehicle import CAMERA_AHEAD_M, HULL_RADIUS_M
 
 _HALF_VIEW_DEG, _VIEW_M = 17.0, 8.0
 _FRAME_MS = 120
-_MOST_FRAMES = 70
+_MAX_FRAMES = 70
 _DPI = 75
 _QUALITY = 75
 
@@ -53,7 +54,7 @@ def animation(track: Track, chart: Chart) -> bytes:
 
 
 class _Moving:
-    """What moves in an animation."""
+    """The moving parts of an animation."""
 
     def __init__(self, axes: Axes, track: Track) -> None:
         self._axes, self._track = axes, track
@@ -98,4 +99,4 @@ class _Moving:
 
 
 def _frames(track: Track) -> int:
-    return min(_MOST_FRAMES, max(2, round(float(track.t_s[-1]))))
+    return min(_MAX_FRAMES, max(2, round(float(track.t_s[-1]))))

@@ -13,10 +13,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
+
 from .chart import COLORS, EAST_NORTH, GREEN, RED, Chart, collided, pieces, png, sheet
-from .target import Mode
-from .track import Track
-from .vehicle import HULL_RADIUS_M
 
 
 def still(track: Track, chart: Chart) -> bytes:

@@ -1,4 +1,4 @@
-"""What runs came to: collisions, clearance, detours, false avoidance; and tables over many runs."""
+"""Outcomes of flights: collisions, clearance, detours, false avoidance; tables over many."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from .track import Track
-from .vehicle import HULL_RADIUS_M
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 
 CONFIDENCE = 0.95
 FRESH_S = 2.5
@@ -21,8 +21,8 @@ datagram take up to a second and a half."""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What one run came to.
+class FlightOutcome:
+    """The outcome of one flight.
 
     Parameters
     ----------
@@ -73,15 +73,15 @@ class Outcome:
         }
 
 
-def judge(track: Track) -> Outcome:
-    """What a run came to."""
+def outcome_of(track: Track) -> FlightOutcome:
+    """Judge a flight by its track."""
     steps = np.diff(track.position, axis=0)
     path_m = float(np.linalg.norm(steps, axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
     clearance_m = float(track.clearance_m.min()) - HULL_RADIUS_M
     collided = clearance_m < 0
     arrived = track.reached and not collided
-    return Outcome(
+    return FlightOutcome(
         scene=track.scene,
         method=track.method,
         seed=track.seed,
@@ -106,7 +106,7 @@ def _is_false(track: Track, t_s: float) -> bool:
 
 
 def bounds(happened: int, runs: int) -> tuple[float, float]:
-    """Where the rate of what happened in so many runs lies, at 95 % confidence.
+    """Bounds at 95 % confidence of the rate of what happened in so many runs.
 
     Exact (Clopper and Pearson 1934), two-sided.
 
@@ -121,7 +121,7 @@ def bounds(happened: int, runs: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
     """A row for each scene and method, in the order in which they first occur.
 
     Returns

@@ -1,4 +1,4 @@
-"""What is solid in a world, seen from above: for maps."""
+"""Outlines of the solids of a world, seen from above: for maps."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...labels.synthetic.tower import Box, Frustum
-from ...labels.synthetic.world import World
+from tokt.studies.simulation.scene.closed_loop_world import World
+from tokt.studies.simulation.scene.tower import Cuboid, Frustum
 
 Float = NDArray[np.float64]
 
@@ -36,9 +36,9 @@ def outlines(world: World, t_s: float = 0.0) -> list[Float]:
     return found
 
 
-def _corners(solid: Frustum | Box) -> Float:
+def _corners(solid: Frustum | Cuboid) -> Float:
     """Points whose convex hull is the solid's, but for the roundness of its rims."""
-    if isinstance(solid, Box):
+    if isinstance(solid, Cuboid):
         return np.asarray(solid.centre + (_CORNERS * solid.half) @ solid.axes, np.float64)
     side, _, other = solid.frame()
     angles = np.arange(_POINTS) * 2 * np.pi / _POINTS

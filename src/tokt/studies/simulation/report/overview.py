@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
+from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M, Float
+
 from .chart import COLORS, EAST_NORTH, RED, Chart, collided, draw_solid, extent, png
-from .target import Mode
-from .track import Track
-from .vehicle import HULL_RADIUS_M, Float
 
 _WIDE_IN, _WIDEST_MAP_IN = 13.0, 1.3
 _GAP_M = 0.8

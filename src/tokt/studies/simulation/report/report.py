@@ -13,15 +13,16 @@ from typing import Any
 import jinja2
 import pandas as pd
 
-from ... import __version__
-from ...features import atomic
+from tokt import __version__
+from tokt.features.common import atomic
+from tokt.studies.simulation.loop.track import IN_VIEW_M, Track
+from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
+
 from .chart import Chart
 from .film import animation
 from .map import still
-from .outcome import CONFIDENCE, FRESH_S, Outcome, table
+from .outcome import CONFIDENCE, FRESH_S, FlightOutcome, table
 from .overview import overview
-from .track import IN_VIEW_M, Track
-from .vehicle import HULL_RADIUS_M
 
 
 @dataclass(frozen=True)
@@ -33,17 +34,17 @@ class Flown:
     track : Track
     chart : Chart
         Where it was flown.
-    outcome : Outcome
+    outcome : FlightOutcome
         What it came to.
     """
 
     track: Track
     chart: Chart
-    outcome: Outcome
+    outcome: FlightOutcome
 
 
 def write_report(
-    out: Path, outcomes: Sequence[Outcome], flown: Sequence[Flown], words: Sequence[str]
+    out: Path, outcomes: Sequence[FlightOutcome], flown: Sequence[Flown], words: Sequence[str]
 ) -> None:
     """Write ``report.html``, ``table.csv``, ``runs.csv`` and the maps into a folder.
 
@@ -53,7 +54,7 @@ def write_report(
         The folder. ``maps/SCENE-METHOD.png`` is the overview, ``maps/SCENE-METHOD-SEED.png`` the
         run that came nearest to something solid, and ``.webp`` that run as an animation, of each
         scene's first method.
-    outcomes : sequence of Outcome
+    outcomes : sequence of FlightOutcome
         All runs: what the table is of.
     flown : sequence of Flown
         Those with a map.

@@ -1,4 +1,4 @@
-"""How far points are from solids: exact distances to truncated cones and cuboids."""
+"""Distances from points to solids, exact for truncated cones and cuboids."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .tower import Box, Frustum
+from .tower import Cuboid, Frustum
 
 Float = NDArray[np.float64]
 
@@ -37,11 +37,11 @@ class Solids:
     turn: Float
 
     @classmethod
-    def of(cls, solids: Iterable[Frustum | Box]) -> Solids:
+    def of(cls, solids: Iterable[Frustum | Cuboid]) -> Solids:
         """These solids."""
         all_ = list(solids)
         cones = [solid for solid in all_ if isinstance(solid, Frustum)]
-        boxes = [solid for solid in all_ if isinstance(solid, Box)]
+        boxes = [solid for solid in all_ if isinstance(solid, Cuboid)]
         rims = [((one.start_radius, 0.0), (one.end_radius, one.length)) for one in cones]
         return cls(
             np.array([one.start for one in cones]).reshape(-1, 3),

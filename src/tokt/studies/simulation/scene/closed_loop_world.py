@@ -1,4 +1,4 @@
-"""A place to drive through: obstacles that stand in water, fish and dust that are none.
+"""The world of the closed loop: obstacles that stand in water, fish and dust that are none.
 
 World axes are metres: x to the right (east), y down, z ahead (north); a tower's own coordinates
 where it stands at the origin unturned.
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .clearance import Solids
-from .dust import Cloud
+from .dust import DustCloud
 from .fish import School
-from .tower import Box, Frustum, Stalk, Tower
+from .tower import Cuboid, Frustum, Stalk, Tower
 from .walls import panels
 from .water import Water
 
@@ -50,7 +50,7 @@ class Placed:
 
     @cached_property
     def solids(self) -> Solids:
-        """What can be hit of it."""
+        """The solids of it that can be hit."""
         return Solids.of(self.shape.solids)
 
     def origin(self, t_s: float) -> Float:
@@ -60,7 +60,7 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """What there is to see and to hit.
+    """Everything to see and to hit.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class World:
     water: Water
     things: tuple[Placed, ...] = ()
     fish: School | None = None
-    dust: tuple[Cloud, ...] = ()
+    dust: tuple[DustCloud, ...] = ()
     seed: int = 0
     current: Triple = (0.0, 0.0, 0.0)
 
@@ -148,7 +148,7 @@ def turned(shape: Tower, turn_rad: float) -> Tower:
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
 
-    def solid(one: Frustum | Box) -> Frustum | Box:
+    def solid(one: Frustum | Cuboid) -> Frustum | Cuboid:
         if isinstance(one, Frustum):
             return replace(one, start=turn @ one.start, end=turn @ one.end)
         return replace(one, centre=turn @ one.centre, axes=one.axes @ turn.T)

@@ -31,7 +31,7 @@ class Puffs:
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class DustCloud:
     """A cloud of puffs.
 
     Attributes
@@ -63,7 +63,7 @@ class Cloud:
         spreading: float = 0.004,
         settles_s: float = 90.0,
         count: int = 20,
-    ) -> Cloud:
+    ) -> DustCloud:
         """A cloud about a place at 0 s; `density` (1/m) is about that of its middle."""
         size = radius_m * rng.uniform(0.15, 0.5, count)
         centre = np.array(at) + radius_m * rng.normal(0.0, [0.6, 0.4, 0.6], (count, 3))

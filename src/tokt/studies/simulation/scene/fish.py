@@ -20,7 +20,7 @@ TEXTURE_M = _TEXTURE_SIZE * TEXEL_M
 """Side of the texture, stretched over a fish's flank: nose to tail, back to belly."""
 _WANDER_M = 0.15
 _BEAT_RAD_S = 12.0
-_SHORTEST_M, _LONGEST_M = 0.2, 0.5
+_MIN_M, _MAX_M = 0.2, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class School:
             at_s,
             np.array(velocity, np.float64),
             rng.normal(0.0, 1.0, (count, 3)) * spread_m,
-            rng.uniform(_SHORTEST_M, _LONGEST_M, count),
+            rng.uniform(_MIN_M, _MAX_M, count),
             rng.uniform(0.4, 1.2, (count, 3)),
             rng.uniform(0.0, 2 * np.pi, (count, 3)),
         )

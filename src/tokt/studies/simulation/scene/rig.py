@@ -19,7 +19,7 @@ _BASELINE_M = 0.3055
 
 
 @dataclass(frozen=True)
-class Rig:
+class SyntheticRig:
     """Two pinhole cameras without distortion; a right-camera point is ``R @ left + T``.
 
     Attributes
@@ -42,7 +42,7 @@ class Rig:
     translation_m: Float
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, width: int) -> Rig:
+    def draw(cls, rng: np.random.Generator, width: int) -> SyntheticRig:
         """A rig of the mission's proportions, turned by about a degree as a real one is."""
         scale = width / FULL_WIDTH
         height = round(FULL_HEIGHT * scale)

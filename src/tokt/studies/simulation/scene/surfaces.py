@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fish import FISH, fish_texture
-from .skins import Skins, Texture
-from .tower import GROWTH, Box, Frustum, Material
+from .materials import Materials, Texture
+from .tower import GROWTH, Cuboid, Frustum, Material
 
 if TYPE_CHECKING:
-    from .world import World
+    from .closed_loop_world import World
 
 Float = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _HULL_POINTS = 16
-STALK_SKIN, FISH_SKIN = 0, 1
+STALK_MATERIAL, FISH_MATERIAL = 0, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Frusta:
     end_radius: Float
     hull: Float
     thing: Index
-    skin: Index
+    material_number: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Boxes:
     axes: Float
     half: Float
     thing: Index
-    skin: Index
+    material_number: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +69,14 @@ class Surfaces:
     frusta: Frusta
     boxes: Boxes
     stalks: Stalks
-    skins: Skins
+    materials: Materials
 
     @classmethod
     def of(cls, world: World) -> Surfaces:
-        """The things of a world; the skins are its fishes' too."""
-        skins = _SkinList(world)
+        """The things of a world; the materials are its fishes' too."""
+        materials = _MaterialList(world)
         frusta: list[tuple[int, Frustum]] = []
-        boxes: list[tuple[int, Box]] = []
+        boxes: list[tuple[int, Cuboid]] = []
         for number, thing in enumerate(world.things):
             for solid in thing.shape.solids:
                 if isinstance(solid, Frustum):
@@ -89,13 +89,13 @@ class Surfaces:
             for stalk in thing.shape.stalks
         ]
         return cls(
-            _frusta(frusta, skins),
+            _frusta(frusta, materials),
             Boxes(
                 _vectors([box.centre for _, box in boxes]),
                 np.array([box.axes for _, box in boxes]).reshape(-1, 3, 3),
                 _vectors([box.half for _, box in boxes]),
                 _numbers([number for number, _ in boxes]),
-                _numbers([skins.of(box.material, number) for number, box in boxes]),
+                _numbers([materials.of(box.material, number) for number, box in boxes]),
             ),
             Stalks(
                 np.array([(stalk.root, stalk.tip) for _, stalk in stalks]).reshape(-1, 2, 3),
@@ -103,27 +103,27 @@ class Surfaces:
                 np.array([stalk.brightness for _, stalk in stalks]),
                 _numbers([number for number, _ in stalks]),
             ),
-            Skins.of(skins.skins, skins.textures),
+            Materials.of(materials.materials, materials.textures),
         )
 
 
-class _SkinList:
+class _MaterialList:
     """Numbers each material of each thing as it comes up."""
 
     def __init__(self, world: World) -> None:
         rng = np.random.default_rng([world.seed, 2])
         self.textures: list[Texture] = [fish_texture(rng)]
         self.textures += [thing.shape.textures for thing in world.things]
-        self.skins: list[tuple[Material, int]] = [(GROWTH, 0), (FISH, 0)]
+        self.materials: list[tuple[Material, int]] = [(GROWTH, 0), (FISH, 0)]
 
     def of(self, material: Material, thing: int) -> int:
-        skin = (material, thing + 1)
-        if skin not in self.skins:
-            self.skins.append(skin)
-        return self.skins.index(skin)
+        material_number = (material, thing + 1)
+        if material_number not in self.materials:
+            self.materials.append(material_number)
+        return self.materials.index(material_number)
 
 
-def _frusta(solids: list[tuple[int, Frustum]], skins: _SkinList) -> Frusta:
+def _frusta(solids: list[tuple[int, Frustum]], materials: _MaterialList) -> Frusta:
     angles = np.arange(_HULL_POINTS) * 2 * np.pi / _HULL_POINTS
     hulls = []
     for _, solid in solids:
@@ -143,7 +143,7 @@ def _frusta(solids: list[tuple[int, Frustum]], skins: _SkinList) -> Frusta:
         end_radius,
         np.array(hulls).reshape(-1, 2 * _HULL_POINTS, 3),
         _numbers([number for number, _ in solids]),
-        _numbers([skins.of(solid.material, number) for number, solid in solids]),
+        _numbers([materials.of(solid.material, number) for number, solid in solids]),
     )
 
 

@@ -24,7 +24,7 @@ TEXEL_M = 0.0015
 
 @dataclass(frozen=True)
 class Material:
-    """What light a surface gives back: BGR albedo of its paint and of its rust, 0..1."""
+    """A surface's material: BGR albedo of its paint and of its rust, 0..1."""
 
     paint: tuple[float, float, float]
     rust: tuple[float, float, float] = (0.20, 0.32, 0.42)
@@ -73,7 +73,7 @@ class Frustum:
 
 
 @dataclass(frozen=True)
-class Box:
+class Cuboid:
     """A cuboid: centre, orthonormal axes as rows, half sizes in metres."""
 
     centre: Float
@@ -103,7 +103,7 @@ class Tower:
         half the detail, for surfaces farther away.
     """
 
-    solids: tuple[Frustum | Box, ...]
+    solids: tuple[Frustum | Cuboid, ...]
     stalks: tuple[Stalk, ...]
     textures: tuple[NDArray[np.float32], ...]
 
@@ -159,9 +159,9 @@ def _head(rng: np.random.Generator) -> list[Frustum]:
     return parts
 
 
-def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Box]:
+def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Cuboid]:
     """Bars between neighbouring legs, and one anode plate on each leg."""
-    parts: list[Frustum | Box] = []
+    parts: list[Frustum | Cuboid] = []
     for number, leg in enumerate(legs):
         following = legs[(number + 1) % len(legs)]
         for along in (0.45, 0.85):
@@ -170,7 +170,7 @@ def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Box
         axes = leg.frame()
         along = rng.uniform(0.18, 0.35)
         centre = leg.start + along * (leg.end - leg.start) + 0.09 * axes[0]
-        parts.append(Box(centre, axes, np.array([0.075, 0.10, 0.02]), GREY))
+        parts.append(Cuboid(centre, axes, np.array([0.075, 0.10, 0.02]), GREY))
     return parts
 
 

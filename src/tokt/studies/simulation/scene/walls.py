@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from .tower import Box, Material, Stalk, Tower, surface_textures
+from .tower import Cuboid, Material, Stalk, Tower, surface_textures
 
 _THICKNESS_M = 0.12
 _STALKS_PER_M2 = 25
@@ -29,13 +29,13 @@ def panels(
         cos, sin = np.cos(turn), np.sin(turn)
         axes = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
         half = np.array([width, height_m, _THICKNESS_M]) / 2
-        panel = Box(np.array([x, 0.0, z]), axes, half, PANEL)
+        panel = Cuboid(np.array([x, 0.0, z]), axes, half, PANEL)
         solids.append(panel)
         stalks += _growth(rng, panel)
     return Tower(tuple(solids), tuple(stalks), surface_textures(rng))
 
 
-def _growth(rng: np.random.Generator, panel: Box) -> list[Stalk]:
+def _growth(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
     """Stalks on both faces of a panel."""
     count = int(2 * _STALKS_PER_M2 * 4 * panel.half[0] * panel.half[1])
     face = rng.choice([-1.0, 1.0], count)

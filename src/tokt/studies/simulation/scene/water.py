@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Eye:
+class CameraResponse:
     """One camera's response: the veil of open water over its picture, and its gain.
 
     `centre` and `spread` are (x, y) in frame widths: the veil is brightest where the lamp's beam
@@ -52,8 +52,8 @@ class Water:
     blur_px: float = 0.8
     blur_px_per_m: float = 0.25
     glow: float = 0.05
-    left: Eye = field(default=Eye((0.71, 0.30), (0.405, 0.50), 1.0))
-    right: Eye = field(default=Eye((0.60, 0.17), (0.38, 0.52), 1.48))
+    left: CameraResponse = field(default=CameraResponse((0.71, 0.30), (0.405, 0.50), 1.0))
+    right: CameraResponse = field(default=CameraResponse((0.60, 0.17), (0.38, 0.52), 1.48))
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Water:

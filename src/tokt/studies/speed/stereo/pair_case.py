@@ -1,12 +1,13 @@
-"""What both stereo cases have: the thesis's pipeline as the baseline, and what is counted."""
+"""The base of both stereo cases: the thesis's pipeline as the baseline, and the counts."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from .cases import Case
+from tokt.studies.baselines.thesis_stereo import judge_pair
+from tokt.studies.speed.cases import Case
+
 from .pairs import Pair
-from .thesis_stereo import judge_pair
 
 
 class PairCase(Case[Pair]):

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError
-from ...features.mission import LEFT, RIGHT, Mission
-from ...inference.sources import Frame
+from tokt.features.common.errors import FrameError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.frame import Frame
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.pair_check import pair_fault
-from ...inference.pushbroom import BAND, CELL_PX, PushbroomDetector
+from tokt.inference.frame_checks.picture import pair_shape_fault
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.pushbroom import BAND, CELL_PX, PushbroomDetector
+from tokt.studies.baselines.thesis_texture import GRID
+
 from .pair_case import PairCase
 from .pairs import Pair
-from .thesis_way import GRID
 
-MOST_DIFFERENT = 0.01
+MAX_DIFFERENT = 0.01
 """Part of the cells that both found whose depths may be further apart than a slice is deep."""
 
 
@@ -31,7 +32,7 @@ class PushbroomPair(PairCase):
     def __init__(self, calibration: StereoCalibration) -> None:
         super().__init__(
             "pushbroom.pair",
-            f"depths are within {BAND:.0%} of dense matching's in {1 - MOST_DIFFERENT:.0%} of a "
+            f"depths are within {BAND:.0%} of dense matching's in {1 - MAX_DIFFERENT:.0%} of a "
             "pair's cells that both found",
         )
         self._detector = PushbroomDetector(calibration, GRID)
@@ -54,7 +55,7 @@ class PushbroomPair(PairCase):
 
     def check(self, item: Pair) -> bool:
         """Every depth that ours finds against the one that dense matching finds there."""
-        if pair_fault(item.frame, self._detector.calibration.frame_size):
+        if pair_shape_fault(item.frame, self._detector.calibration.frame_size):
             return self.refused()
         ours = self._detector.look(item.left, item.right).ravel()
         matches = self._dense.match(item.left, item.right)
@@ -64,7 +65,7 @@ class PushbroomPair(PairCase):
         apart = np.abs(ours[ours > 0][both] / dense - 1) > BAND
         self._cells["found"] += int((ours > 0).sum())
         self._cells["found_by_both"] += int(both.sum())
-        different = bool(apart.sum() > MOST_DIFFERENT * apart.size)
+        different = bool(apart.sum() > MAX_DIFFERENT * apart.size)
         return self.compared(item, different, bool(ours.any()))
 
     def findings(self) -> dict[str, Any]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...features.kernels import LIBRARY, load_kernels
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.matching import Matches
-from ...inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.features.kernels.dispatch import LIBRARY, load_kernels
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.studies.baselines.thesis_texture import GRID
+
 from .pair_case import PairCase
 from .pairs import Pair
-from .thesis_way import GRID
 
 
 class StereoPair(PairCase):

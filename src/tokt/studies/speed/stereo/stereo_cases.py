@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.mission import RIGHT, Mission
-from ...inference.calibration import StereoCalibration, load_calibration
-from .cases import Case
-from .measure import BASELINE, OURS, Result, Times, in_turns, result
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import RIGHT, Mission
+from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
+from tokt.studies.speed.cases import Case
+from tokt.studies.speed.paired_timing import BASELINE, OURS, Result, Times, in_turns, result
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+
 from .pairs import Pair, pair_numbers, read_pairs
-from .pictures import spread_over
 from .pushbroom_case import PushbroomPair
 from .stereo_case import StereoPair
-from .thesis_stereo import THESIS_FRAME_SIZE
 
 CALIBRATION_FILE = "calibration.yml"
 COMPARED_PAIRS = 40
@@ -30,7 +31,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class StereoInput:
-    """What stereo is measured on.
+    """The calibration that stereo is measured with.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def measure_stereo(
         If no pair can be judged.
     """
     stereo, pushbroom = StereoPair(calibration), PushbroomPair(calibration)
-    numbers = spread_over(pair_numbers(mission), min(compared or COMPARED_PAIRS, COMPARED_PAIRS))
+    numbers = evenly_spaced(pair_numbers(mission), min(compared or COMPARED_PAIRS, COMPARED_PAIRS))
     judged = []
     for pair in progress(read_pairs(mission, numbers), len(numbers), "compare pairs"):
         pushbroom.check(pair)
@@ -117,7 +118,7 @@ def measure_stereo(
             judged.append(pair.number)
     if not judged:
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its pairs")
-    pairs = list(read_pairs(mission, spread_over(judged, timed)))
+    pairs = list(read_pairs(mission, evenly_spaced(judged, timed)))
     obstacle = np.array([bool(stereo.sees_obstacle(pair)) for pair in pairs])
     results = []
     cases: tuple[Case[Pair], ...] = (stereo, pushbroom)

@@ -12,11 +12,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from ...inference.verdict import OBSTACLE, Verdict, verdict_from_mask
-from ..bench.thesis_way import GRID
-from .curves import THESIS
-from .exhibit import Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import (
+from tokt.inference.verdict import OBSTACLE, Verdict, verdict_from_mask
+from tokt.studies.baselines.thesis_centre import (
+    ThesisCentre,
+    dilated,
+    leaves_frame,
+    outer_contours,
+    thesis_centre,
+    without_area,
+)
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
     THESIS_COLOR,
@@ -25,16 +33,9 @@ from .frame_drawing import (
     show_frame,
     show_mask,
 )
-from .material import Material
-from .picture_judging import Said, by_held_out, by_stereo, by_thesis
-from .thesis_centre import (
-    ThesisCentre,
-    dilated,
-    leaves_frame,
-    outer_contours,
-    thesis_centre,
-    without_area,
-)
+from tokt.studies.thesis.methods.curves import THESIS
+
+from .picture_predictions import MethodPrediction, by_held_out, by_stereo, by_thesis
 
 _SOURCE = "the published program"
 
@@ -91,7 +92,7 @@ def both_ways(mask: NDArray[np.uint8]) -> _Both:
     return _Both(thesis_centre(mask), corrected, mask.shape[0], mask.shape[1], empty)
 
 
-def centre_and_box(material: Material) -> Exhibit:
+def centre_and_box(context: StudyContext) -> Exhibit:
     """Contours, centre and box of masks, with the thesis's faults beside (figures 3.22 to 3.24).
 
     Raises
@@ -99,12 +100,10 @@ def centre_and_box(material: Material) -> Exhibit:
     ToktError
         If the frame cannot be read.
     """
-    number = material.structure
-    frame = material.left(number)
-    stereo = by_stereo(
-        material.calibration, frame, material.right(number), material.calibration_words
-    )
-    masks = [*by_thesis(material, frame), *by_held_out(material, number, frame), stereo]
+    number = context.structure_frame
+    frame = context.left(number)
+    stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
+    masks = [*by_thesis(context, frame), *by_held_out(context, number, frame), stereo]
     shown = [one for one in masks if one.mask is not None and one.mask.any()]
     if not shown:
         return Exhibit(
@@ -114,7 +113,7 @@ def centre_and_box(material: Material) -> Exhibit:
             missing=f"no method sees anything in frame {number}, which should show the structure",
         )
     ways = {one.name: both_ways(one.mask) for one in shown if one.mask is not None}
-    mission = _mission(material)
+    mission = _mission(context)
     return Exhibit(
         "figure-3.22-3.24",
         "Contours, centre and box of a mask: the thesis's, and corrected",
@@ -132,7 +131,7 @@ def centre_and_box(material: Material) -> Exhibit:
                   "Ypos are the direction to steer, positive right and down.",
                   _frame_table(shown, ways), "This frame"),
             Table("mission", "All frames with status 1, by the thesis's texture methods.",
-                  _mission_table(material, mission), "The whole mission"),
+                  _mission_table(context, mission), "The whole mission"),
         ),
         (
             Plot(
@@ -141,7 +140,7 @@ def centre_and_box(material: Material) -> Exhibit:
                 "each says to steer (3.23), and the two boxes (3.24; where the thesis's leaves the "
                 "frame the panel grows with it). Last, the mission's frame with several contours "
                 f"in which the thesis's box is largest beside the union. {SHOWN}",
-                png_of(_figure(_panels(material, shown, ways, mission))),
+                png_of(_figure(_panels(context, shown, ways, mission))),
             ),
         ),
         _numbers(number, mission),
@@ -168,10 +167,10 @@ class _Panel:
     both: _Both
 
 
-def _mission(material: Material) -> list[_Row]:
+def _mission(context: StudyContext) -> list[_Row]:
     """Every frame with status 1 of the thesis's grid methods, by both ways."""
-    curves = material.curves
-    size = GRID.resized(*material.left(material.structure).shape[:2])
+    curves = context.curves
+    size = GRID.resized(*context.left(context.structure_frame).shape[:2])
     found = []
     for name in curves.named(THESIS):
         for number, patches in curves.patches.get(name, {}).items():
@@ -183,18 +182,21 @@ def _mission(material: Material) -> list[_Row]:
 
 
 def _panels(
-    material: Material, shown: list[Said], ways: dict[str, _Both], mission: list[_Row]
+    context: StudyContext,
+    shown: list[MethodPrediction],
+    ways: dict[str, _Both],
+    mission: list[_Row],
 ) -> list[_Panel]:
     """The frame's masks, and the mission's frame whose box by the thesis's way is farthest out."""
-    frame = material.left(material.structure)
+    frame = context.left(context.structure_frame)
     panels = [
         _Panel(one.title, frame, one.mask, ways[one.name]) for one in shown if one.mask is not None
     ]
     several = [row for row in mission if row.both.thesis.contours > 1]
     if several:
         worst = max(several, key=lambda row: row.both.box_ratio)
-        title = f"{material.thesis[worst.method].title}, frame {worst.number}"
-        panels.append(_Panel(title, material.left(worst.number), worst.mask, worst.both))
+        title = f"{context.thesis[worst.method].title}, frame {worst.number}"
+        panels.append(_Panel(title, context.left(worst.number), worst.mask, worst.both))
     return panels
 
 
@@ -217,7 +219,7 @@ def _claims(mission: list[_Row]) -> tuple[Claim, ...]:
             f"Ypos is computed from the centre's x ({_SOURCE})",
             f"off by {np.median(off):.0f} px in the median, {max(off)} px at most; up for down in "
             f"{_share(opposite)} frames with an obstacle",
-            Agreement.NO if any(off) else Agreement.YES,
+            ClaimAgreement.NO if any(off) else ClaimAgreement.YES,
             "Held against Ypos from the centre's y of the same masks.",
         ),
         Claim(
@@ -226,7 +228,7 @@ def _claims(mission: list[_Row]) -> tuple[Claim, ...]:
             f"{np.median(ratio):.1f} times the area of the union of the boxes in the median, "
             f"{max(ratio):.1f} times at most; leaves the frame in {_share(leaves)}, misses a part "
             f"of what was seen in {_share(misses)}",
-            Agreement.NO if any(leaves) or any(misses) else Agreement.PARTLY,
+            ClaimAgreement.NO if any(leaves) or any(misses) else ClaimAgreement.PARTLY,
             "With one contour the two are the same but for the dilation's two pixels; with "
             "several the sum is larger than what they span, or smaller.",
         ),
@@ -235,14 +237,14 @@ def _claims(mission: list[_Row]) -> tuple[Claim, ...]:
             f"divided by each contour's area, in a try with an empty except ({_SOURCE})",
             f"{sum(one.without_area for one in every)} such contours in these masks, and none "
             "after the program's dilation",
-            Agreement.UNCOMPARABLE,
+            ClaimAgreement.UNCOMPARABLE,
             "Masks of whole patches have no such contours, and the version read dilates first; "
             "disparity maps and other versions of the program may.",
         ),
     )
 
 
-def _frame_table(shown: list[Said], ways: dict[str, _Both]) -> pd.DataFrame:
+def _frame_table(shown: list[MethodPrediction], ways: dict[str, _Both]) -> pd.DataFrame:
     rows = []
     for one in shown:
         both = ways[one.name]
@@ -263,13 +265,13 @@ def _frame_table(shown: list[Said], ways: dict[str, _Both]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _mission_table(material: Material, mission: list[_Row]) -> pd.DataFrame:
+def _mission_table(context: StudyContext, mission: list[_Row]) -> pd.DataFrame:
     rows = []
     for name in dict.fromkeys(row.method for row in mission):
         every = [row.both for row in mission if row.method == name]
         rows.append(
             {
-                "method": material.thesis[name].title,
+                "method": context.thesis[name].title,
                 "frames with status 1": len(every),
                 "with several contours": sum(one.thesis.contours > 1 for one in every),
                 "Ypos off, median px": float(np.median([abs(one.ypos_off) for one in every])),

@@ -6,8 +6,13 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from ...features.mission import format_frames
-from ...inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.features.frames.mission import format_frames
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.methods.curves import OURS, THESIS, Curves
+
 from .curve_plots import correlation_picture, normalised, sequence, zoomed
 from .curve_scores import (
     GOES_WITH,
@@ -20,10 +25,6 @@ from .curve_scores import (
     scores_table,
     with_nearness,
 )
-from .curves import OURS, THESIS, Curves
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import png_of
-from .material import Material
 
 KEY, TITLE, SECTION = (
     "figure-5.3-to-5.5",
@@ -32,9 +33,9 @@ KEY, TITLE, SECTION = (
 )
 
 
-def curve_figures(material: Material) -> Exhibit:
+def curve_figures(context: StudyContext) -> Exhibit:
     """Draw and score the curves of all methods."""
-    curves, scores = material.curves, score_methods(material)
+    curves, scores = context.curves, score_methods(context)
     whole = [name for name, method in curves.methods.items() if not method.sampled]
     together = correlations(curves, whole)
     nearness = {name: with_nearness(curves, name) for name in whole}
@@ -42,18 +43,18 @@ def curve_figures(material: Material) -> Exhibit:
         KEY,
         TITLE,
         SECTION,
-        _words(material),
-        _claims(material, scores, nearness),
-        _tables(material, scores, together, nearness),
-        _plots(material, scores, together),
+        _words(context),
+        _claims(context, scores, nearness),
+        _tables(context, scores, together, nearness),
+        _plots(context, scores, together),
         _numbers(curves, scores, nearness),
     )
 
 
-def _words(material: Material) -> tuple[str, ...]:
-    curves = material.curves
-    scored = f"{len(curves.mean)} left frames of {material.mission.name} are judged"
-    left_out = (material.ocean.frame, material.other.frame)
+def _words(context: StudyContext) -> tuple[str, ...]:
+    curves = context.curves
+    scored = f"{len(curves.mean)} left frames of {context.mission.name} are judged"
+    left_out = (context.ocean.frame, context.other.frame)
     training = [str(number) for number in left_out if number is not None]
     if training:
         scored += (
@@ -73,14 +74,14 @@ def _words(material: Material) -> tuple[str, ...]:
 
 
 def _tables(
-    material: Material,
+    context: StudyContext,
     scores: Mapping[str, MethodScore],
     together: pd.DataFrame,
     nearness: Mapping[str, float | None],
 ) -> tuple[Table, ...]:
-    curves = material.curves
+    curves = context.curves
     titles = {name: method.title for name, method in curves.methods.items()}
-    labels = "Ocean frames have every patch labelled, as clear." if material.labels else ""
+    labels = "Ocean frames have every patch labelled, as clear." if context.labels else ""
     pairs = together.rename(index=titles, columns=titles)
     pairs["1 / distance"] = [nearness[name] for name in together.index]
     return (
@@ -112,11 +113,11 @@ def _tables(
 
 
 def _plots(
-    material: Material, scores: Mapping[str, MethodScore], together: pd.DataFrame
+    context: StudyContext, scores: Mapping[str, MethodScore], together: pd.DataFrame
 ) -> tuple[Plot, ...]:
-    curves, labels = material.curves, material.obstacle_patches
+    curves, labels = context.curves, context.obstacle_patches
     firsts = {name: one.first_detection for name, one in scores.items()}
-    shaded = " Gray: an obstacle is labelled; hatched: not labelled." if material.labels else ""
+    shaded = " Gray: an obstacle is labelled; hatched: not labelled." if context.labels else ""
     plots = [
         Plot(
             "figure_5_3_sequence",
@@ -140,27 +141,27 @@ def _plots(
 
 
 def _claims(
-    material: Material,
+    context: StudyContext,
     scores: Mapping[str, MethodScore],
     nearness: Mapping[str, float | None],
 ) -> tuple[Claim, ...]:
-    curves = material.curves
+    curves = context.curves
     return (
-        _detection_claim(material, scores),
+        _detection_claim(context, scores),
         _distance_claim(curves, nearness),
         _printed_curves_claim(curves, scores),
     )
 
 
-def _detection_claim(material: Material, scores: Mapping[str, MethodScore]) -> Claim:
+def _detection_claim(context: StudyContext, scores: Mapping[str, MethodScore]) -> Claim:
     """Cameras can be used: each method warns before the nearest approach, without false status."""
     what = "Cameras can be used for underwater obstacle avoidance"
     printed = "said in the abstract, from the sea trial"
-    names = [name for name, method in material.curves.methods.items() if not method.sampled]
-    if not material.labels or not any(material.obstacle_patches.values()):
+    names = [name for name, method in context.curves.methods.items() if not method.sampled]
+    if not context.labels or not any(context.obstacle_patches.values()):
         why = "no obstacle is labelled in this mission, so nothing says what a detection is"
-        return Claim(what, printed, "not measured", Agreement.UNCOMPARABLE, why)
-    nearest = max(material.obstacle_patches, key=lambda number: material.obstacle_patches[number])
+        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
+    nearest = max(context.obstacle_patches, key=lambda number: context.obstacle_patches[number])
     good = [
         name
         for name in names
@@ -173,10 +174,14 @@ def _detection_claim(material: Material, scores: Mapping[str, MethodScore]) -> C
         "patches are obstacle, and none in an ocean frame"
     )
     agreement = (
-        Agreement.YES if len(good) == len(names) else Agreement.PARTLY if good else Agreement.NO
+        ClaimAgreement.YES
+        if len(good) == len(names)
+        else ClaimAgreement.PARTLY
+        if good
+        else ClaimAgreement.NO
     )
     why = "judged by first detections and false statuses of this mission alone; not: " + (
-        ", ".join(material.curves.methods[n].title for n in names if n not in good) or "none"
+        ", ".join(context.curves.methods[n].title for n in names if n not in good) or "none"
     )
     return Claim(what, printed, found, agreement, why)
 
@@ -189,7 +194,7 @@ def _distance_claim(curves: Curves, nearness: Mapping[str, float | None]) -> Cla
     thesis = {name: value for name, value in known.items() if curves.methods[name].kind == THESIS}
     if not thesis:
         why = "no distance is measured here to hold the curves against (no pairs, or nothing near)"
-        return Claim(what, printed, "not measured", Agreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
     told = ", ".join(f"{curves.methods[n].title} {value:.2f}" for n, value in known.items())
     agreement = agreement_with_distance(thesis.values())
     measured = int(curves.distance_m.notna().sum())
@@ -212,7 +217,7 @@ def _printed_curves_claim(curves: Curves, scores: Mapping[str, MethodScore]) -> 
         "Where the curves begin to rise",
         NOT_KNOWN,
         f"first detections: {told}",
-        Agreement.UNCOMPARABLE,
+        ClaimAgreement.UNCOMPARABLE,
         "the figures' numbers are not at hand, and the thesis's other training image, a film "
         "still, is not included: another image moves the texture methods' first detections",
     )

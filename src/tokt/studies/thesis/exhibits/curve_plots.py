@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ...inference.verdict import STATUS_MEAN_THRESHOLD
-from .curves import COMPARED, OURS, THESIS, Curves
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
 
 _KINDS = (THESIS, COMPARED, OURS)
 _ZOOM_TOP = 12.0

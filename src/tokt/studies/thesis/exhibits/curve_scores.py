@@ -1,25 +1,23 @@
-"""What curves come to: first detections, false statuses, patch scores, how they go together."""
+"""Scores of curves: first detections, false statuses, patch scores, correlations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...inference.verdict import OBSTACLE, UNKNOWN
-from ..metrics import obstacle_metrics
-from .curves import Curves
-from .exhibit import Agreement
-
-if TYPE_CHECKING:
-    from .material import Material
+from tokt.inference.verdict import OBSTACLE, UNKNOWN
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import ClaimAgreement
+from tokt.studies.thesis.methods.curves import Curves
+from tokt.training.evaluation.metrics import obstacle_metrics
 
 IN_A_ROW = 3
-LEAST_FRAMES = 8
+MIN_FRAMES = 8
 """Of fewer frames that both curves have no correlation is told."""
 NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
 """Rank correlations of mean value and nearness from which the one tells the other, and from which
@@ -28,7 +26,7 @@ it does so with exceptions."""
 
 @dataclass(frozen=True)
 class MethodScore:
-    """What one method's curve came to.
+    """Scores of one method's curve.
 
     Parameters
     ----------
@@ -65,17 +63,17 @@ def first_in_a_row(status: pd.Series, wanted: int = IN_A_ROW) -> int | None:
     return None
 
 
-def score_methods(material: Material) -> dict[str, MethodScore]:
+def score_methods(context: StudyContext) -> dict[str, MethodScore]:
     """Score every curve."""
-    curves, labelled = material.curves, material.labels is not None
-    truth = {number: material.truth(number) for number in material.obstacle_patches}
-    with_obstacle = [number for number, count in material.obstacle_patches.items() if count]
+    curves, labelled = context.curves, context.labels is not None
+    truth = {number: context.truth(number) for number in context.obstacle_patches}
+    with_obstacle = [number for number, count in context.obstacle_patches.items() if count]
     found = {}
     for name, method in curves.methods.items():
         status = curves.status[name]
         if method.sampled:
             status = status[curves.mean[name].notna()]
-        ocean, false = _counted(status, material.ocean_frames) if labelled else (None, None)
+        ocean, false = _counted(status, context.ocean_frames) if labelled else (None, None)
         obstacle, detected = _counted(status, with_obstacle) if labelled else (None, None)
         found[name] = MethodScore(
             first_detection=None if method.sampled else first_in_a_row(status),
@@ -132,7 +130,7 @@ def scores_table(curves: Curves, scores: Mapping[str, MethodScore]) -> pd.DataFr
                                          "detected", "of obstacle frames")})  # fmt: skip
 
 
-def agreement_with_distance(ranks: Iterable[float]) -> Agreement:
+def agreement_with_distance(ranks: Iterable[float]) -> ClaimAgreement:
     """Whether the mean value is a relative distance: judged by the worst of some correlations.
 
     Parameters
@@ -142,13 +140,13 @@ def agreement_with_distance(ranks: Iterable[float]) -> Agreement:
     """
     worst = min(ranks)
     if worst >= NEARLY_ALWAYS:
-        return Agreement.YES
-    return Agreement.PARTLY if worst >= GOES_WITH else Agreement.NO
+        return ClaimAgreement.YES
+    return ClaimAgreement.PARTLY if worst >= GOES_WITH else ClaimAgreement.NO
 
 
 def correlations(curves: Curves, names: Sequence[str]) -> pd.DataFrame:
     """Spearman's rank correlation of each pair of curves, on the frames that both judged."""
-    return curves.mean[list(names)].corr("spearman", min_periods=LEAST_FRAMES)
+    return curves.mean[list(names)].corr("spearman", min_periods=MIN_FRAMES)
 
 
 def with_nearness(curves: Curves, name: str) -> float | None:
@@ -158,6 +156,6 @@ def with_nearness(curves: Curves, name: str) -> float | None:
     """
     near = 1.0 / curves.distance_m
     both = curves.mean[name].notna() & near.notna()
-    if int(both.sum()) < LEAST_FRAMES or curves.mean[name][both].nunique() < 2:
+    if int(both.sum()) < MIN_FRAMES or curves.mean[name][both].nunique() < 2:
         return None
     return float(curves.mean[name][both].corr(near[both], "spearman"))

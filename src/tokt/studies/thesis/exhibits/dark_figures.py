@@ -11,15 +11,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...inference.verdict import CLEAR, STATUS_WORDS
-from ..bench.thesis_way import GRID
-from .curves import OURS, THESIS
-from .dark_frame import DarkScene
-from .dark_picture import DarkPicture, dark_scene, given_picture, rendered_picture
-from .dot_figures import score_row, whole_counts
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import (
+from tokt.features.common.errors import ToktError
+from tokt.inference.verdict import CLEAR, STATUS_WORDS
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import (
     DARK_SHOWN,
     draw_dots,
     draw_truth,
@@ -28,11 +25,17 @@ from .frame_drawing import (
     show_dark,
     show_mask,
 )
-from .held_out_texture import TOKT_TEXTURE
-from .material import Material
-from .patch_scores import PatchScore, PatchTruth, score_patches
-from .picture_judging import (
-    Said,
+from tokt.studies.thesis.methods.all_labels_texture import AllLabelsTexture, train_on_all_labels
+from tokt.studies.thesis.methods.curves import OURS, THESIS
+from tokt.studies.thesis.methods.dark_rendering import DarkScene
+from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
+from tokt.studies.thesis.methods.patch_scores import PatchScore, PatchTruth, score_patches
+from tokt.studies.thesis.methods.sequence_methods import TOKT_MODEL
+
+from .dark_picture import DarkPicture, dark_scene, given_picture, rendered_picture
+from .dot_figures import score_row, whole_counts
+from .picture_predictions import (
+    MethodPrediction,
     by_bundle,
     by_stereo,
     by_superpixels,
@@ -40,8 +43,6 @@ from .picture_judging import (
     learnt_words,
     said_by_patches,
 )
-from .run_judging import TOKT_MODEL
-from .whole_texture import WholeTexture, learn_whole
 
 _LIGHT = 0.125
 _LIGHTS = (1.0, 0.5, 0.25, _LIGHT, 0.0625)
@@ -53,38 +54,38 @@ _COLORS = {THESIS: "#d9771e", OURS: "#12836f"}
 class _Judges:
     """Every method that can judge one picture, made once for all pictures."""
 
-    def __init__(self, material: Material, given: DarkPicture | None) -> None:
-        self._material = material
+    def __init__(self, context: StudyContext, given: DarkPicture | None) -> None:
+        self._context = context
         number = None if given is None else given.number
         self._number = number or 0
-        self._whole: WholeTexture | str
+        self._whole: AllLabelsTexture | str
         try:
-            self._whole = learn_whole(material, number)
+            self._whole = train_on_all_labels(context, number)
         except ToktError as error:
             self._whole = str(error)
 
-    def all(self, dark: DarkPicture, slow: bool = True) -> list[Said]:
-        """What they say of a picture; without `slow` the superpixels are left out."""
-        material, frame = self._material, dark.left
+    def all(self, dark: DarkPicture, slow: bool = True) -> list[MethodPrediction]:
+        """Their predictions of a picture; without `slow` the superpixels are left out."""
+        context, frame = self._context, dark.left
         return [
-            *by_thesis(material, frame),
-            *(by_superpixels(material, self._number, frame) if slow else []),
+            *by_thesis(context, frame),
+            *(by_superpixels(context, self._number, frame) if slow else []),
             self._texture(frame),
-            *by_bundle(material, frame, "the model as given"),
+            *by_bundle(context, frame, "the model as given"),
             by_stereo(dark.calibration, frame, dark.right, dark.calibration_words),
         ]
 
-    def _texture(self, frame: NDArray[np.uint8]) -> Said:
+    def _texture(self, frame: NDArray[np.uint8]) -> MethodPrediction:
         title = "tokt texture"
         if isinstance(self._whole, str):
-            return Said(TOKT_TEXTURE, title, OURS, "", None, None, self._whole)
+            return MethodPrediction(TOKT_TEXTURE, title, OURS, "", None, None, self._whole)
         found = self._whole.judge(frame)
         if isinstance(found, str):
-            return Said(TOKT_TEXTURE, title, OURS, self._whole.words, None, None, found)
+            return MethodPrediction(TOKT_TEXTURE, title, OURS, self._whole.words, None, None, found)
         return said_by_patches(TOKT_TEXTURE, title, OURS, self._whole.words, found, frame)
 
 
-def bad_lighting(material: Material) -> Exhibit:
+def bad_lighting(context: StudyContext) -> Exhibit:
     """A badly lit picture, a mask of what is in it, every method's predictions (5.6 to 5.8).
 
     The picture is that of ``--dark`` with the person's mask of ``--dark-mask``; without it a
@@ -95,16 +96,16 @@ def bad_lighting(material: Material) -> Exhibit:
     ToktError
         If a file of the request cannot be used.
     """
-    given = given_picture(material)
-    judges = _Judges(material, given)
+    given = given_picture(context)
+    judges = _Judges(context, given)
     if given is not None:
         return _exhibit(judges.all(given), given, pd.DataFrame())
-    scene = dark_scene(material)
+    scene = dark_scene(context)
     dark = rendered_picture(scene, _LIGHT)
     return _exhibit(judges.all(dark), dark, _sweep(judges, scene))
 
 
-def _exhibit(said: Sequence[Said], dark: DarkPicture, sweep: pd.DataFrame) -> Exhibit:
+def _exhibit(said: Sequence[MethodPrediction], dark: DarkPicture, sweep: pd.DataFrame) -> Exhibit:
     truth = dark.truth
     scores = _scores(said, truth)
     plots = [
@@ -138,7 +139,7 @@ def _exhibit(said: Sequence[Said], dark: DarkPicture, sweep: pd.DataFrame) -> Ex
     )
 
 
-def _scores(said: Sequence[Said], truth: PatchTruth | None) -> dict[str, PatchScore]:
+def _scores(said: Sequence[MethodPrediction], truth: PatchTruth | None) -> dict[str, PatchScore]:
     return {
         one.name: score_patches(one.patches, truth)
         for one in said
@@ -146,7 +147,9 @@ def _scores(said: Sequence[Said], truth: PatchTruth | None) -> dict[str, PatchSc
     }
 
 
-def _score_table(said: Sequence[Said], scores: dict[str, PatchScore], dark: DarkPicture) -> Table:
+def _score_table(
+    said: Sequence[MethodPrediction], scores: dict[str, PatchScore], dark: DarkPicture
+) -> Table:
     rows = [
         {
             "method": one.title,
@@ -168,7 +171,7 @@ def _score_table(said: Sequence[Said], scores: dict[str, PatchScore], dark: Dark
     return Table("scores", caption, whole_counts(pd.DataFrame(rows)))
 
 
-def _words(dark: DarkPicture, said: Sequence[Said]) -> tuple[str, ...]:
+def _words(dark: DarkPicture, said: Sequence[MethodPrediction]) -> tuple[str, ...]:
     return (
         f"{dark.words}; {dark.truth_words}. A method that cuts a picture otherwise is scored by "
         "the patches of which its mask has a tenth or more white, as for labels. What could not "
@@ -185,7 +188,7 @@ def _words(dark: DarkPicture, said: Sequence[Said]) -> tuple[str, ...]:
 
 
 def _claims(
-    said: Sequence[Said], scores: dict[str, PatchScore], dark: DarkPicture
+    said: Sequence[MethodPrediction], scores: dict[str, PatchScore], dark: DarkPicture
 ) -> tuple[Claim, ...]:
     if not scores or dark.truth is None:
         found = "no mask to score by" if dark.truth is None else "no method judged the picture"
@@ -215,10 +218,12 @@ def _claim(what: str, found: str, dark: DarkPicture) -> Claim:
         if dark.rendered
         else "The thesis's figures for its picture are not at hand."
     )
-    return Claim(what, NOT_KNOWN, found, Agreement.UNCOMPARABLE, why)
+    return Claim(what, NOT_KNOWN, found, ClaimAgreement.UNCOMPARABLE, why)
 
 
-def _figure(dark: DarkPicture, said: Sequence[Said], truth: PatchTruth | None) -> Figure:
+def _figure(
+    dark: DarkPicture, said: Sequence[MethodPrediction], truth: PatchTruth | None
+) -> Figure:
     n_rows = -(-(3 + len(said)) // 3)
     figure = Figure(figsize=(11.5, 3.05 * n_rows + 0.4), layout="constrained")
     panels = list(figure.subplots(n_rows, 3, squeeze=False).ravel())
@@ -240,7 +245,7 @@ def _figure(dark: DarkPicture, said: Sequence[Said], truth: PatchTruth | None) -
     return figure
 
 
-def _panel(axes: Any, dark: DarkPicture, one: Said, truth: PatchTruth | None) -> None:
+def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, truth: PatchTruth | None) -> None:
     height, width = show_dark(axes, dark.left, GRID)
     if truth is not None:
         draw_truth(axes, truth, GRID, height, width)
@@ -307,7 +312,10 @@ def _sweep_plot(sweep: pd.DataFrame) -> Plot:
 
 
 def _numbers(
-    said: Sequence[Said], scores: dict[str, PatchScore], dark: DarkPicture, sweep: pd.DataFrame
+    said: Sequence[MethodPrediction],
+    scores: dict[str, PatchScore],
+    dark: DarkPicture,
+    sweep: pd.DataFrame,
 ) -> dict[str, float | int | str | bool]:
     truth = dark.truth
     numbers: dict[str, float | int | str | bool] = {

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.image_file import read_image
-from ...inference.calibration import StereoCalibration
-from ..bench.thesis_way import GRID
-from .dark_frame import RENDERED_WIDTHS, DarkScene
-from .material import Material
-from .patch_scores import PatchTruth, truth_by_labels, truth_by_mask
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import read_image
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.methods.dark_rendering import RENDERED_WIDTHS, DarkScene
+from tokt.studies.thesis.methods.patch_scores import PatchTruth, truth_by_labels, truth_by_mask
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class DarkPicture:
     number: int | None = None
 
 
-def given_picture(material: Material) -> DarkPicture | None:
+def given_picture(context: StudyContext) -> DarkPicture | None:
     """The image of ``--dark`` and the mask of ``--dark-mask``; None where no image was given.
 
     An image that is a frame of the mission has a right picture, and labels that stand in for a
@@ -61,53 +61,53 @@ def given_picture(material: Material) -> DarkPicture | None:
     ToktError
         If a file cannot be read, or the mask is of another size than the image.
     """
-    file = material.request.dark
+    file = context.request.dark
     if file is None:
         return None
-    left, number = read_image(file), material.frame_with(file)
-    right = None if number is None else material.right(number)
+    left, number = read_image(file), context.frame_with(file)
+    right = None if number is None else context.right(number)
     words = f"The image {file.name}" + (
         "" if number is None else f", which is the mission's frame {number}"
     )
-    mask, truth, truth_words = _truth(material, left, number)
+    mask, truth, truth_words = _truth(context, left, number)
     paired = right is not None
     return DarkPicture(
         left,
         right,
         mask,
         truth,
-        material.calibration if paired else None,
+        context.calibration if paired else None,
         words,
         truth_words,
-        material.calibration_words if paired else "",
+        context.calibration_words if paired else "",
         number=number,
     )
 
 
 def _truth(
-    material: Material, left: NDArray[np.uint8], number: int | None
+    context: StudyContext, left: NDArray[np.uint8], number: int | None
 ) -> tuple[NDArray[np.uint8] | None, PatchTruth | None, str]:
     """A mask to show, the truth by patch, and whose it is."""
-    file = material.request.dark_mask
+    file = context.request.dark_mask
     if file is not None:
         mask = read_image(file)
         if mask.ndim == 3:
             mask = np.asarray(cv2.cvtColor(mask, cv2.COLOR_BGR2GRAY), np.uint8)
         if mask.shape != left.shape[:2]:
             sizes = ["x".join(map(str, one.shape[1::-1])) for one in (mask, left)]
-            image = material.request.dark
+            image = context.request.dark
             raise ToktError(f"the mask {file} is {sizes[0]}, its image {image} is {sizes[1]}")
         return mask, truth_by_mask(mask, GRID), f"the mask {file.name}"
-    truth = None if number is None else truth_by_labels(material.truth(number))
+    truth = None if number is None else truth_by_labels(context.truth(number))
     if truth is None:
         return None, None, "not marked by anybody (give --dark-mask)"
     mask = GRID.paint(truth.obstacle, *GRID.resized(*left.shape[:2]))
     return mask, truth, "the frame's labels"
 
 
-def dark_scene(material: Material) -> DarkScene:
-    """What is rendered: as wide as the mission's frames, within what can be."""
-    width = material.left(material.structure).shape[1]
+def dark_scene(context: StudyContext) -> DarkScene:
+    """The scene to render, as wide as the mission's frames if that can be rendered."""
+    width = context.left(context.structure_frame).shape[1]
     return DarkScene(int(np.clip(width, *RENDERED_WIDTHS)))
 
 

@@ -11,10 +11,17 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.verdict import STATUS_MEAN_THRESHOLD
-from ..bench.thesis_stereo import (
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.studies.baselines.thesis_disparity import (
+    Margin,
+    in_thesis_view,
+    margin_of,
+    searched,
+    thesis_cloud,
+)
+from tokt.studies.baselines.thesis_stereo import (
     CROP_PX,
     LEFT_CAMERA,
     MIN_DISPARITY_PX,
@@ -22,12 +29,11 @@ from ..bench.thesis_stereo import (
     THESIS_FRAME_SIZE,
     disparity_map,
 )
-from ..bench.thesis_way import GRID
-from ..depth.cloud import Cloud, cloud_of
-from ..depth.picture import DepthPicture
-from ..stereo.matching import match_frame
-from .disparity_plots import Panel, clouds_png, exchanged_png, maps_png
-from .exchanged_right import (
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import SHOWN
+from tokt.studies.thesis.methods.exchanged_right import (
     ANOTHER,
     KINDS,
     OWN,
@@ -37,17 +43,13 @@ from .exchanged_right import (
     exchange,
     right_of,
 )
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import SHOWN
-from .material import Material
-from .textured_pairs import spread, survey
-from .thesis_disparity import (
-    Margin,
-    in_thesis_view,
-    margin_of,
-    searched,
-    thesis_cloud,
-)
+from tokt.studies.thesis.methods.textured_pairs import survey
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+from tokt.training.rig.calibrate.matching import match_frame
+from tokt.training.rig.depth.cloud import PointCloud, cloud_of
+from tokt.training.rig.depth.picture import DepthPicture
+
+from .disparity_plots import Panel, clouds_png, exchanged_png, maps_png
 
 KEY = "figure-3.8-to-3.10"
 TITLE = "Disparity map, margin and point cloud"
@@ -59,7 +61,7 @@ COLLAPSED = 0.003
 """Part of the view that may be matched by chance with a wrong right frame. Source: the control of
 the mission's own measurements, 23 % to at most 0.3 % at frame 180."""
 _SAME = 0.02
-_FEW_FOUND, _MOST_FOUND = 0.05, 0.5
+_FEW_FOUND, _MAX_FOUND = 0.05, 0.5
 
 
 @dataclass(frozen=True)
@@ -69,25 +71,25 @@ class _Shown:
     number: int
     left: NDArray[np.uint8]
     panels: list[Panel]
-    cloud: Cloud
+    cloud: PointCloud
     rank_correlation: float
 
 
-def disparity_figures(material: Material) -> Exhibit:
+def disparity_figures(context: StudyContext) -> Exhibit:
     """The exhibit of figures 3.8 to 3.10; needs two pairs with something in them."""
-    calibration = material.calibration
+    calibration = context.calibration
     if calibration is None:
-        return _missing(f"a calibration of the two cameras: {material.calibration_words}")
-    known = survey(material)
-    frames = spread(known.textured, EXCHANGED_FRAMES)
+        return _missing(f"a calibration of the two cameras: {context.calibration_words}")
+    known = survey(context)
+    frames = evenly_spaced(known.textured, EXCHANGED_FRAMES)
     if len(frames) < 2:
         return _missing("two pairs with something in them")
-    rows = exchange(material, calibration, frames)
+    rows = exchange(context, calibration, frames)
     own = [row for row in rows if row.right == OWN]
     best = max(own, key=lambda row: row.ours_matched)
-    margins = [_margin(material, n) for n in spread(known.open_water, OPEN_FRAMES)]
-    disparity, covered = _searched(material, calibration, spread(frames, MATCHED_FRAMES))
-    shown = _shown(material, calibration, best.frame, _partner(frames, best.frame))
+    margins = [_margin(context, n) for n in evenly_spaced(known.open_water, OPEN_FRAMES)]
+    disparity, covered = _searched(context, calibration, evenly_spaced(frames, MATCHED_FRAMES))
+    shown = _shown(context, calibration, best.frame, _partner(frames, best.frame))
     ends = _ends(own)
     picture = DepthPicture(DisparityDetector(calibration, GRID).rectifier, *ends)
     numbers = {**_control(rows), **_margins(margins), **_cloud_numbers(shown)}
@@ -96,7 +98,7 @@ def disparity_figures(material: Material) -> Exhibit:
         KEY,
         TITLE,
         SECTION,
-        words=_words(material, frames, best.frame),
+        words=_words(context, frames, best.frame),
         claims=(
             _search_claim(disparity, covered),
             _exchange_claim(numbers),
@@ -131,16 +133,16 @@ def _ends(own: Sequence[Exchanged]) -> tuple[float, float]:
     return nearest, max([*far, 2 * nearest])
 
 
-def _margin(material: Material, number: int) -> Margin:
-    left, right = material.left(number), right_of(material, number)
+def _margin(context: StudyContext, number: int) -> Margin:
+    left, right = context.left(number), right_of(context, number)
     return margin_of(disparity_map(at_thesis_size(left), at_thesis_size(right)))
 
 
 def _searched(
-    material: Material, calibration: StereoCalibration, frames: Sequence[int]
+    context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Disparities of SIFT matches in the thesis's pictures, and which its search can find."""
-    found = [match_frame(material.mission, n, calibration.frame_size) for n in frames]
+    found = [match_frame(context.mission, n, calibration.frame_size) for n in frames]
     matched = [one for one in found if one is not None]
     if not matched:
         return np.empty(0), np.empty(0, bool)
@@ -152,11 +154,13 @@ def _searched(
     return searched(left, right)
 
 
-def _shown(material: Material, calibration: StereoCalibration, number: int, other: int) -> _Shown:
+def _shown(
+    context: StudyContext, calibration: StereoCalibration, number: int, other: int
+) -> _Shown:
     """One pair matched in every pixel, with the three right frames, and its cloud."""
     detector = DisparityDetector(calibration, GRID, step=1)
-    left, right = material.left(number), right_of(material, number)
-    rights = (right, right_of(material, other), np.ascontiguousarray(right[::-1]))
+    left, right = context.left(number), right_of(context, number)
+    rights = (right, right_of(context, other), np.ascontiguousarray(right[::-1]))
     words = (OWN, f"that of frame {other}", TURNED)
     small = at_thesis_size(left)
     panels = [
@@ -255,12 +259,12 @@ def _search_claim(disparity: NDArray[np.float64], covered: NDArray[np.bool_]) ->
     )
     if not len(disparity):
         why = "no points of the frames were matched, so that the true disparities are not known"
-        return Claim(what, printed, "no matched points", Agreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "no matched points", ClaimAgreement.UNCOMPARABLE, why)
     share = _mean(covered)
-    if share > _MOST_FOUND:
-        agreement = Agreement.YES
+    if share > _MAX_FOUND:
+        agreement = ClaimAgreement.YES
     else:
-        agreement = Agreement.PARTLY if share > _FEW_FOUND else Agreement.NO
+        agreement = ClaimAgreement.PARTLY if share > _FEW_FOUND else ClaimAgreement.NO
     found = (
         f"{100 * share:.0f} % of {len(disparity)} points matched in both pictures have a "
         f"disparity and a row that it can find; they are at {np.min(disparity):.0f} to "
@@ -295,7 +299,7 @@ def _exchange_claim(numbers: dict[str, Any]) -> Claim:
         "the map needs both pictures",
         f"a disparity map of a stereo pair; a control is {NOT_KNOWN}",
         found,
-        Agreement.NO if same else Agreement.PARTLY,
+        ClaimAgreement.NO if same else ClaimAgreement.PARTLY,
         why,
     )
 
@@ -308,7 +312,7 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
     )
     if not frames:
         why = "the mission has no pair of open water to look at"
-        return Claim(what, printed, "not measured", Agreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
     margin, inside = numbers["open_water_matched_margin"], numbers["open_water_matched_inside"]
     found = (
         f"in open water ({frames} pairs) {100 * margin:.2f} % of the margin and "
@@ -321,9 +325,9 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
             "what is white there is the picture's edge, bent inwards by an undistortion about a "
             "corner instead of the middle; cutting it off is right, and hides the cause"
         )
-        return Claim(what, printed, found, Agreement.YES, why)
+        return Claim(what, printed, found, ClaimAgreement.YES, why)
     why = "on these frames the margin is no whiter than the rest"
-    return Claim(what, printed, found, Agreement.NO, why)
+    return Claim(what, printed, found, ClaimAgreement.NO, why)
 
 
 def _cloud_claim(numbers: dict[str, Any]) -> Claim:
@@ -340,15 +344,15 @@ def _cloud_claim(numbers: dict[str, Any]) -> Claim:
         "true ones on rendered missions"
     )
     printed = f"figure 3.10, a point cloud from the disparity; its numbers are {NOT_KNOWN}"
-    return Claim("point cloud", printed, found, Agreement.UNCOMPARABLE, why)
+    return Claim("point cloud", printed, found, ClaimAgreement.UNCOMPARABLE, why)
 
 
-def _words(material: Material, frames: Sequence[int], best: int) -> tuple[str, ...]:
+def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:
     width, height = THESIS_FRAME_SIZE
     first = (
         "The thesis's map: both pictures gray, undistorted one by one, block matching, disparities "
         "stretched to 0..255. Ours: rectified with "
-        f"{material.calibration_words}, matched at half resolution, checked from right to left. "
+        f"{context.calibration_words}, matched at half resolution, checked from right to left. "
         "The frames' calibration may have been fitted to frames of this mission."
     )
     second = (
@@ -358,7 +362,7 @@ def _words(material: Material, frames: Sequence[int], best: int) -> tuple[str, .
         f"stereo method must then find next to nothing (at most {100 * COLLAPSED:.1f} % of the "
         f"view). Pictures are of frame {best}, where ours matches most."
     )
-    size = material.left(best).shape[1::-1]
+    size = context.left(best).shape[1::-1]
     if size == THESIS_FRAME_SIZE:
         return first, second
     return first, second, (

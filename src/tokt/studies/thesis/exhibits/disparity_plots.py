@@ -11,18 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from ...inference.matching import Matches
-from ..bench.thesis_stereo import CROP_PX
-from ..depth.contrast import raised
-from ..depth.picture import DepthPicture
-from .frame_drawing import png_of
-from .thesis_disparity import cropped
+from tokt.inference.stereo.matching import Matches
+from tokt.studies.baselines.thesis_disparity import cropped
+from tokt.studies.baselines.thesis_stereo import CROP_PX
+from tokt.studies.thesis.frame_drawing import png_of
+from tokt.training.evaluation.pictures import raise_contrast
+from tokt.training.rig.depth.picture import DepthPicture
 
 Image = NDArray[np.uint8]
 Float = NDArray[np.float64]
 
 _VIEW = (680, 512)
-_MOST_POINTS = 20_000
+_MAX_POINTS = 20_000
 """Of a cloud, drawn: more of them hide each other."""
 _THESIS_MAP = "magma"
 
@@ -60,7 +60,7 @@ def maps_png(
     """
     figure = Figure(figsize=(11, 8.6), layout="constrained")
     axes = figure.subplots(2, 2)
-    axes[0, 0].imshow(raised(left, *_VIEW))
+    axes[0, 0].imshow(raise_contrast(left, *_VIEW))
     axes[0, 0].set_title("left frame, contrast raised", fontsize=10)
     width = panel.stretched.shape[1]
     _show_map(axes[0, 1], panel.stretched, "thesis: stretched disparities, and the margin")
@@ -127,7 +127,7 @@ def clouds_png(thesis: Float, thesis_said: Float, ours: Float) -> bytes:
 def _some(count: int) -> NDArray[np.int64]:
     """Which points of a cloud are drawn, in a random order that is always the same."""
     order = np.random.default_rng(0).permutation(count)
-    return order[:_MOST_POINTS]
+    return order[:_MAX_POINTS]
 
 
 def _scatter(

@@ -10,9 +10,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..bench.thesis_way import GRID
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import (
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import (
     SHOWN,
     draw_dots,
     draw_grid,
@@ -22,15 +23,28 @@ from .frame_drawing import (
     show_frame,
     show_mask,
 )
-from .material import Material
-from .patch_scores import Flags, PatchScore, PatchTruth, score_patches, truth_by_labels
-from .picture_judging import Said, by_bundle, by_held_out, by_stereo, by_thesis, learnt_words
-from .run_judging import TOKT_MODEL
+from tokt.studies.thesis.methods.patch_scores import (
+    Flags,
+    PatchScore,
+    PatchTruth,
+    score_patches,
+    truth_by_labels,
+)
+from tokt.studies.thesis.methods.sequence_methods import TOKT_MODEL
+
+from .picture_predictions import (
+    MethodPrediction,
+    by_bundle,
+    by_held_out,
+    by_stereo,
+    by_thesis,
+    learnt_words,
+)
 
 _MASK_RULE = "the patches of which its mask has a tenth or more white, as for labels"
 
 
-def prediction_dots(material: Material) -> Exhibit:
+def prediction_dots(context: StudyContext) -> Exhibit:
     """Predictions for each patch of the frame that shows the structure (figures 3.17, 3.20).
 
     Raises
@@ -38,15 +52,13 @@ def prediction_dots(material: Material) -> Exhibit:
     ToktError
         If the frame or a file of the request cannot be read.
     """
-    number = material.structure
-    frame, truth = material.left(number), truth_by_labels(material.truth(number))
-    stereo = by_stereo(
-        material.calibration, frame, material.right(number), material.calibration_words
-    )
+    number = context.structure_frame
+    frame, truth = context.left(number), truth_by_labels(context.truth(number))
+    stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
     said = [
-        *by_thesis(material, frame),
-        *by_held_out(material, number, frame),
-        *by_bundle(material, frame, material.curves.words.get(TOKT_MODEL, "")),
+        *by_thesis(context, frame),
+        *by_held_out(context, number, frame),
+        *by_bundle(context, frame, context.curves.words.get(TOKT_MODEL, "")),
         stereo,
     ]
     scores = {
@@ -54,7 +66,7 @@ def prediction_dots(material: Material) -> Exhibit:
         for one in said
         if one.patches is not None and truth is not None
     }
-    pooled, n_labelled = pooled_scores(material, material.curves.patches)
+    pooled, n_labelled = pooled_scores(context, context.curves.patches)
     return Exhibit(
         "figure-3.17-3.20",
         "Prediction dots over the grid, and the mask",
@@ -80,7 +92,7 @@ def prediction_dots(material: Material) -> Exhibit:
 
 
 def pooled_scores(
-    material: Material, patches: Mapping[str, Mapping[int, Flags]]
+    context: StudyContext, patches: Mapping[str, Mapping[int, Flags]]
 ) -> tuple[dict[str, PatchScore], int]:
     """Each method's score over all labelled frames that it judged, and how many frames there are.
 
@@ -91,8 +103,8 @@ def pooled_scores(
     """
     truths = {
         number: truth
-        for number in material.scored
-        if (truth := truth_by_labels(material.truth(number)))
+        for number in context.scored
+        if (truth := truth_by_labels(context.truth(number)))
     }
     pooled = {}
     for name, by_frame in patches.items():
@@ -117,7 +129,7 @@ def whole_counts(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _tables(
-    said: list[Said],
+    said: list[MethodPrediction],
     scores: dict[str, PatchScore],
     pooled: dict[str, PatchScore],
     number: int,
@@ -166,7 +178,9 @@ def _words(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.2f}"
 
 
-def _claims(said: list[Said], scores: dict[str, PatchScore], number: int) -> tuple[Claim, ...]:
+def _claims(
+    said: list[MethodPrediction], scores: dict[str, PatchScore], number: int
+) -> tuple[Claim, ...]:
     claims = []
     for one in said:
         score = scores.get(one.name)
@@ -184,7 +198,7 @@ def _claims(said: list[Said], scores: dict[str, PatchScore], number: int) -> tup
                 f"{one.title}: the dots that are other lie on the structure",
                 NOT_KNOWN,
                 found,
-                Agreement.UNCOMPARABLE,
+                ClaimAgreement.UNCOMPARABLE,
                 f"The figures' dots are not at hand; judged by the labels of frame {number}."
                 if scores
                 else "The figures' dots are not at hand, and the frame has no labels.",
@@ -193,7 +207,9 @@ def _claims(said: list[Said], scores: dict[str, PatchScore], number: int) -> tup
     return tuple(claims)
 
 
-def _figure(frame: NDArray[np.uint8], said: list[Said], truth: PatchTruth | None) -> Figure:
+def _figure(
+    frame: NDArray[np.uint8], said: list[MethodPrediction], truth: PatchTruth | None
+) -> Figure:
     figure = Figure(figsize=(10.5, 3.55 * len(said) + 0.3), layout="constrained")
     rows = figure.subplots(len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):

@@ -12,14 +12,22 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from sklearn.metrics import roc_auc_score
 
-from ...features.extractor import HARALICK_NAMES
-from ...features.grid import Grid
-from ..bench.thesis_way import GRID, resized_gray
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import OCEAN_COLOR, OTHER_COLOR, SHOWN, draw_grid, png_of, show_frame
-from .material import Material
-from .texture_histograms import Rows, hellinger
-from .thesis_models import TITLES
+from tokt.features.extractors.extractor import HARALICK_NAMES
+from tokt.features.frames.grid import Grid
+from tokt.studies.baselines.thesis_models import TITLES
+from tokt.studies.baselines.thesis_texture import GRID, resized_gray
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import (
+    OCEAN_COLOR,
+    OTHER_COLOR,
+    SHOWN,
+    draw_grid,
+    png_of,
+    show_frame,
+)
+from tokt.studies.thesis.methods.texture_histograms import Rows, hellinger
+
 from .training_image_figures import draw_histogram, kind_legend
 from .training_images import EXTRACTORS, LBP_KEYS, described
 
@@ -39,7 +47,7 @@ class _Chosen:
     words: str
 
 
-def patch_histograms(material: Material) -> Exhibit:
+def patch_histograms(context: StudyContext) -> Exhibit:
     """LBP histograms and Haralick features of two patches of one frame (figures 3.16, 3.19).
 
     Raises
@@ -47,13 +55,13 @@ def patch_histograms(material: Material) -> Exhibit:
     ToktError
         If the frame cannot be read.
     """
-    number = material.structure
-    frame, labels = material.left(number), material.truth(number)
-    rows, water = described(frame), described(material.ocean.image)
+    number = context.structure_frame
+    frame, labels = context.left(number), context.truth(number)
+    rows, water = described(frame), described(context.ocean.image)
     chosen = _choose(labels)
     away = {key: _away_from_ocean(key, rows[key], water[key]) for key in EXTRACTORS}
     auc = _auc(away, labels)
-    model_auc = _auc(_decision_values(material, rows), labels)
+    model_auc = _auc(_decision_values(context, rows), labels)
     patches = {"structure": chosen.structure, "ocean": chosen.ocean}
     apart = {
         key: float(hellinger(rows[key][[chosen.structure]], rows[key][[chosen.ocean]])[0, 0])
@@ -112,11 +120,13 @@ def _away_from_ocean(key: str, rows: Rows, water: Rows) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.square(apart).mean(axis=1)))
 
 
-def _decision_values(material: Material, rows: dict[str, Rows]) -> dict[str, NDArray[np.float64]]:
+def _decision_values(
+    context: StudyContext, rows: dict[str, Rows]
+) -> dict[str, NDArray[np.float64]]:
     """What the thesis's models say of each patch, by extractor; above 0 is other than ocean."""
     return {
         key: np.asarray(model.classifier.decision_function(rows[key]), np.float64)
-        for key, model in material.thesis.items()
+        for key, model in context.thesis.items()
     }
 
 
@@ -146,7 +156,7 @@ def _claims(
             "a patch on the structure has another histogram than one of ocean",
             NOT_KNOWN,
             seen,
-            Agreement.UNCOMPARABLE,
+            ClaimAgreement.UNCOMPARABLE,
             "The figures' bars are not at hand; what they are to show is measured over all "
             "labelled patches of the frame."
             if auc
@@ -157,7 +167,7 @@ def _claims(
             "figures 3.16 and 3.19 frame a patch and plot a histogram (the published notebooks)",
             f"the notebooks slice rows by the patch's width and columns by its height, so that "
             f"another place is described; Hellinger distance of the two, LBP (10, 5): {moved}",
-            Agreement.NO,
+            ClaimAgreement.NO,
             "Read from the published notebooks; here the framed patch is the one described.",
         ),
         Claim(
@@ -166,7 +176,7 @@ def _claims(
             f"it sorts the features' values into bins from 0 to {_BINS}; outside of that range are "
             f"{outside['structure']} of {_BINS} features on the structure and {outside['ocean']} "
             "on ocean",
-            Agreement.NO,
+            ClaimAgreement.NO,
             "Read from the published notebooks; the features themselves are drawn here as well.",
         ),
     )

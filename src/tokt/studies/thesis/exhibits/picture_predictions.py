@@ -1,4 +1,4 @@
-"""One picture by every method that looks at a picture by itself, patch by patch."""
+"""Predictions of single pictures, patch by patch, by every method that needs no other frame."""
 
 from __future__ import annotations
 
@@ -8,25 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.sources import Frame
-from ...inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
-from ...models.bundle import read_bundle
-from ..baselines.slic import SlicTexture
-from ..bench.thesis_way import GRID
-from .curves import COMPARED, OURS, SLIC_TITLES, THESIS
-from .held_out_texture import TOKT_TEXTURE
-from .material import Material
-from .patch_scores import Flags, patches_of_mask
-from .run_judging import TOKT_MODEL, TOKT_STEREO
+from tokt.features.common.errors import ToktError
+from tokt.inference.frame import Frame
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
+from tokt.models.bundle.bundle import read_bundle
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.methods.curves import COMPARED, OURS, SLIC_TITLES, THESIS
+from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
+from tokt.studies.thesis.methods.patch_scores import Flags, patches_of_mask
+from tokt.studies.thesis.methods.sequence_methods import TOKT_MODEL, TOKT_STEREO
+
 from .training_images import described
 
 
 @dataclass(frozen=True)
-class Said:
-    """What one method says of a picture.
+class MethodPrediction:
+    """One method's predictions of a picture.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ class Said:
         return STATUS_WORDS[known]
 
 
-def learnt_words(said: Iterable[Said]) -> tuple[str, ...]:
+def learnt_words(said: Iterable[MethodPrediction]) -> tuple[str, ...]:
     """What the methods learnt from, those that learnt alike in one sentence."""
     titles: dict[str, list[str]] = {}
     for one in said:
@@ -70,26 +71,28 @@ def learnt_words(said: Iterable[Said]) -> tuple[str, ...]:
 
 def said_by_patches(
     name: str, title: str, kind: str, words: str, patches: Flags, frame: NDArray[np.uint8]
-) -> Said:
-    """What a method says that judges patches of the grid."""
+) -> MethodPrediction:
+    """Predictions of a method that judges patches of the grid."""
     mask = GRID.paint(patches, *GRID.resized(*frame.shape[:2]))
-    return Said(name, title, kind, words, patches, mask)
+    return MethodPrediction(name, title, kind, words, patches, mask)
 
 
-def by_thesis(material: Material, frame: NDArray[np.uint8]) -> list[Said]:
+def by_thesis(context: StudyContext, frame: NDArray[np.uint8]) -> list[MethodPrediction]:
     """The thesis's three texture models on a picture, by tokt's kernels of the same features."""
-    rows, words = described(frame), material.two_images
+    rows, words = described(frame), context.two_images
     return [
         said_by_patches(
             name, model.title, THESIS, words, model.classifier.predict(rows[name]) == 1, frame
         )
-        for name, model in material.thesis.items()
+        for name, model in context.thesis.items()
     ]
 
 
-def by_held_out(material: Material, number: int, frame: NDArray[np.uint8]) -> list[Said]:
+def by_held_out(
+    context: StudyContext, number: int, frame: NDArray[np.uint8]
+) -> list[MethodPrediction]:
     """Our texture model on a frame of the mission, by a model that did not learn from it."""
-    curves = material.curves
+    curves = context.curves
     patches = curves.patches.get(TOKT_TEXTURE, {}).get(number)
     if patches is None:
         return []
@@ -97,7 +100,9 @@ def by_held_out(material: Material, number: int, frame: NDArray[np.uint8]) -> li
     return [said_by_patches(TOKT_TEXTURE, method.title, OURS, method.words, patches, frame)]
 
 
-def by_bundle(material: Material, frame: NDArray[np.uint8], words: str) -> list[Said]:
+def by_bundle(
+    context: StudyContext, frame: NDArray[np.uint8], words: str
+) -> list[MethodPrediction]:
     """The bundle of the request on a picture, by its patches; nothing where none was given.
 
     Raises
@@ -105,17 +110,17 @@ def by_bundle(material: Material, frame: NDArray[np.uint8], words: str) -> list[
     ToktError
         If it is not a bundle that can be used.
     """
-    if material.request.model is None:
+    if context.request.model is None:
         return []
-    bundle = read_bundle(str(material.request.model))
+    bundle = read_bundle(str(context.request.model))
     title = f"tokt model {bundle.label}"
     if bundle.grid != GRID:
         fault = f"its patches are {bundle.grid}, these figures are of {GRID}"
-        return [Said(TOKT_MODEL, title, OURS, words, None, None, fault)]
+        return [MethodPrediction(TOKT_MODEL, title, OURS, words, None, None, fault)]
     try:
         values = bundle.values_of(bundle.features(frame))
     except ValueError as error:
-        return [Said(TOKT_MODEL, title, OURS, words, None, None, str(error))]
+        return [MethodPrediction(TOKT_MODEL, title, OURS, words, None, None, str(error))]
     patches = bundle.model.obstacle_patches(values)
     return [said_by_patches(TOKT_MODEL, title, OURS, words, patches, frame)]
 
@@ -125,7 +130,7 @@ def by_stereo(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8] | None,
     words: str,
-) -> Said:
+) -> MethodPrediction:
     """Our stereo on a pair; it learns nothing.
 
     Parameters
@@ -138,35 +143,42 @@ def by_stereo(
     """
     title = "tokt stereo"
     if right is None:
-        return Said(TOKT_STEREO, title, OURS, words, None, None, "there is no right picture")
+        return MethodPrediction(
+            TOKT_STEREO, title, OURS, words, None, None, "there is no right picture"
+        )
     if calibration is None:
-        return Said(TOKT_STEREO, title, OURS, words, None, None, words)
+        return MethodPrediction(TOKT_STEREO, title, OURS, words, None, None, words)
     try:
         found = DisparityDetector(calibration, GRID).detect(Frame(1, 0.0, left, right))
     except ToktError as error:
-        return Said(TOKT_STEREO, title, OURS, words, None, None, str(error))
+        return MethodPrediction(TOKT_STEREO, title, OURS, words, None, None, str(error))
     if found.mask is None:
-        return Said(TOKT_STEREO, title, OURS, words, None, None, str(found.fault))
+        return MethodPrediction(TOKT_STEREO, title, OURS, words, None, None, str(found.fault))
     patches = patches_of_mask(found.mask, GRID)
-    return Said(TOKT_STEREO, title, OURS, words, patches, found.mask)
+    return MethodPrediction(TOKT_STEREO, title, OURS, words, patches, found.mask)
 
 
-def by_superpixels(material: Material, number: int, frame: NDArray[np.uint8]) -> list[Said]:
+def by_superpixels(
+    context: StudyContext, number: int, frame: NDArray[np.uint8]
+) -> list[MethodPrediction]:
     """The methods that cut the picture into superpixels, by the patches that they cover.
 
     Parameters
     ----------
-    material : Material
+    context : StudyContext
     number : int
         The frame's, where it is one of the mission's: then by a model that did not learn from it.
     frame : array of uint8
     """
     found = []
-    for method in material.slow.of(number):
+    for method in context.superpixel_methods.of(number):
         judged = method.judge(frame, None, 0.0)
         kind = THESIS if isinstance(method, SlicTexture) else COMPARED
         patches = None if judged.mask is None else patches_of_mask(judged.mask, GRID)
         fault = judged.words if judged.mask is None else ""
-        words, title = material.slow.words(method), SLIC_TITLES.get(method.name, method.title)
-        found.append(Said(method.name, title, kind, words, patches, judged.mask, fault))
+        words, title = (
+            context.superpixel_methods.words(method),
+            SLIC_TITLES.get(method.name, method.title),
+        )
+        found.append(MethodPrediction(method.name, title, kind, words, patches, judged.mask, fault))
     return found

@@ -1,4 +1,4 @@
-"""Tables 5.1 to 5.4: where each method spends its time, stage by stage, and how they compare."""
+"""Tables 5.1 to 5.4: the run time of each method, stage by stage."""
 
 from __future__ import annotations
 
@@ -10,21 +10,27 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError
-from ...features.machine import machine
-from ...features.mission import LEFT, RIGHT
-from ..bench.measure import single_thread
-from ..bench.thesis_stereo import THESIS_FRAME_SIZE
-from ..bench.thesis_way import GRID
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import png_of
-from .material import Material
-from .slow_methods import SLIC
-from .stage_clock import STAGES, Encoded, StageTimes, Way, time_stages
-from .stage_ways import (
-    same_with_kernels,
+from tokt.features.common.errors import FrameError
+from tokt.features.common.machine import machine
+from tokt.features.frames.mission import LEFT, RIGHT
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.speed.paired_timing import single_thread
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.methods.stage_clock import (
+    STAGES,
+    EncodedPair,
+    StageTimes,
+    TimedMethod,
+    time_stages,
+)
+from tokt.studies.thesis.methods.superpixel_methods import SLIC
+from tokt.studies.thesis.methods.timed_methods import (
     slic_texture,
     thesis_disparity,
+    thesis_model_with_kernels,
     thesis_texture,
     tokt_stereo,
     tokt_texture,
@@ -49,14 +55,14 @@ _TABLES = {
 Float = NDArray[np.float64]
 
 
-def runtime_tables(material: Material) -> Exhibit:
+def runtime_tables(context: StudyContext) -> Exhibit:
     """Time the thesis's methods and ours on the same frames, in turns, in this one run."""
     with single_thread():
-        ways = ways_of(material)
-        frames = _frames(material)
-        measured = time_stages(ways, frames, ROUNDS, material.progress)
-    found = {one.way.key: one for one in measured}
-    words = _words(material, frames)
+        methods = methods_of(context)
+        frames = _frames(context)
+        measured = time_stages(methods, frames, ROUNDS, context.progress)
+    found = {one.method.key: one for one in measured}
+    words = _words(context, frames)
     return Exhibit(
         KEY,
         TITLE,
@@ -75,47 +81,47 @@ def runtime_tables(material: Material) -> Exhibit:
     )
 
 
-def ways_of(material: Material) -> list[Way]:
-    """All ways that can judge this mission's frames."""
-    slic = material.slow.textures
-    titles = [material.thesis[name].title for name in SLIC]
-    ways = [slic_texture(one, title) for one, title in zip(slic, titles, strict=True)]
-    ways += [thesis_texture(model) for model in material.thesis.values()]
-    size = material.any_left().shape[1::-1]
-    if material.pairs and size == THESIS_FRAME_SIZE:
-        ways.append(thesis_disparity())
-    ways += [same_with_kernels(model) for model in material.thesis.values()]
-    own = material.own.bundle
+def methods_of(context: StudyContext) -> list[TimedMethod]:
+    """All methods that can judge this mission's frames."""
+    slic = context.superpixel_methods.textures
+    titles = [context.thesis[name].title for name in SLIC]
+    methods = [slic_texture(one, title) for one, title in zip(slic, titles, strict=True)]
+    methods += [thesis_texture(model) for model in context.thesis.values()]
+    size = context.any_left().shape[1::-1]
+    if context.pairs and size == THESIS_FRAME_SIZE:
+        methods.append(thesis_disparity())
+    methods += [thesis_model_with_kernels(model) for model in context.thesis.values()]
+    own = context.tokt_model.bundle
     if own.grid == GRID:
-        ways.append(tokt_texture(own.extractor, own.model))
-    if material.calibration is not None:
-        ways.append(tokt_stereo(material.calibration))
-    return ways
+        methods.append(tokt_texture(own.extractor, own.model))
+    if context.calibration is not None:
+        methods.append(tokt_stereo(context.calibration))
+    return methods
 
 
-def _frames(material: Material) -> list[Encoded]:
+def _frames(context: StudyContext) -> list[EncodedPair]:
     """Encoded frames spread over the mission; pairs where it has pairs."""
-    numbers = material.spread()
-    if material.pairs:
-        both = set(material.pairs)
-        numbers = [number for number in numbers if number in both] or material.pairs[:1]
+    numbers = context.spread()
+    if context.pairs:
+        both = set(context.pairs)
+        numbers = [number for number in numbers if number in both] or context.pairs[:1]
     found = []
     for number in numbers:
         try:
-            material.left(number)
+            context.left(number)
         except FrameError:
             continue
-        right = material.mission.encoded(number, RIGHT)[0] if material.pairs else None
-        if material.pairs and material.right(number) is None:
+        right = context.mission.encoded(number, RIGHT)[0] if context.pairs else None
+        if context.pairs and context.right(number) is None:
             continue
-        found.append(Encoded(number, material.mission.encoded(number, LEFT)[0], right))
+        found.append(EncodedPair(number, context.mission.encoded(number, LEFT)[0], right))
     if not found:
         raise FrameError("none of the frames chosen for the run times can be read")
     return found
 
 
-def _words(material: Material, frames: Sequence[Encoded]) -> tuple[str, ...]:
-    own = material.own.words
+def _words(context: StudyContext, frames: Sequence[EncodedPair]) -> tuple[str, ...]:
+    own = context.tokt_model.words
     seen = ", ".join(str(frame.number) for frame in frames)
     about = machine()
     return (
@@ -139,7 +145,7 @@ def _times() -> str:
 
 
 def _ratio(found: dict[str, StageTimes], key: str, to: str = REFERENCE) -> Float:
-    """A way's time over another's, run by run: both of the same frame in the same round."""
+    """A method's time over another's, run by run: both of the same frame in the same round."""
     return found[key].total_ms / found[to].total_ms
 
 
@@ -165,7 +171,10 @@ def _tables(found: dict[str, StageTimes], n_frames: int) -> list[Table]:
     )
     own = [
         Table(
-            name, f"{found[key].way.title}: profile of one frame, ms.", _profile(found[key]), title
+            name,
+            f"{found[key].method.title}: profile of one frame, ms.",
+            _profile(found[key]),
+            title,
         )
         for key, (name, title) in _TABLES.items()
         if key in found
@@ -178,8 +187,8 @@ def _compared(found: dict[str, StageTimes], key: str) -> dict[str, Any]:
     median, low, high = _middle(one.total_ms)
     ratio, ratio_low, ratio_high = _middle(_ratio(found, key))
     return {
-        "method": one.way.title,
-        "whose": one.way.kind,
+        "method": one.method.title,
+        "whose": one.method.kind,
         "median ms": median,
         "p10 ms": low,
         "p90 ms": high,
@@ -192,11 +201,11 @@ def _compared(found: dict[str, StageTimes], key: str) -> dict[str, Any]:
 
 def _by_stage(one: StageTimes) -> dict[str, Any]:
     medians = np.median(one.seconds, axis=0) * 1e3
-    return {"method": one.way.title, **dict(zip(STAGES, medians.tolist(), strict=True))}
+    return {"method": one.method.title, **dict(zip(STAGES, medians.tolist(), strict=True))}
 
 
 def _profile(one: StageTimes) -> pd.DataFrame:
-    """The stages that a way has: median ms, spread, and the part of the whole."""
+    """The stages that a method has: median ms, spread, and the part of the whole."""
     rows = []
     whole = one.seconds.sum(axis=1)
     for place, stage in enumerate(STAGES):
@@ -224,12 +233,12 @@ def _claims(found: dict[str, StageTimes]) -> list[Claim]:
     return claims
 
 
-def agreement_of(ratio: float, printed: float) -> Agreement:
-    """How near a ratio came to a printed one: see `NEAR` and `TWICE`."""
+def agreement_of(ratio: float, printed: float) -> ClaimAgreement:
+    """Agreement of a ratio with a printed one: see `NEAR` and `TWICE`."""
     off = max(ratio / printed, printed / ratio)
     if off <= NEAR:
-        return Agreement.YES
-    return Agreement.PARTLY if off <= TWICE else Agreement.NO
+        return ClaimAgreement.YES
+    return ClaimAgreement.PARTLY if off <= TWICE else ClaimAgreement.NO
 
 
 def _claim(found: dict[str, StageTimes], key: str, what: str, printed: str) -> Claim:
@@ -238,23 +247,23 @@ def _claim(found: dict[str, StageTimes], key: str, what: str, printed: str) -> C
             "the thesis's disparity is for pairs of "
             f"{'x'.join(map(str, THESIS_FRAME_SIZE))}, which this mission does not have"
         )
-        return Claim(what, printed, "not measured", Agreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
     ratio, low, high = _middle(_ratio(found, key))
     agreement = agreement_of(ratio, PRINTED[key])
     why = f"judged by the median: {_judged_words(agreement)}; {_reason(found, key, agreement)}"
     return Claim(what, printed, f"{ratio:.3g} ({low:.3g} to {high:.3g})", agreement, why)
 
 
-def _judged_words(agreement: Agreement) -> str:
+def _judged_words(agreement: ClaimAgreement) -> str:
     return {
-        Agreement.YES: "within a quarter of the printed ratio",
-        Agreement.PARTLY: "within twice the printed ratio, but not within a quarter",
+        ClaimAgreement.YES: "within a quarter of the printed ratio",
+        ClaimAgreement.PARTLY: "within twice the printed ratio, but not within a quarter",
     }.get(agreement, "more than twice off the printed ratio")
 
 
-def _reason(found: dict[str, StageTimes], key: str, agreement: Agreement) -> str:
+def _reason(found: dict[str, StageTimes], key: str, agreement: ClaimAgreement) -> str:
     """What stands behind a ratio that is not the printed one, from what was measured."""
-    if agreement is Agreement.YES:
+    if agreement is ClaimAgreement.YES:
         return "other libraries and another machine, the same proportion"
     one, lbp = found[key], found[REFERENCE]
     own = dict(zip(STAGES, np.median(one.seconds, axis=0) * 1e3, strict=True))
@@ -270,7 +279,9 @@ def _reason(found: dict[str, StageTimes], key: str, agreement: Agreement) -> str
 
 def _grid_claim(found: dict[str, StageTimes]) -> Claim:
     ratio, low, high = _middle(_ratio(found, "slic_haralick", "haralick"))
-    faster = Agreement.YES if low > 1 else Agreement.PARTLY if ratio > 1 else Agreement.NO
+    faster = (
+        ClaimAgreement.YES if low > 1 else ClaimAgreement.PARTLY if ratio > 1 else ClaimAgreement.NO
+    )
     return Claim(
         "10x10 patches instead of superpixels make the Haralick method faster",
         f"much faster (a remark in the author's program; the number is {NOT_KNOWN})",
@@ -281,7 +292,7 @@ def _grid_claim(found: dict[str, StageTimes]) -> Claim:
 
 
 def _numbers(
-    found: dict[str, StageTimes], frames: Sequence[Encoded]
+    found: dict[str, StageTimes], frames: Sequence[EncodedPair]
 ) -> dict[str, float | int | str | bool]:
     numbers: dict[str, float | int | str | bool] = {"frames": len(frames), "rounds": ROUNDS}
     for key, one in found.items():
@@ -306,7 +317,7 @@ def _chart(found: dict[str, StageTimes]) -> Figure:
     """Stacked bars of the stages' medians."""
     figure = Figure(figsize=(10, 0.5 + 0.42 * len(found)), layout="constrained")
     axes = figure.subplots()
-    names = [one.way.title for one in found.values()]
+    names = [one.method.title for one in found.values()]
     left = np.zeros(len(names))
     for place, stage in enumerate(STAGES):
         width = np.array([np.median(one.seconds[:, place]) * 1e3 for one in found.values()])

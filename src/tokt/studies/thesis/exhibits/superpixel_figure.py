@@ -14,15 +14,21 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from skimage.segmentation import find_boundaries
 
-from ..baselines.slic import SlicTexture
-from ..baselines.superpixels import resized_bgr, superpixels
-from ..bench.thesis_way import GRID
-from .exhibit import Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import SHOWN, draw_grid, png_of, show_frame, show_mask
-from .material import Material
-from .patch_scores import PatchScore, patches_of_mask, score_patches, truth_by_labels
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.baselines.superpixels import resized_bgr, superpixels
+from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import SHOWN, draw_grid, png_of, show_frame, show_mask
+from tokt.studies.thesis.methods.patch_scores import (
+    PatchScore,
+    patches_of_mask,
+    score_patches,
+    truth_by_labels,
+)
+
 from .runtime_tables import agreement_of
-from .thesis_models import TITLES, ThesisModel
 
 Image = NDArray[np.uint8]
 Segments = NDArray[np.int64]
@@ -47,7 +53,7 @@ _COLUMNS = {
 
 
 @dataclass(frozen=True)
-class Compared:
+class SuperpixelComparison:
     """One frame judged by superpixels and by the grid, with the same features.
 
     Parameters
@@ -91,17 +97,17 @@ class Compared:
         return bool(self.slic_mask.any()), bool(self.grid_mask.any())
 
 
-def superpixel_figure(material: Material) -> Exhibit:
+def superpixel_figure(context: StudyContext) -> Exhibit:
     """The exhibit of figure 5.1, on the request's sample of frames."""
-    shown = material.structure
-    numbers = sorted({*material.spread(), shown})
-    ocean, other = material.ocean, material.other
-    found: list[Compared] = []
-    segments = {number: _superpixels(left) for number, left in material.decoded(numbers)}
+    shown = context.structure_frame
+    numbers = sorted({*context.spread(), shown})
+    ocean, other = context.ocean, context.other
+    found: list[SuperpixelComparison] = []
+    segments = {number: _superpixels(left) for number, left in context.decoded(numbers)}
     for name in FEATURES:
-        model = material.thesis[name]
+        model = context.thesis[name]
         slic = SlicTexture.train(ocean.image, other.image, model.describe, name)
-        found += [_compared(material, number, slic, model, segments[number]) for number in segments]
+        found += [_compared(context, number, slic, model, segments[number]) for number in segments]
     summaries = {
         name: _summary([one for one in found if one.features == name]) for name in FEATURES
     }
@@ -109,10 +115,10 @@ def superpixel_figure(material: Material) -> Exhibit:
         KEY,
         TITLE,
         SECTION,
-        words=_words(material, numbers),
+        words=_words(context, numbers),
         claims=(_time_claim(summaries), _mask_claim(summaries)),
         tables=(_summary_table(summaries), _frame_table(found)),
-        plots=(_plot(material, [one for one in found if one.frame == shown], segments[shown]),),
+        plots=(_plot(context, [one for one in found if one.frame == shown], segments[shown]),),
         numbers={
             f"{name}_{key}": value
             for name, summary in summaries.items()
@@ -123,20 +129,20 @@ def superpixel_figure(material: Material) -> Exhibit:
 
 
 def _compared(
-    material: Material, number: int, slic: SlicTexture, model: ThesisModel, segments: Segments
-) -> Compared:
-    left = material.left(number)
+    context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel, segments: Segments
+) -> SuperpixelComparison:
+    left = context.left(number)
     by_slic, slic_s = _timed(lambda: slic.judge(left, None, 0.0).mask)
     by_grid, grid_s = _timed(lambda: model.judge(left).obstacle)
     size = GRID.resized(*left.shape[:2])
     if by_slic is None:
         by_slic = np.zeros(size, np.uint8)
-    truth = truth_by_labels(material.truth(number))
+    truth = truth_by_labels(context.truth(number))
     scores = [
         _NOTHING if truth is None else score_patches(said, truth)
         for said in (patches_of_mask(by_slic, GRID), by_grid)
     ]
-    return Compared(
+    return SuperpixelComparison(
         number,
         model.name,
         by_slic,
@@ -159,7 +165,7 @@ def _timed(judge: Callable[[], Any]) -> tuple[Any, float]:
     return found, time.perf_counter() - began
 
 
-def _summary(found: Sequence[Compared]) -> dict[str, Any]:
+def _summary(found: Sequence[SuperpixelComparison]) -> dict[str, Any]:
     """Figures over all frames of one kind of features."""
     both, either = np.sum([one.overlap for one in found], axis=0)
     slic, grid = _NOTHING, _NOTHING
@@ -186,7 +192,7 @@ def _time_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
     ratios = {name: summary["slic_over_grid"] for name, summary in summaries.items()}
     ratio = ratios[FEATURES[0]]
     agreement = agreement_of(ratio, THESIS_RATIO)
-    if agreement is Agreement.YES:
+    if agreement is ClaimAgreement.YES:
         why = "within a quarter of the printed ratio"
     elif ratio > 1:
         why = (
@@ -217,20 +223,20 @@ def _mask_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
         "superpixels and a grid see the same",
         "a superpixel follows outlines, a patch does not; how alike their masks are is not known",
         "; ".join(said),
-        Agreement.UNCOMPARABLE,
+        ClaimAgreement.UNCOMPARABLE,
         "the figure's picture and numbers are not at hand; the masks of both are drawn and counted",
     )
 
 
-def _words(material: Material, numbers: Sequence[int]) -> tuple[str, ...]:
+def _words(context: StudyContext, numbers: Sequence[int]) -> tuple[str, ...]:
     return (
-        f"Both learn from the same two images ({material.ocean.words}; {material.other.words}), "
+        f"Both learn from the same two images ({context.ocean.words}; {context.other.words}), "
         "describe with the same features and use the same classifier; one takes a rectangle "
         "around each superpixel, the other a patch of a 10x10 grid.",
         f"On a sample of {len(numbers)} frames, spread over the mission, with frame "
-        f"{material.structure} among them, because SLIC is slow. No frame of the sample was learnt "
-        "from. Scored against labels by patches: of a superpixel mask those that are white to a "
-        "tenth or more, as for labels.",
+        f"{context.structure_frame} among them, because SLIC is slow. No frame of the sample was "
+        "learnt from. Scored against labels by patches: of a superpixel mask those that are white "
+        "to a tenth or more, as for labels.",
     )
 
 
@@ -254,7 +260,7 @@ def _summary_table(summaries: dict[str, dict[str, Any]]) -> Table:
     return Table("slic_against_grid", caption, pd.DataFrame(rows), TITLE)
 
 
-def _frame_table(found: Sequence[Compared]) -> Table:
+def _frame_table(found: Sequence[SuperpixelComparison]) -> Table:
     rows = [
         {
             "frame": one.frame,
@@ -272,9 +278,9 @@ def _frame_table(found: Sequence[Compared]) -> Table:
     return Table("slic_against_grid_frames", "The sample.", pd.DataFrame(rows), title)
 
 
-def _plot(material: Material, shown: Sequence[Compared], segments: Segments) -> Plot:
+def _plot(context: StudyContext, shown: Sequence[SuperpixelComparison], segments: Segments) -> Plot:
     number = shown[0].frame
-    left = material.left(number)
+    left = context.left(number)
     figure = Figure(figsize=(10.5, 5.9), layout="constrained")
     axes = figure.subplots(2, 1 + len(shown))
     height, width = show_frame(axes[0, 0], left, GRID)

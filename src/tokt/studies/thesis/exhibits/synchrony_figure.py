@@ -8,14 +8,21 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ...features.errors import ToktError
-from ...features.mission import LEFT, RIGHT, Mission
-from ...inference.calibration import StereoCalibration
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import png_of
-from .material import Material
-from .synchrony import FARTHEST_FRAMES, LateRight, Offset, offset_of, rows_of
-from .textured_pairs import spread, survey
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.methods.synchrony import (
+    FARTHEST_FRAMES,
+    LateRight,
+    Offset,
+    offset_of,
+    rows_of,
+)
+from tokt.studies.thesis.methods.textured_pairs import survey
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 KEY = "figure-6.1"
 TITLE = "Are the two cameras synchronous?"
@@ -31,14 +38,14 @@ AS_IT_IS, ON_PURPOSE = "as it is", f"right camera {SHIFTED} frame later, on purp
 _COLORS = {AS_IT_IS: "#1f4e79", ON_PURPOSE: "#d1603d"}
 
 
-def synchrony_figure(material: Material) -> Exhibit:
+def synchrony_figure(context: StudyContext) -> Exhibit:
     """The exhibit of figure 6.1; needs pairs of something that moves in the picture."""
-    calibration = material.calibration
+    calibration = context.calibration
     if calibration is None:
-        return _missing(f"a calibration of the two cameras: {material.calibration_words}")
-    frames = spread(_with_neighbours(material), FRAMES)
+        return _missing(f"a calibration of the two cameras: {context.calibration_words}")
+    frames = evenly_spaced(_with_neighbours(context), FRAMES)
     try:
-        found = _offsets(material.mission, calibration, frames)
+        found = _offsets(context.mission, calibration, frames)
     except ToktError as error:
         return _missing(f"points that both cameras see in successive frames: {error}")
     numbers: dict[str, float | int | str | bool] = {}
@@ -54,7 +61,7 @@ def synchrony_figure(material: Material) -> Exhibit:
         KEY,
         TITLE,
         SECTION,
-        words=_words(material),
+        words=_words(context),
         claims=(claim_of(found),),
         tables=(_table(found),),
         plots=(_plot(found),),
@@ -66,14 +73,14 @@ def _missing(what: str) -> Exhibit:
     return Exhibit(KEY, TITLE, SECTION, missing=f"needs {what}")
 
 
-def _with_neighbours(material: Material) -> list[int]:
+def _with_neighbours(context: StudyContext) -> list[int]:
     """Pairs with something in them whose left frames before and after are there, and whose right
     frame after is.
     """
-    left, right = (set(material.mission.frames(camera)) for camera in (LEFT, RIGHT))
+    left, right = (set(context.mission.frames(camera)) for camera in (LEFT, RIGHT))
     return [
         number
-        for number in survey(material).textured
+        for number in survey(context).textured
         if {number - 1, number + 1} <= left and number + SHIFTED in right
     ]
 
@@ -106,20 +113,20 @@ def claim_of(found: dict[str, Offset]) -> Claim:
     largest = abs(own.frames) + own.half_width
     control = abs(shifted.frames - SHIFTED - own.frames) <= SYNCHRONOUS_FRAMES
     if not control or own.half_width > SYNCHRONOUS_FRAMES:
-        agreement = Agreement.UNCOMPARABLE
+        agreement = ClaimAgreement.UNCOMPARABLE
         why = "these frames do not tell: the control on purpose is not measured as what it is"
         if control:
             why = (
                 "these frames do not tell: the vehicle hardly moves, or few points can be followed"
             )
     elif largest <= SYNCHRONOUS_FRAMES:
-        agreement = Agreement.YES
+        agreement = ClaimAgreement.YES
         why = (
             f"the offset is below {SYNCHRONOUS_FRAMES} frames with its interval, and a right "
             "camera that is late on purpose is measured as late"
         )
     else:
-        agreement = Agreement.NO
+        agreement = ClaimAgreement.NO
         why = f"the offset, with its interval, goes beyond {SYNCHRONOUS_FRAMES} frames"
     return Claim(
         "left and right frames of one number are of one moment",
@@ -130,14 +137,14 @@ def claim_of(found: dict[str, Offset]) -> Claim:
     )
 
 
-def _words(material: Material) -> tuple[str, ...]:
+def _words(context: StudyContext) -> tuple[str, ...]:
     return (
         "Measured from the frames, without any clock: a point stands in one row of both rectified "
         "views unless the right camera saw it at another moment and the vehicle moved up, down or "
         "turned in between. The row in the right view is compared with the rows in the left view "
         "of the frame before, of the frame and of the one after. Points: SIFT between the cameras, "
         f"Lucas and Kanade's method from frame to frame. Rectified with "
-        f"{material.calibration_words}.",
+        f"{context.calibration_words}.",
         f"The interval is of 95 %, by the jackknife over at most {FRAMES} frames spread over the "
         "mission's stretch with something in it; the frames' own order is not otherwise split, "
         "since nothing is learnt. Fitted with the offset: what the calibration leaves (a constant, "

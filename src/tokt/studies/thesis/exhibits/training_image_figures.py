@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from scipy.stats import spearmanr
 
-from ..bench.thesis_way import GRID, resized_gray
-from .exhibit import NOT_KNOWN, Agreement, Claim, Exhibit, Plot, Table
-from .frame_drawing import SHOWN, png_of, show_frame
-from .material import Material
-from .texture_histograms import BinKind, Rows, bin_kinds, share_by_kind
-from .thesis_models import TITLES
+from tokt.studies.baselines.thesis_models import TITLES
+from tokt.studies.baselines.thesis_texture import GRID, resized_gray
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.frame_drawing import SHOWN, png_of, show_frame
+from tokt.studies.thesis.methods.texture_histograms import BinKind, Rows, bin_kinds, share_by_kind
+
 from .training_images import (
     CONFUSED,
     CONTROL,
@@ -49,7 +50,7 @@ _CRITERIA = {
 """What an image could be chosen by; only the first and second need no look at the structure."""
 
 
-def training_images(material: Material) -> Exhibit:
+def training_images(context: StudyContext) -> Exhibit:
     """Histograms of the images the thesis's models could learn from (figures 3.11, 3.12).
 
     Raises
@@ -57,10 +58,10 @@ def training_images(material: Material) -> Exhibit:
     ToktError
         If a frame cannot be read.
     """
-    ocean, images = ocean_image(material), candidates(material)
+    ocean, images = ocean_image(context), candidates(context)
     frame = next(image for image in images if image.name == STRUCTURE)
-    structure, structure_words = structure_rows(material, frame)
-    tested = tested_frames(material)
+    structure, structure_words = structure_rows(context, frame)
+    tested = tested_frames(context)
     table = candidate_table(ocean, images, structure, tested)
     n_tested, rank = len(tested.truths), _rank(table)
     plots = [_histogram_plot(ocean, images, table, structure, structure_words)]
@@ -116,7 +117,7 @@ def _claims(table: pd.DataFrame, n_tested: int, rank: dict[str, float]) -> tuple
             "the image whose LBP (10, 5) histogram is farthest from ocean's",
             NOT_KNOWN,
             found,
-            Agreement.UNCOMPARABLE,
+            ClaimAgreement.UNCOMPARABLE,
             "The thesis's other images are not at hand; those compared here are not the same.",
         )
     ]
@@ -130,7 +131,7 @@ def _claims(table: pd.DataFrame, n_tested: int, rank: dict[str, float]) -> tuple
                 f"best F1 {best[f'{_KEY} {F1}']:.2f} with {best['image']}; the farthest, "
                 f"{farthest['image']}, gives {farthest[f'{_KEY} {F1}']:.2f}; rank correlation "
                 f"with F1: {ranks}",
-                Agreement.UNCOMPARABLE,
+                ClaimAgreement.UNCOMPARABLE,
                 "It is what choosing by histograms presumes, not a printed figure; judged on "
                 f"{n_tested} labelled frames that no model here learnt from.",
             )

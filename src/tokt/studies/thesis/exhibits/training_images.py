@@ -1,4 +1,4 @@
-"""How far images that could stand for "anything else" are from ocean, and what models they make.
+"""Candidates for the image of "anything else": their distance from ocean, and their models.
 
 The thesis chose its training images by looking at LBP histograms. Here the looking is a distance;
 what it promises is held against what it should lead to, a model that finds the labelled patches.
@@ -14,13 +14,19 @@ import pandas as pd
 from numpy.typing import NDArray
 from skimage import data
 
-from ...features.extractor import NAMED, Haralick
-from ..baselines.thesis_classifier import thesis_classifier
-from ..bench.thesis_way import GRID
-from ..thesis_images import rendered_other_image
-from .material import Material
-from .patch_scores import PatchScore, PatchTruth, score_patches, truth_by_labels
-from .texture_histograms import Rows, chi_square, confused, hellinger
+from tokt.features.extractors.extractor import NAMED, Haralick
+from tokt.studies.baselines.thesis_models import thesis_classifier
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.methods.patch_scores import (
+    PatchScore,
+    PatchTruth,
+    score_patches,
+    truth_by_labels,
+)
+from tokt.studies.thesis.methods.texture_histograms import Rows, chi_square, confused, hellinger
+from tokt.training.fitting.train import rendered_other_image
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 LBP_KEYS = ("lbp_10_5", "lbp_24_8")
 EXTRACTORS = {
@@ -79,67 +85,66 @@ def _image(name: str, words: str, picture: Any, bright: bool = False) -> Image:
     return Image(name, words, pixels, described(pixels), bright)
 
 
-def ocean_image(material: Material) -> Image:
+def ocean_image(context: StudyContext) -> Image:
     """The image of ocean that the thesis's models learn from."""
-    return _image("ocean", material.ocean.words, material.ocean.image)
+    return _image("ocean", context.ocean.words, context.ocean.image)
 
 
-def candidates(material: Material) -> list[Image]:
+def candidates(context: StudyContext) -> list[Image]:
     """What could stand for "anything else", and as a control an ocean frame that should not.
 
     The image asked for or the rendered texture; photos that come with scikit-image, rough, bright
     and in focus as a film still is; and the mission's own frame of the structure.
     """
-    found = [_image("other", material.other.words, material.other.image, True)]
-    if material.request.other is not None:
+    found = [_image("other", context.other.words, context.other.image, True)]
+    if context.request.other is not None:
         found.append(_image("rendered", "a rendered texture", rendered_other_image(), True))
     for name in _PHOTOS:
         picture = np.asarray(getattr(data, name)())
         if picture.ndim == 3:
             picture = picture[..., ::-1]  # RGB; frames are BGR
         found.append(_image(name, f"photo of {name}, from scikit-image", picture, True))
-    number = material.structure
-    found.append(_image(STRUCTURE, f"frame {number}, whole", material.left(number)))
-    control = _control(material)
+    number = context.structure_frame
+    found.append(_image(STRUCTURE, f"frame {number}, whole", context.left(number)))
+    control = _control(context)
     if control is not None:
         words = f"frame {control}: ocean too, so it should not separate"
-        found.append(_image(CONTROL, words, material.left(control)))
+        found.append(_image(CONTROL, words, context.left(control)))
     return found
 
 
-def _control(material: Material) -> int | None:
+def _control(context: StudyContext) -> int | None:
     """Another frame of open ocean, by the labels."""
-    known = [number for number in material.ocean_frames if number != material.ocean.frame]
+    known = [number for number in context.ocean_frames if number != context.ocean.frame]
     return known[len(known) // 2] if known else None
 
 
-def structure_rows(material: Material, frame: Image) -> tuple[dict[str, Rows], str]:
+def structure_rows(context: StudyContext, frame: Image) -> tuple[dict[str, Rows], str]:
     """Features of the structure's own patches, and which these are.
 
     Parameters
     ----------
     frame : Image
-        Of the frame `Material.structure`.
+        Of the frame `StudyContext.structure_frame`.
     """
-    there = material.truth(material.structure) == 1
+    there = context.truth(context.structure_frame) == 1
     if there.any():
-        words = f"the {there.sum()} obstacle patches of frame {material.structure}"
+        words = f"the {there.sum()} obstacle patches of frame {context.structure_frame}"
         return {key: rows[there] for key, rows in frame.rows.items()}, words
-    return frame.rows, f"all patches of frame {material.structure}, which has no labels"
+    return frame.rows, f"all patches of frame {context.structure_frame}, which has no labels"
 
 
-def tested_frames(material: Material) -> Tested:
+def tested_frames(context: StudyContext) -> Tested:
     """Labelled frames spread over the mission; none that a candidate is made of."""
-    left_out = {material.structure, _control(material)}
+    left_out = {context.structure_frame, _control(context)}
     labelled = [
         (number, truth)
-        for number in material.scored
-        if number not in left_out and (truth := truth_by_labels(material.truth(number)))
+        for number in context.scored
+        if number not in left_out and (truth := truth_by_labels(context.truth(number)))
     ]
-    places = np.linspace(0, len(labelled) - 1, min(_SCORED_FRAMES, len(labelled)))
-    chosen = dict(labelled[place] for place in places.round().astype(int))
+    chosen = dict(evenly_spaced(labelled, _SCORED_FRAMES))
     tested = Tested([], {key: [] for key in EXTRACTORS})
-    for number, frame in material.decoded(list(chosen)):
+    for number, frame in context.decoded(list(chosen)):
         tested.truths.append(chosen[number])
         for key, rows in described(frame).items():
             tested.rows[key].append(rows)

@@ -8,14 +8,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...inference.trend import HORIZON_S, STEADY_PER_S, TRENDS
+from tokt.inference.policy.trend import HORIZON_S, STEADY_PER_S, TRENDS
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
+from tokt.studies.thesis.methods.trend_scores import (
+    TrendAgainstDepth,
+    TrendScore,
+    confusion,
+    score,
+    trend_against_depth,
+)
+
 from .curve_scores import agreement_with_distance
-from .exhibit import Agreement, Claim, Exhibit, Plot, Table
-from .held_out_texture import TOKT_TEXTURE
-from .material import Material
+from .trend_inputs import means_of_patches, means_of_stereo
 from .trend_plots import confusion_png, contact_png, trend_png
-from .trend_scores import Held, TrendScore, confusion, held_against, score
-from .trend_seen import seen_by_patches, seen_by_stereo
 
 KEY = "trend"
 TITLE = "Mean value over time: relative distance, trend and time to contact"
@@ -26,32 +33,32 @@ mission's."""
 OTHER_RATES_S = (0.25, 0.5)
 """Tried beside it, as a trend looks at seconds and not at frames."""
 DISPARITY = "disparity"
-LEAST_FRAMES = 12
+MIN_FRAMES = 12
 _AGREES, _PARTLY = 0.95, 0.7
 _FAR_OFF = 1.5
 _SPREAD = (10, 50, 90)
 
 
-def trend_exhibit(material: Material) -> Exhibit:
+def trend_exhibit(context: StudyContext) -> Exhibit:
     """The exhibit of the trend; needs stereo depth of successive frames."""
-    calibration = material.calibration
+    calibration = context.calibration
     if calibration is None:
-        return _missing(f"a calibration of the two cameras: {material.calibration_words}")
-    curves = material.curves
+        return _missing(f"a calibration of the two cameras: {context.calibration_words}")
+    curves = context.curves
     known = curves.distance_m.dropna().index
-    frames = [n for n in material.pairs if len(known) and known.min() <= n <= known.max()]
-    if len(frames) < LEAST_FRAMES:
-        return _missing(f"{LEAST_FRAMES} successive pairs with something that stereo sees")
-    by_stereo, depth_m = seen_by_stereo(material, calibration, frames)
-    texture = [name for name in (TOKT_TEXTURE, *material.thesis) if name in curves.patches]
-    seen = {name: seen_by_patches(curves, name, frames) for name in texture}
+    frames = [n for n in context.pairs if len(known) and known.min() <= n <= known.max()]
+    if len(frames) < MIN_FRAMES:
+        return _missing(f"{MIN_FRAMES} successive pairs with something that stereo sees")
+    by_stereo, depth_m = means_of_stereo(context, calibration, frames)
+    texture = [name for name in (TOKT_TEXTURE, *context.thesis) if name in curves.patches]
+    seen = {name: means_of_patches(curves, name, frames) for name in texture}
     seen[DISPARITY] = by_stereo
     titles = {name: curves.methods[name].title for name in texture}
     titles[DISPARITY] = "tokt stereo"
-    held = {name: held_against(one, depth_m, SECONDS_A_FRAME) for name, one in seen.items()}
+    held = {name: trend_against_depth(one, depth_m, SECONDS_A_FRAME) for name, one in seen.items()}
     scores = {name: score(one) for name, one in held.items()}
     rates = {
-        (name, rate): score(held_against(one, depth_m, rate))
+        (name, rate): score(trend_against_depth(one, depth_m, rate))
         for name, one in seen.items()
         for rate in OTHER_RATES_S
     }
@@ -61,7 +68,7 @@ def trend_exhibit(material: Material) -> Exhibit:
         KEY,
         TITLE,
         SECTION,
-        words=_words(material, frames, texture),
+        words=_words(context, frames, texture),
         claims=(_distance_claim(scores, titles), _sign_claim(scores, titles, ours),
                 _contact_claim(scores, titles)),
         tables=(_score_table(rates, titles), _confusion_table(held, titles), _frame_table(held)),
@@ -74,8 +81,8 @@ def _missing(what: str) -> Exhibit:
     return Exhibit(KEY, TITLE, SECTION, missing=f"needs {what}")
 
 
-def _words(material: Material, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
-    curves = material.curves
+def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
+    curves = context.curves
     learnt = "; ".join(
         f"{curves.methods[name].title}: {curves.words[name].rstrip('.')}" for name in texture
     )
@@ -86,7 +93,7 @@ def _words(material: Material, frames: Sequence[int], texture: Sequence[str]) ->
         "steps are in the table. What is right is the slope of the median stereo depth over the "
         f"same seconds: a mean goes with 1 / depth squared, so that a depth that changes by less "
         f"than {STEADY_PER_S / 2:g} of itself a second counts as steady. Cameras: "
-        f"{material.calibration_words}. The depth has no part in the texture's trend; the "
+        f"{context.calibration_words}. The depth has no part in the texture's trend; the "
         "disparity's trend is of the area that is matched, not of how far it is.",
         "Both slopes are of the last seconds: at the turn, both still say for some frames what was "
         "so before. That delay is in neither figure.",
@@ -114,13 +121,13 @@ def _distance_claim(scores: dict[str, TrendScore], titles: dict[str, str]) -> Cl
     ranks = {name: one.rank_correlation for name, one in scores.items()}
     known = [value for value in ranks.values() if value is not None]
     if not known:
-        agreement, why = Agreement.UNCOMPARABLE, "too few frames have a mean and a depth"
+        agreement, why = ClaimAgreement.UNCOMPARABLE, "too few frames have a mean and a depth"
     else:
         agreement = agreement_with_distance(-value for value in known)
         why = {
-            Agreement.YES: "every method's mean falls with depth, nearly without fail",
-            Agreement.PARTLY: "the nearer, the larger, with exceptions: what is near is cut off "
-            "by the picture",
+            ClaimAgreement.YES: "every method's mean falls with depth, nearly without fail",
+            ClaimAgreement.PARTLY: "the nearer, the larger, with exceptions: what is near is cut "
+            "off by the picture",
         }.get(agreement, "of at least one method the mean does not follow depth")
     found = "; ".join(
         f"{titles[name]} " + ("not known" if value is None else f"{value:.2f}")
@@ -145,14 +152,14 @@ def _sign_claim(
     )
     worst = min((scores[name].agreement or 0.0 for name in ours), default=0.0)
     if not any(one.same + one.opposite for one in scores.values()):
-        agreement, why = Agreement.UNCOMPARABLE, "no frame has a sign in both"
+        agreement, why = ClaimAgreement.UNCOMPARABLE, "no frame has a sign in both"
     elif worst >= _AGREES:
-        agreement, why = Agreement.YES, "the sign of the trend is that of the depth's change"
+        agreement, why = ClaimAgreement.YES, "the sign of the trend is that of the depth's change"
     elif worst >= _PARTLY:
-        agreement = Agreement.PARTLY
+        agreement = ClaimAgreement.PARTLY
         why = "mostly; where it is wrong, what is near leaves the picture or is no longer matched"
     else:
-        agreement, why = Agreement.NO, "too often the sign is not that of the depth's change"
+        agreement, why = ClaimAgreement.NO, "too often the sign is not that of the depth's change"
     return Claim(
         "a growing mean is a thing that comes nearer",
         "the mean value tells whether the distance grows or shrinks (sections 5.2.1 and 7.2)",
@@ -172,7 +179,7 @@ def _contact_claim(scores: dict[str, TrendScore], titles: dict[str, str]) -> Cla
         "time to contact",
         "the thesis has none",
         f"from expansion over from depth, median: {found}",
-        Agreement.UNCOMPARABLE,
+        ClaimAgreement.UNCOMPARABLE,
         _contact_why(scores),
     )
 
@@ -224,7 +231,7 @@ def _score_table(rates: dict[tuple[str, float], TrendScore], titles: dict[str, s
     return Table("trend_against_depth", caption, pd.DataFrame(rows))
 
 
-def _confusion_table(held: dict[str, list[Held]], titles: dict[str, str]) -> Table:
+def _confusion_table(held: dict[str, list[TrendAgainstDepth]], titles: dict[str, str]) -> Table:
     parts = []
     for name, one in held.items():
         counts = confusion(one)
@@ -239,7 +246,7 @@ def _confusion_table(held: dict[str, list[Held]], titles: dict[str, str]) -> Tab
     return Table("trend_confusion", caption, pd.concat(parts, ignore_index=True), title)
 
 
-def _frame_table(held: dict[str, list[Held]]) -> Table:
+def _frame_table(held: dict[str, list[TrendAgainstDepth]]) -> Table:
     rows: dict[int, dict[str, Any]] = {}
     for name, frames in held.items():
         for one in frames:
@@ -289,7 +296,7 @@ def _numbers(scores: dict[str, TrendScore], frames: int) -> dict[str, float | in
     return numbers
 
 
-def _plots(held: dict[str, list[Held]], titles: dict[str, str]) -> tuple[Plot, ...]:
+def _plots(held: dict[str, list[TrendAgainstDepth]], titles: dict[str, str]) -> tuple[Plot, ...]:
     return (
         Plot(
             "trend",

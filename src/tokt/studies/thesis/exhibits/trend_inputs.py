@@ -1,4 +1,4 @@
-"""What the trend is followed on: means of texture and of disparity, and depths, by frame."""
+"""Inputs of the trend: means of texture and of disparity, and depths, by frame."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError
-from ...inference.assemble import Stereo
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.followed import in_whole
-from ...inference.sources import Frame
-from ...inference.verdict import UNKNOWN, verdict_from_mask
-from ..bench.thesis_way import GRID
-from .curves import Curves
-from .material import Material
-from .trend_scores import Seen
+from tokt.features.common.errors import FrameError
+from tokt.inference.frame import Frame
+from tokt.inference.policy.assembly import StereoSetup
+from tokt.inference.policy.temporal_cues import wholly_in_view
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import UNKNOWN, verdict_from_mask
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.methods.curves import Curves
+from tokt.studies.thesis.methods.trend_scores import FrameMean
 
 
-def seen_by_patches(curves: Curves, name: str, frames: Sequence[int]) -> list[Seen]:
-    """What a texture method's curve gave.
+def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> list[FrameMean]:
+    """Means of a texture method's curve, frame by frame.
 
     Parameters
     ----------
@@ -37,49 +37,49 @@ def seen_by_patches(curves: Curves, name: str, frames: Sequence[int]) -> list[Se
     for number in frames:
         known = number in mean.index and status[number] != UNKNOWN
         if not known or not np.isfinite(mean[number]):
-            found.append(Seen(number, None, False))
+            found.append(FrameMean(number, None, False))
             continue
         whole = number in patches and _whole(patches[number])
-        found.append(Seen(number, float(mean[number]), whole))
+        found.append(FrameMean(number, float(mean[number]), whole))
     return found
 
 
 def _whole(patches: NDArray[np.bool_]) -> bool:
     """Whether the patches lie wholly in the picture, at any of the grid's sizes."""
     height, width = GRID.rows * 27, GRID.cols * 36
-    return in_whole(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
+    return wholly_in_view(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
 
 
-def _pair(material: Material, number: int) -> Frame:
+def _pair(context: StudyContext, number: int) -> Frame:
     """A pair, without the pictures that cannot be read."""
     try:
-        return Frame(number, float(number), material.left(number), material.right(number))
+        return Frame(number, float(number), context.left(number), context.right(number))
     except FrameError:
         return Frame(number, float(number), None, None)
 
 
-def seen_by_stereo(
-    material: Material, calibration: StereoCalibration, frames: Sequence[int]
-) -> tuple[list[Seen], dict[int, float]]:
+def means_of_stereo(
+    context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
+) -> tuple[list[FrameMean], dict[int, float]]:
     """The runtime's own disparity over frames in their order.
 
     Returns
     -------
-    seen : list of Seen
+    seen : list of FrameMean
     depth_m : dict of int to float
         Median of the matched depths; nan where nothing was matched, or it could not be judged.
     """
     detector = DisparityDetector(calibration, GRID)
-    blind_m = Stereo(calibration).blind_m
+    blind_m = StereoSetup(calibration).blind_m
     seen, depth_m = [], {}
-    for number in material.progress(frames, len(frames), "trend: stereo"):
+    for number in context.progress(frames, len(frames), "trend: stereo"):
         depth_m[number] = math.nan
-        detection, matches = detector.observe(_pair(material, number))
+        detection, matches = detector.observe(_pair(context, number))
         if detection.mask is None:
-            seen.append(Seen(number, None, False))
+            seen.append(FrameMean(number, None, False))
             continue
         verdict = verdict_from_mask(detection.mask, "disparity", distance_m=detection.distance_m)
-        seen.append(Seen(number, verdict.mean, in_whole(verdict, blind_m)))
+        seen.append(FrameMean(number, verdict.mean, wholly_in_view(verdict, blind_m)))
         if matches is not None and matches.valid.any():
             depth_m[number] = float(np.median(detector.depth_m(matches)[matches.valid]))
     return seen, depth_m

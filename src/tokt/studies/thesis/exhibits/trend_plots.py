@@ -10,9 +10,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ...inference.trend import GROWING, SHRINKING, STEADY
-from .frame_drawing import png_of
-from .trend_scores import Held
+from tokt.inference.policy.trend import GROWING, SHRINKING, STEADY
+from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.methods.trend_scores import TrendAgainstDepth
 
 COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
 _WORDS = {
@@ -24,7 +24,7 @@ _WORDS = {
 _MARKS = "osD^v"
 
 
-def trend_png(held: Mapping[str, Sequence[Held]], titles: Mapping[str, str]) -> bytes:
+def trend_png(held: Mapping[str, Sequence[TrendAgainstDepth]], titles: Mapping[str, str]) -> bytes:
     """Depth above, a row a method below, over the frame numbers."""
     figure = Figure(figsize=(10.5, 2.6 + 1.7 * len(held)), layout="constrained")
     axes = figure.subplots(
@@ -77,7 +77,9 @@ def confusion_png(tables: Mapping[str, pd.DataFrame]) -> bytes:
     return png_of(figure)
 
 
-def contact_png(held: Mapping[str, Sequence[Held]], titles: Mapping[str, str]) -> bytes:
+def contact_png(
+    held: Mapping[str, Sequence[TrendAgainstDepth]], titles: Mapping[str, str]
+) -> bytes:
     """Both times to contact against each other, in seconds."""
     figure = Figure(figsize=(9.6, 5.4), layout="constrained")
     axes = figure.subplots()

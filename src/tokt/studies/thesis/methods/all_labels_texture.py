@@ -1,4 +1,4 @@
-"""Our texture model for pictures that are not the mission's: learnt from all of its labels.
+"""tokt's texture model for pictures that are not the mission's: learnt from all its labels.
 
 Held-out models (`held_out_texture`) judge the mission's own frames. A picture of somewhere else
 may be judged by a model that learnt from every labelled frame; where the picture is a frame of
@@ -12,26 +12,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.extractor import Extractor
-from ...inference.frame_check import frame_fault
-from ...models.linear import LinearModel
-from ..bench.thesis_way import GRID
-from ..classifier import fit_classifier, linear_model
-from ..presets import DEFAULT_EXTRACTOR, Choice, extractor_for, settings_named
-from ..splits import EMBARGO_FRAMES
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor
+from tokt.inference.frame_checks.picture import frame_fault
+from tokt.models.linear import LinearModel
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.inputs import StudyInputs
+from tokt.training.datasets.splits import EMBARGO_FRAMES
+from tokt.training.fitting.classifier import fit_classifier, linear_model
+from tokt.training.fitting.presets import (
+    DEFAULT_EXTRACTOR,
+    Hyperparameters,
+    extractor_for,
+    settings_named,
+)
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+
 from .curves import PRESET
-from .material import Material
 from .patch_scores import Flags, truth_by_labels
 
-_MOST_FRAMES = 60
+_MAX_FRAMES = 60
 """Learnt from, spread over the labelled ones: neighbours in time are near copies."""
 _PENALTY = 1.0
 """C; not searched for, as the picture judged is no part of the mission."""
 
 
 @dataclass(frozen=True)
-class WholeTexture:
+class AllLabelsTexture:
     """A texture model and what it learnt from.
 
     Parameters
@@ -52,12 +59,12 @@ class WholeTexture:
         return self._model.obstacle_patches(values)
 
 
-def learn_whole(material: Material, near: int | None = None) -> WholeTexture:
+def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabelsTexture:
     """Learn from the mission's labelled frames.
 
     Parameters
     ----------
-    material : Material
+    inputs : StudyInputs
     near : int, optional
         A frame from which to stay away by more than the embargo.
 
@@ -68,27 +75,26 @@ def learn_whole(material: Material, near: int | None = None) -> WholeTexture:
     """
     numbers = [
         number
-        for number in material.obstacle_patches
+        for number in inputs.obstacle_patches
         if near is None or abs(number - near) > EMBARGO_FRAMES
     ]
-    places = np.linspace(0, len(numbers) - 1, min(_MOST_FRAMES, len(numbers))).round().astype(int)
-    chosen = [numbers[place] for place in places]
+    chosen = evenly_spaced(numbers, _MAX_FRAMES)
     settings = settings_named(PRESET)
     extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
     rows, targets = [], []
-    for number, frame in material.decoded(chosen):
-        truth = truth_by_labels(material.truth(number))
+    for number, frame in inputs.decoded(chosen):
+        truth = truth_by_labels(inputs.truth(number))
         if truth is not None:
             rows.append(extractor.describe(frame, GRID)[truth.sure])
             targets.append(truth.obstacle[truth.sure].astype(np.int64))
     known = np.concatenate(targets) if targets else np.zeros(0, np.int64)
     if len(np.unique(known)) < 2:
         raise ToktError("there are no labels of both obstacles and clear water to learn from")
-    pipeline = fit_classifier(np.vstack(rows), known, Choice(_PENALTY), settings)
+    pipeline = fit_classifier(np.vstack(rows), known, Hyperparameters(_PENALTY), settings)
     model = linear_model(pipeline, ("ocean", "obstacle"), (False, True))
     left_out = f", none within {EMBARGO_FRAMES} of frame {near}" if near is not None else ""
     words = (
         f"learnt from {len(rows)} labelled frames spread over the mission{left_out} (the features "
         f"of preset {PRESET}, C = {_PENALTY:g}, no search)"
     )
-    return WholeTexture(words, extractor, model)
+    return AllLabelsTexture(words, extractor, model)

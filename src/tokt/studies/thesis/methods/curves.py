@@ -4,35 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...features.image_file import pixel_sha256
-from ...inference.verdict import UNKNOWN
-from ...models.bundle import read_bundle
-from ..baselines.slic import SlicTexture
-from ..bench.thesis_stereo import THESIS_FRAME_SIZE
-from ..presets import DEFAULT_EXTRACTOR, TrainingSettings, extractor_for, settings_named
-from ..train import frame_id
-from .frame_judging import THESIS_DISPARITY, Extraction, FrameJudged, Judges, judge_frames
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import pixel_sha256
+from tokt.inference.verdict import UNKNOWN
+from tokt.models.bundle.bundle import frame_id, read_bundle
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.baselines.thesis_models import TITLES
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
+from tokt.studies.thesis.inputs import StudyInputs
+from tokt.training.fitting.presets import (
+    DEFAULT_EXTRACTOR,
+    TrainingSettings,
+    extractor_for,
+    settings_named,
+)
+
 from .held_out_texture import TOKT_TEXTURE, held_out_texture
-from .run_judging import (
+from .per_frame_methods import THESIS_DISPARITY, Extraction, FrameMethods, FrameResult, judge_frames
+from .sequence_methods import (
     MEAN_DISPARITY,
     SIZE_CHANGE,
     TOKT_MODEL,
     TOKT_STEREO,
-    RunTask,
-    judge_runs,
+    SequenceTask,
+    judge_sequences,
 )
-from .slow_methods import SLIC
-from .thesis_models import TITLES
-
-if TYPE_CHECKING:
-    from .material import Material
+from .superpixel_methods import SLIC, SuperpixelMethods
 
 THESIS, COMPARED, OURS = "the thesis's", "compared with", "tokt's"
 PRESET = "best"
@@ -129,28 +131,26 @@ class _Gathered:
         self.methods[name] = method
 
 
-def measure_curves(material: Material) -> Curves:
+def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -> Curves:
     """Judge every scored frame by every method.
 
     What was learnt from one frame is not scored on it: the thesis's models and the compared ones
     learn from two images, and a mission's frame among these is not scored; ours is held out
     (`held_out_texture`). SLIC and superpixel colours judge a sample of the frames.
     """
-    settings = settings_named(PRESET) if material.obstacle_patches else None
-    sample = material.spread()
-    judged = _judge_frames(material, sample, settings)
+    settings = settings_named(PRESET) if inputs.obstacle_patches else None
+    sample = inputs.spread()
+    judged = _judge_frames(inputs, superpixel_methods, sample, settings)
     readable = [one for one in judged if not one.fault]
     gathered = _Gathered([one.number for one in readable])
-    _add_thesis(gathered, material, readable)
-    _add_slow(gathered, material, readable, sample)
-    patches = {
-        name: {one.number: one.patches[name] for one in readable} for name in material.thesis
-    }
+    _add_thesis(gathered, inputs, readable)
+    _add_slow(gathered, superpixel_methods, readable, sample)
+    patches = {name: {one.number: one.patches[name] for one in readable} for name in inputs.thesis}
     if settings is None:
         gathered.left_out.append("tokt's texture model: there are no labels to learn from")
     else:
-        patches |= _add_texture(gathered, material, readable, settings)
-    distance = _add_runs(gathered, material)
+        patches |= _add_texture(gathered, inputs, readable, settings)
+    distance = _add_runs(gathered, inputs)
     return Curves(
         gathered.mean,
         gathered.status,
@@ -163,27 +163,28 @@ def measure_curves(material: Material) -> Curves:
 
 
 def _judge_frames(
-    material: Material,
+    inputs: StudyInputs,
+    superpixel_methods: SuperpixelMethods,
     sample: Sequence[int],
     settings: TrainingSettings | None,
-) -> list[FrameJudged]:
+) -> list[FrameResult]:
     extraction = None
     if settings is not None:
         extraction = Extraction(extractor_for(DEFAULT_EXTRACTOR, PRESET).spec, settings.changes)
-    judges = Judges(
-        list(material.thesis.values()),
-        {number: material.slow.of(number) for number in sample},
+    judges = FrameMethods(
+        list(inputs.thesis.values()),
+        {number: superpixel_methods.of(number) for number in sample},
         extraction,
-        frozenset(material.obstacle_patches),
+        frozenset(inputs.obstacle_patches),
     )
-    numbers = material.scored
-    found = judge_frames(material.mission, numbers, judges, material.request.jobs)
-    return list(material.progress(found, len(numbers), "curves, frame by frame"))
+    numbers = inputs.scored
+    found = judge_frames(inputs.mission, numbers, judges, inputs.request.jobs)
+    return list(inputs.progress(found, len(numbers), "curves, frame by frame"))
 
 
-def _add_thesis(gathered: _Gathered, material: Material, readable: Sequence[FrameJudged]) -> None:
-    learnt = material.two_images
-    for name, model in material.thesis.items():
+def _add_thesis(gathered: _Gathered, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
+    learnt = inputs.two_images
+    for name, model in inputs.thesis.items():
         title, words = f"{model.title}", f"{model.title} as the thesis has it, {learnt}"
         _add(gathered, name, Method(title, THESIS, words), readable)
     if any(THESIS_DISPARITY in one.mean for one in readable):
@@ -192,14 +193,14 @@ def _add_thesis(gathered: _Gathered, material: Material, readable: Sequence[Fram
             "px at either side); it learns nothing"
         )
         _add(gathered, THESIS_DISPARITY, Method("disparity", THESIS, words), readable)
-    elif not material.pairs:
+    elif not inputs.pairs:
         gathered.left_out.append("the thesis's disparity: the mission has no right frames")
     else:
         size = "x".join(map(str, THESIS_FRAME_SIZE))
         gathered.left_out.append(f"the thesis's disparity: its numbers are for frames of {size}")
 
 
-def _add(gathered: _Gathered, name: str, method: Method, readable: Sequence[FrameJudged]) -> None:
+def _add(gathered: _Gathered, name: str, method: Method, readable: Sequence[FrameResult]) -> None:
     mean = {one.number: one.mean[name] for one in readable if name in one.mean}
     status = {one.number: one.status[name] for one in readable if name in one.status}
     gathered.add(name, method, mean, status)
@@ -207,14 +208,14 @@ def _add(gathered: _Gathered, name: str, method: Method, readable: Sequence[Fram
 
 def _add_slow(
     gathered: _Gathered,
-    material: Material,
-    readable: Sequence[FrameJudged],
+    superpixel_methods: SuperpixelMethods,
+    readable: Sequence[FrameResult],
     sample: Sequence[int],
 ) -> None:
-    for one in material.slow.of(sample[0]):
+    for one in superpixel_methods.of(sample[0]):
         kind = THESIS if isinstance(one, SlicTexture) else COMPARED
         words = (
-            f"{one.title} ({one.source}), {material.slow.words(one)}; on a sample of "
+            f"{one.title} ({one.source}), {superpixel_methods.words(one)}; on a sample of "
             f"{len(sample)} frames, as it is slow"
         )
         title = SLIC_TITLES.get(one.name, one.title)
@@ -223,12 +224,12 @@ def _add_slow(
 
 def _add_texture(
     gathered: _Gathered,
-    material: Material,
-    readable: Sequence[FrameJudged],
+    inputs: StudyInputs,
+    readable: Sequence[FrameResult],
     settings: TrainingSettings,
 ) -> dict[str, dict[int, NDArray[np.bool_]]]:
     try:
-        found = held_out_texture(material, readable, settings)
+        found = held_out_texture(inputs, readable, settings)
     except ToktError as error:
         gathered.left_out.append(f"tokt's texture model: {error}")
         return {}
@@ -237,19 +238,19 @@ def _add_texture(
     return {TOKT_TEXTURE: found.patches}
 
 
-def _add_runs(gathered: _Gathered, material: Material) -> dict[int, float]:
+def _add_runs(gathered: _Gathered, inputs: StudyInputs) -> dict[int, float]:
     """The methods that look at frames in their order; the distances that stereo measures."""
-    request, calibration = material.request, material.calibration
-    names = {SIZE_CHANGE: _size_change(), **_stereo_methods(material)}
+    request, calibration = inputs.request, inputs.calibration
+    names = {SIZE_CHANGE: _size_change(), **_stereo_methods(inputs)}
     if calibration is None:
-        gathered.left_out.append(f"tokt's stereo, and thirds: {material.calibration_words}")
+        gathered.left_out.append(f"tokt's stereo, and thirds: {inputs.calibration_words}")
     if request.model is not None:
-        names[TOKT_MODEL] = _model_method(material)
+        names[TOKT_MODEL] = _model_method(inputs)
     # The one that takes longest first, so that the others run beside it.
-    tasks = [RunTask(name, material.mission.path, calibration, request.model) for name in names]
-    runs = judge_runs(tasks, request.jobs)
+    tasks = [SequenceTask(name, inputs.mission.path, calibration, request.model) for name in names]
+    runs = judge_sequences(tasks, request.jobs)
     found = {
-        one.method: one for one in material.progress(runs, len(tasks), "curves, in order of frames")
+        one.method: one for one in inputs.progress(runs, len(tasks), "curves, in order of frames")
     }
     for name, method in names.items():
         gathered.add(name, method, found[name].mean, found[name].status)
@@ -261,10 +262,10 @@ def _size_change() -> Method:
     return Method("growing keypoints", COMPARED, words)
 
 
-def _stereo_methods(material: Material) -> dict[str, Method]:
-    if material.calibration is None:
+def _stereo_methods(inputs: StudyInputs) -> dict[str, Method]:
+    if inputs.calibration is None:
         return {}
-    cameras = material.calibration_words
+    cameras = inputs.calibration_words
     thirds = (
         "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's rectified "
         f"disparity, with {cameras}; learns nothing"
@@ -276,12 +277,12 @@ def _stereo_methods(material: Material) -> dict[str, Method]:
     }
 
 
-def _model_method(material: Material) -> Method:
+def _model_method(inputs: StudyInputs) -> Method:
     """The bundle that was given; it is said where it learnt from these very frames."""
-    bundle = read_bundle(str(material.request.model))
+    bundle = read_bundle(str(inputs.request.model))
     known = set(bundle.content.trained_on.tolist())
     # All of them: a model that learnt from a few has seen near copies of the others.
-    there = material.decoded(material.frames)
+    there = inputs.decoded(inputs.frames)
     learnt = sum(int(frame_id(pixel_sha256(image))) in known for _, image in there)
     title = f"tokt model {bundle.label}"
     split = "it learnt from none of these frames"

@@ -1,4 +1,4 @@
-"""A badly lit picture of the tower, rendered, with its exact mask: what stands in for the thesis's.
+"""A badly lit picture of the tower, rendered, with its exact mask: it stands in for the thesis's.
 
 The lamp is turned down: what the tower, the water and its snow send back falls by one factor, and
 the sensor's read noise stays. At 1 the picture is as bright as a rendered mission's.
@@ -11,15 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.calibration import StereoCalibration
-from ...labels.synthetic.light import Exposure, expose
-from ...labels.synthetic.mission import Scene
-from ...labels.synthetic.patch_labels import LEAST_CONTRAST, contrast
-from ...labels.synthetic.raycast import look
-from ...labels.synthetic.rig import FULL_WIDTH, Rig
-from ...labels.synthetic.sensor import develop
-from ...labels.synthetic.water import Eye, Water
-from ..bench.thesis_way import GRID
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.simulation.rendering.lighting import Exposure, expose
+from tokt.studies.simulation.rendering.patch_labels import MIN_CONTRAST, contrast
+from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.sensor import develop
+from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
+from tokt.studies.simulation.scene.rig import FULL_WIDTH, SyntheticRig
+from tokt.studies.simulation.scene.water import CameraResponse, Water
+
 from .patch_scores import Flags
 
 SEED = 8
@@ -69,16 +70,17 @@ class DarkScene:
     """
 
     def __init__(self, width: int = FULL_WIDTH, seed: int = SEED) -> None:
-        self._scene, self._seed = Scene.draw(seed, _FRAMES, width), seed
+        self._scene, self._seed = MissionScene.draw(seed, _FRAMES, width), seed
         self._pose = self._scene.poses[_PLACE]
         cameras = self._pose.cameras(self._scene.rig)
-        self._views = [look(self._scene.tower, camera) for camera in cameras]
+        self._views = [cast_rays(self._scene.tower, camera) for camera in cameras]
 
     def at(self, light: float) -> DarkPair:
         """The pair by a lamp of `light`, as a share of a rendered mission's."""
         water = _dimmed(self._scene.water, light)
         (left, exposure), (right, _) = (
-            self._picture(water, side, eye) for side, eye in enumerate((water.left, water.right))
+            self._picture(water, side, response)
+            for side, response in enumerate((water.left, water.right))
         )
         view = self._views[0]
         depth = view.image(view.depth)
@@ -92,10 +94,12 @@ class DarkScene:
             _calibration(self._scene.rig),
         )
 
-    def _picture(self, water: Water, side: int, eye: Eye) -> tuple[NDArray[np.uint8], Exposure]:
-        """One eye's picture, and the light that came to its sensor."""
+    def _picture(
+        self, water: Water, side: int, response: CameraResponse
+    ) -> tuple[NDArray[np.uint8], Exposure]:
+        """One camera's picture, and the light that came to its sensor."""
         moment = np.random.default_rng([self._seed, _MOMENT])
-        exposure = expose(water, self._scene.rig, self._pose, self._views[side], eye, moment)
+        exposure = expose(water, self._scene.rig, self._pose, self._views[side], response, moment)
         noise = np.random.default_rng([self._seed, _SENSOR, side])
         return develop(water, exposure, noise), exposure
 
@@ -116,10 +120,10 @@ def _dimmed(water: Water, light: float) -> Water:
 
 def _visible(exposure: Exposure, mask: NDArray[np.bool_]) -> Flags:
     seen = contrast(exposure.clean, exposure.open_water, mask, GRID)
-    return np.asarray(seen >= LEAST_CONTRAST)
+    return np.asarray(seen >= MIN_CONTRAST)
 
 
-def _calibration(rig: Rig) -> StereoCalibration:
+def _calibration(rig: SyntheticRig) -> StereoCalibration:
     straight = np.zeros(5)
     return StereoCalibration(
         rig.left,

@@ -13,16 +13,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import ToktError
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.sources import Frame
-from ...inference.verdict import STATUS_MEAN_THRESHOLD, STATUS_WORDS
-from ..bench.thesis_stereo import THESIS_FRAME_SIZE, disparity_map
-from ..bench.thesis_way import GRID
-from ..depth.look import DepthRow, look
-from .material import Material
-from .thesis_disparity import cropped
+from tokt.features.common.errors import ToktError
+from tokt.inference.frame import Frame
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, STATUS_WORDS
+from tokt.studies.baselines.thesis_disparity import cropped
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, disparity_map
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.inputs import StudyInputs
+from tokt.training.rig.depth.pair_depths import DepthRow, measure_depths
 
 Image = NDArray[np.uint8]
 Rights = Callable[[int], Image]
@@ -33,7 +33,7 @@ KINDS = (OWN, ANOTHER, TURNED)
 
 @dataclass(frozen=True)
 class Exchanged:
-    """What one left frame gives with one right frame.
+    """Results of one left frame with one right frame.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Exchanged:
 
 
 def exchange(
-    material: Material, calibration: StereoCalibration, frames: Sequence[int]
+    inputs: StudyInputs, calibration: StereoCalibration, frames: Sequence[int]
 ) -> list[Exchanged]:
     """Judge left frames with their own right frame, another one's, and their own upside down.
 
@@ -87,7 +87,7 @@ def exchange(
 
     Parameters
     ----------
-    material : Material
+    inputs : StudyInputs
     calibration : StereoCalibration
     frames : sequence of int
         Two and more, in order.
@@ -102,27 +102,27 @@ def exchange(
     half = len(frames) // 2
     others = dict(zip(frames, [*frames[half:], *frames[:half]], strict=True))
     rights: dict[str, Rights] = {
-        OWN: lambda number: right_of(material, number),
-        ANOTHER: lambda number: right_of(material, others[number]),
-        TURNED: lambda number: np.ascontiguousarray(right_of(material, number)[::-1]),
+        OWN: lambda number: right_of(inputs, number),
+        ANOTHER: lambda number: right_of(inputs, others[number]),
+        TURNED: lambda number: np.ascontiguousarray(right_of(inputs, number)[::-1]),
     }
-    seen = {number: cropped(_map(material, number, rights[OWN])) for number in frames}
+    seen = {number: cropped(_map(inputs, number, rights[OWN])) for number in frames}
     found = []
     for kind, right in rights.items():
         detector = DisparityDetector(calibration, GRID)
-        for row in look(detector, _frames(material, frames, right)):
+        for row in measure_depths(detector, _frames(inputs, frames, right)):
             now = seen[row.frame]
             if kind != OWN:
-                now = cropped(_map(material, row.frame, right))
+                now = cropped(_map(inputs, row.frame, right))
             changed = float(((now > 0) != (seen[row.frame] > 0)).mean())
             matched = float((now > 0).mean())
             found.append(Exchanged(row.frame, kind, row, matched, float(now.mean()), changed))
     return found
 
 
-def right_of(material: Material, number: int) -> Image:
+def right_of(inputs: StudyInputs, number: int) -> Image:
     """A right frame. Raises ToktError where it cannot be read."""
-    right = material.right(number)
+    right = inputs.right(number)
     if right is None:
         raise ToktError(f"right frame {number} cannot be read")
     return right
@@ -135,10 +135,10 @@ def at_thesis_size(frame: Image) -> Image:
     return np.asarray(cv2.resize(frame, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def _map(material: Material, number: int, right: Rights) -> Image:
-    return disparity_map(at_thesis_size(material.left(number)), at_thesis_size(right(number)))
+def _map(inputs: StudyInputs, number: int, right: Rights) -> Image:
+    return disparity_map(at_thesis_size(inputs.left(number)), at_thesis_size(right(number)))
 
 
-def _frames(material: Material, frames: Sequence[int], right: Rights) -> Iterator[Frame]:
+def _frames(inputs: StudyInputs, frames: Sequence[int], right: Rights) -> Iterator[Frame]:
     for number in frames:
-        yield Frame(number, float(number), material.left(number), right(number))
+        yield Frame(number, float(number), inputs.left(number), right(number))

@@ -1,7 +1,7 @@
-"""Our own texture model over a mission's frames, each frame judged by a model that never saw it.
+"""tokt's texture model over a mission, each frame judged by a model that never saw it.
 
-Models learn from labelled blocks of frames and judge the others (`tokt.training.splits`): a frame
-that is labelled is judged by the model of the fold that tests it. A frame without labels is
+Models learn from labelled blocks of frames and judge the others (`tokt.training.datasets.splits`):
+a frame that is labelled is judged by the model of the fold that tests it. A frame without labels is
 judged by the model whose training frames are farthest from it, if they are beyond the embargo.
 """
 
@@ -11,51 +11,49 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.frame_rule import RuleRun, least_white
-from ...models.operating_point import FrameRule, frame_step, missed_before
-from ..bench.thesis_way import GRID
-from ..classifier import decision_values, linear_model
-from ..cross_validation import Split, choose, learn
-from ..dataset import DatasetVersion, build_dataset
-from ..mission_source import plan_from_missions
-from ..operating_point import DEFAULT_TARGET, choose_frame_rule
-from ..presets import CHOSEN_ON, TrainingSettings
-from ..splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
-from ..trainable import check_blocks, check_features, inner_folds
-from .frame_judging import FrameJudged, mean_and_status
+from tokt.inference.texture.detector import MofNRun, min_mask_patches
+from tokt.models.operating_point import MofNRule, frame_step, missed_before
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.inputs import StudyInputs
+from tokt.training.datasets.dataset import DatasetVersion, build_dataset
+from tokt.training.datasets.mission_source import plan_from_missions
+from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
+from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
+from tokt.training.fitting.classifier import decision_values, linear_model
+from tokt.training.fitting.cross_validation import Split, choose_hyperparameters, fit_rows
+from tokt.training.fitting.data_checks import check_blocks, check_features, inner_folds
+from tokt.training.fitting.presets import CHOSEN_ON, TrainingSettings
 
-if TYPE_CHECKING:
-    from .material import Material
+from .per_frame_methods import FrameResult, mean_and_status
 
 TOKT_TEXTURE = "tokt_texture"
-_LEAST_BLOCKS = 10
+_MIN_BLOCKS = 10
 _WEAK_BLOCK_FRAMES = 5
 
 
 @dataclass(frozen=True)
-class Learnt:
-    """What one fold's training part gave.
+class FoldModel:
+    """Scores and frame rule of a model of one fold's training part.
 
     Parameters
     ----------
     scores : dict of int to array of float64, shape (n_patches,)
         Obstacle scores of the frames it judges.
-    rule : FrameRule
+    rule : MofNRule
         Chosen inside the training part.
     """
 
     scores: dict[int, NDArray[np.float64]]
-    rule: FrameRule
+    rule: MofNRule
 
 
 @dataclass(frozen=True)
 class HeldOutTexture:
-    """What held-out models say of the frames.
+    """Results of held-out models, frame by frame.
 
     Parameters
     ----------
@@ -74,15 +72,15 @@ class HeldOutTexture:
 
 
 def held_out_texture(
-    material: Material, judged: Sequence[FrameJudged], settings: TrainingSettings
+    inputs: StudyInputs, judged: Sequence[FrameResult], settings: TrainingSettings
 ) -> HeldOutTexture:
     """Judge each frame by a model of the other blocks.
 
     Parameters
     ----------
-    material : Material
+    inputs : StudyInputs
         With labels.
-    judged : sequence of FrameJudged
+    judged : sequence of FrameResult
         With features.
     settings : TrainingSettings
 
@@ -93,31 +91,31 @@ def held_out_texture(
     """
     features = {one.number: one.features for one in judged if one.features}
     with tempfile.TemporaryDirectory(prefix="tokt-reproduce-") as name:
-        dataset, split = _dataset(material, Path(name), [one.number for one in judged])
+        dataset, split = _dataset(inputs, Path(name), [one.number for one in judged])
         check_blocks(dataset, split.folds, split.embargo_frames)
-        learnt = _learn(material, dataset, split, features, settings)
+        learnt = _learn(inputs, dataset, split, features, settings)
     sizes = {one.number: one.size for one in judged}
     return _judged(learnt, sizes, _words(dataset, split, settings))
 
 
 def _dataset(
-    material: Material, folder: Path, readable: Sequence[int]
+    inputs: StudyInputs, folder: Path, readable: Sequence[int]
 ) -> tuple[DatasetVersion, Split]:
     """The labelled frames that could be read, cut into blocks."""
-    labelled = sorted(set(material.obstacle_patches) & set(readable))
-    block = min(BLOCK_FRAMES, max(2, len(labelled) // _LEAST_BLOCKS))
+    labelled = sorted(set(inputs.obstacle_patches) & set(readable))
+    block = min(BLOCK_FRAMES, max(2, len(labelled) // _MIN_BLOCKS))
     plan, _ = plan_from_missions(
         "reproduce",
         "binary",
-        [material.mission.path],
-        material.labels or [],
-        material.taxonomy,
+        [inputs.mission.path],
+        inputs.labels or [],
+        inputs.taxonomy,
         GRID,
         labelled,
         block,
         labels_are_for_it=True,
     )
-    dataset = build_dataset(plan, folder, material.progress)
+    dataset = build_dataset(plan, folder, inputs.progress)
     return dataset, Split(FOLDS, EMBARGO_FRAMES * block // BLOCK_FRAMES)
 
 
@@ -140,33 +138,33 @@ def _any(features: Mapping[int, object]) -> int:
 
 
 def _learn(
-    material: Material,
+    inputs: StudyInputs,
     dataset: DatasetVersion,
     split: Split,
     features: Mapping[int, Sequence[NDArray[np.float64]]],
     settings: TrainingSettings,
-) -> list[Learnt]:
+) -> list[FoldModel]:
     """For each fold a model of its training part, and what it says of the frames it judges."""
-    table, *changed = _tables(dataset, features, 1 + len(settings.changes))
+    table, *augmented = _tables(dataset, features, 1 + len(settings.changes))
     check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
     judges = _judges(dataset, folds, list(features), split.embargo_frames)
     inner = Split(inner_folds(split.folds), split.embargo_frames)
     learnt = []
-    for index, fold in enumerate(material.progress(folds, len(folds), "our texture, held out")):
+    for index, fold in enumerate(inputs.progress(folds, len(folds), "our texture, held out")):
         rows = fold.train
-        parts = [one[rows] for one in changed]
-        chosen = choose(
+        parts = [one[rows] for one in augmented]
+        chosen = choose_hyperparameters(
             patches.iloc[rows],
             table[rows],
             targets[rows],
             settings,
             inner,
             parts,
-            material.request.jobs,
+            inputs.request.jobs,
         )
-        pipeline = learn(table, targets, rows, chosen.choice, settings, changed)
+        pipeline = fit_rows(table, targets, rows, chosen.choice, settings, augmented)
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
         scores, tested = np.full(len(targets), np.nan), np.zeros(len(targets), bool)
         scores[rows], tested[rows] = model.obstacle_score(chosen.values), True
@@ -176,7 +174,7 @@ def _learn(
             for number, judge in judges.items()
             if judge == index
         }
-        learnt.append(Learnt(said, rule))
+        learnt.append(FoldModel(said, rule))
     return learnt
 
 
@@ -199,7 +197,7 @@ def _judges(
 
 
 def _judged(
-    learnt: Sequence[Learnt], sizes: Mapping[int, tuple[int, int]], words: str
+    learnt: Sequence[FoldModel], sizes: Mapping[int, tuple[int, int]], words: str
 ) -> HeldOutTexture:
     """The frames in their order by each fold's rule; a frame's verdict is that of its own fold."""
     judges = {number: index for index, one in enumerate(learnt) for number in one.scores}
@@ -207,13 +205,13 @@ def _judged(
     missed = missed_before(numbers, frame_step(numbers))
     found = HeldOutTexture({}, {}, {}, words)
     for index, one in enumerate(learnt):
-        run = RuleRun(one.rule)
+        run = MofNRun(one.rule)
         for number, gap in zip(numbers, missed, strict=True):
             run.begin(gap)
             if number not in judges:
                 continue
             scores = learnt[judges[number]].scores[number]
-            least = least_white(GRID, *GRID.resized(*sizes[number]))
+            least = min_mask_patches(GRID, *GRID.resized(*sizes[number]))
             ruled = run.judge(scores, scores > 0, least)
             if judges[number] != index:
                 continue

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.grid import Grid
-from ...labels.synthetic.patch_labels import LEAST_COVERAGE, coverage
+from tokt.features.frames.grid import Grid
+from tokt.studies.simulation.rendering.patch_labels import MIN_COVERAGE, coverage
 
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class PatchTruth:
-    """What is in the patches of a frame.
+    """The true content of a frame's patches.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def score_patches(said: Flags, truth: PatchTruth) -> PatchScore:
 
 
 def truth_by_labels(labels: NDArray[np.int8]) -> PatchTruth | None:
-    """What people said of one frame's patches; None without a sure one.
+    """The truth of one frame's patches by its labels; None without a sure one.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def truth_by_labels(labels: NDArray[np.int8]) -> PatchTruth | None:
 
 
 def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> PatchTruth:
-    """What a mask of a whole frame says of its patches, by the rule of the mission's labels.
+    """The truth of a frame's patches by a mask, under the rule of the mission's labels.
 
     Parameters
     ----------
@@ -117,21 +117,21 @@ def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> PatchTruth:
     Returns
     -------
     PatchTruth
-        Obstacle from `LEAST_COVERAGE` on; a patch that less of it touches is not scored.
+        Obstacle from `MIN_COVERAGE` on; a patch that less of it touches is not scored.
     """
     covered = coverage(mask >= 128, grid)
-    obstacle = covered >= LEAST_COVERAGE
+    obstacle = covered >= MIN_COVERAGE
     return PatchTruth(obstacle, obstacle | (covered == 0))
 
 
 def patches_of_mask(mask: NDArray[np.uint8], grid: Grid) -> Flags:
     """The patches that a method says are an obstacle whose mask is not made by patches.
 
-    By the rule of the labels: `LEAST_COVERAGE` of the patch is white.
+    By the rule of the labels: `MIN_COVERAGE` of the patch is white.
 
     Parameters
     ----------
     mask : array of uint8, shape (height, width)
         0/255, of any size; it is resized to the grid's width.
     """
-    return np.asarray(coverage(mask >= 128, grid) >= LEAST_COVERAGE)
+    return np.asarray(coverage(mask >= 128, grid) >= MIN_COVERAGE)

@@ -1,4 +1,4 @@
-"""One frame after the other by the methods that look at each frame by itself, on many processes."""
+"""Methods that judge each frame by itself, run over a mission on many processes."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.errors import FrameError
-from ...features.extractor import build_extractor
-from ...features.image_file import decode_image
-from ...features.mission import LEFT, RIGHT, Mission
-from ...inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, verdict_from_mask
-from ..baselines.baseline import Baseline
-from ..bench.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
-from ..bench.thesis_way import GRID
-from ..parallel import mapped
-from ..picture_changes import changed
-from .thesis_models import ThesisModel
+from tokt.features.common.errors import FrameError
+from tokt.features.extractors.extractor import build_extractor
+from tokt.features.frames.image_file import decode_image
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, verdict_from_mask
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.thesis_models import ThesisModel
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.training.datasets.augmentations import augment
+from tokt.training.parallel import mapped
 
 THESIS_DISPARITY = "disparity"
 
 
 @dataclass(frozen=True)
 class Extraction:
-    """Which features of our own are computed beside.
+    """tokt's features that are computed beside the methods.
 
     Parameters
     ----------
     spec : dict
         The extractor's.
     changes : tuple of str
-        Picture changes, after the frame as it is.
+        Augmentations, after the frame as it is.
     """
 
     spec: dict[str, Any]
@@ -42,8 +42,8 @@ class Extraction:
 
 
 @dataclass(frozen=True)
-class Judges:
-    """What judges a mission's frames, each by itself.
+class FrameMethods:
+    """The methods that judge a mission's frames, each by itself.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ class Judges:
         Further methods, by frame: only those of a sample have some.
     extraction : Extraction or None
     learnt_from : frozenset of int
-        The frames whose features are wanted on changed pictures, too.
+        The frames whose features are wanted of augmented frames, too.
     """
 
     thesis: Sequence[ThesisModel]
-    slow: Mapping[int, Sequence[Baseline]] = field(default_factory=dict)
+    superpixel_methods: Mapping[int, Sequence[Baseline]] = field(default_factory=dict)
     extraction: Extraction | None = None
     learnt_from: frozenset[int] = frozenset()
 
@@ -69,13 +69,13 @@ class FrameTask:
     left: bytes
     right: bytes | None
     thesis: Sequence[ThesisModel]
-    slow: Sequence[Baseline]
+    superpixel_methods: Sequence[Baseline]
     extraction: Extraction | None
 
 
 @dataclass(frozen=True)
-class FrameJudged:
-    """What the methods say of one frame.
+class FrameResult:
+    """The methods' results for one frame.
 
     Parameters
     ----------
@@ -103,8 +103,8 @@ class FrameJudged:
 
 
 def judge_frames(
-    mission: Mission, numbers: Sequence[int], judges: Judges, jobs: int
-) -> Iterator[FrameJudged]:
+    mission: Mission, numbers: Sequence[int], judges: FrameMethods, jobs: int
+) -> Iterator[FrameResult]:
     """Judge frames, in their order.
 
     Parameters
@@ -112,14 +112,14 @@ def judge_frames(
     mission : Mission
     numbers : sequence of int
         Its left frames.
-    judges : Judges
+    judges : FrameMethods
     jobs : int
         As for `mapped`; the results do not depend on it.
     """
     return mapped(_judge, _tasks(mission, numbers, judges), jobs)
 
 
-def _tasks(mission: Mission, numbers: Iterable[int], judges: Judges) -> Iterator[FrameTask]:
+def _tasks(mission: Mission, numbers: Iterable[int], judges: FrameMethods) -> Iterator[FrameTask]:
     rights = set(mission.frames(RIGHT))
     for number in numbers:
         right = mission.encoded(number, RIGHT)[0] if number in rights else None
@@ -131,25 +131,25 @@ def _tasks(mission: Mission, numbers: Iterable[int], judges: Judges) -> Iterator
             mission.encoded(number, LEFT)[0],
             right,
             judges.thesis,
-            judges.slow.get(number, ()),
+            judges.superpixel_methods.get(number, ()),
             extraction,
         )
 
 
-def _judge(task: FrameTask) -> FrameJudged:
+def _judge(task: FrameTask) -> FrameResult:
     cv2.setNumThreads(1)
     try:
         left = decode_image(task.left, f"frame {task.number}")
     except FrameError as error:
-        return FrameJudged(task.number, fault=str(error))
-    found = FrameJudged(task.number, (left.shape[0], left.shape[1]))
+        return FrameResult(task.number, fault=str(error))
+    found = FrameResult(task.number, (left.shape[0], left.shape[1]))
     for model in task.thesis:
         judged = model.judge(left)
         found.mean[model.name] = float(judged.verdict.mean or 0.0)
         found.status[model.name] = judged.verdict.status
         found.patches[model.name] = judged.obstacle
     _judge_pair(task, left, found)
-    for method in task.slow:
+    for method in task.superpixel_methods:
         verdict = method.judge(left, None, float(task.number)).verdict
         found.mean[method.name] = float("nan") if verdict.mean is None else verdict.mean
         found.status[method.name] = verdict.status
@@ -157,7 +157,7 @@ def _judge(task: FrameTask) -> FrameJudged:
     return found
 
 
-def _judge_pair(task: FrameTask, left: NDArray[np.uint8], found: FrameJudged) -> None:
+def _judge_pair(task: FrameTask, left: NDArray[np.uint8], found: FrameResult) -> None:
     """The thesis's disparity, on frames of the size that its numbers are for."""
     if task.right is None or left.shape[1::-1] != THESIS_FRAME_SIZE:
         return
@@ -178,12 +178,12 @@ def _features(task: FrameTask, left: NDArray[np.uint8]) -> Iterator[NDArray[np.f
     extractor = build_extractor(extraction.spec)
     yield extractor.describe(left, GRID)
     for name in extraction.changes:
-        yield extractor.describe(changed(left, name), GRID)
+        yield extractor.describe(augment(left, name), GRID)
 
 
 def mean_and_status(
     white: NDArray[np.bool_], size: tuple[int, int], method: str
 ) -> tuple[float, int]:
-    """What white patches come to in a frame of (height, width) pixels: mean 0..255, status."""
+    """Mean (0..255) and status of white patches in a frame of (height, width) pixels."""
     verdict = verdict_from_mask(GRID.paint(white, *GRID.resized(*size)), method)
     return float(verdict.mean or 0.0), verdict.status

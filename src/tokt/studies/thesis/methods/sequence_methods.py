@@ -1,4 +1,4 @@
-"""Whole runs by the methods that look at frames in their order, each run on a process of its own.
+"""Methods that judge frames in their order, each run over a mission in its own process.
 
 Ours judge as ``tokt run`` does, through a policy; the compared ones answer for themselves.
 """
@@ -12,27 +12,29 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ...features.mission import RIGHT, open_mission
-from ...inference.calibration import StereoCalibration
-from ...inference.clock import SYSTEM_CLOCK
-from ...inference.detector import Detector, GridDetector
-from ...inference.disparity import DisparityDetector
-from ...inference.policy import SinglePolicy
-from ...inference.sources import Frame, MissionSource
-from ...inference.verdict import UNKNOWN, Verdict
-from ...models.bundle import read_bundle
-from ..baselines.baseline import Baseline
-from ..baselines.mean_disparity import Thirds
-from ..baselines.size_change import SizeChange
-from ..bench.thesis_way import GRID
-from ..parallel import mapped
+from tokt.features.frames.mission import RIGHT, open_mission
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.detector import Detector
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.sources.files import MissionSource
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.verdict import UNKNOWN, Verdict
+from tokt.models.bundle.bundle import read_bundle
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.mean_disparity import Thirds
+from tokt.studies.baselines.size_change import SizeChange
+from tokt.studies.baselines.thesis_texture import GRID
+from tokt.training.parallel import mapped
 
 TOKT_STEREO, TOKT_MODEL = "tokt_stereo", "tokt_model"
 MEAN_DISPARITY, SIZE_CHANGE = Thirds.name, SizeChange.name
 
 
 @dataclass(frozen=True)
-class RunTask:
+class SequenceTask:
     """A mission's frames by one method.
 
     Parameters
@@ -53,8 +55,8 @@ class RunTask:
 
 
 @dataclass(frozen=True)
-class RunJudged:
-    """What a method says of a mission's frames.
+class SequenceResult:
+    """A method's results for a mission's frames.
 
     Parameters
     ----------
@@ -70,14 +72,14 @@ class RunJudged:
     distance_m: dict[int, float]
 
 
-def judge_runs(tasks: Sequence[RunTask], jobs: int) -> Iterator[RunJudged]:
+def judge_sequences(tasks: Sequence[SequenceTask], jobs: int) -> Iterator[SequenceResult]:
     """Judge the frames of a mission by each of some methods; the results do not depend on jobs."""
     return mapped(_judge, tasks, jobs)
 
 
-def _judge(task: RunTask) -> RunJudged:
+def _judge(task: SequenceTask) -> SequenceResult:
     cv2.setNumThreads(1)
-    found = RunJudged(task.method, {}, {}, {})
+    found = SequenceResult(task.method, {}, {}, {})
     mission = open_mission(task.mission)
     judge = _judge_of(task)
     for frame in MissionSource(mission, SYSTEM_CLOCK, stereo=RIGHT in mission.cameras):
@@ -89,13 +91,13 @@ def _judge(task: RunTask) -> RunJudged:
     return found
 
 
-def _judge_of(task: RunTask) -> Callable[[Frame], Verdict | None]:
+def _judge_of(task: SequenceTask) -> Callable[[Frame], Verdict | None]:
     """The method as a function of the next frame; None where the frame cannot be read."""
     calibration, bundle = task.calibration, task.bundle
     if task.method == TOKT_STEREO and calibration is not None:
         return _by_policy(DisparityDetector(calibration, GRID))
     if task.method == TOKT_MODEL and bundle is not None:
-        return _by_policy(GridDetector(read_bundle(bundle)))
+        return _by_policy(TextureDetector(read_bundle(bundle)))
     if task.method == MEAN_DISPARITY and calibration is not None:
         return _by_baseline(Thirds(calibration), pair=True)
     if task.method == SIZE_CHANGE:

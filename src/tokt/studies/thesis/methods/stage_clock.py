@@ -1,4 +1,4 @@
-"""Timing of ways of judging frames, stage by stage, in turns on one thread.
+"""Timing of methods of judging frames, stage by stage, in turns on one thread.
 
 What is counted is the thread's own processor time: on an idle machine the time that passes, and on
 a busy one not what others take.
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.verdict import Verdict
+from tokt.inference.verdict import Verdict
 
 STAGES = (
     "decode",
@@ -28,7 +28,7 @@ STAGES = (
     "contours",
 )
 """In the order of a table. The last one is all that is left: masks, outlines, the verdict, and in
-tokt's ways its checks of the frame."""
+tokt's methods its checks of the frame."""
 REST = STAGES[-1]
 
 Float = NDArray[np.float64]
@@ -80,7 +80,7 @@ class Laps:
 
 
 @dataclass(frozen=True)
-class Encoded:
+class EncodedPair:
     """A frame, or a pair, as it lies on the disk.
 
     Parameters
@@ -96,37 +96,37 @@ class Encoded:
 
 
 @dataclass(frozen=True)
-class Way:
-    """One way of judging a frame.
+class TimedMethod:
+    """One method of judging a frame, to be timed.
 
     Parameters
     ----------
     key, title, kind : str
         Kind as in `curves`.
     run : callable
-        Judges an `Encoded`, and tells `Laps` about it.
+        Judges an `EncodedPair`, and tells `Laps` about it.
     """
 
     key: str
     title: str
     kind: str
-    run: Callable[[Encoded, Laps], Verdict]
+    run: Callable[[EncodedPair, Laps], Verdict]
 
 
 @dataclass(frozen=True)
 class StageTimes:
-    """What was measured of one way.
+    """Times of one method, stage by stage.
 
     Parameters
     ----------
-    way : Way
+    method : TimedMethod
     seconds : array of float64, shape (n_runs, n_stages)
-        A run is one frame in one round; runs are in the same order for all ways.
+        A run is one frame in one round; runs are in the same order for all methods.
     verdicts : tuple of Verdict
         Of each frame, in the order of the frames.
     """
 
-    way: Way
+    method: TimedMethod
     seconds: Float
     verdicts: tuple[Verdict, ...]
 
@@ -137,40 +137,42 @@ class StageTimes:
 
 
 def time_stages(
-    ways: Sequence[Way],
-    frames: Sequence[Encoded],
+    methods: Sequence[TimedMethod],
+    frames: Sequence[EncodedPair],
     rounds: int,
     progress: Callable[[Iterable[int], int, str], Iterable[Any]],
 ) -> list[StageTimes]:
-    """Time each way on each frame, `rounds` times, the ways in turns.
+    """Time each method on each frame, `rounds` times, the methods in turns.
 
-    One after another the ways get different frames, as in `tokt.training.bench.measure`: one
-    that the way before has just read would come from the cache.
+    One after another the methods get different frames, as in `speed.paired_timing`: one
+    that the method before has just read would come from the cache.
 
     Parameters
     ----------
-    ways : sequence of Way
-    frames : sequence of Encoded
+    methods : sequence of TimedMethod
+    frames : sequence of EncodedPair
     rounds : int
     progress : callable
     """
     count = len(frames)
-    shift = max(1, count // len(ways))
-    seconds = {way.key: np.zeros((rounds, count, len(STAGES))) for way in ways}
+    shift = max(1, count // len(methods))
+    seconds = {method.key: np.zeros((rounds, count, len(STAGES))) for method in methods}
     # A warm-up, not timed: imports, caches, lazily made tables.
-    verdicts = {way.key: [way.run(frames[0], Laps())] * count for way in ways}
+    verdicts = {method.key: [method.run(frames[0], Laps())] * count for method in methods}
     gc.disable()
     try:
         for step in progress(range(rounds * count), rounds * count, "run times"):
             turn, at = divmod(step, count)
-            for place, way in enumerate(ways):
+            for place, method in enumerate(methods):
                 index = (at + place * shift) % count
                 laps = Laps()
-                verdicts[way.key][index] = way.run(frames[index], laps)
-                seconds[way.key][turn, index] = [laps.seconds[stage] for stage in STAGES]
+                verdicts[method.key][index] = method.run(frames[index], laps)
+                seconds[method.key][turn, index] = [laps.seconds[stage] for stage in STAGES]
     finally:
         gc.enable()
     return [
-        StageTimes(way, seconds[way.key].reshape(rounds * count, -1), tuple(verdicts[way.key]))
-        for way in ways
+        StageTimes(
+            method, seconds[method.key].reshape(rounds * count, -1), tuple(verdicts[method.key])
+        )
+        for method in methods
     ]

@@ -1,19 +1,16 @@
-"""The methods on superpixels, trained for a mission: too slow for all of its frames."""
+"""Methods on superpixels, trained for a mission: too slow for all of its frames."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from ...features.errors import ToktError
-from ..baselines.baseline import Baseline
-from ..baselines.lab_colour import LabColour, labelled_example
-from ..baselines.slic import SlicTexture
-from ..splits import BLOCK_FRAMES, EMBARGO_FRAMES
-
-if TYPE_CHECKING:
-    from .material import Material
+from tokt.features.common.errors import ToktError
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.lab_colour import LabColour, labelled_example
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.thesis.inputs import StudyInputs
+from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES
 
 SLIC = ("lbp_10_5", "haralick")
 EXAMPLES = 12
@@ -21,7 +18,7 @@ EXAMPLES = 12
 
 
 @dataclass(frozen=True)
-class SlowMethods:
+class SuperpixelMethods:
     """SLIC with the thesis's textures, and superpixels by their colour.
 
     Parameters
@@ -51,48 +48,50 @@ class SlowMethods:
         return self.texture_words if method in self.textures else self.colour_words
 
 
-def slow_methods(material: Material) -> SlowMethods:
+def train_superpixel_methods(inputs: StudyInputs) -> SuperpixelMethods:
     """Train them: SLIC on the thesis's two images, the colours on labels where there are some."""
-    ocean, other = material.ocean.image, material.other.image
+    ocean, other = inputs.ocean.image, inputs.other.image
     textures = tuple(
-        SlicTexture.train(ocean, other, material.thesis[name].describe, name) for name in SLIC
+        SlicTexture.train(ocean, other, inputs.thesis[name].describe, name) for name in SLIC
     )
-    two = material.two_images
-    block = min(BLOCK_FRAMES, max(2, len(material.obstacle_patches) // 10))
+    two = inputs.two_images
+    block = min(BLOCK_FRAMES, max(2, len(inputs.obstacle_patches) // 10))
     try:
-        halves = [_examples(material, block, parity) for parity in (1, 0)]
+        halves = [_examples(inputs, block, parity) for parity in (1, 0)]
         colours = tuple(
             LabColour.train(
-                labelled_example(frame, material.truth(number))
-                for number, frame in material.decoded(half)
+                labelled_example(frame, inputs.truth(number))
+                for number, frame in inputs.decoded(half)
             )
             for half in halves
         )
     except ToktError as error:
-        why = f"; not from labels: {error}" if material.labels else ""
-        return SlowMethods(textures, (LabColour.train_on_two(ocean, other),), block, two, two + why)
+        why = f"; not from labels: {error}" if inputs.labels else ""
+        return SuperpixelMethods(
+            textures, (LabColour.train_on_two(ocean, other),), block, two, two + why
+        )
     words = (
         f"held out by blocks of {block} frames: learnt from the labels of {len(halves[0])} frames "
         f"of odd blocks to judge even ones, and of {len(halves[1])} of even blocks to judge odd "
         "ones"
     )
-    return SlowMethods(textures, colours, block, two, words)
+    return SuperpixelMethods(textures, colours, block, two, words)
 
 
-def _examples(material: Material, block: int, parity: int) -> list[int]:
+def _examples(inputs: StudyInputs, block: int, parity: int) -> list[int]:
     """Labelled frames of every second block, away from the blocks in between, evenly spread."""
     embargo = EMBARGO_FRAMES * block // BLOCK_FRAMES
-    found = [n for n in _inside(material, block, embargo) if n // block % 2 == parity]
-    seen = [n for n in found if material.obstacle_patches[n]]
-    clear = [n for n in found if not material.obstacle_patches[n]]
+    found = [n for n in _inside(inputs, block, embargo) if n // block % 2 == parity]
+    seen = [n for n in found if inputs.obstacle_patches[n]]
+    clear = [n for n in found if not inputs.obstacle_patches[n]]
     if not seen or not clear:
         raise ToktError("a half of the blocks does not show both obstacles and clear water")
     return sorted(_thinned(seen, EXAMPLES // 2) + _thinned(clear, EXAMPLES // 2))
 
 
-def _inside(material: Material, block: int, embargo: int) -> Iterator[int]:
-    for number in material.obstacle_patches:
-        if embargo <= number % block < block - embargo and number in material.scored:
+def _inside(inputs: StudyInputs, block: int, embargo: int) -> Iterator[int]:
+    for number in inputs.obstacle_patches:
+        if embargo <= number % block < block - embargo and number in inputs.scored:
             yield number
 
 

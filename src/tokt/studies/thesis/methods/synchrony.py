@@ -1,4 +1,4 @@
-r"""Whether the two cameras see at the same moment, measured from the frames themselves.
+r"""Synchrony of the two cameras, measured from the frames themselves.
 
 A rectified pair has a thing in one row of both views, unless the right camera saw it earlier or
 later and the vehicle heaved, pitched or rolled in between:
@@ -35,21 +35,26 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
-from ...features.errors import FrameError, ToktError
-from ...features.mission import LEFT, RIGHT, Mission
-from ...inference.calibration import StereoCalibration
-from ...inference.rectify import rectified, rectifying
-from ..stereo.matching import even_contrast, gray_view, match_frame, view_scale
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.rectify import rectified, rectifying
+from tokt.training.rig.calibrate.matching import (
+    even_contrast_gaussian,
+    gray_view,
+    match_frame,
+    view_scale,
+)
 
 Float = NDArray[np.float64]
 
 FARTHEST_FRAMES = 1.5
 """Offsets up to this are looked for: the parabola holds between the three frames."""
-LEAST_FRAMES = 4
+MIN_FRAMES = 4
 """Fewest frames with points that give an offset with an uncertainty."""
 _POINTS_A_FRAME = 80
 """At most so many points of a frame: more of them err together, and one frame must not decide."""
-_LEAST_POINTS = 8
+_MIN_POINTS = 8
 _ROW_NOISE_PX = 0.5
 """Residuals well above this count for less (soft L1). Source: the median row difference of matched
 points after rectification is 0.4 px at full resolution."""
@@ -59,7 +64,7 @@ _CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Rows:
-    """Where points are, in pixels of the full resolution, and which frame each is of.
+    """Rows of matched points, in pixels of the full resolution, and the frame of each.
 
     Parameters
     ----------
@@ -184,7 +189,7 @@ def _rows_of_frame(mission: Mission, calibration: StereoCalibration, number: int
     except FrameError:
         return None
     good = np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])
-    if good.sum() < _LEAST_POINTS:
+    if good.sum() < _MIN_POINTS:
         return None
     c = calibration
     R1, R2, P1, P2 = rectifying(c)
@@ -201,7 +206,7 @@ def _followed(mission: Mission, number: int, other: int, places: Float) -> Float
     """Where points of a left frame are in another left frame; nan where they are lost."""
     (here, (width, _)), (there, _) = (gray_view(mission, n, LEFT) for n in (number, other))
     scale = view_scale(width)
-    views = even_contrast(here), even_contrast(there)
+    views = even_contrast_gaussian(here), even_contrast_gaussian(there)
     start = ((places + 0.5) * scale - 0.5).astype(np.float32)[:, None]
     found, seen = _flow(*views, start)
     back, again = _flow(*views[::-1], found)
@@ -227,13 +232,13 @@ def offset_of(rows: Rows) -> Offset:
     Raises
     ------
     ToktError
-        If fewer than `LEAST_FRAMES` frames have points.
+        If fewer than `MIN_FRAMES` frames have points.
     """
     numbers = np.unique(rows.frame)
-    if len(numbers) < LEAST_FRAMES:
+    if len(numbers) < MIN_FRAMES:
         raise ToktError(
             f"{len(numbers)} frames have points that both cameras see and that can be followed; "
-            f"the moments of the cameras are compared over {LEAST_FRAMES} and more"
+            f"the moments of the cameras are compared over {MIN_FRAMES} and more"
         )
     whole = _fitted(rows, None)
     without = [_fitted(rows.only(rows.frame != number), whole)[0] for number in numbers]

@@ -1,4 +1,4 @@
-"""What the bins of an LBP histogram stand for, and how far two histograms are apart.
+"""LBP histograms: the kinds of their bins, and distances between them.
 
 A uniform pattern of P points on a circle is one run of k brighter points::
 
@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from ...features.grid import Grid
-from ..bench.thesis_way import DescribePatch
+from tokt.features.frames.grid import Grid
+from tokt.studies.baselines.thesis_texture import DescribePatch
 
 Rows = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ _TOLERANCE = Fraction(1, 12)
 
 
 class BinKind(StrEnum):
-    """What kind of place gives a pattern."""
+    """The kind of place that gives a pattern."""
 
     FLAT = "flat"
     EDGE = "edge"

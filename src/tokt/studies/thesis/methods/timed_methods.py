@@ -1,4 +1,4 @@
-"""The ways of judging a frame that the run-time tables compare, each with its stages."""
+"""The methods that the run-time tables compare, each timed stage by stage."""
 
 from __future__ import annotations
 
@@ -11,23 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
-from ...features.extractor import Extractor, Haralick, Lbp
-from ...features.frame_pictures import FramePictures
-from ...features.image_file import decode_image
-from ...inference.calibration import StereoCalibration
-from ...inference.disparity import DisparityDetector
-from ...inference.frame_check import frame_fault
-from ...inference.policy import SinglePolicy
-from ...inference.sources import Frame
-from ...inference.verdict import Verdict, verdict_from_mask
-from ...models.linear import LinearModel
-from ..baselines.slic import SlicTexture
-from ..baselines.superpixels import resized_bgr, superpixels
-from ..bench.thesis_stereo import LEFT_CAMERA, RIGHT_CAMERA, disparity_map, judge_pair
-from ..bench.thesis_way import GRID, DescribePatch, resized_gray
-from .curves import OURS, THESIS
-from .stage_clock import REST, Encoded, Laps, Way
-from .thesis_models import ThesisModel
+from tokt.features.extractors.extractor import Extractor, Haralick, Lbp
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.frames.image_file import decode_image
+from tokt.inference.frame import Frame
+from tokt.inference.frame_checks.picture import frame_fault
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import Verdict, verdict_from_mask
+from tokt.models.linear import LinearModel
+from tokt.studies.baselines.slic import SlicTexture
+from tokt.studies.baselines.superpixels import resized_bgr, superpixels
+from tokt.studies.baselines.thesis_models import ThesisModel
+from tokt.studies.baselines.thesis_stereo import (
+    LEFT_CAMERA,
+    RIGHT_CAMERA,
+    disparity_map,
+    judge_pair,
+)
+from tokt.studies.baselines.thesis_texture import GRID, DescribePatch, resized_gray
+from tokt.studies.thesis.methods.curves import OURS, THESIS
+
+from .stage_clock import REST, EncodedPair, Laps, TimedMethod
 
 Image = NDArray[np.uint8]
 _EXTRACTORS: dict[str, Extractor] = {
@@ -43,10 +49,10 @@ def _decoded(data: bytes, laps: Laps) -> Image:
     return image
 
 
-def thesis_texture(model: ThesisModel) -> Way:
+def thesis_texture(model: ThesisModel) -> TimedMethod:
     """The thesis's way on the grid: a library call and a predict call a patch."""
 
-    def run(item: Encoded, laps: Laps) -> Verdict:
+    def run(item: EncodedPair, laps: Laps) -> Verdict:
         frame = _decoded(item.left, laps)
         gray = resized_gray(frame)
         laps.lap("resize")
@@ -58,7 +64,7 @@ def thesis_texture(model: ThesisModel) -> Way:
         laps.lap(REST)
         return verdict
 
-    return Way(model.name, f"{model.title}, 10x10 patches", THESIS, run)
+    return TimedMethod(model.name, f"{model.title}, 10x10 patches", THESIS, run)
 
 
 class _Timed:
@@ -75,12 +81,12 @@ class _Timed:
         return self.laps.inside("predict", lambda: self._classifier.predict(rows))
 
 
-def slic_texture(method: SlicTexture, title: str) -> Way:
+def slic_texture(method: SlicTexture, title: str) -> TimedMethod:
     """The thesis's way on superpixels. Resize and superpixels are split off by doing them again."""
     timed = _Timed(method.describe, method.classifier)
     watched = SlicTexture(timed.describe, timed, method.name)
 
-    def run(item: Encoded, laps: Laps) -> Verdict:
+    def run(item: EncodedPair, laps: Laps) -> Verdict:
         timed.laps = laps
         frame = _decoded(item.left, laps)
         verdict = watched.judge(frame, None, 0.0).verdict
@@ -89,20 +95,20 @@ def slic_texture(method: SlicTexture, title: str) -> Way:
         laps.split_off("superpixels", lambda: superpixels(picture))
         return verdict
 
-    return Way(method.name, f"SLIC superpixels + {title}", THESIS, run)
+    return TimedMethod(method.name, f"SLIC superpixels + {title}", THESIS, run)
 
 
-def thesis_disparity() -> Way:
+def thesis_disparity() -> TimedMethod:
     """The thesis's disparity of a pair of 1360x1024; its parts are split off as for SLIC."""
 
-    def run(item: Encoded, laps: Laps) -> Verdict:
+    def run(item: EncodedPair, laps: Laps) -> Verdict:
         left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
         verdict = judge_pair(left, right).verdict
         laps.lap(REST)
         _split_matching(laps, lambda: _undistort(left, right), lambda: disparity_map(left, right))
         return verdict
 
-    return Way("disparity", "disparity, a pair", THESIS, run)
+    return TimedMethod("disparity", "disparity, a pair", THESIS, run)
 
 
 def _undistort(left: Image, right: Image) -> None:
@@ -118,7 +124,7 @@ class _Texture:
     extractor: Extractor
     model: LinearModel
 
-    def run(self, item: Encoded, laps: Laps) -> Verdict:
+    def run(self, item: EncodedPair, laps: Laps) -> Verdict:
         frame = _decoded(item.left, laps)
         pictures = FramePictures(frame, GRID)
         gray = pictures.gray(self.extractor.images)
@@ -135,38 +141,38 @@ class _Texture:
         return verdict
 
 
-def same_with_kernels(model: ThesisModel) -> Way:
+def thesis_model_with_kernels(model: ThesisModel) -> TimedMethod:
     """One of the thesis's models with tokt's kernels: the same weights, the same verdicts."""
     weights = np.asarray(model.classifier.coef_, np.float64)
     bias = np.asarray(model.classifier.intercept_, np.float64)
     linear = LinearModel(weights, bias, np.zeros(1), ("ocean", "other"), (False, True))
     ours = _Texture(_EXTRACTORS[model.name], linear)
-    return Way(f"tokt_{model.name}", f"{model.title}, tokt's kernels", OURS, ours.run)
+    return TimedMethod(f"tokt_{model.name}", f"{model.title}, tokt's kernels", OURS, ours.run)
 
 
-def tokt_texture(extractor: Extractor, model: LinearModel) -> Way:
+def tokt_texture(extractor: Extractor, model: LinearModel) -> TimedMethod:
     """The texture model that tokt would deploy."""
-    return Way("tokt_texture", "tokt texture", OURS, _Texture(extractor, model).run)
+    return TimedMethod("tokt_texture", "tokt texture", OURS, _Texture(extractor, model).run)
 
 
-def tokt_stereo(calibration: StereoCalibration) -> Way:
+def tokt_stereo(calibration: StereoCalibration) -> TimedMethod:
     """The disparity that tokt would run, of a pair; undistortion is rectification here."""
     detector = DisparityDetector(calibration, GRID)
     policy = SinglePolicy(detector)
 
-    def run(item: Encoded, laps: Laps) -> Verdict:
+    def run(item: EncodedPair, laps: Laps) -> Verdict:
         left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
         verdict = policy.judge(Frame(item.number, float(item.number), left, right)).verdict
         laps.lap(REST)
         rectifier = detector.rectifier
         _split_matching(
             laps,
-            lambda: (rectifier.left(left), rectifier.right(right, detector.row_trim_px)),
-            lambda: detector.match(left, right, detector.row_trim_px),
+            lambda: (rectifier.left(left), rectifier.right(right, detector.row_shift_px)),
+            lambda: detector.match(left, right, detector.row_shift_px),
         )
         return verdict
 
-    return Way("tokt_stereo", "tokt stereo, a pair", OURS, run)
+    return TimedMethod("tokt_stereo", "tokt stereo, a pair", OURS, run)
 
 
 def _split_matching(

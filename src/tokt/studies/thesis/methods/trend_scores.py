@@ -3,7 +3,7 @@ r"""The trend of a mean value held against the change of a measured depth.
 ::
 
     mean   . . o o O   trend: growing, steady or shrinking      A ~ 1 / Z**2 for a thing wholly in
-           .           (`tokt.inference.trend`)                 view, so a mean that changes by s a
+           .           (`policy/trend.py`)                     view, so a mean that changes by s a
     depth  o o o .     slope of the same last seconds,          second goes with a depth that
            ---------   by Theil and Sen                         changes by -s / 2
 """
@@ -19,28 +19,28 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import spearmanr, theilslopes
 
-from ...inference.trend import (
+from tokt.inference.policy.trend import (
     GROWING,
     HORIZON_S,
-    LEAST_SLOTS,
-    LEAST_SPAN_S,
+    MIN_SLOTS,
+    MIN_SPAN_S,
     SHRINKING,
     STEADY,
     STEADY_PER_S,
     TRENDS,
     Trend,
-    TrendWatch,
+    TrendEstimator,
 )
-from ...inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
 
 NOT_SAID = "not said"
 MOVING = (GROWING, SHRINKING)
-_LEAST_RANKED = 5
+_MIN_RANKED = 5
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What one method gave of one frame.
+class FrameMean:
+    """One method's mean value of one frame.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Held:
+class TrendAgainstDepth:
     """A frame's trend beside the change of its depth.
 
     Parameters
@@ -87,7 +87,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Depth:
-    """What the last seconds of depth come to.
+    """Trend and time to contact of the last seconds of depth.
 
     Parameters
     ----------
@@ -100,21 +100,21 @@ class Depth:
     contact_s: float | None
 
 
-def held_against(
-    seen: Sequence[Seen], depth_m: dict[int, float], seconds_a_frame: float
-) -> list[Held]:
+def trend_against_depth(
+    seen: Sequence[FrameMean], depth_m: dict[int, float], seconds_a_frame: float
+) -> list[TrendAgainstDepth]:
     """Follow a method's means, and hold each trend against the depth.
 
     Parameters
     ----------
-    seen : sequence of Seen
+    seen : sequence of FrameMean
         In the order of their frames.
     depth_m : dict of int to float
         By frame; nan where nothing was measured.
     seconds_a_frame : float
         From one frame number to the next.
     """
-    sent, unchecked = TrendWatch(), TrendWatch()
+    sent, unchecked = TrendEstimator(), TrendEstimator()
     times = np.array([one.frame * seconds_a_frame for one in seen])
     depths = np.array([depth_m.get(one.frame, math.nan) for one in seen])
     found = []
@@ -122,7 +122,7 @@ def held_against(
         said = sent.add(float(times[place]), one.mean, one.whole)
         known = depth_trend(times[: place + 1], depths[: place + 1])
         found.append(
-            Held(
+            TrendAgainstDepth(
                 one.frame,
                 one.mean,
                 said,
@@ -152,7 +152,7 @@ def depth_trend(times_s: NDArray[np.float64], depths_m: NDArray[np.float64]) -> 
         return None
     used = np.isfinite(depths_m) & (times_s > times_s[-1] - HORIZON_S)
     t, z = times_s[used] - times_s[-1], depths_m[used]
-    if len(z) < LEAST_SLOTS or -t[0] < LEAST_SPAN_S:
+    if len(z) < MIN_SLOTS or -t[0] < MIN_SPAN_S:
         return None
     line = theilslopes(z, t)
     slope, now = float(line.slope), float(line.intercept)
@@ -164,7 +164,7 @@ def depth_trend(times_s: NDArray[np.float64], depths_m: NDArray[np.float64]) -> 
     return Depth(STEADY, None)
 
 
-def confusion(held: Sequence[Held]) -> pd.DataFrame:
+def confusion(held: Sequence[TrendAgainstDepth]) -> pd.DataFrame:
     """Counts of frames whose depth's change is known: rows by depth, columns as said.
 
     Only frames in which something is seen: without, no trend is asked for.
@@ -176,14 +176,14 @@ def confusion(held: Sequence[Held]) -> pd.DataFrame:
     return counts
 
 
-def _asked(one: Held) -> bool:
+def _asked(one: TrendAgainstDepth) -> bool:
     seen = one.mean is not None and one.mean > STATUS_MEAN_THRESHOLD
     return seen and one.true is not None
 
 
 @dataclass(frozen=True)
 class TrendScore:
-    """What the comparison comes to.
+    """Scores of a trend against depth.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ class TrendScore:
         return self.same / both if both else None
 
 
-def score(held: Sequence[Held]) -> TrendScore:
+def score(held: Sequence[TrendAgainstDepth]) -> TrendScore:
     """Sum the comparison up."""
     asked = [one for one in held if _asked(one)]
     signed = [one for one in asked if one.true in MOVING and one.said.trend in MOVING]
@@ -240,13 +240,13 @@ def score(held: Sequence[Held]) -> TrendScore:
     )
 
 
-def _ranks(held: Sequence[Held]) -> float | None:
+def _ranks(held: Sequence[TrendAgainstDepth]) -> float | None:
     pairs = [
         (one.mean, one.depth_m)
         for one in held
         if one.mean is not None and one.mean > STATUS_MEAN_THRESHOLD and np.isfinite(one.depth_m)
     ]
-    if len(pairs) < _LEAST_RANKED or len({mean for mean, _ in pairs}) < 2:
+    if len(pairs) < _MIN_RANKED or len({mean for mean, _ in pairs}) < 2:
         return None
     means, depths = np.array(pairs).T
     return float(spearmanr(means, depths).statistic)

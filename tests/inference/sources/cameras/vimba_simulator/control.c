@@ -63,7 +63,7 @@ void apply_plan(void)
 
 static bool set_rig(const char *name, double value)
 {
-    if (!strcmp(name, "cameras") && value <= MOST_CAMERAS)
+    if (!strcmp(name, "cameras") && value <= MAX_CAMERAS)
         rig.cameras = (int)value;
     else if (!strcmp(name, "rate"))
         rig.rate_hz = value;
@@ -73,7 +73,7 @@ static bool set_rig(const char *name, double value)
         rig.height = (int)value;
     else
         return false;
-    for (int i = 0; i < MOST_CAMERAS; i++)
+    for (int i = 0; i < MAX_CAMERAS; i++)
         power_up(&rig.camera[i]);
     return true;
 }
@@ -114,7 +114,7 @@ API int SimSet(int camera, const char *name, double value)
 {
     pthread_mutex_lock(&rig.lock);
     bool done = camera < 0 ? set_rig(name, value)
-                           : camera < MOST_CAMERAS && set_camera(&rig.camera[camera], name, value);
+                           : camera < MAX_CAMERAS && set_camera(&rig.camera[camera], name, value);
     pthread_cond_broadcast(&rig.changed);
     pthread_mutex_unlock(&rig.lock);
     return done ? 0 : -1;
@@ -189,7 +189,7 @@ __attribute__((constructor)) API void SimReset(void)
     rig.cameras = 2;
     rig.startups = 0;
     describe_system();
-    for (int i = 0; i < MOST_CAMERAS; i++) {
+    for (int i = 0; i < MAX_CAMERAS; i++) {
         rig.camera[i] = (Camera){.plugged = true, .unplug_at_s = -1, .replug_at_s = -1};
         power_up(&rig.camera[i]);
     }

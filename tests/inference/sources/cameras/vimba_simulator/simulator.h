@@ -6,7 +6,7 @@
 
 #include "vimba_types.h"
 
-enum { MOST_CAMERAS = 4, MOST_FEATURES = 40, MOST_FRAMES = 64 };
+enum { MAX_CAMERAS = 4, MAX_FEATURES = 40, MAX_FRAMES = 64 };
 enum { SYSTEM_HANDLE = 1, FIRST_CAMERA_HANDLE = 100 };
 
 typedef struct {
@@ -33,15 +33,15 @@ typedef struct {
     /* What the API knows. */
     bool known, opened, power_cycled;
     int features;
-    Feature feature[MOST_FEATURES];
+    Feature feature[MAX_FEATURES];
 
     /* Its stream; see stream.c. */
     bool acquiring, capturing, ending;
     pthread_t thread;
     uint64_t frame_id;
-    VmbFrame *announced[MOST_FRAMES];
+    VmbFrame *announced[MAX_FRAMES];
     int announced_count;
-    Queued queue[MOST_FRAMES];
+    Queued queue[MAX_FRAMES];
     int queued;
 
     /* What happened, for tests. */
@@ -57,9 +57,9 @@ typedef struct {
     int width, height;
     int cameras;
     long startups;
-    Feature system_feature[MOST_FEATURES];
+    Feature system_feature[MAX_FEATURES];
     int system_features;
-    Camera camera[MOST_CAMERAS];
+    Camera camera[MAX_CAMERAS];
 } Rig;
 
 extern Rig rig;

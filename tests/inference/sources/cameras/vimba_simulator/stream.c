@@ -20,7 +20,7 @@ API VmbError VmbFrameAnnounce(VmbHandle handle, VmbFrame *frame, uint32_t size)
     pthread_mutex_lock(&rig.lock);
     VmbError error;
     Camera *camera = camera_of(handle, &error);
-    if (camera && camera->announced_count == MOST_FRAMES)
+    if (camera && camera->announced_count == MAX_FRAMES)
         error = ERR_RESOURCES;
     else if (camera)
         camera->announced[camera->announced_count++] = frame;

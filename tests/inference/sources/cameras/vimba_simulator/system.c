@@ -36,7 +36,7 @@ API void VmbShutdown(void)
 {
     pthread_mutex_lock(&rig.lock);
     rig.started = false;
-    for (int i = 0; i < MOST_CAMERAS; i++)
+    for (int i = 0; i < MAX_CAMERAS; i++)
         rig.camera[i].known = false;
     pthread_mutex_unlock(&rig.lock);
 }
@@ -131,7 +131,7 @@ API VmbError VmbCameraClose(VmbHandle handle)
 
 Camera *handle_of(VmbHandle handle)
 {
-    if (handle < FIRST_CAMERA_HANDLE || handle >= FIRST_CAMERA_HANDLE + MOST_CAMERAS)
+    if (handle < FIRST_CAMERA_HANDLE || handle >= FIRST_CAMERA_HANDLE + MAX_CAMERAS)
         return NULL;
     Camera *camera = &rig.camera[handle - FIRST_CAMERA_HANDLE];
     return camera->opened ? camera : NULL;

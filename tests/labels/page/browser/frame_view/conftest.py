@@ -6,9 +6,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tokt.features.grid import Grid
+
+from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord
-from tokt.labels.store import LabelStore
+from tokt.labels.store.store import LabelStore
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -86,12 +87,11 @@ class FramePage:
         """Wait until the page says that all is saved."""
         self.state("saved")
 
-    def shows(self, selector: str, text: str, seconds: float = 10) -> None:
+    def shows(self, selector: str, text: str) -> None:
         """Wait until an element contains a text."""
         self.page.wait_for_function(
             "([where, what]) => document.querySelector(where)?.textContent.includes(what)",
             arg=[selector, text],
-            timeout=seconds * 1000,
         )
 
     def text(self, selector: str) -> str:

@@ -35,7 +35,7 @@ def tab(server: Any, browse_on: Callable[..., Page], frame_page: Any) -> Any:
 def view(tab: Any) -> Any:
     """A page that tests share; what they set is as at first again."""
     tab.page.evaluate(
-        "values => { import('/static/mission.js').then(({ setSetting }) =>"
+        "values => { import('/static/core/mission.js').then(({ setSetting }) =>"
         " Object.entries(values).forEach(([name, value]) => setSetting(name, value))); }",
         DEFAULTS,
     )
@@ -370,10 +370,9 @@ def test_an_unreadable_frame_says_so_and_is_passed(
 def test_blind_hides_what_others_and_the_model_said(fresh: Any, server: Any) -> None:
     server.paint("by-ben", 38, [0, 1], "reef", who="ben")
     fresh.open(38)
-    fresh.page.wait_for_timeout(100)
     x, y = fresh.at(0)
     fresh.page.mouse.move(x, y)
-    assert "ben: reef" in fresh.text("#status")
+    fresh.shows("#status", "ben: reef")
     fresh.page.locator("#person").click()
     fresh.page.locator("#person-blind").check()
     fresh.page.get_by_text("Work as this").click()
@@ -415,5 +414,4 @@ def test_looking_closer_changes_nothing(
     fresh.page.keyboard.up("Space")
     assert stored(server, 33) == {}
     fresh.page.mouse.move(*fresh.at(66))
-    fresh.page.wait_for_timeout(100)
-    assert "row 4, column 4" in fresh.text("#status")  # what was dragged there
+    fresh.shows("#status", "row 4, column 4")  # what was dragged there

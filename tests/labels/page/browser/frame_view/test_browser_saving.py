@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,6 @@ pytestmark = pytest.mark.xdist_group("browser_saving")  # what they share is mad
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
-
-WITHIN_S = 2.0
 
 
 def events(server: Any, frame: int) -> int:
@@ -112,11 +109,9 @@ def test_two_tabs_see_each_other_and_a_conflict_is_listed(
 ) -> None:
     one = frame_page(browse(server, "#/label/left/10"), 10)
     two = frame_page(browse(server, "#/label/left/10", context=one.page.context), 10)
-    started = time.monotonic()
     one.press("3")
     one.click(12)
-    two.shows("#status", "1 of 100", WITHIN_S)
-    assert time.monotonic() - started < WITHIN_S + 1
+    two.shows("#status", "1 of 100")
     # What tab two says meanwhile is on its way: here, held back until the other one has spoken.
     held: list[Any] = []
     two.page.route("**/api/actions", lambda route: held.append(route))
@@ -135,7 +130,7 @@ def test_two_tabs_see_each_other_and_a_conflict_is_listed(
     two.page.wait_for_selector("#notices", state="hidden")
     assert stored(server, 10) == {12: "ocean"}
     one.point(12)
-    one.shows("#status", "row 1, column 2: ocean", WITHIN_S)
+    one.shows("#status", "row 1, column 2: ocean")
 
 
 def test_somebody_elses_labels_show_and_stay(
@@ -146,7 +141,7 @@ def test_somebody_elses_labels_show_and_stay(
     view.click(5)
     view.point(5)
     server.paint("ben-12", 12, [5], "reef", who="ben")
-    view.shows("#status", "ben: reef, disagreement", WITHIN_S)
+    view.shows("#status", "ben: reef, disagreement")
     view.press("e")
     view.click(5)
     view.state("saved")
@@ -165,7 +160,9 @@ def test_an_answer_from_before_a_change_does_not_hide_it(
     view.page.wait_for_timeout(300)  # what is fetched ahead is there
     view.page.route("**/api/labels?**", hold)
     view.press("End")
-    view.page.wait_for_timeout(200)
+    while not held:
+        view.page.wait_for_timeout(50)
+    view.page.wait_for_timeout(200)  # and what else it asks for
     server.paint("ben-40", 40, [5], "reef", who="ben")
     view.page.wait_for_timeout(700)  # the event is heard while the older answer is on its way
     older, held[:] = held[:], []
@@ -174,7 +171,7 @@ def test_an_answer_from_before_a_change_does_not_hide_it(
     view.page.unroute("**/api/labels?**")
     view.wait(40)
     view.point(5)
-    view.shows("#status", "ben: reef", WITHIN_S)
+    view.shows("#status", "ben: reef")
 
 
 def test_only_the_person_says_who_works_here_and_blind_holds_without_a_server(

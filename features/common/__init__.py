@@ -1,0 +1,1 @@
+"""Shared basics: atomic files, locks, errors, hashes, facts of the machine."""

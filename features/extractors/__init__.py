@@ -1,0 +1,1 @@
+"""Extractors turn a frame and a grid into one feature row a patch, as a JSON spec says."""

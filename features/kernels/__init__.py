@@ -1,0 +1,1 @@
+"""The kernels that compute texture features: compiled, numpy, or the reference libraries."""

@@ -1,0 +1,438 @@
+"""The description of a run: each option of `tokt run`, stated once.
+
+The command line, configuration files, ``--print-config`` and the log's start event are made from
+the fields here. An option's name is its field's, with dashes: ``stereo_scale`` is
+``--stereo-scale`` and the key ``stereo-scale`` of the table ``[stereo]``.
+"""
+
+# Annotations are no strings here: types are read at run time.
+# ruff: noqa: RUF009 - `option` makes a field.
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from itertools import groupby
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, Self, get_args, get_origin
+
+from tokt.features.common.errors import ToktError
+
+STALE_S = 0.5
+
+BM, SGBM = "bm", "sgbm"
+"""OpenCV's block matching and semi-global matching, as ``--stereo`` names them."""
+MATCHERS = (BM, SGBM)
+DEFAULT_SCALE = 0.5
+"""Width of the views that are matched over the frames' width."""
+
+CAMERAS = "live cameras (--source pymba:ID or genicam:ID)"
+FILES = "recorded frames"
+PICTURES = "recorded frames and live cameras"
+REAL_TIME = "live cameras, or recorded frames with --rate"
+MODELS = "the policies that use a model"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When the runtime no longer believes what it sees.
+
+    Parameters
+    ----------
+    stale_s : float
+        Seconds from a frame's arrival after which it is clear no more.
+    heartbeat_s : float
+        Seconds without a report after which unknown is said.
+    frozen_repeats : int
+        Times that a camera may repeat its picture exactly, which its noise forbids; and no longer
+        than `stale_s`, where frames have times.
+
+    Raises
+    ------
+    ToktError
+        If a time is not positive.
+    """
+
+    stale_s: float = STALE_S
+    heartbeat_s: float = STALE_S
+    frozen_repeats: int = 5
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not (math.isfinite(value) and value > 0):
+                raise ToktError(f"{item.name} is a positive number, not {value}")
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of `tokt run`.
+
+    Parameters
+    ----------
+    text : str
+        For ``--help``.
+    unit, metavar : str
+        What stands for the value there; by default its type.
+    needs : tuple of str
+        Other options, of which it needs one to do anything.
+    only : str
+        The runs in which it does anything: `CAMERAS`, `FILES`, ...
+    not_with : str
+        An option that says the same thing otherwise.
+    logged : str
+        Its name in the log's start event (`tokt.inference.recording.run_start`).
+    name, section, annotation, default
+        As its field has them.
+    """
+
+    text: str
+    unit: str = ""
+    metavar: str = ""
+    needs: tuple[str, ...] = ()
+    only: str = ""
+    not_with: str = ""
+    logged: str = ""
+    name: str = ""
+    section: str = ""
+    annotation: Any = None
+    default: Any = None
+
+    @property
+    def key(self) -> str:
+        """Its name for users: of ``--key``, and in a configuration file."""
+        return self.name.replace("_", "-")
+
+    @property
+    def place(self) -> str:
+        """What stands for its value, or nothing."""
+        return self.metavar or (self.unit and f"<{self.unit}>")
+
+    @property
+    def many(self) -> bool:
+        """Whether it may be repeated: a list in a file."""
+        return any(get_origin(each) is list for each in get_args(self.annotation))
+
+    @property
+    def kind(self) -> Any:
+        """bool, int, float, str or Path: of the value, or of each of several."""
+        kind = self.annotation
+        while inner := get_args(kind):
+            kind = inner[0]
+        return kind
+
+
+def option(default: Any, text: str, unit: str = "", **more: Any) -> Any:
+    """A section's field; the others are `Option`'s."""
+    return field(default=default, metadata={"option": Option(text, unit, **more)})
+
+
+@dataclass(frozen=True)
+class SourceConfig:
+    """Where frames come from."""
+
+    source: str = option(
+        "",
+        "Required. A folder of frames, a video file, live cameras (pymba:ID or genicam:ID, for two "
+        "pymba:LEFT,RIGHT), or another program's frames: stream:HOST:PORT (docs/closed_loop.md).",
+        logged="source",
+    )
+    frames: str | None = option(None, "Only these frames, such as 61-80,141-160.", only=FILES)
+    rate: float | None = option(
+        None, "Replay at this rate; late frames are dropped.", "frames/s", only=FILES
+    )
+    pixel_format: str | None = option(
+        None,
+        "Live cameras: their pixel format. Gray image files: the raw camera pixels they hold, "
+        "Mono8, BayerRG8, BayerGR8, BayerGB8 or BayerBG8.",
+        only=PICTURES,
+        logged="pixel_format",
+    )
+    exposure_us: float | None = option(None, "Live cameras: exposure time.", "us", only=CAMERAS)
+    gain_db: float | None = option(None, "Live cameras: gain.", "dB", only=CAMERAS)
+    packet_size: int | None = option(
+        None, "Live cameras: packet size. Default: the largest that fits.", "bytes", only=CAMERAS
+    )
+    bandwidth: float | None = option(
+        None, "Live cameras: bandwidth that all of them share.", "bytes/s", only=CAMERAS
+    )
+    camera_rate: float | None = option(None, "Live cameras: frame rate.", "frames/s", only=CAMERAS)
+    trigger: str | None = option(None, "Live cameras: trigger, such as Line1.", only=CAMERAS)
+    ptp: bool = option(False, "Live cameras: synchronise their clocks by PTP.", only=CAMERAS)
+    wait: bool = option(False, "Live cameras: wait until they are there.", only=CAMERAS)
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """Which models judge."""
+
+    store: Path | None = option(
+        None,
+        "Run this store's active model, and the next one when it changes.",
+        not_with="bundle",
+    )
+    bundle: Path | None = option(None, "Run the model in this file.", not_with="store")
+    threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")
+    shadow: Path | None = option(
+        None,
+        "Another model that judges the same frames and is never sent; needs --shadow-log.",
+        metavar="FILE|STORE",
+        needs=("shadow_log",),
+    )
+    shadow_log: Path | None = option(
+        None, "Log of that other model, for tokt shadow.", metavar="FILE", needs=("shadow",)
+    )
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """How detectors are combined into a verdict."""
+
+    policy: str = option("fallback", "texture, disparity, either or fallback.", logged="policy")
+    anchor: float | None = option(
+        None,
+        "Share of the frame that an object is to cover, such as 0.1: v2 and the log then say how "
+        "far it is from that, and from the centre.",
+        metavar="SIZE",
+        logged="anchor",
+    )
+
+
+@dataclass(frozen=True)
+class StereoConfig:
+    """How pairs of frames are matched."""
+
+    calibration: Path | None = option(None, "Stereo calibration file.", logged="calibration")
+    stereo: str = option(
+        BM,
+        "bm (block matching), sgbm (semi-global, slower) or pushbroom (a few distances, fastest).",
+        logged="stereo_way",
+    )
+    stereo_scale: float = option(
+        DEFAULT_SCALE, "Matched size over the frames'.", logged="stereo_scale"
+    )
+    odometry: Path | None = option(
+        None, "Poses by frame (CSV): pushbroom moves what it saw along.", logged="odometry"
+    )
+
+
+_MAVLINK, _LOGS, _RECORD = ("mavlink",), ("log", "shadow_log"), ("record",)
+
+
+@dataclass(frozen=True)
+class OutputConfig:
+    """What is sent, and to whom."""
+
+    udp: list[str] | None = option(
+        None,
+        "Send to HOST:PORT, or v1@HOST:PORT, v2@HOST:PORT. Repeatable. Default: 127.0.0.1:1130.",
+    )
+    format: str = option("v1", "Datagram format: v1 (LabVIEW) or v2 (JSON).")
+    stale: float = option(STALE_S, "A frame older than this is never clear.", "s", only=REAL_TIME)
+    heartbeat: float = option(
+        STALE_S, "After this long without a verdict, unknown is sent.", "s", only=REAL_TIME
+    )
+    mavlink: list[str] | None = option(
+        None, "Also send MAVLink there. Repeatable.", metavar="udpout:HOST:PORT"
+    )
+    camera_fov_deg: float | None = option(
+        None, "MAVLink: the left camera's horizontal field of view in water.", "deg", needs=_MAVLINK
+    )
+    mavlink_assumed_m: float = option(
+        1.0, "MAVLink: distance of an obstacle where none was measured.", "m", needs=_MAVLINK
+    )
+    mavlink_system: int = option(1, "MAVLink: system ID.", needs=_MAVLINK)
+    mavlink_component: int = option(196, "MAVLink: component ID.", needs=_MAVLINK)
+    mavlink_messages: str = option(
+        "both", "MAVLink: both, obstacle_distance or distance_sensor.", needs=_MAVLINK
+    )
+    mavlink_unknown: str = option(
+        "silence", "MAVLink for an unknown frame: silence or message.", needs=_MAVLINK
+    )
+
+
+@dataclass(frozen=True)
+class MonitoringConfig:
+    """How the run itself is watched."""
+
+    metrics: str | None = option(
+        None, "Serve Prometheus metrics on this port, or HOST:PORT.", metavar="PORT"
+    )
+    watchdog: bool = option(False, "Run supervised; restart on crash or hang.")
+    json: bool = option(False, "Print a summary as one JSON object at the end.")
+
+
+@dataclass(frozen=True)
+class RecordingConfig:
+    """What is kept of the run."""
+
+    log: Path | None = option(None, "Append a JSON line per frame to this file, events beside it.")
+    log_values: bool = option(False, "Log each patch's decision values too.", needs=("log",))
+    log_max_mb: float = option(100.0, "Size at which a new log file begins.", "MB", needs=_LOGS)
+    log_keep: int = option(20, "Number of older log files to keep.", needs=_LOGS)
+    record: Path | None = option(
+        None, "Record the frames around detections, for tokt label.", metavar="DIR", logged="record"
+    )
+    record_mb: float = option(10_000.0, "Disk space for recordings.", "MB", needs=_RECORD)
+    record_before: float = option(2.0, "Time recorded before a detection.", "s", needs=_RECORD)
+    record_after: float = option(2.0, "Time recorded after a detection.", "s", needs=_RECORD)
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything that a user can say about a run.
+
+    Parameters
+    ----------
+    source, model, policy, stereo, outputs, monitoring, recording
+        The sections.
+    given : frozenset of str
+        Names of the options that the user wrote, on the command line or in a file, be it with
+        their defaults: one that would do nothing is refused.
+    """
+
+    source: SourceConfig = SourceConfig()
+    model: ModelConfig = ModelConfig()
+    policy: PolicyConfig = PolicyConfig()
+    stereo: StereoConfig = StereoConfig()
+    outputs: OutputConfig = OutputConfig()
+    monitoring: MonitoringConfig = MonitoringConfig()
+    recording: RecordingConfig = RecordingConfig()
+    given: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, *layers: Mapping[str, Any]) -> Self:
+        """A run of options by name; those of a later layer win, and others have their defaults."""
+        values: dict[str, Any] = {}
+        for layer in layers:
+            for name in layer:
+                values.pop(OPTIONS[name].not_with, None)
+            values |= layer
+        made = {
+            section: kind(**{name: values[name] for name in values.keys() & kind.__annotations__})
+            for section, kind in SECTIONS.items()
+        }
+        return cls(**made, given=frozenset(values))
+
+    @property
+    def limits(self) -> Limits:
+        """When the runtime no longer believes what it sees."""
+        return Limits(self.outputs.stale, self.outputs.heartbeat)
+
+    def value(self, name: str) -> Any:
+        """An option's."""
+        return getattr(getattr(self, OPTIONS[name].section), name)
+
+    def logged(self) -> dict[str, Any]:
+        """The options that verdicts depend on, by their names in the log's start event."""
+        return {each.logged: self.value(each.name) for each in OPTIONS.values() if each.logged}
+
+    def to_toml(self) -> str:
+        """A configuration file of the same run: what was not given is a comment."""
+        lines = ["# For tokt run --config FILE. The command line wins over this file."]
+        for section, options in groupby(OPTIONS.values(), attrgetter("section")):
+            lines += ["", f"[{section}]"]
+            for each in options:
+                given, value = each.name in self.given, self.value(each.name)
+                text = _toml(value) if given or value else each.place or "..."
+                lines.append(f"{'' if given else '# '}{each.key} = {text}  # {each.text}")
+        return "\n".join(lines) + "\n"
+
+
+SECTIONS: dict[str, Any] = {item.name: item.type for item in fields(RunConfig)[:-1]}
+"""Their classes, by their names."""
+
+
+OPTIONS: dict[str, Option] = {
+    item.name: replace(
+        item.metadata["option"],
+        **{"name": item.name, "section": section, "annotation": item.type, "default": item.default},
+    )
+    for section, kind in SECTIONS.items()
+    for item in fields(kind)
+}
+"""All of them, by name."""
+
+_WORDS: dict[Any, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text in quotes",
+    Path: "a path in quotes",
+    list: "a list",
+    dict: "a table",
+}
+_TOO_LARGE = 1e300
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """The options of a configuration file, by name.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be read, or has a key or a value that no option takes.
+    """
+    import tomllib
+
+    try:
+        tables = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ToktError(f"config {path}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ToktError(f"config {path}: not UTF-8 text") from None
+    except (ValueError, RecursionError) as error:  # not TOML, 5,000 digits, 1,000 brackets
+        raise ToktError(f"config {path}: {error}") from None
+    known = {f"{each.section}.{each.key}": each for each in OPTIONS.values()}
+    values: dict[str, Any] = {}
+    for section, table in tables.items():
+        if isinstance(table, dict) and section not in SECTIONS:
+            raise ToktError(f"config {path}: unknown table {_nearest(section, SECTIONS)}")
+        rows = {f".{key}": table[key] for key in table} if isinstance(table, dict) else {"": table}
+        for key, value in rows.items():
+            if (place := section + key) not in known:
+                raise ToktError(f"config {path}: unknown key {_nearest(place, known)}")
+            values[known[place].name] = _value(known[place], value, f"config {path}: {place}")
+    return values
+
+
+def _nearest(wrong: str, known: Iterable[str]) -> str:
+    """The wrong name and the known one that it resembles most; a key's table matters least."""
+    from difflib import SequenceMatcher
+
+    last = wrong[:80].rpartition(".")[2]
+    alike = {name: SequenceMatcher(None, last, name.rpartition(".")[2]).ratio() for name in known}
+    return f"{wrong!r}: did you mean {max(alike, key=alike.__getitem__)}?"
+
+
+def _value(each: Option, value: Any, where: str) -> Any:
+    """What TOML has for an option, as its field's type."""
+    kind = each.kind
+    types = {float: (int, float), Path: (str,)}.get(kind, (kind,))
+    items = value if each.many and isinstance(value, list) else [value]
+    wrong = [item for item in items if type(item) not in types]
+    if wrong or isinstance(value, list) != each.many:
+        found = type(wrong[0] if wrong else value)
+        words = f"a list of {_WORDS[kind]}" if each.many else _WORDS[kind]
+        raise ToktError(f"{where} is {words}, not {_WORDS.get(found, found.__name__)}")
+    if any(abs(it) >= _TOO_LARGE if type(it) is int else "\0" in str(it) for it in items):
+        raise ToktError(f"{where} is too large, or text with a NUL in it")
+    made = [kind(item) for item in items]
+    return made if each.many else made[0]
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    try:
+        str(value).encode()
+    except UnicodeEncodeError:
+        raise ToktError(f"{str(value)!r} is no UTF-8: no configuration file holds it") from None
+    # JSON's escapes are TOML's, which wants one more.
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,1 @@
+"""Checks of frames before any detector judges them."""

@@ -1,0 +1,1 @@
+"""Policies: which detectors judge a frame, and what their verdicts come to over time."""

@@ -1,0 +1,171 @@
+"""Reports on their way to the senders: verdicts with their age, and heartbeats that say unknown.
+
+Two threads publish: the loop its verdicts, and the heartbeat that there has been none for too long,
+such as while a detector hangs. One lock keeps their reports in order.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from tokt.inference.policy.policy import Judgement
+
+from .clock import Clock
+from .config import Limits
+from .frame import Frame
+from .reason import Fault, Reason
+from .report import Report
+from .verdict import CLEAR, OBSTACLE, Verdict, health_of, unknown_verdict
+
+_KEPT_HEARTBEATS = 1000
+
+
+class Sender(Protocol):
+    """A receiver of reports, such as a UDP socket."""
+
+    sent: int
+    failed: int
+    last_error: str
+
+    def send(self, report: Report) -> None:
+        """Pass a report on; never waits and never raises for what the network does."""
+
+    def close(self) -> None:
+        """Send nothing more."""
+
+
+def mark_stale(verdict: Verdict, age_s: float, judging_s: float, stale_s: float) -> Verdict:
+    """The same verdict while its frame is young; a clear of an old one is unknown.
+
+    An old obstacle stays one, and says so.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    age_s : float
+        Seconds since the frame arrived.
+    judging_s : float
+        Seconds of them that it was being judged.
+    stale_s : float
+        Age in seconds that is old.
+    """
+    if age_s <= stale_s or verdict.status not in (CLEAR, OBSTACLE):
+        return verdict
+    came_old = age_s - judging_s > stale_s
+    reason, word = (Reason.STALE, "stale") if came_old else (Reason.LATE, "late")
+    health = health_of(f"{word}: the frame is {1000 * age_s:.0f} ms old", verdict.health)
+    if verdict.status == CLEAR:
+        return unknown_verdict(Fault(reason, health))
+    return replace(verdict, health=health, reason=reason)
+
+
+def mark_overloaded(verdict: Verdict, left_out: int) -> Verdict:
+    """The same verdict, which says how many frames before it there was no time for."""
+    if left_out == 0:
+        return verdict
+    frames = "1 frame" if left_out == 1 else f"{left_out} frames"
+    health = health_of(verdict.health, f"overload: no time for {frames} before this one")
+    reason = Reason.OVERLOAD if verdict.reason is Reason.OK else verdict.reason
+    return replace(verdict, health=health, reason=reason)
+
+
+class ReportPublisher:
+    """Number the reports and send each to every sender.
+
+    Parameters
+    ----------
+    senders : sequence of Sender
+    clock : Clock
+    limits : Limits
+    live : bool
+        Whether frames come in real time: only then are they stale or late.
+    """
+
+    def __init__(self, senders: Sequence[Sender], clock: Clock, limits: Limits, live: bool) -> None:
+        self._senders = senders
+        self._clock = clock
+        self._limits = limits
+        self._live = live
+        self._lock = threading.Lock()
+        self._seq = 0
+        self._latest_frame: Frame | None = None
+        self._judging_since: float | None = None
+        self._published_s = self._judged_s = clock.monotonic()
+        self._heartbeats: deque[Report] = deque(maxlen=_KEPT_HEARTBEATS)
+
+    def begin(self, frame: Frame) -> None:
+        """A frame is being judged from now on."""
+        with self._lock:
+            self._latest_frame = frame
+            self._judging_since = self._clock.monotonic()
+
+    def publish(self, frame: Frame, judgement: Judgement, left_out: int = 0) -> Report:
+        """Send the report of the frame that `begin` was called for.
+
+        Parameters
+        ----------
+        frame : Frame
+        judgement : Judgement
+        left_out : int
+            Frames since the one before that there was no time for.
+        """
+        with self._lock:
+            now = self._clock.monotonic()
+            since = now if self._judging_since is None else self._judging_since
+            age_s = None if frame.arrived is None else now - frame.arrived
+            judging_s = now - since
+            verdict = mark_overloaded(judgement.verdict, left_out)
+            if self._live and age_s is not None:
+                verdict = mark_stale(verdict, age_s, judging_s, self._limits.stale_s)
+            self._judging_since = None
+            t, latency_ms, age_ms = frame.t, _ms(judging_s), _ms(age_s)
+            seq = self._seq + 1
+            report = Report(seq, frame.number, t, latency_ms, verdict, age_ms, left_out)
+            self._judged_s = now
+            return self._send(report, now)
+
+    def heartbeat(self) -> None:
+        """Publish unknown, if nothing was published for too long."""
+        with self._lock:
+            now = self._clock.monotonic()
+            if now - self._published_s < self._limits.heartbeat_s:
+                return
+            frame = self._latest_frame
+            age_s = None
+            if frame is not None and frame.arrived is not None:
+                age_s = now - frame.arrived
+            verdict = unknown_verdict(self._silence_fault(now))
+            t = None if frame is None else frame.t
+            report = Report(self._seq + 1, None, t, None, verdict, _ms(age_s))
+            self._heartbeats.append(self._send(report, now))
+
+    def heartbeats(self) -> list[Report]:
+        """Those since the last call, oldest first."""
+        with self._lock:
+            reports = list(self._heartbeats)
+            self._heartbeats.clear()
+            return reports
+
+    def _send(self, report: Report, now: float) -> Report:
+        self._seq = report.seq
+        self._published_s = now
+        for sender in self._senders:
+            sender.send(report)
+        return report
+
+    def _silence_fault(self, now: float) -> Fault:
+        """Why no report was published."""
+        if self._judging_since is not None:
+            words = f"a frame has been judged for {now - self._judging_since:.1f} s"
+            return Fault(Reason.STALLED, words)
+        if self._latest_frame is None:
+            return Fault(Reason.NO_FRAME, "no frame has come yet")
+        return Fault(Reason.STALE, f"no frame judged for {now - self._judged_s:.1f} s")
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else 1000 * seconds

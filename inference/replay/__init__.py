@@ -1,0 +1,1 @@
+"""Replay of logged runs, and challengers that judge the same frames in the shadow."""

@@ -1,0 +1,1 @@
+"""Sources of frames: folders and videos, a stream of another program, live cameras."""

@@ -1,0 +1,1 @@
+"""Cameras of Allied Vision through pymba and the Vimba SDK."""

@@ -1,0 +1,1 @@
+"""Stereo detectors: calibration, rectification, matching, distances in metres."""

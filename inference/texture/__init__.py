@@ -1,0 +1,1 @@
+"""The texture detector: a model's decision values become a mask."""

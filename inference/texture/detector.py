@@ -1,0 +1,299 @@
+"""The texture detector: a model's obstacle patches, by its M-of-N rule, become the mask."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.quantization import Quantization
+from tokt.inference.detector import TEXTURE, Detection, Detector
+from tokt.inference.frame import Frame
+from tokt.inference.frame_checks.picture import frame_fault, shape_fault
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
+from tokt.models.operating_point import MofNRule, MofNState, OperatingPoint
+
+# What a frame may differ from those a model learnt from. Set here: LBP radii and windows are in
+# pixels of the resized frame, and what is in it changes with the field of view and with how
+# much detail the camera gave.
+ASPECT_TOLERANCE = 0.02
+"""Relative difference of width over height: one row more or less is a crop, more another camera."""
+MIN_WIDTH_RATIO, MAX_WIDTH_RATIO = 0.75, 1.33
+"""Width over the training frames' width: a sensor's binning or a half-size stream is outside."""
+
+
+class PatchJudge(Protocol):
+    """The part of a linear model that turns decision values into obstacles."""
+
+    def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far each row of decision values is on the obstacle side; above 0 where it is one."""
+
+    def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """For each row of decision values whether that patch is an obstacle."""
+
+
+class PatchScorer(Protocol):
+    """The part of a bundle that the texture detector needs.
+
+    `tokt.models.bundle.bundle.Bundle` is one.
+    """
+
+    @property
+    def label(self) -> str:
+        """``name/version``."""
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of patches."""
+
+    @property
+    def frame_sizes(self) -> tuple[tuple[int, int], ...]:
+        """Height and width in pixels of frames like those it learnt from."""
+
+    @property
+    def model(self) -> PatchJudge:
+        """Decides what a decision value means."""
+
+    @property
+    def operating_point(self) -> OperatingPoint:
+        """Decides what the patches of some frames come to."""
+
+    @property
+    def images(self) -> tuple[Quantization | None, ...]:
+        """The pictures of a frame that it looks at; None is the plain one."""
+
+    def features(
+        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
+    ) -> NDArray[np.float64]:
+        """Features of a frame's patches, shape (n_patches, dim).
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
+        pictures : FramePictures, optional
+            The frame's pictures on this grid, where the caller has some already.
+        threads : int
+            How many threads share the work; the features do not depend on it.
+        """
+
+    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
+
+
+def min_mask_patches(grid: Grid, height: int, width: int) -> int:
+    """Patches it takes to bring a mask's mean over the thesis's limit.
+
+    1, but in grids of more than 700 patches, where a single one is too little for a status.
+
+    Parameters
+    ----------
+    grid : Grid
+    height, width : int
+        Of the resized frame, in pixels.
+    """
+    mean_of_one = 255.0 * math.prod(grid.patch_size(height, width)) / (height * width)
+    return int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
+
+
+@dataclass(frozen=True)
+class MofNResult:
+    """The rule's answer on one frame.
+
+    Parameters
+    ----------
+    patches : array of bool, shape (n_patches,), or None
+        What is white in the mask: nothing where the frame is clear; None where the frames before
+        are not known well enough to say.
+    note : str
+        Which frames the rule waits for or holds on to, in words; empty where this frame alone
+        decides.
+    """
+
+    patches: NDArray[np.bool_] | None
+    note: str = ""
+
+
+class MofNRun:
+    """The operating point's M-of-N rule over one run's frames, in their order.
+
+    Parameters
+    ----------
+    rule : MofNRule
+    """
+
+    def __init__(self, rule: MofNRule) -> None:
+        self.rule = rule
+        self._state = MofNState(rule)
+        self._begun = 0
+
+    def begin(self, missed: int) -> None:
+        """The next frame, `missed` frames after the one before; not judged unless `judge` is."""
+        self._state.skip(missed + self._begun)
+        self._begun = 1
+
+    def judge(
+        self, scores: NDArray[np.float64], patches: NDArray[np.bool_], min_mask_patches: int
+    ) -> MofNResult:
+        """Judge the frame that was begun.
+
+        Parameters
+        ----------
+        scores : array of float64, shape (n_patches,)
+            Its patches' obstacle scores.
+        patches : array of bool, shape (n_patches,)
+            Its obstacle patches.
+        min_mask_patches : int
+            Patches it takes to bring the mask's mean over the thesis's limit.
+        """
+        self._begun = 0
+        status = self._state.add(scores, min_mask_patches)
+        over = int(np.count_nonzero(scores > self.rule.margin))
+        confirmed = self._state.confirmed
+        if status == OBSTACLE:
+            # What stayed for some frames is where it was, even if this frame does not show it.
+            seen = bool(over) or not confirmed.any()
+            return MofNResult(patches | confirmed, "" if seen else self._words("holds", over))
+        if status == UNKNOWN:
+            return MofNResult(None, self._words("waits, frames before are not known", over))
+        nothing = np.zeros_like(patches)
+        return MofNResult(nothing, self._words("waits", over) if over else "")
+
+    def _words(self, does: str, over: int) -> str:
+        rule = self.rule
+        return (
+            f"frame rule {does}: {over} patches over the margin in this frame, "
+            f"{int(self._state.confirmed.sum())} in {rule.m} of the last {rule.n}, "
+            f"{rule.min_patches} needed"
+        )
+
+
+class TextureDetector:
+    """Texture: where the frame rule says obstacle, the model's obstacle patches are the mask.
+
+    Elsewhere the mask is empty. It judges the frames of one run in their order: what it says of a
+    frame can depend on those before.
+
+    Parameters
+    ----------
+    scorer : PatchScorer
+    threads : int
+        How many threads share one frame's rows of patches; the verdict does not depend on it.
+    """
+
+    method = TEXTURE
+
+    def __init__(self, scorer: PatchScorer, threads: int = 1) -> None:
+        self.scorer = scorer
+        self.threads = threads
+        self._rule = MofNRun(scorer.operating_point.rule)
+
+    def detect(self, frame: Frame) -> Detection:
+        """Judge the left picture."""
+        self._rule.begin(frame.missed)
+        if frame.left is None:
+            return self._unjudged(
+                frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
+            )
+        # First what needs no look at the pixels: a picture of another shape may have no resize.
+        fault = shape_fault(frame.left) or self._size_fault(*frame.left.shape[:2])
+        if fault:
+            return self._unjudged(fault)
+        grid = self.scorer.grid
+        # Resized once, for the check and for the features: it costs as much as these.
+        pictures = FramePictures(frame.left, grid, threads=self.threads)
+        gray = pictures.gray(self.scorer.images)
+        fault = frame_fault(frame.left, gray, grid)
+        if fault:
+            return self._unjudged(fault)
+        features = self.scorer.features(frame.left, pictures, self.threads)
+        values = self.scorer.values_of(features)
+        if not np.isfinite(values).all():
+            words = "the model gave a decision value that is not finite"
+            return self._unjudged(Fault(Reason.NOT_FINITE, words))
+        return replace(self._ruled(values, *gray.shape), features=features)
+
+    def _ruled(self, values: NDArray[np.float64], height: int, width: int) -> Detection:
+        """What the decision values of a frame resized to `height` x `width` come to."""
+        grid, model = self.scorer.grid, self.scorer.model
+        ruled = self._rule.judge(
+            model.obstacle_score(values),
+            model.obstacle_patches(values),
+            min_mask_patches(grid, height, width),
+        )
+        label = self.scorer.label
+        if ruled.patches is None:
+            return Detection(
+                None,
+                TEXTURE,
+                label,
+                decision_values=values,
+                fault=Fault(Reason.FRAME_RULE, ruled.note),
+                vetoes_clear=True,
+            )
+        mask = grid.paint(ruled.patches, height, width)
+        return Detection(mask, TEXTURE, label, decision_values=values, note=ruled.note)
+
+    def _unjudged(self, fault: Fault) -> Detection:
+        return Detection(None, TEXTURE, self.scorer.label, fault=fault)
+
+    def _size_fault(self, height: int, width: int) -> Fault:
+        """Why a frame is unlike all that the model learnt from, or an empty string."""
+        learnt = self.scorer.frame_sizes
+        if any(self._alike(height, width, *size) for size in learnt):
+            return NO_FAULT
+        sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
+        words = f"frames are {width}x{height}, the model learnt from {sizes}"
+        return Fault(Reason.WRONG_SIZE, words)
+
+    def _alike(self, height: int, width: int, learnt_height: int, learnt_width: int) -> bool:
+        aspect_ratio = (width * learnt_height) / (height * learnt_width)
+        # Below the grid's width detail is made up; unless the model learnt from such frames.
+        least_width = min(self.scorer.grid.width or 0, learnt_width)
+        return (
+            abs(aspect_ratio - 1) <= ASPECT_TOLERANCE
+            and MIN_WIDTH_RATIO <= width / learnt_width <= MAX_WIDTH_RATIO
+            and width >= least_width
+        )
+
+
+class ReloadableTextureDetector:
+    """A texture detector whose model can be exchanged between two frames.
+
+    It passes each frame to the detector it holds; that is exchanged by the thread that calls
+    `detect`, never within a frame.
+
+    Parameters
+    ----------
+    detector : Detector or None
+    why_none : str
+        Why there is no detector, where there is none.
+    note : str
+        What is not as it should be with the model there is, for every detection's note.
+    """
+
+    method = TEXTURE
+
+    def __init__(self, detector: Detector | None, why_none: str = "", note: str = "") -> None:
+        self.detector = detector
+        self.note = note
+        self._why_none = why_none
+
+    def put(self, detector: Detector) -> None:
+        """Hold another detector, with which nothing is wrong."""
+        self.detector, self.note = detector, ""
+
+    def detect(self, frame: Frame) -> Detection:
+        """The held detector's answer; without one, that there is no model."""
+        if self.detector is None:
+            words = f"no model: {self._why_none}"
+            return Detection(None, TEXTURE, fault=Fault(Reason.NO_MODEL, words))
+        found = self.detector.detect(frame)
+        if not self.note:
+            return found
+        return replace(found, note="; ".join(filter(None, (self.note, found.note))))

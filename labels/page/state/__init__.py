@@ -1,0 +1,1 @@
+"""The server's state: the session, the labels in memory, pictures."""

@@ -1,0 +1,1 @@
+"""The bundle: the one file that is shipped, its model card and its signature."""

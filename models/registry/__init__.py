@@ -1,0 +1,1 @@
+"""The model registry (MLflow), and the way from a registered version to a bundle."""

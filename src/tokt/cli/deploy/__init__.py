@@ -1,0 +1,1 @@
+"""The commands about one ship: keygen, deploy, rollback, store."""

@@ -1,0 +1,1 @@
+"""The commands about labels: label, labels, labels audit."""

@@ -1,0 +1,1 @@
+"""The commands around a run: run, listen, replay, shadow."""

@@ -1,0 +1,106 @@
+"""`tokt run`: the runtime at sea."""
+
+from __future__ import annotations
+
+import sys
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from tokt.cli.output import print_json, say
+from tokt.features.common.errors import ToktError
+from tokt.inference.config import OPTIONS, RunConfig, read_config
+
+
+def run(
+    context: typer.Context,
+    config: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Options from a TOML file; the command line wins."),
+    ] = None,
+    print_config: Annotated[
+        bool,
+        typer.Option("--print-config", help="Print the options as such a file, and do not run."),
+    ] = False,
+    **values: Any,
+) -> None:
+    """Judge every frame of a source and send the verdicts."""
+    written = {name: value for name, value in values.items() if _is_written(context, name)}
+    asked = RunConfig.of({} if config is None else read_config(config), written)
+    if print_config:
+        print(asked.to_toml(), end="")
+        return
+    if not asked.source.source:
+        raise ToktError("Missing option '--source'.")
+    if asked.monitoring.watchdog:
+        raise typer.Exit(_watched(asked.source.source))
+    from .setup import carry_out
+
+    result = carry_out(asked)
+    say(result.words())
+    if asked.monitoring.json:
+        print_json(result.to_json())
+
+
+def _options() -> list[Parameter]:
+    """Those of `tokt.inference.config`, as typer takes them."""
+    made = []
+    for each in OPTIONS.values():
+        names = f"--{each.key}/--no-{each.key}" if each.kind is bool else f"--{each.key}"
+        about = typer.Option(
+            *(names,),
+            help=each.text,
+            metavar=each.place or None,
+            show_default=each.kind is not bool,
+            rich_help_panel=each.section.capitalize(),
+        )
+        default = None if each.default == "" else each.default
+        kind: Any = Annotated[each.annotation, about]
+        made.append(Parameter(each.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
+    return made
+
+
+_own = signature(run, eval_str=True)
+_named = [each for each in _own.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+run.__signature__ = _own.replace(parameters=[*_named, *_options()])  # type: ignore[attr-defined]
+
+
+class RunCommand(TyperCommand):
+    """The command, whose help has its options by their sections."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write them."""
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for param in self.get_params(ctx):
+            title = getattr(param, "rich_help_panel", None) or "Options"
+            record = param.get_help_record(ctx)
+            panels.setdefault(title, []).extend([record] if record else [])
+        for title, records in panels.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+def _is_written(context: typer.Context, name: str) -> bool:
+    """Whether an option is on the command line, be it with its default value."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _watched(source: str) -> int:
+    """Run the same command under a watchdog; its exit code."""
+    from tokt.cli.interrupt import stop_on_signal
+    from tokt.inference.clock import SYSTEM_CLOCK
+    from tokt.inference.monitoring.notify import Notifier
+    from tokt.inference.monitoring.watchdog import Watchdog
+    from tokt.inference.sources.stream import is_stream_source
+
+    if is_stream_source(source):
+        raise ToktError("--watchdog is not for a stream, which may wait as long as it likes")
+    # The last one wins, over a file as well.
+    command = [sys.executable, "-P", "-m", "tokt", *sys.argv[1:], "--no-watchdog"]
+    dog = Watchdog(command, lambda line: say(f"watchdog: {line}"), Notifier(SYSTEM_CLOCK))
+    with stop_on_signal(dog.stop):
+        return dog.run()

@@ -1,0 +1,1 @@
+"""The commands that measure or try out tokt: bench, demo, reproduce, simulate."""

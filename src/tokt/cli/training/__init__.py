@@ -1,0 +1,1 @@
+"""The commands about models: dataset, train, search, compare, evaluate, models, export."""

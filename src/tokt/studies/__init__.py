@@ -1,0 +1,1 @@
+"""Studies measure or try out the product; nothing of the product imports them."""

@@ -1,0 +1,1 @@
+"""Rendering of scenes into frames with exact labels, masks and depth."""

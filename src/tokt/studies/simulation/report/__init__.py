@@ -1,0 +1,1 @@
+"""Maps, films, tables and the page about runs of the closed loop."""

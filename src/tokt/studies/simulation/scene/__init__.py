@@ -1,0 +1,1 @@
+"""The contents of rendered water: towers, walls, fish, dust, and the stereo rig."""

@@ -1,0 +1,1 @@
+"""The speed of stereo: the cases that judge pairs."""

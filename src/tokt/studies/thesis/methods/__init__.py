@@ -1,0 +1,1 @@
+"""The methods that the exhibits compare, run over frames and pictures."""

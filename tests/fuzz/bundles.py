@@ -1,0 +1,363 @@
+"""Kinds of changed bundles: from the file's bytes inwards, each with the outer hashes right."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.common.canonical import json_sha256
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor, build_extractor, extractor_named
+from tokt.features.frames.grid import Grid
+from tokt.inference.outputs.udp import decode, encode_v2
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.report import Report
+from tokt.inference.verdict import unknown_verdict
+from tokt.models.bundle.bundle import (
+    Bundle,
+    BundleContent,
+    Golden,
+    bundle_bytes,
+    bundle_from_bytes,
+)
+from tokt.models.bundle.signature import MEMBER as SIGNATURE
+from tokt.models.bundle.signature import Signature
+from tokt.models.distribution import Distribution, bin_counts, drift_words, quantile_edges
+from tokt.models.linear import LinearModel
+from tokt.models.operating_point import MofNRule, OperatingPoint
+
+from .case import Files, Kind
+from .changes import TEXTS, chance, changed_bytes, changed_json, changed_text, odd_value, text_of
+from .containers import (
+    changed_npz,
+    changed_png,
+    changed_zip,
+    npz_bytes,
+    some_picture,
+    unzipped,
+    zip_bytes,
+)
+
+FILE = "bundle.tokt"
+_MAX_DATAGRAM = 1472
+"""Bytes that fit an Ethernet frame behind the headers of IPv4 and UDP."""
+
+
+def read_bundle(folder: Path) -> Bundle:
+    """Read a bundle and do with it what the runtime does with any."""
+    bundle = bundle_from_bytes((folder / FILE).read_bytes(), FILE)
+    check_usable(bundle)
+    return bundle
+
+
+def check_usable(bundle: Bundle) -> None:
+    """What a bundle that was accepted must be fit for; AssertionError where it is not."""
+    verdict = replace(unknown_verdict(Fault(Reason.NO_FRAME, "none")), model=bundle.label)
+    data = encode_v2(Report(1, 1, 0.0, 1.0, verdict))
+    assert decode(data)["model"] == bundle.label
+    assert len(data) <= _MAX_DATAGRAM, f"a datagram of {len(data)} bytes"
+    told = {"label": bundle.label, "provenance": bundle.content.provenance}
+    json.dumps(told, ensure_ascii=False, allow_nan=False).encode("utf-8")  # `tokt store --json`
+    assert bundle.label.isprintable()
+    assert isinstance(bundle.deployment_fault, str)
+    assert bundle.operating_point.rule.words()
+    assert bundle.frame_sizes
+    known = bundle.distribution
+    if known is not None:
+        assert drift_words(json.loads(json.dumps(known.summary(), allow_nan=False)))
+        features = np.zeros((bundle.grid.n_patches, bundle.model.dim))
+        assert np.isfinite(known.distances(known.bin_counts(features))).all()
+
+
+# --- sound bundles to start from ---
+
+_OLDER = Path(__file__).parents[1] / "models" / "bundle"
+_LBP = {"name": "lbp", "version": 1, "points": 4, "radius": 1, "border": "patch"}
+_FLAT = {"window": 3, "by": "frame"}
+_LEVELS = {"resize": "area_deep", "gray": "bt601", "smooth": 1, "gain": 2, "levels": 16}
+_DEEP = {"image": {**_LEVELS, "flatten": _FLAT}}
+_TWO = (("ocean", False), ("other", True))
+_THREE = (*_TWO, ("sand", True))
+
+
+@cache
+def specs() -> tuple[dict[str, Any], ...]:
+    """Specs of extractors of each family."""
+    plain = {"image": extractor_named("lbp").spec["image"]}
+    haralick = {"name": "haralick", "version": 2, "ignore_zeros": True, "scale": "log", **plain}
+    lines = {"name": "lines", "version": 1, "samples": [2, 4]}
+    lines |= {"image": {**_LEVELS, "flatten": None}}
+    moments = {"name": "moments", "version": 1, **_DEEP}
+    return (
+        {**_LBP, **plain},
+        {"name": "join", "version": 1, "parts": [haralick, moments]},
+        {"name": "context", "version": 1, "statistic": "max", "part": lines},
+        {**_LBP, "version": 2, "sampling": "nearest", **_DEEP},
+        {"name": "structure", "version": 1, **_DEEP},
+    )
+
+
+def textured(height: int, width: int, seed: int = 1) -> NDArray[np.uint8]:
+    """A frame of noise."""
+    return np.random.default_rng(seed).integers(0, 250, (height, width), np.uint8)
+
+
+def _content(
+    extractor: Extractor,
+    grid: Grid,
+    frames: list[NDArray[np.uint8]],
+    classes: tuple[tuple[str, bool], ...] = _TWO,
+    weightless: bool = False,
+) -> BundleContent:
+    """What a bundle of random weights holds; weightless, it gives its bias for any features."""
+    rng = np.random.default_rng(5)
+    outputs = 1 if len(classes) == 2 else len(classes)
+    weights = np.zeros((outputs, extractor.dim)) if weightless else None
+    names, flags = zip(*classes, strict=True)
+    if weights is None:
+        weights = rng.normal(size=(outputs, extractor.dim))
+    model = LinearModel(weights, rng.normal(size=outputs), np.zeros(outputs), names, flags)
+    distribution = None
+    if weightless:
+        values = np.broadcast_to(model.bias, (len(frames), grid.n_patches, outputs)).copy()
+    else:
+        features = [extractor.describe(frame, grid) for frame in frames]
+        values = np.array([model.decision_values(rows) for rows in features])
+        every = np.concatenate(features)
+        edges = np.stack([quantile_edges(column) for column in every.T])
+        typical = np.full(extractor.dim, 0.1)
+        distribution = Distribution(edges, bin_counts(every, edges), typical, 3.0, 20, 90, 9)
+    pictures = tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames)
+    obstacle = np.array([model.obstacle_patches(of_one) for of_one in values])
+    return BundleContent(
+        name="fuzz",
+        version="1",
+        extractor_spec=extractor.spec,
+        grid=grid,
+        model=model,
+        provenance={"mlflow_run_id": "0" * 32, "dataset": "drawn@1", "code_version": "0.1.0"},
+        metrics={"patch": {"f1": 0.5, "recall": None}, "folds": [{"f1": 0.25}]},
+        golden=Golden(pictures, values, obstacle),
+        trained_on=rng.integers(0, 2**63, 3).astype(np.uint64),
+        card="# fuzz/1\n\nbølge\n",
+        operating_point=OperatingPoint(MofNRule(0.25, 2, 1, 3, 0.5), {"target_rate": 1e-4}),
+        distribution=distribution,
+    )
+
+
+@cache
+def small_bundles() -> tuple[bytes, ...]:
+    """One of each kind of extractor, and one of each older format."""
+    grid, frames = Grid(2, 2, 12), [textured(8, 12)]
+    made = [
+        bundle_bytes(_content(build_extractor(spec), grid, frames, classes))
+        for spec, classes in zip(specs(), (_TWO, _THREE, _TWO, _THREE, _TWO), strict=True)
+    ]
+    older = [path.read_bytes() for path in sorted(_OLDER.glob("bundle_of_format_*.zip"))]
+    return tuple(made + older)
+
+
+@cache
+def real_bundle() -> bytes:
+    """One as large as those that are shipped."""
+    extractor = extractor_named("haralick+lbp_24_8_frame")
+    frames = [cv2.resize(textured(68, 90, seed), (360, 271)) for seed in (1, 2)]
+    return bundle_bytes(_content(extractor, Grid(), frames))
+
+
+_members_of = cache(unzipped)
+Seeds = Callable[[], tuple[bytes, ...]]
+
+
+def _taken_apart(data: bytes) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """A sound bundle's other members and its manifest, both to be changed."""
+    members = dict(_members_of(data))
+    return members, json.loads(members.pop("manifest.json"))
+
+
+def _put_together(members: Mapping[str, bytes], manifest: bytes | dict[str, Any]) -> Files:
+    """A bundle whose hashes fit, whatever else does not.
+
+    Parameters
+    ----------
+    members : mapping
+        The other members.
+    manifest : bytes or dict
+        Text that is JSON or not; what of it is an object gets the hashes.
+    """
+    text = json.dumps(manifest).encode() if isinstance(manifest, dict) else manifest
+    return {FILE: zip_bytes({"manifest.json": _with_hashes(text, members), **members})}
+
+
+def _with_hashes(text: bytes, members: Mapping[str, bytes]) -> bytes:
+    try:
+        manifest = json.loads(text)
+        if not isinstance(manifest, dict):
+            return text
+        if isinstance(manifest.get("members"), dict):
+            for name in manifest["members"].keys() & members:
+                manifest["members"][name] = hashlib.sha256(members[name]).hexdigest()
+        manifest.pop("manifest_sha256", None)
+        manifest["manifest_sha256"] = json_sha256(manifest)
+        return json.dumps(manifest).encode()
+    except (ValueError, RecursionError):
+        return text
+
+
+# --- from the outside in ---
+
+
+def _bytes(rng: Random, seeds: Seeds = small_bundles) -> Files:
+    return {FILE: changed_bytes(rng.choice(seeds()), rng, small_bundles())}
+
+
+def _zip(rng: Random, seeds: Seeds = small_bundles) -> Files:
+    return {FILE: changed_zip(_members_of(rng.choice(seeds())), rng)}
+
+
+def _manifest(rng: Random, seeds: Seeds = small_bundles) -> Files:
+    """The manifest changed anywhere."""
+    members, manifest = _taken_apart(rng.choice(seeds()))
+    other = _taken_apart(rng.choice(seeds()))[1]
+    return _put_together(members, changed_text(manifest, rng, [other]))
+
+
+_FIELDS = ("extractor", "grid", "classes", "operating_point", "name", "version", "metrics")
+
+
+def _fields(rng: Random, seeds: Seeds = small_bundles) -> Files:
+    """One part of the manifest changed, so that it gets past the first checks."""
+    members, manifest = _taken_apart(rng.choice(seeds()))
+    known = sorted({*_FIELDS, "provenance"} & set(manifest))
+    for field in rng.sample(known, rng.choice((1, 1, 2))):
+        odd = chance(rng, 20)
+        manifest[field] = odd_value(rng) if odd else changed_json(manifest[field], rng)
+    return _put_together(members, text_of(manifest))
+
+
+def _words(rng: Random) -> Files:
+    """Texts that nothing computes with, which are accepted unless somebody looks at them."""
+    members, manifest = _taken_apart(rng.choice(small_bundles()))
+    which = rng.choice(("name", "version", "provenance", "metrics", "class", "chosen"))
+    text = rng.choice((*TEXTS, "x" * rng.randrange(1, 3000), "ø" * rng.randrange(1, 3000)))
+    if which in ("name", "version"):
+        manifest[which] = text
+    elif which == "class":
+        manifest["classes"][rng.randrange(2)]["name"] = text
+    elif which == "chosen" and "operating_point" in manifest:
+        manifest["operating_point"]["chosen"] = {text: rng.choice((text, 1, odd_value(rng)))}
+    elif which in manifest:
+        manifest[which] = {text: text, "dataset": text, "patch": {"f1": text}}
+    return _put_together(members, text_of(manifest))
+
+
+def _arrays(rng: Random, seeds: Seeds = small_bundles) -> Files:
+    members, manifest = _taken_apart(rng.choice(seeds()))
+    name = rng.choice(sorted(name for name in members if name.endswith(".npz")))
+    members[name] = changed_npz(members[name], rng)
+    if chance(rng, 10):
+        members["card.md"] = changed_bytes(members["card.md"], rng, [b"# card"])
+    return _put_together(members, manifest)
+
+
+def _with_pictures(data: bytes, other: Callable[[bytes], bytes], times: int = 1) -> Files:
+    """A bundle with other golden pictures, with the sizes and sums that belong to them."""
+    members, manifest = _taken_apart(data)
+    with np.load(io.BytesIO(members["golden.npz"])) as golden:
+        arrays = {name: np.concatenate([golden[name]] * times) for name in golden}
+        parts = np.split(golden["frames"], np.cumsum(golden["sizes"])[:-1])
+    pictures = [other(part.tobytes()) for part in parts] * times
+    arrays["frames"] = np.frombuffer(b"".join(pictures), np.uint8)
+    arrays["sizes"] = np.array([len(picture) for picture in pictures], np.int64)
+    members["golden.npz"] = npz_bytes(arrays)
+    return _put_together(members, manifest)
+
+
+def _golden(rng: Random) -> Files:
+    times = rng.choice((*[1] * 20, 2, 30, 400))
+    data = rng.choice(small_bundles())
+    return _with_pictures(data, lambda picture: changed_png(picture, rng), times)
+
+
+def _signature(rng: Random) -> Files:
+    """The one member that no hash covers."""
+    data = rng.choice(small_bundles())
+    value = json.loads(Signature("0" * 32, bytes(64)).to_bytes())
+    text = rng.choice((changed_text(value, rng), changed_bytes(text_of(value), rng, [data])))
+    return {FILE: zip_bytes({**_members_of(data), SIGNATURE: text})}
+
+
+# --- models that are sound as far as this machine's own arithmetic goes ---
+
+_WHOLE = (0, 1, 2, 3, 4, 8, 16, 24, 31, 32, 33, 63, 64, 65, 121, 255, 257, 1000, 10**6, 2**31, -1)
+_PARTS = ("ratio", "difference", "frame", "bilinear", "range", "mean", "min")
+_GRIDS = ((1, 1), (2, 2), (1, 9), (9, 1), (3, 4), (40, 40), (10, 10))
+_WIDTHS = (None, 36, 130, 130, 360, 360, 1360, 5000)
+_FRAMES = ((8, 12), (9, 400), (400, 9), (33, 48), (271, 360))
+
+
+def _some_spec(rng: Random) -> Any:
+    """An extractor's spec whose numbers are anything."""
+    spec: Any = rng.choice(specs())
+    if chance(rng, 30):
+        parts = [_with_numbers(rng.choice(specs()), rng) for _ in range(rng.choice((2, 3, 8)))]
+        spec = {"name": "join", "version": 1, "parts": parts * rng.choice((1, 1, 12))}
+    return _with_numbers(spec, rng)
+
+
+def _with_numbers(value: Any, rng: Random) -> Any:
+    if isinstance(value, dict):
+        return {key: _with_numbers(part, rng) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_with_numbers(part, rng) for part in value]
+    if type(value) in (int, float) and chance(rng, 10):
+        return rng.choice((*_WHOLE, 0.5, 1e-300, 1024.0))
+    return rng.choice(_PARTS) if isinstance(value, str) and chance(rng, 5) else value
+
+
+def _spec(rng: Random) -> Files:
+    """A model of no weight, so that only the features can fail; some with other pictures."""
+    spec, sizes = _some_spec(rng), (*rng.choice(_GRIDS), rng.choice(_WIDTHS))
+    frame, classes = textured(*rng.choice(_FRAMES)), rng.choice((_TWO, _THREE))
+    try:
+        content = _content(build_extractor(spec), Grid(*sizes), [frame], classes, weightless=True)
+    except ToktError:  # a spec or a grid that cannot be built here: as a file it is tried
+        members, manifest = _taken_apart(rng.choice(small_bundles()))
+        manifest["extractor"] = changed_json(spec, rng)
+        grid = dict(zip(("rows", "cols", "width"), sizes, strict=True))
+        return _put_together(members, text_of({**manifest, "grid": changed_json(grid, rng)}))
+    data = bundle_bytes(content)
+    if chance(rng, 70):
+        return {FILE: data}
+    return _with_pictures(data, lambda picture: some_picture(rng))
+
+
+def _real(rng: Random) -> Files:
+    """Any of the above on a bundle of real size."""
+    make = rng.choice((_bytes, _zip, _manifest, _arrays, _fields))
+    return make(rng, lambda: (real_bundle(),))
+
+
+KINDS = [
+    Kind("bundle.bytes", _bytes, read_bundle, 18),
+    Kind("bundle.zip", _zip, read_bundle, 14),
+    Kind("bundle.manifest", _manifest, read_bundle, 19),
+    Kind("bundle.fields", _fields, read_bundle, 18),
+    Kind("bundle.words", _words, read_bundle, 5),
+    Kind("bundle.arrays", _arrays, read_bundle, 13),
+    Kind("bundle.golden", _golden, read_bundle, 6),
+    Kind("bundle.signature", _signature, read_bundle, 3),
+    Kind("bundle.spec", _spec, read_bundle, 3, few=5),
+    Kind("bundle.real size", _real, read_bundle, 1, few=3),
+]

@@ -1,0 +1,160 @@
+"""Changed inputs through the real command: a refusal is one line and exit code 2.
+
+Each is a process of its own, as a person would start it: exit code 2 with exactly one line that
+begins with ``tokt: error:``, or success; never a traceback, and nothing written beside.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from .bundles import small_bundles
+from .case import MAX_LINE, DefectError, Files, write_files
+from .conftest import KINDS
+from .labels import write_mission, written
+
+_LIMIT_S = 120.0
+_PROGRAM = "from tokt.cli import main; main()"
+_RUN = ("run", "--source", "dive", "--udp", "127.0.0.1:{port}")
+
+COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "deploy": (
+        ("bundle.zip", "bundle.fields", "bundle.arrays", "bundle.words", "bundle.golden"),
+        ("deploy", "{file}", "made/store", "--reason", "fuzz"),
+    ),
+    "run --bundle": (
+        ("bundle.bytes", "bundle.manifest", "bundle.fields", "bundle.spec", "bundle.words"),
+        (*_RUN, "--bundle", "{file}", "--policy", "texture", "--log", "made/run.jsonl"),
+    ),
+    "run --store": (("store",), (*_RUN, "--store", "store", "--policy", "texture")),
+    "store": (("store",), ("store", "store", "--json")),
+    "rollback": (("store",), ("rollback", "store")),
+    "labels import": (
+        ("labels.csv", "labels.viame", "labels.coco", "labels.labelstudio", "labels.patches"),
+        ("labels", "import", "{top}", "--mission-dir", "dive", "--workspace", "made/ws"),
+    ),
+    "labels import --taxonomy": (
+        ("taxonomy.toml",),
+        ("labels", "import", "sound/labels.csv", "--taxonomy", "{file}", "--workspace", "made/ws"),
+    ),
+    "calibrate --check": (
+        ("calibration.opencv", "calibration.bouguet", "calibration.printed", "calibration.mat"),
+        ("calibrate", "dive", "--check", "--calibration", "{file}"),
+    ),
+    "run --calibration": (
+        ("calibration.opencv", "calibration.bouguet", "calibration.printed"),
+        (*_RUN, "--policy", "disparity", "--calibration", "{file}"),
+    ),
+    "replay": (("run log", "recording"), ("replay", "{top}", "--bundle", "sound.tokt")),
+    "shadow": (("shadow log",), ("shadow", "{file}", "--json")),
+}
+"""Kinds that a command is given, and its arguments: `file` is the input's, `top` its first part."""
+
+
+def _world(folder: Path) -> None:
+    """A mission of two pairs, a sound bundle and a sound label file."""
+    write_mission(folder)
+    sound = {"sound.tokt": small_bundles()[0], "sound/labels.csv": written("csv")["labels.csv"]}
+    write_files(sound, folder)
+
+
+def fault_of(code: int, out: str, err: str) -> str:
+    """What is wrong with how a command ended, or an empty string."""
+    if "Traceback" in out + err:
+        return "a traceback"
+    said = [line for line in err.splitlines() if line.startswith("tokt: error:")]
+    if code == 2:
+        if len(said) != 1:
+            return f"{len(said)} lines of error"
+        return "" if len(said[0]) <= MAX_LINE else "a line too long to read"
+    if said:
+        return f"exit code {code} with an error"
+    return "" if code in (0, 1) else f"exit code {code}"
+
+
+def _tree(box: Path) -> dict[Path, tuple[int, int]]:
+    """Every file with its size and time, but for what the command is there to write.
+
+    The store it may lock and mend.
+    """
+    stats = {path: path.stat() for path in box.rglob("*") if path.is_file()}
+    own = (box / "cwd" / "made", box / "cwd" / "store")
+    return {
+        path: (stat.st_size, stat.st_mtime_ns)
+        for path, stat in stats.items()
+        if not any(path.is_relative_to(folder) for folder in own)
+    }
+
+
+def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str:
+    """Run a command in a box of its own; its refusal, empty where it did what was asked for."""
+    shutil.rmtree(box, ignore_errors=True)
+    for name in ("cwd/made", "home", "tmp"):
+        (box / name).mkdir(parents=True)
+    cwd = box / "cwd"
+    _world(cwd)
+    write_files(files, cwd)
+    file = max(files)
+    places = {"file": file, "top": file.partition("/")[0], "port": port}
+    given = [argument.format(**places) for argument in arguments]
+    before = _tree(box)
+    environment = {**os.environ, "HOME": str(box / "home"), "TMPDIR": str(box / "tmp")}
+    try:
+        ran = subprocess.run(
+            [sys.executable, "-P", "-c", _PROGRAM, *given],
+            cwd=cwd,
+            env=environment,
+            capture_output=True,
+            text=True,
+            errors="backslashreplace",
+            timeout=_LIMIT_S,
+        )
+    except subprocess.TimeoutExpired:
+        raise DefectError(f"over {_LIMIT_S:g} s: tokt {' '.join(given)} in {cwd}") from None
+    fault = fault_of(ran.returncode, ran.stdout, ran.stderr)
+    if beside := _tree(box).items() ^ before.items():
+        fault = fault or f"files outside: {sorted(beside)}"
+    if fault:
+        ended = f"{fault}: tokt {' '.join(given)} in {cwd}"
+        raise DefectError(f"{ended}\n{ran.stdout[-2000:]}\n{ran.stderr[-4000:]}")
+    return ran.stderr if ran.returncode == 2 else ""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_refuses_changed_inputs_in_one_line(
+    command: str, tmp_path: Path, try_cases: Callable[..., None]
+) -> None:
+    kinds, arguments = COMMANDS[command]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        port = receiver.getsockname()[1]
+
+        def one(rng: Random) -> str:
+            files = KINDS[rng.choice(kinds)].make(rng)
+            return _call(tmp_path / "box", files, arguments, port)
+
+        try_cases(one, few=0, share=0.03)
+
+
+@pytest.mark.parametrize(
+    ("code", "err", "fault"),
+    [
+        (2, "tokt: error: no\n", ""),
+        (0, "note: odd\n", ""),
+        (2, "tokt: error: no\ntokt: error: no\n", "2 lines of error"),
+        (2, "Usage:\n", "0 lines of error"),
+        (1, "Traceback (most recent call last):\n", "a traceback"),
+        (-11, "", "exit code -11"),
+    ],
+)
+def test_how_a_command_may_end(code: int, err: str, fault: str) -> None:
+    assert fault_of(code, "", err) == fault

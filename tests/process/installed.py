@@ -1,0 +1,97 @@
+"""A fresh environment with nothing of tokt but its wheel, and commands that run in it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from tests.waiting import MAX_S, until
+
+
+@dataclass(frozen=True)
+class Started:
+    """A command that goes on, and what it has said so far."""
+
+    process: subprocess.Popen[bytes]
+    words: Path
+
+    def said(self) -> str:
+        return self.words.read_text("utf-8")
+
+    def until(self, true: Callable[[], Any]) -> Any:
+        """Wait until something is true, as it must be before the command ends; what it is."""
+
+        def found() -> Any:
+            assert self.process.poll() is None, self.said()
+            return true()
+
+        return until(found, self.said)
+
+    def end(self, number: int | None = None) -> None:
+        """Wait for a normal end, having asked for it with a signal or not."""
+        if number is not None:
+            self.process.send_signal(number)
+        assert self.process.wait(MAX_S) == 0, self.said()
+
+
+class Installed:
+    """An environment of its own with the wheel; the tests' packages are found after it."""
+
+    def __init__(self, wheel: Path, home: Path) -> None:
+        venv.create(home)
+        windows = sys.platform == "win32"
+        self._programs = home / ("Scripts" if windows else "bin")
+        self._suffix = ".exe" if windows else ""
+        self._environ = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
+        self.python = self._program("python")
+        words = "import sysconfig; print(sysconfig.get_path('purelib'))"
+        self.packages = Path(self.run(self.python, "-c", words).strip())
+        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", self.python)
+        self.run(*pip, "install", "--quiet", "--no-compile", "--no-deps", wheel)
+        # Their .pth files do not count here: no editable install comes along.
+        names = ("site-packages", "dist-packages")
+        others = [path for path in sys.path if Path(path).name in names]
+        (self.packages / "others.pth").write_text("\n".join(others))
+
+    def _program(self, name: str) -> Path:
+        return self._programs / (name + self._suffix)
+
+    def run(self, *command: object, given: str = "") -> str:
+        """What a command prints that ends well."""
+        done = subprocess.run(
+            [str(part) for part in command],
+            input=given,
+            capture_output=True,
+            text=True,
+            timeout=MAX_S,
+            cwd=self._programs,  # outside of the checkout
+            env=self._environ,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def start(self, folder: Path, words: Path, *arguments: object, **environ: str) -> Started:
+        """Start `tokt` in a folder; what it says goes to a file."""
+        with words.open("wb") as sink:
+            process = subprocess.Popen(
+                [self._program("tokt"), *map(str, arguments)],
+                stdout=sink,
+                stderr=sink,
+                cwd=folder,
+                env={**self._environ, **environ},
+            )
+        return Started(process, words)
+
+    def processes(self) -> list[psutil.Process]:
+        """What runs on this environment's Python."""
+        named = [(one, one.info["cmdline"] or [""]) for one in psutil.process_iter(["cmdline"])]
+        return [one for one, command in named if command[0] == str(self.python)]

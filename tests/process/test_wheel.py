@@ -1,0 +1,231 @@
+"""The wheel holds what git holds, and what it starts in processes of their own runs from it.
+
+An editable install hides what a wheel lacks: it finds every file of the checkout.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+import signal
+import sys
+import tomllib
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
+from fnmatch import fnmatch
+from pathlib import Path, PurePosixPath
+from sysconfig import get_config_var
+from typing import Any
+from urllib.parse import urljoin, urlsplit
+
+import psutil
+import pytest
+
+from tests.waiting import MAX_S
+from tokt.features.frames.mission import open_mission
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
+from tokt.models.store.store import Store
+
+from .installed import Installed, Started
+
+ROOT = Path(__file__).resolve().parents[2]
+SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+EXTENSION_SOURCES = (".pyx", ".h", ".c")
+# What scripts import and export, at once or later; what a template fills in is any text.
+MODULE = re.compile(r"""\b(?:from|import)\b[\s(]*["'`](\.{0,2}/[^"'`]+)["'`]""")
+FILLED_IN = re.compile(r"\$\{[^}]*\}")
+
+pytestmark = [
+    pytest.mark.xdist_group("wheel"),  # it is built once
+]
+on_posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+
+
+def _import_path(name: str) -> str | None:
+    """Where a file of the checkout belongs in the wheel; None for one outside of the product."""
+    folders = sorted(SETUPTOOLS["package-dir"].items(), key=lambda one: -len(one[1]))
+    for package, folder in folders:
+        if PurePosixPath(name).is_relative_to(folder):
+            within = PurePosixPath(name).relative_to(folder)
+            return str(PurePosixPath(*package.split("."), within))
+    return None
+
+
+@pytest.fixture(scope="module")
+def product(git_files: list[str]) -> dict[str, Path]:
+    """The product's files that git holds, by their paths in the wheel."""
+    if not git_files:
+        pytest.skip("not a git checkout")
+    placed = {_import_path(name): ROOT / name for name in git_files}
+    return {path: file for path, file in placed.items() if path is not None}
+
+
+@pytest.fixture(scope="module")
+def packed(wheel: Path) -> dict[str, bytes]:
+    """The wheel's files, but for what it says of itself."""
+    with zipfile.ZipFile(wheel) as archive:
+        names = [name for name in archive.namelist() if ".dist-info/" not in name]
+        return {name: archive.read(name) for name in names}
+
+
+def test_the_wheel_holds_what_git_holds(product: dict[str, Path], packed: dict[str, bytes]) -> None:
+    missing = sorted(product.keys() - packed.keys())
+    assert [name for name in missing if not name.endswith(EXTENSION_SOURCES)] == []
+    compiled = {
+        module["name"].replace(".", "/") + get_config_var("EXT_SUFFIX")
+        for module in SETUPTOOLS["ext-modules"]
+    }
+    assert sorted(packed.keys() - product.keys() - compiled) == []
+    both = sorted(product.keys() & packed.keys())
+    assert len(both) > 100
+    assert [name for name in both if product[name].read_bytes() != packed[name]] == []
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installed]:
+    """The wheel in an environment of its own; nothing goes on in it after the tests."""
+    made = Installed(wheel, tmp_path_factory.mktemp("installed").resolve() / "venv")
+    yield made
+    _, alive = psutil.wait_procs(made.processes(), 10)
+    for process in alive:
+        process.kill()
+    assert not alive
+
+
+@pytest.fixture
+def start(installed: Installed, tmp_path: Path) -> Iterator[Callable[..., Started]]:
+    """Start `tokt` outside of the checkout; it is asked to end when the test does."""
+    started: list[Started] = []
+
+    def begin(*arguments: object, **environ: str) -> Started:
+        words = tmp_path / f"said-{len(started)}"
+        started.append(installed.start(tmp_path, words, *arguments, **environ))
+        return started[-1]
+
+    yield begin
+    for one in started:
+        one.process.terminate()  # not killed: a watchdog first ends what it watches
+        one.process.wait(MAX_S)
+
+
+def _lines(log: Path) -> list[dict[str, Any]]:
+    """The whole lines of a log, which may still be written."""
+    text = log.read_text("utf-8") if log.exists() else ""
+    return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+
+
+def test_every_module_is_imported_from_the_wheel(
+    installed: Installed, packed: dict[str, bytes]
+) -> None:
+    files = [name for name in packed if name.endswith(".py")]
+    modules = [re.sub(r"(/__init__)?\.py$", "", name).replace("/", ".") for name in files]
+    program = """
+import importlib.util, json, sys
+sys.path.remove(sys.argv[1])
+assert importlib.util.find_spec("tokt") is None, "not only the wheel has a tokt"
+sys.path.append(sys.argv[1])
+print(json.dumps([importlib.util.find_spec(name).origin for name in json.load(sys.stdin)]))
+"""
+    command = (installed.python, "-c", program, installed.packages)
+    origins = json.loads(installed.run(*command, given=json.dumps(modules)))
+    assert origins == [str(installed.packages / file) for file in files]
+
+
+@on_posix
+def test_the_page_serves_every_file_and_no_other_is_asked_for(
+    start: Callable[..., Started], product: dict[str, Path], tiny: Any, tmp_path: Path
+) -> None:
+    server = start("label", tiny.path, "--no-browser", "--port", 0, "--workspace", tmp_path / "w")
+    found = server.until(lambda: re.search(r"http://\S+", server.said()))
+    (index,) = (path for path in product if path.endswith("/static/index.html"))
+    folder = index.removesuffix("index.html")
+    files = {
+        "/static/" + path.removeprefix(folder): file
+        for path, file in product.items()
+        if path.startswith(folder)
+    }
+    kinds = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
+    asked: set[str] = set()
+    port = urlsplit(found[0]).port
+    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=MAX_S)) as connection:
+        for url, file in {**files, "/": product[index]}.items():
+            connection.request("GET", url)
+            answer = connection.getresponse()
+            assert (answer.status, answer.read()) == (200, file.read_bytes()), url
+            text = file.read_text("utf-8")
+            if file.suffix in kinds:
+                assert answer.headers.get_content_type() == kinds[file.suffix], url
+            if file.suffix == ".html":
+                asked.update(re.findall(r'\b(?:src|href)="(/[^"]*)"', text))
+            if file.suffix == ".js":
+                asked.update(urljoin(url, FILLED_IN.sub("*", one)) for one in MODULE.findall(text))
+    del files["/static/index.html"]  # asked for as /
+    assert [url for url in sorted(asked) if not any(fnmatch(one, url) for one in files)] == []
+    assert [one for one in sorted(files) if not any(fnmatch(one, url) for url in asked)] == []
+    server.end(signal.SIGINT)
+
+
+@on_posix
+def test_a_watched_run_ends_with_its_mission(
+    start: Callable[..., Started], tiny: Any, tiny_bundle: Path, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.jsonl"
+    start("run", "--watchdog", "--bundle", tiny_bundle, "--source", tiny.path, "--log", log).end()
+    assert [line["frame"] for line in _lines(log)] == open_mission(tiny.path).frames()
+
+
+@on_posix
+def test_a_watched_run_that_is_killed_is_back(
+    start: Callable[..., Started], tiny: Any, tiny_bundle: Path, tmp_path: Path
+) -> None:
+    log, rated = tmp_path / "log.jsonl", ("--source", tiny.path, "--rate", 10)
+    dog = start("run", "--watchdog", "--bundle", tiny_bundle, *rated, "--log", log)
+    dog.until(lambda: _lines(log))
+    (runtime,) = psutil.Process(dog.process.pid).children()
+    runtime.kill()
+    dog.until(lambda: len({line["run"] for line in _lines(log)}) == 2)
+    assert "signal 9; started again (1)" in dog.said()
+    dog.end()
+
+
+@on_posix
+def test_a_run_goes_over_to_a_store_s_next_model(
+    start: Callable[..., Started], tiny: Any, tiny_bundle: Path, tmp_path: Path
+) -> None:
+    first, store, log = read_bundle(tiny_bundle), Store(tmp_path / "store"), tmp_path / "log.jsonl"
+    second = bundle_from_bytes(bundle_bytes(replace(first.content, version="2")), "2")
+    store.deploy(first)
+    run = start("run", "--store", store.path, "--source", tiny.path, "--rate", 1, "--log", log)
+
+    def models() -> list[str]:
+        return [line["model"] for line in _lines(log) if line["frame"] is not None]
+
+    run.until(models)
+    store.deploy(second)
+    run.until(lambda: models()[-1] == second.label)
+    assert set(models()) == {first.label, second.label}
+    run.end(signal.SIGTERM)
+    events = [line for line in _lines(tmp_path / "log.events.jsonl") if line["event"] == "model"]
+    assert [(event["label"], event["sha256"]) for event in events] == [
+        (second.label, second.sha256)
+    ]
+
+
+@on_posix
+def test_a_camera_s_process_sends_its_pictures(
+    installed: Installed, start: Callable[..., Started], tiny_bundle: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("harvesters")
+    genicam = pytest.importorskip("genicam")  # brings a producer with simulated cameras
+    log, rig = tmp_path / "log.jsonl", ("--source", "genicam:0", "--camera-rate", 20)
+    producers = str(Path(genicam.__file__).parent)
+    run = start(
+        *("run", *rig, "--bundle", tiny_bundle, "--log", log), GENICAM_GENTL64_PATH=producers
+    )
+    run.until(lambda: [line for line in _lines(log) if isinstance(line.get("left"), str)])
+    (camera,) = psutil.Process(run.process.pid).children()
+    assert camera in installed.processes()
+    run.end(signal.SIGTERM)

@@ -1,0 +1,91 @@
+"""The house rules that a program can check: rooms, names, module docstrings, and a true map."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter, defaultdict
+from pathlib import Path
+from pkgutil import resolve_name
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("features", "labels", "models", "inference", "training", "src/tokt")
+MAX_FILES = 20  # of one kind in a room, besides its __init__.py
+MAX_FILES_OF_INFERENCE = 12  # in its root
+KINDS = (".py", ".js", ".css", ".html", ".h")
+# A module's docstring says what it holds, not what it answers.
+QUESTION = re.compile(r"(What|Whether|How|Where|Which|When|Why)\b")
+
+
+def modules(*folders: str) -> list[Path]:
+    return [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+@pytest.mark.parametrize("folder", [*ROOMS, "tests", "docs"])
+def test_a_room_holds_at_most_some_twenty_files(folder: str) -> None:
+    counts = Counter(
+        (path.parent.relative_to(ROOT).as_posix(), path.suffix)
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in KINDS and path.name != "__init__.py"
+    )
+    assert {room: n for room, n in counts.items() if n > MAX_FILES} == {}
+
+
+def test_the_root_of_inference_is_the_contracts_and_the_loop() -> None:
+    assert len(list((ROOT / "inference").glob("*.py"))) <= MAX_FILES_OF_INFERENCE
+
+
+def test_no_two_classes_have_one_name() -> None:
+    places = defaultdict(list)
+    for path in modules(*ROOMS):
+        for node in ast.parse(path.read_text("utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(path.relative_to(ROOT).as_posix())
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
+def test_a_modules_docstring_says_what_it_holds() -> None:
+    said = {
+        path.relative_to(ROOT).as_posix(): ast.get_docstring(ast.parse(path.read_text("utf-8")))
+        for path in modules(*ROOMS, "tests/load")
+    }
+    assert {path: text for path, text in said.items() if not text or QUESTION.match(text)} == {}
+
+
+def test_bounds_are_called_min_and_max() -> None:
+    old = re.compile(r"\b_?(LEAST|MOST|LARGEST|LONGEST|SMALLEST|SHORTEST)_[A-Z]")
+    assert [str(path) for path in modules(*ROOMS) if old.search(path.read_text("utf-8"))] == []
+
+
+def test_the_map_names_every_room_and_nothing_that_is_not_there() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    named = set(re.findall(rf"\b(?:{'|'.join([*ROOMS, 'tests'])})/(?:[\w./]*\w/?)?", text))
+    assert {name for name in named if not (ROOT / name).exists()} == set()
+    rooms = {
+        path.parent.relative_to(ROOT).as_posix() + "/"
+        for folder in ROOMS
+        for path in (ROOT / folder).rglob("__init__.py")
+    }
+    assert rooms - named == set()
+
+
+def test_what_docstrings_name_is_there() -> None:
+    """A rename finds no whole name in backticks, such as `tokt.labels.record.LabelRecord`."""
+    named = {
+        name
+        for path in modules(*ROOMS)
+        for name in re.findall(r"`(tokt(?:\.\w+)+)`", path.read_text("utf-8"))
+    }
+    assert len(named) > 30
+    assert [name for name in sorted(named) if not is_there(name)] == []
+
+
+def is_there(name: str) -> bool:
+    try:
+        resolve_name(name)
+    except (ImportError, AttributeError):
+        owner, _, attribute = name.rpartition(".")
+        return attribute in getattr(resolve_name(owner), "__annotations__", {})
+    return True

@@ -1,0 +1,79 @@
+"""Every test has its tier, ``make test`` has the proof in it, and what it leaves out is run too."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from _pytest.mark.expression import Expression
+
+from tests.tiers import CORE, HERE, PROOF, TIERS, is_proof, tier_of
+
+ROOT = HERE.parent
+MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+FILES = sorted(HERE.rglob("test_*.py"))
+
+
+def in_make_test(*markers: str) -> bool:
+    """Whether `make test` runs a test with these markers."""
+    (words,) = re.findall(r"^QUICK := (.*)$", MAKEFILE, re.MULTILINE)
+    return Expression.compile(words).evaluate(lambda name, **_: name in markers)
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("test_tiers.py", "core"),
+        ("inference/test_faults.py", "core"),
+        ("inference/process/test_run_command.py", "process"),
+        ("process/test_kill.py", "process"),
+        ("labels/page/api/test_access.py", "process"),
+        ("labels/page/state/test_review_sheet.py", "core"),
+        ("labels/page/browser/frame_view/test_browser_frame.py", "browser"),
+        ("studies/simulation/loop/test_loop.py", "study"),
+        ("load/test_soak.py", "load"),
+        ("fuzz/test_fuzz.py", "fuzz"),
+    ],
+)
+def test_a_folder_decides(file: str, name: str) -> None:
+    assert (HERE / file).is_file() and tier_of(HERE / file).name == name
+
+
+def test_every_folder_of_a_tier_and_all_of_the_proof_is_there() -> None:
+    tiers = {tier_of(path) for path in FILES}
+    assert tiers == set(TIERS) and CORE in tiers
+    folders = {folder for tier in TIERS for folder in tier.folders}
+    assert [folder for folder in folders if not list(HERE.rglob(f"{folder}/**/test_*.py"))] == []
+    for proof in PROOF:
+        path = HERE / proof
+        tests = [path] if path.is_file() else list(path.rglob("test_*.py"))
+        assert tests and all(map(is_proof, tests)), proof
+
+
+def test_the_markers_are_the_tiers() -> None:
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["pytest"]
+    markers = {line.partition(":")[0] for line in options["ini_options"]["markers"]}
+    assert markers == {tier.name for tier in TIERS} | {"proof", "mission"}
+
+
+def test_make_test_has_the_proof_and_the_rest_is_run_after_it() -> None:
+    quick = [tier.name for tier in TIERS if in_make_test(tier.name)]
+    assert quick == ["core"]
+    assert all(in_make_test(tier.name, "proof") for tier in TIERS)
+    (rest,) = re.findall(r"^test-rest:.*\n\t(.*)$", MAKEFILE, re.MULTILINE)
+    assert rest == '$(PYTEST) -m "not ($(QUICK))"'
+    (everything,) = re.findall(r"^test-all:.*\n\t(.*)$", MAKEFILE, re.MULTILINE)
+    assert everything == "$(PYTEST)"
+    landing = re.findall(r"^make .*$", (ROOT / ".ci" / "run").read_text("utf-8"), re.MULTILINE)
+    assert landing == ["make test EXAMPLES=full", "make test-rest", "make check"]
+
+
+def test_every_test_carries_one_tier(request: pytest.FixtureRequest) -> None:
+    """Of those of this run: all, unless some were named."""
+    names = {tier.name for tier in TIERS}
+    for item in request.session.items:
+        own = {marker.name for marker in item.iter_markers()} & names
+        assert len(own) == 1, (item.nodeid, own)
+        assert is_proof(Path(item.path)) == (item.get_closest_marker("proof") is not None)

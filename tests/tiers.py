@@ -1,0 +1,105 @@
+"""The tiers of the tests: the folder of a test decides its tier, and how many examples it tries.
+
+``make test`` runs what a change needs, ``make test-all`` everything; the Makefile says which tiers
+these are. A test that belongs to another tier than its folder is marked with that tier's name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from hypothesis import settings
+
+HERE = Path(__file__).parent
+SHARES = {"quick": 0.25, "full": 1.0}
+"""Hypothesis profiles of the command line, and the share of each test's examples that they try."""
+
+
+@dataclass(frozen=True)
+class Tier:
+    """Tests that cost alike.
+
+    Parameters
+    ----------
+    name : str
+        The marker.
+    folders : tuple of str
+        Within `tests`; one name alone is any folder of that name. None for what is in no other.
+    examples : int
+        That Hypothesis tries where a test does not say how many.
+    """
+
+    name: str
+    folders: tuple[str, ...]
+    examples: int
+
+
+CORE = Tier("core", (), 100)
+TIERS = (
+    Tier("browser", ("labels/page/browser",), 20),
+    Tier("process", ("process", "labels/page/api"), 20),
+    Tier("study", ("studies",), 50),
+    Tier("load", ("load",), 20),
+    Tier("fuzz", ("fuzz",), 100),
+    CORE,
+)
+PROOF = (
+    "inference/test_faults.py",
+    "features/kernels",
+    "models/bundle",
+    "models/store",
+    "process/test_kill.py",
+    "labels/page/browser/frame_view/test_browser_frame.py",
+)
+"""What every run holds, whatever its tier (marker ``proof``): no wrong clear, exact kernels, no
+bundle, store or command that is left half done, and a page on which frames can be labelled.
+"""
+_share = SHARES["full"]
+
+
+def _within(path: PurePosixPath, folder: str) -> bool:
+    return path.is_relative_to(folder) or folder in path.parts[:-1]
+
+
+def tier_of(path: Path) -> Tier:
+    """The tier of a test file's folder."""
+    within = PurePosixPath(path.relative_to(HERE).as_posix())
+    return next(
+        (tier for tier in TIERS if any(_within(within, folder) for folder in tier.folders)), CORE
+    )
+
+
+def is_proof(path: Path) -> bool:
+    """Whether a test file is run each time."""
+    within = PurePosixPath(path.relative_to(HERE).as_posix())
+    return any(within.is_relative_to(proof) for proof in PROOF)
+
+
+def scaled(examples: int) -> int:
+    """So many examples in a full run, a share of them in a quick one; for Hypothesis's settings."""
+    return max(5, round(examples * _share))
+
+
+def register_profiles(name: str) -> None:
+    """One profile a tier, as the command line's ``--hypothesis-profile`` wants it.
+
+    A quick run tries the same few examples each time: what fails after a change fails by it.
+    A full run draws new ones, as each may find what none before did, and prints how to repeat it.
+    No example has a deadline: a busy machine is no fault.
+    """
+    global _share
+    _share = SHARES[name]
+    for tier in TIERS:
+        settings.register_profile(
+            tier.name,
+            deadline=None,
+            derandomize=name == "quick",
+            print_blob=True,
+            max_examples=scaled(tier.examples),
+        )
+
+
+# Known before the command line is read; each tier's own take their place (tests/conftest.py).
+for _name in SHARES:
+    settings.register_profile(_name, deadline=None)

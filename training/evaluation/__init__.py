@@ -1,0 +1,1 @@
+"""Figures of merit of patches and frames against labels."""

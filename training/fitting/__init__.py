@@ -1,0 +1,1 @@
+"""Cross-validation, the operating point, and the fit of one model version."""

@@ -1,0 +1,1 @@
+"""Stereo rigs: calibrate two cameras, and depth of a whole mission offline."""
