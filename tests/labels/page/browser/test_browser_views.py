@@ -194,7 +194,7 @@ def test_a_new_order_does_not_move_what_somebody_selects(
 
     def order(route: Any) -> None:
         """Not ready, then ready, then in another order, which comes late."""
-        answer = route.fetch()
+        answer = route.fetch(max_retries=3)
         value = answer.json()
         asked.append((route, {**value, "patches": value["patches"][::-1]}))
         if len(asked) < 3:
@@ -203,8 +203,10 @@ def test_a_new_order_does_not_move_what_somebody_selects(
     page.route("**/api/sheet?**", order)
     page.goto(page.url.split("#")[0] + f"#/sheet/{TOWER}")
     page.wait_for_selector(".tile")
-    while len(asked) < 3:
-        page.wait_for_timeout(100)
+    for _ in range(300):
+        if len(asked) < 3:
+            page.wait_for_timeout(100)
+    assert len(asked) == 3
     page.locator(".tile").nth(2).click()
     chosen = selected(page)
     route, answer = asked[2]

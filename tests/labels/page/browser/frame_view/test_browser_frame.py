@@ -223,7 +223,7 @@ def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(
     """As between the start of a server with another model and the page hearing of it."""
 
     def another(route: Any) -> None:
-        answer = route.fetch()
+        answer = route.fetch(max_retries=3)
         text = answer.text()
         assert '"model":"tiny-lbp/1"' in text
         route.fulfill(response=answer, body=text.replace("tiny-lbp/1", "tiny-lbp/2"))

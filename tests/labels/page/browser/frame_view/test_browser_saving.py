@@ -153,22 +153,27 @@ def test_an_answer_from_before_a_change_does_not_hide_it(
 ) -> None:
     view = frame_page(browse(server, "#/label/left/30"), 30)
     held: list[Any] = []
+    holding = True
 
     def hold(route: Any) -> None:
-        held.append((route, route.fetch()))
+        if holding:
+            held.append(route)
+        else:
+            route.continue_()
 
     view.page.wait_for_timeout(300)  # what is fetched ahead is there
     view.page.route("**/api/labels?**", hold)
-    view.press("End")
-    while not held:
-        view.page.wait_for_timeout(50)
+    with view.page.expect_request("**/api/labels?**"):
+        view.press("End")
     view.page.wait_for_timeout(200)  # and what else it asks for
+    older = [(route, route.fetch(max_retries=3)) for route in held]
     server.paint("ben-40", 40, [5], "reef", who="ben")
     view.page.wait_for_timeout(700)  # the event is heard while the older answer is on its way
-    older, held[:] = held[:], []
+    holding = False
     for route, answer in older:
         route.fulfill(response=answer)
-    view.page.unroute("**/api/labels?**")
+    for route in held[len(older) :]:
+        route.continue_()
     view.wait(40)
     view.point(5)
     view.shows("#status", "ben: reef")
