@@ -20,6 +20,8 @@ from typing import Any, Self, get_args, get_origin
 from tokt.features.common.errors import ToktError
 
 STALE_S = 0.5
+"""Seconds after which a frame is old, and nothing said is too long: what ``--stale`` and
+``--heartbeat`` are by default."""
 
 BM, SGBM = "bm", "sgbm"
 """OpenCV's block matching and semi-global matching, as ``--stereo`` names them."""

@@ -1,4 +1,4 @@
-"""Reports on their way to the senders: verdicts with their age, and heartbeats that say unknown.
+"""Reports on their way out: verdicts with their age, heartbeats that say unknown, and who is told.
 
 Two threads publish: the loop its verdicts, and the heartbeat that there has been none for too long,
 such as while a detector hangs. One lock keeps their reports in order.
@@ -18,7 +18,7 @@ from .clock import Clock
 from .config import Limits
 from .frame import Frame
 from .reason import Fault, Reason
-from .report import Report
+from .report import Event, Report
 from .verdict import CLEAR, OBSTACLE, Verdict, health_of, unknown_verdict
 
 _KEPT_HEARTBEATS = 1000
@@ -169,3 +169,32 @@ class ReportPublisher:
 
 def _ms(seconds: float | None) -> float | None:
     return None if seconds is None else 1000 * seconds
+
+
+class Observer:
+    """Told of everything by the loop's own thread, after the datagrams are out.
+
+    Each method does nothing here. An observer is quick, and never raises for what a disk or a
+    network does.
+    """
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """A frame has its verdict.
+
+        Parameters
+        ----------
+        frame : Frame
+            As it was judged; its pictures are not to be written to.
+        judgement : Judgement
+        report : Report
+            What was sent; its verdict may differ from the judgement's, as a late clear is unknown.
+        """
+
+    def heartbeat(self, report: Report) -> None:
+        """Unknown was said as there was nothing else to say."""
+
+    def event(self, event: Event) -> None:
+        """Something else happened."""
+
+    def close(self) -> None:
+        """The run is over."""

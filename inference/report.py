@@ -1,11 +1,12 @@
-"""One frame's report, and the table of its fields: what datagrams, logs and metrics have of it."""
+"""One frame's report, the table of its fields for datagrams, logs and metrics, and other events."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any, ClassVar
 
@@ -33,7 +34,7 @@ class ReportField:
         Its JSON type: int, float, str, bool, or list for a box of four ints.
     filled : str
         Where a `Report` has its value; one of log lines only, where
-        `tokt.inference.recording.frame_line` has it.
+        `tokt.inference.recording.run_log` has it.
     nullable : bool
     unit : str
     since : int
@@ -190,3 +191,47 @@ def _cut(text: str, most: int) -> str:
 
 def _json_bytes(text: str) -> int:
     return len(json.dumps(text)) - 2
+
+
+_MAX_WAITING = 1000
+"""Events that wait at most; the oldest are lost, which a loop that comes round never sees."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened besides frames, such as a new model.
+
+    Parameters
+    ----------
+    t : float
+        Seconds since 1970 (UTC).
+    name : str
+        What kind, for programs: ``start``, ``model``, ``camera_lost``, ...
+    words : str
+        One line for people.
+    fields : mapping
+        JSON: the figures that belong to it.
+    """
+
+    t: float
+    name: str
+    words: str
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+
+class EventQueue:
+    """Collect events until the loop passes them on between two frames."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Event] = deque(maxlen=_MAX_WAITING)
+
+    def put(self, event: Event) -> None:
+        """Add one; from any thread, and while others are being passed on."""
+        self._waiting.append(event)
+
+    def take(self) -> list[Event]:
+        """Those that wait, oldest first."""
+        taken = []
+        while self._waiting:
+            taken.append(self._waiting.popleft())
+        return taken

@@ -1,4 +1,4 @@
-"""From a mask to a verdict: is there an obstacle, where, and which way to steer.
+"""A detector's answer, and from its mask to a verdict: an obstacle, where, which way to steer.
 
 The centre, the box, the mean value and the status follow L. S. Brusletto (NTNU 2016), with the
 corrections: Ypos comes from the centre's y, the box is the union of the
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -25,7 +25,67 @@ from numpy.typing import NDArray
 
 from tokt.models import operating_point
 
-from .reason import Fault, Reason
+from .frame import Frame
+from .reason import NO_FAULT, Fault, Reason
+
+TEXTURE, DISPARITY, PUSHBROOM = "texture", "disparity", "pushbroom"
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One detector's answer on one frame: a mask, or why there is none.
+
+    Parameters
+    ----------
+    mask : array of uint8, shape (height, width), or None
+        Of the left frame resized to the grid's width; 255 where an obstacle was seen. None when
+        the detector could not judge the frame.
+    method : str
+    model : str or None
+        ``name/version`` of the model used, if there is one.
+    distance_m : float or None
+        Distance in metres to the nearest part, if the detector measures it.
+    closing_m_s : float or None
+        Metres a second by which the distance falls, negative where it grows, if the detector
+        measures it.
+    contact_s : float or None
+        Seconds until the distance is 0 at that speed, if it falls.
+    decision_values : array of float64, shape (n_patches, n_outputs), or None
+    features : array of float64, shape (n_patches, dim), or None
+        What the decision values come from.
+    fault : Fault
+        Why the frame could not be judged; empty when it was.
+    vetoes_clear : bool
+        Whether the fault is itself a sign that something may be there, such as two views that do
+        not fit together, and not merely the lack of a picture or of a detector. No other
+        detector's *clear* stands against it.
+    note : str
+        What else the pilot should know about a frame that was judged.
+    """
+
+    mask: NDArray[np.uint8] | None
+    method: str
+    model: str | None = None
+    distance_m: float | None = None
+    closing_m_s: float | None = None
+    contact_s: float | None = None
+    decision_values: NDArray[np.float64] | None = None
+    features: NDArray[np.float64] | None = None
+    fault: Fault = NO_FAULT
+    vetoes_clear: bool = False
+    note: str = ""
+
+
+class Detector(Protocol):
+    """Something that judges frames."""
+
+    @property
+    def method(self) -> str:
+        """``"texture"``, ``"disparity"`` or ``"pushbroom"``."""
+
+    def detect(self, frame: Frame) -> Detection:
+        """Judge one frame; may raise, and is guarded for that by the policy that calls it."""
+
 
 OBSTACLE, CLEAR, UNKNOWN = operating_point.OBSTACLE, operating_point.CLEAR, operating_point.UNKNOWN
 STATUS_WORDS = {OBSTACLE: "obstacle", CLEAR: "clear", UNKNOWN: "unknown"}
@@ -78,9 +138,9 @@ class Verdict:
         How sure that is, 0.5..1.
     expansion_contact_s : float or None
         Seconds until what is seen is reached, from how the mean grows
-        (`tokt.inference.policy.trend`).
+        (`tokt.inference.policy.temporal_cues`).
     anchor_x, anchor_y, anchor_size : float or None
-        How far what is seen is from where it is to be held (`tokt.inference.policy.anchor`).
+        How far what is seen is from where it is to be held (`tokt.inference.policy.temporal_cues`).
     """
 
     status: int

@@ -33,19 +33,19 @@ from __future__ import annotations
 
 from tokt.features.kernels.quantization import Quantization as Quantization
 
-from .base import PLAIN_IMAGE as PLAIN_IMAGE
-from .base import SPEC_VERSION as SPEC_VERSION
-from .base import Extractor as Extractor
-from .context import Context as Context
 from .frame_pictures import gray_picture as gray_picture
-from .haralick import HARALICK_NAMES as HARALICK_NAMES
-from .haralick import Haralick as Haralick
-from .join import Join as Join
-from .lbp import Lbp as Lbp
-from .lines import Lines as Lines
-from .moments import Moments as Moments
 from .named_extractors import NAMED as NAMED
 from .named_extractors import extractor_named as extractor_named
 from .spec import Spec as Spec
 from .spec import build_extractor as build_extractor
-from .structure import Structure as Structure
+from .textures import HARALICK_NAMES as HARALICK_NAMES
+from .textures import PLAIN_IMAGE as PLAIN_IMAGE
+from .textures import SPEC_VERSION as SPEC_VERSION
+from .textures import Context as Context
+from .textures import Extractor as Extractor
+from .textures import Haralick as Haralick
+from .textures import Join as Join
+from .textures import Lbp as Lbp
+from .textures import Lines as Lines
+from .textures import Moments as Moments
+from .textures import Structure as Structure

@@ -9,13 +9,8 @@ from pathlib import Path
 from tokt.features.common.errors import ToktError
 from tokt.features.kernels.quantization import FRAME, Quantization
 
-from .base import Texture
-from .haralick import LOG, Haralick
-from .join import Join
-from .lbp import NEAREST, Lbp
-from .lines import Lines
 from .spec import build_extractor
-from .structure import Structure
+from .textures import LOG, NEAREST, Haralick, Join, Lbp, Lines, Structure, Texture
 
 _FILE = "spec:"
 

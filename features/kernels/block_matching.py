@@ -1,4 +1,4 @@
-"""Block matching of two rectified views: what the kernels take and give.
+"""Block matching of two rectified views: what the kernels take and give, and OpenCV's own.
 
 Both views are smooth gradients across the rows, clipped, and matched by the least sum of absolute
 differences over a block: OpenCV's ``StereoBM`` with its XSOBEL filter, whose integers all kernels
@@ -105,3 +105,46 @@ def padded(view: NDArray[np.uint8], settings: BlockMatching, value: int) -> NDAr
     """The view with `BlockMatching.margin` more columns of that value on its left."""
     wide = cv2.copyMakeBorder(view, 0, 0, settings.margin, 0, cv2.BORDER_CONSTANT, value=value)
     return np.asarray(wide, np.uint8)
+
+
+def block_disparity(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    settings: BlockMatching,
+    wanted: NDArray[np.uint8],
+) -> NDArray[np.int16]:
+    """Disparity of the wanted pixels of the left view, by OpenCV itself.
+
+    For machines without a compiler, and what ours is held to.
+
+    Parameters
+    ----------
+    left, right : array of uint8, shape (height, width)
+        Rectified views.
+    settings : BlockMatching
+    wanted : array of uint8, shape (height, width)
+        Not 0 where a disparity is wanted.
+
+    Returns
+    -------
+    array of int16, shape (height, width)
+        In 1/16 pixel; ``settings.unmatched`` where none is wanted, where the block leaves the
+        view, and where it has too little texture or no unique match.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the views are not of uint8 and of one shape.
+    """
+    left, right, wanted = check_views(left, right, wanted)
+    matcher = cv2.StereoBM.create(settings.n_disparities, settings.block)
+    matcher.setMinDisparity(settings.min_disparity)
+    matcher.setPreFilterType(cv2.StereoBM_PREFILTER_XSOBEL)
+    matcher.setPreFilterCap(settings.cap)
+    matcher.setTextureThreshold(settings.texture)
+    matcher.setUniquenessRatio(settings.uniqueness)
+    if min(left.shape) <= settings.block or not wanted.any():
+        return np.full(left.shape, settings.unmatched, np.int16)
+    views = [padded(view, settings, PADDING) for view in (left, right)]
+    found = matcher.compute(*views)[:, settings.margin :]
+    return np.asarray(np.where(wanted != 0, found, settings.unmatched), np.int16)

@@ -7,26 +7,66 @@ kept; scratch memory belongs to a thread.
 from __future__ import annotations
 
 import platform
+import threading
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.frames.grid import Grid
 
-from . import _native, area
-from .checks import check_frame, check_gray, check_lbp, check_size
-from .compiled_matching import block_disparity as block_disparity
-from .compiled_pictures import level_counts as level_counts
-from .compiled_pictures import quantize as quantize
-from .compiled_pictures import resized_gray16 as resized_gray16
-from .compiled_scratch import SCRATCH
-from .compiled_textures import lbp_nearest_counts as lbp_nearest_counts
-from .compiled_textures import line_sums as line_sums
-from .compiled_textures import structure_sums as structure_sums
-from .lbp_points import LbpPoints, lbp_points, pattern_codes
-from .threads import over_rows
+from . import _native, numpy_pictures
+from .block_matching import PADDING, BlockMatching, check_views, padded
+from .checks import (
+    check_frame,
+    check_gray,
+    check_gray16,
+    check_lbp,
+    check_samples,
+    check_size,
+    over_rows,
+)
+from .lbp_points import LbpPoints, lbp_points, nearest_points, pattern_codes
+from .numpy_pictures import check_gray16_size, gray16_step, overlaps
+from .quantization import FRAME, MIN_AROUND, RATIO, RATIO_OF, STEPS_PER_LEVEL, Quantization
+
+
+class Scratch(threading.local):
+    """Memory of one thread for intermediate results.
+
+    It is used again for every frame, because a large block that is freed and asked for again costs
+    more in page faults than the counting itself.
+    """
+
+    def __init__(self) -> None:
+        self.arrays: dict[tuple[str, type], NDArray[Any]] = {}
+        self.glcm: tuple[int, Any] = (0, None)
+
+    def array(self, use: str, size: int, dtype: type) -> NDArray[Any]:
+        """An array of at least that size, its content left from the last use."""
+        kept = self.arrays.get((use, dtype))
+        if kept is None or kept.size < size:
+            kept = self.arrays[use, dtype] = np.zeros(size, dtype)
+        return kept
+
+    def glcm_scratch(self, patch_width: int) -> Any:
+        """Counters for patches up to that width; every count is zero between calls."""
+        width, scratch = self.glcm
+        if scratch is None or width < patch_width:
+            scratch = _native.GlcmScratch(
+                np.zeros((4, 256 * 256), np.uint32),
+                np.zeros((4, 256 * 256), np.uint16),
+                np.zeros(_native.GlcmScratch.sums_size(), np.int64),
+                np.zeros(4 * patch_width, np.uint16),
+            )
+            self.glcm = patch_width, scratch
+        return scratch
+
+
+SCRATCH = Scratch()
 
 _INTERFACE = 4
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
@@ -182,7 +222,7 @@ def resized_gray(
 ) -> NDArray[np.uint8]:
     """A frame resized by area, then gray, in one pass over it.
 
-    Takes and gives what `tokt.features.kernels.area.resized_gray` does, to the last bit.
+    Takes and gives what `tokt.features.kernels.numpy_pictures.resized_gray` does, to the last bit.
 
     Raises
     ------
@@ -192,7 +232,7 @@ def resized_gray(
     frame = check_frame(frame, threads)
     check_size(height, width)
     if not _is_own_area(frame.shape, height, width):
-        return area.resized_gray(frame, height, width)
+        return numpy_pictures.resized_gray(frame, height, width)
     rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
     near_tie = _near_tie(frame.shape, height, width)
     pixels = frame.reshape(*frame.shape[:2], -1)
@@ -204,3 +244,250 @@ def resized_gray(
 
     over_rows(work, height, threads)
     return picture
+
+
+def lbp_nearest_counts(
+    gray: NDArray[np.uint8],
+    grid: Grid,
+    points: int,
+    radius: float,
+    border: str,
+    threads: int = 1,
+) -> NDArray[np.int64]:
+    """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
+
+    Takes and gives what `tokt.features.kernels.numpy_kernels.lbp_nearest_counts` does.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
+    """
+    gray = check_gray(gray, threads)
+    check_lbp(points, radius, border)
+    size = grid.patch_size(*gray.shape)
+    moves = nearest_points(points, radius)
+    reach, across = int(np.abs(moves).max()), border == "frame"
+    counts = np.empty((grid.n_patches, points + 2), np.int64)
+
+    def work(first: int, last: int) -> None:
+        needed = _native.nearest_scratch_size(gray, *size, moves, reach, across)
+        scratch = SCRATCH.array("nearest", needed, np.uint8)
+        _native.nearest_counts(
+            gray, grid.cols, *size, moves, reach, across, first, last, scratch, counts
+        )
+
+    over_rows(work, grid.rows, threads)
+    return counts
+
+
+def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+    """Sums of the structure tensor over each patch: changes across, down, and both together.
+
+    Takes and gives what `tokt.features.kernels.numpy_kernels.structure_sums` does.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8.
+    """
+    gray = check_gray(gray, threads)
+    size = grid.patch_size(*gray.shape)
+    sums = np.empty((grid.n_patches, 3), np.int64)
+
+    def work(first: int, last: int) -> None:
+        scratch = SCRATCH.array("structure", _native.structure_scratch_size(gray), np.int32)
+        _native.structure_sums(gray, grid.cols, *size, first, last, scratch, sums)
+
+    over_rows(work, grid.rows, threads)
+    return sums
+
+
+def line_sums(
+    gray: NDArray[np.uint8],
+    grid: Grid,
+    middle: int,
+    samples: Sequence[int],
+    threads: int = 1,
+) -> NDArray[np.int64]:
+    """Sums along lines in 8 directions, over each patch's pixels.
+
+    Takes and gives what `tokt.features.kernels.numpy_kernels.line_sums` does.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8, or the samples or `middle` are others.
+    """
+    gray = check_gray(gray, threads)
+    check_samples(samples, middle)
+    size = grid.patch_size(*gray.shape)
+    numbers = np.array(samples, np.int32)
+    sums = np.empty((grid.n_patches, len(numbers), 9), np.int64)
+
+    def work(first: int, last: int) -> None:
+        needed = _native.lines_scratch_size(gray, size[0], numbers)
+        scratch = SCRATCH.array("lines", needed, np.int16)
+        _native.line_sums(gray, grid.cols, *size, middle, numbers, first, last, scratch, sums)
+
+    over_rows(work, grid.rows, threads)
+    return sums
+
+
+_MAX_SUM = (1 << 31) - 1
+
+
+@lru_cache(maxsize=16)
+def _gray16_tables(source: int, target: int) -> Any:
+    first, weight = overlaps(source, target)
+    counts = np.count_nonzero(weight, axis=0)
+    return _native.Gray16Tables(
+        np.concatenate([[0], counts.cumsum()]).astype(np.int32),
+        first.astype(np.int32),
+        weight.T[weight.T > 0].astype(np.int32),
+    )
+
+
+def resized_gray16(
+    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+) -> NDArray[np.uint16]:
+    """A frame resized by area and gray, in 1/256 grey level, in one pass over it.
+
+    Takes and gives what `numpy_pictures.resized_gray16` does, to the last bit.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the frame is not (rows, columns) or (rows, columns, 3) of uint8, or a size not positive.
+    """
+    frame = check_frame(frame, threads)
+    check_gray16_size(frame.shape, height, width)
+    if 255 * frame.shape[0] * frame.shape[1] > _MAX_SUM:
+        return numpy_pictures.resized_gray16(frame, height, width)
+    rows, columns = _gray16_tables(frame.shape[0], height), _gray16_tables(frame.shape[1], width)
+    step = gray16_step(frame.shape)
+    pixels = frame.reshape(*frame.shape[:2], -1)
+    gray16 = np.empty((height, width), np.uint16)
+
+    def work(first: int, last: int) -> None:
+        scratch = SCRATCH.array("gray16", _native.gray16_scratch_size(pixels, width), np.int32)
+        _native.resized_gray16(pixels, rows, columns, first, last, step, scratch, gray16)
+
+    over_rows(work, height, threads)
+    return gray16
+
+
+@lru_cache(maxsize=16)
+def _quantizer(quantization: Quantization) -> Any:
+    return _native.Quantizer(
+        quantization.smooth,
+        quantization.window,
+        quantization.by == RATIO,
+        RATIO_OF * STEPS_PER_LEVEL,
+        MIN_AROUND * STEPS_PER_LEVEL,
+        quantization.offset,
+        quantization.levels - 1,
+    )
+
+
+def quantize(
+    gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
+) -> NDArray[np.uint8]:
+    """A 16-bit gray picture quantized.
+
+    Takes and gives what `numpy_pictures.quantize` does, to the last bit.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray16` is not a two-dimensional array of uint16.
+    """
+    gray16 = check_gray16(gray16, threads)
+    kernel = _quantizer(quantization)
+    size = kernel.scratch_size(gray16.shape[1])
+    total = _native.gray16_total(gray16) if quantization.by == FRAME else 0
+    scale = quantization.scale(total, gray16.size)
+    picture = np.empty(gray16.shape, np.uint8)
+
+    def work(first: int, last: int) -> None:
+        scratch = SCRATCH.array("quantize", size, np.float64)
+        kernel.rows(gray16, scale, first, last, scratch, picture)
+
+    over_rows(work, len(gray16), threads)
+    return picture
+
+
+def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+    """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `gray` is not a two-dimensional array of uint8.
+    """
+    gray = check_gray(gray, threads)
+    patch_height, patch_width = grid.patch_size(*gray.shape)
+    counts = np.empty((grid.n_patches, 256), np.int64)
+
+    def work(first: int, last: int) -> None:
+        _native.level_counts(gray, grid.cols, patch_height, patch_width, first, last, counts)
+
+    over_rows(work, grid.rows, threads)
+    return counts
+
+
+def block_disparity(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    settings: BlockMatching,
+    wanted: NDArray[np.uint8],
+) -> NDArray[np.int16]:
+    """Disparity of the wanted pixels of the left view, in 1/16 pixel.
+
+    Takes and gives what `tokt.features.kernels.block_matching.block_disparity` does, to the last
+    bit; the fewer and the closer together the wanted pixels are, the less it costs.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the views are not of uint8 and of one shape.
+    """
+    left, right, wanted = check_views(left, right, wanted)
+    disparity = np.full(left.shape, settings.unmatched, np.int16)
+    if min(left.shape) <= settings.block:
+        return disparity
+    half, margin = settings.block // 2, settings.margin
+    # Where the block lies inside both padded views at every disparity.
+    inside = np.zeros_like(wanted)
+    inside[half:-half, half - 1 : -half] = wanted[half:-half, half - 1 : -half] != 0
+    column, row, width, height = cv2.boundingRect(inside)
+    if not width:
+        return disparity
+    left, right = (
+        _gradients(padded(view, settings, PADDING), settings.cap) for view in (left, right)
+    )
+    area = (row, row + height, column + margin, column + margin + width)
+    kernel = _native.MatchKernel(
+        settings.min_disparity,
+        settings.n_disparities,
+        settings.block,
+        settings.cap,
+        settings.texture,
+        settings.uniqueness,
+    )
+    scratch = SCRATCH.array("match", kernel.scratch_size(width), np.uint16)
+    wide = np.full(left.shape, settings.unmatched, np.int16)
+    kernel.disparities(left, right, padded(inside, settings, 0), *area, scratch, wide)
+    return wide[:, margin:]
+
+
+def _gradients(view: NDArray[np.uint8], cap: int) -> NDArray[np.uint8]:
+    """OpenCV's XSOBEL filter: gradients across, clipped at `cap`, which itself means none."""
+    gradient = cv2.Sobel(view, cv2.CV_16S, 1, 0)
+    # To bytes: what is below -cap becomes 0.
+    raised = cv2.addWeighted(gradient, 1.0, gradient, 0.0, float(cap), dtype=cv2.CV_8U)
+    clipped = np.minimum(np.asarray(raised, np.uint8), np.uint8(2 * cap))
+    clipped[:, [0, -1]] = cap
+    if len(clipped) % 2:  # it works on pairs of rows, and leaves a last single one without any
+        clipped[-1] = cap
+    return clipped

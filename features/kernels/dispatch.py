@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import ModuleType
 from typing import Protocol
 
@@ -185,21 +185,8 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
     if name not in NAMES:
         raise ToktError(f"{VARIABLE}={name}: unknown kernels (choose from {', '.join(NAMES)})")
     module = _module(name)
-    return Kernels(
-        name,
-        why,
-        module.DETAIL,
-        module.lbp_counts,
-        module.lbp_nearest_counts,
-        module.haralick_features,
-        module.resized_gray,
-        module.resized_gray16,
-        module.quantize,
-        module.level_counts,
-        module.structure_sums,
-        module.line_sums,
-        module.block_disparity,
-    )
+    made = {each.name: getattr(module, each.name) for each in fields(Kernels)[3:]}
+    return Kernels(name, why, module.DETAIL, **made)
 
 
 def _reason(error: ImportError) -> str:

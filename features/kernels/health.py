@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
-from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.features.frames.grid import Grid
 
 from .block_matching import BlockMatching

@@ -17,8 +17,8 @@ from skimage.feature import local_binary_pattern
 
 from tokt.features.frames.grid import Grid
 
-from .area import resized_gray as resized_gray
-from .numpy_matching import block_disparity as block_disparity
+from .block_matching import block_disparity as block_disparity
+from .numpy_pictures import resized_gray as resized_gray
 from .quantization import Quantization
 
 DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahotas"))
@@ -200,7 +200,7 @@ def lbp_nearest_counts(
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
     """Sums of the structure tensor over each patch: changes across, down, and both together.
 
-    Takes and gives what `tokt.features.kernels.numpy_textures.structure_sums` does.
+    Takes and gives what `tokt.features.kernels.numpy_kernels.structure_sums` does.
     """
     slopes = []
     for axis in (1, 0):
@@ -219,7 +219,7 @@ def line_sums(
 ) -> NDArray[np.int64]:
     """Sums along lines in 8 directions, over each patch's pixels.
 
-    Takes and gives what `tokt.features.kernels.numpy_textures.line_sums` does, sample by sample.
+    Takes and gives what `tokt.features.kernels.numpy_kernels.line_sums` does, sample by sample.
     """
     height, width = gray.shape
     out = []

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.inference.events import Event
-from tokt.inference.observer import Observer
+from tokt.inference.publisher import Observer
+from tokt.inference.report import Event
 from tokt.models.distribution import BINS, Distribution
 
 if TYPE_CHECKING:

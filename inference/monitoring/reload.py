@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
-from tokt.inference.events import Event
+from tokt.inference.report import Event
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.store.last_good import remember_good
 from tokt.models.store.store import Store

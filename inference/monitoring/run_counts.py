@@ -9,12 +9,11 @@ from __future__ import annotations
 from bisect import bisect_left
 
 from tokt.inference.clock import Clock
-from tokt.inference.events import Event
 from tokt.inference.frame import MANY_MISSED, Frame
-from tokt.inference.observer import Observer
 from tokt.inference.policy.policy import Judgement
+from tokt.inference.publisher import Observer
 from tokt.inference.recording.run_start import MODEL, START, ModelName
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.verdict import STATUS_WORDS
 
 BOUNDS_S = (

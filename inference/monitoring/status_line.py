@@ -16,9 +16,9 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, TextIO
 
 from tokt.inference.clock import Clock
-from tokt.inference.events import Event
-from tokt.inference.observer import Observer
+from tokt.inference.publisher import Observer
 from tokt.inference.reason import Reason
+from tokt.inference.report import Event
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
 
 from .run_counts import RunCounts

@@ -10,10 +10,92 @@ import secrets
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from .notify import ALIVE, READY, STOPPING, SYSTEMD_VARIABLE, WATCHDOG_VARIABLE, Notifier
+from tokt.inference.clock import Clock
+
+SYSTEMD_VARIABLE = "NOTIFY_SOCKET"
+WATCHDOG_VARIABLE = "TOKT_WATCHDOG"
+"""``PORT:TOKEN:PID``: a port on loopback, what each datagram to it begins with, and whose it is."""
+
+READY, ALIVE, STOPPING = b"READY=1", b"WATCHDOG=1", b"STOPPING=1"
+
+EVERY_S = 0.2
+"""Seconds between two signs of life, however fast the loop goes."""
+
+
+class Notifier:
+    """Signs of life of this process; none where nobody asked for them.
+
+    Parameters
+    ----------
+    clock : Clock
+    environ : mapping
+        The environment's variables.
+    """
+
+    def __init__(self, clock: Clock, environ: Mapping[str, str] = os.environ) -> None:
+        self._clock = clock
+        self._sockets: list[tuple[socket.socket, bytes]] = []
+        self._alive_at: float | None = None
+        path = environ.get(SYSTEMD_VARIABLE, "")
+        if path:
+            # A leading @ is a name in Linux's abstract namespace: sd_notify(3).
+            self._open(socket.AF_UNIX, "\0" + path[1:] if path.startswith("@") else path, b"")
+        port, _, rest = environ.get(WATCHDOG_VARIABLE, "").partition(":")
+        token, _, parent = rest.partition(":")
+        # On Windows a parent that has died goes on being named.
+        self._parent = int(parent) if parent.isdigit() and os.name == "posix" else None
+        if port.isdigit():
+            self._open(socket.AF_INET, ("127.0.0.1", int(port)), token.encode() + b" ")
+
+    def _open(self, family: int, address: str | tuple[str, int], start: bytes) -> None:
+        opened = socket.socket(family, socket.SOCK_DGRAM)
+        opened.setblocking(False)
+        try:
+            opened.connect(address)
+        except OSError:
+            opened.close()  # who asked has gone
+        else:
+            self._sockets.append((opened, start))
+
+    def _tell(self, words: bytes) -> None:
+        for opened, start in self._sockets:
+            try:
+                opened.send(start + words)
+            except OSError:
+                continue  # who watches may have gone; the loop goes on
+
+    def ready(self) -> None:
+        """Frames are being waited for."""
+        self._tell(READY)
+
+    def alive(self) -> None:
+        """The loop has come round."""
+        now = self._clock.monotonic()
+        if self._alive_at is None or now - self._alive_at >= EVERY_S:
+            self._alive_at = now
+            self._tell(ALIVE)
+
+    def stopping(self) -> None:
+        """The loop ends because it was asked to."""
+        self._tell(STOPPING)
+
+    @property
+    def orphaned(self) -> bool:
+        """Whether ``tokt run --watchdog`` started this process and has died.
+
+        Another one may have been started since, and two loops would contradict each other.
+        """
+        return self._parent is not None and os.getppid() != self._parent
+
+    def close(self) -> None:
+        """Close the sockets."""
+        for opened, _ in self._sockets:
+            opened.close()
+        self._sockets.clear()
+
 
 RESTARTS_VARIABLE = "TOKT_RESTARTS"
 """How often the runtime has been started again."""
@@ -52,7 +134,7 @@ class Watchdog:
     Parameters
     ----------
     command : sequence of str
-        Program and arguments; it tells its signs of life as `tokt.inference.monitoring.notify`
+        Program and arguments; it tells its signs of life as `tokt.inference.monitoring.watchdog`
         does.
     say : callable
         Given one line for people each time something happens.

@@ -19,11 +19,201 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
 from tokt.inference.reason import Reason
 from tokt.inference.report import Report
-from tokt.inference.stereo.lens import SECTOR_DEG, Lens
-from tokt.inference.verdict import UNKNOWN
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.matching import FARTHEST_M
+from tokt.inference.stereo.pushbroom import DISTANCES_M
+from tokt.inference.verdict import CLEAR, DISPARITY, OBSTACLE, PUSHBROOM, UNKNOWN, Verdict
 
-from .ranges import NEAREST_CM, NOTHING_KNOWN, Ranges, ranges_of
 from .udp import DatagramSocket
+
+SECTORS = 72
+"""As many as MAVLink's OBSTACLE_DISTANCE has."""
+SECTOR_DEG = 360 / SECTORS
+
+MIN_FOV_DEG, MAX_FOV_DEG = 10.0, 170.0
+"""Between these at least one sector is wholly in view, and a pinhole is a fair description."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole camera's horizontal view; distortion is left out.
+
+    Parameters
+    ----------
+    focal : float
+        Focal length over the picture's width.
+    centre : float
+        Column of the optical axis over the picture's width: 0 its left edge, 1 its right one.
+    """
+
+    focal: float
+    centre: float = 0.5
+
+    @classmethod
+    def of_fov_deg(cls, fov_deg: float) -> Lens:
+        """A lens that sees so many degrees from the picture's left edge to its right one.
+
+        Raises
+        ------
+        ToktError
+            If it is not between `MIN_FOV_DEG` and `MAX_FOV_DEG`.
+        """
+        if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
+            raise ToktError(
+                f"a camera's field of view is {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees, "
+                f"not {fov_deg:g}"
+            )
+        return cls(0.5 / math.tan(math.radians(fov_deg / 2)))
+
+    @classmethod
+    def of_calibration(cls, calibration: StereoCalibration) -> Lens:
+        """The left camera's."""
+        width = calibration.frame_size[0]
+        # The centre of the first pixel is at 0, half a pixel from the edge.
+        focal, centre = calibration.K1[0, 0] / width, (calibration.K1[0, 2] + 0.5) / width
+        return cls(float(focal), float(centre))
+
+    def angle_deg(self, column: float) -> float:
+        """Direction of a column, given over the picture's width; positive to the right."""
+        return math.degrees(math.atan2(column - self.centre, self.focal))
+
+    @property
+    def edges_deg(self) -> tuple[float, float]:
+        """Directions of the picture's left and right edge."""
+        return self.angle_deg(0.0), self.angle_deg(1.0)
+
+    def fov_deg(self, height_over_width: float = 1.0) -> float:
+        """Angle of view across the width, or across a height given over the width."""
+        return 2 * math.degrees(math.atan2(height_over_width / 2, self.focal))
+
+
+def lens_of(fov_deg: float | None, calibration: StereoCalibration | None) -> Lens:
+    """The lens of the angle a user gave, otherwise of the calibration.
+
+    Raises
+    ------
+    ToktError
+        If there is neither.
+    """
+    if fov_deg is not None:
+        return Lens.of_fov_deg(fov_deg)
+    if calibration is None:
+        raise ToktError(
+            "MAVLink tells directions: give the camera's horizontal field of view in water "
+            "(--camera-fov-deg), or a calibration"
+        )
+    return Lens.of_calibration(calibration)
+
+
+def sectors_touching(left_deg: float, right_deg: float) -> list[int]:
+    """Indices of the sectors that any part of a range of angles lies in, from left to right."""
+    first = math.ceil((left_deg - SECTOR_DEG / 2) / SECTOR_DEG)
+    last = math.floor((right_deg + SECTOR_DEG / 2) / SECTOR_DEG)
+    return [k % SECTORS for k in range(first, last + 1)]
+
+
+def sectors_within(left_deg: float, right_deg: float) -> list[int]:
+    """Indices of the sectors that lie wholly in a range of angles, from left to right."""
+    first = math.ceil((left_deg + SECTOR_DEG / 2) / SECTOR_DEG)
+    last = math.floor((right_deg - SECTOR_DEG / 2) / SECTOR_DEG)
+    return [k % SECTORS for k in range(first, last + 1)]
+
+
+UNKNOWN_CM = 65535
+"""OBSTACLE_DISTANCE's word for unknown, or not used (UINT16_MAX)."""
+NEAREST_CM = 1
+"""Least distance that is said: 0 and what is below a sensor's least distance, ArduPilot ignores."""
+
+MEASURED_TO_M = {DISPARITY: FARTHEST_M, PUSHBROOM: max(DISTANCES_M)}
+"""Metres up to which a detector's clear holds. Texture has no such distance."""
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """A judged frame in distances, all in whole centimetres.
+
+    Parameters
+    ----------
+    nearest : int
+        To the obstacle; `most` + 1 where there is none.
+    most : int
+        Up to where there would have been said to be one.
+    sectors : tuple of int, length `SECTORS`
+        For each sector `nearest`, or `UNKNOWN_CM` where nothing is said of it.
+    """
+
+    nearest: int
+    most: int
+    sectors: tuple[int, ...]
+
+
+NOTHING_KNOWN = (UNKNOWN_CM,) * SECTORS
+
+
+def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
+    """A verdict in distances, or None of one that is unknown.
+
+    A clear is one of the sectors that are wholly in view. An obstacle is in every sector that its
+    box touches, or in all of the view where the verdict does not say in which picture its box is;
+    of the rest of that view nothing is said: an obstacle's verdict judged the frame, not each of
+    its columns.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    lens : Lens
+        Of the camera whose picture the box is in.
+    assumed_m : float
+        Metres that are said where nothing was measured.
+    """
+    if verdict.status == CLEAR:
+        most = _cm(_reach_m(verdict.method, assumed_m))
+        return Ranges(most + 1, most, _spread(most + 1, sectors_within(*lens.edges_deg)))
+    if verdict.status == OBSTACLE:
+        nearest, most = _obstacle_cm(verdict, assumed_m)
+        return Ranges(nearest, most, _spread(nearest, sectors_touching(*_span_deg(verdict, lens))))
+    return None
+
+
+def _reach_m(method: str, otherwise_m: float) -> float:
+    """Metres up to which a method, which may be two joined by ``+``, measures."""
+    measured = [MEASURED_TO_M[part] for part in method.split("+") if part in MEASURED_TO_M]
+    return max(measured, default=otherwise_m)
+
+
+def _obstacle_cm(verdict: Verdict, assumed_m: float) -> tuple[int, int]:
+    """The obstacle's distance, and the range it is in.
+
+    It is kept inside the range, since an obstacle at its very end is taken for none by PX4, and
+    one beyond it by ArduPilot too.
+    """
+    distance_m = verdict.distance_m
+    if distance_m is None or not math.isfinite(distance_m):
+        return _cm(assumed_m) - 1, _cm(assumed_m)
+    most = _cm(_reach_m(verdict.method, max(MEASURED_TO_M.values())))
+    return min(max(_cm(distance_m), NEAREST_CM), most - 1), most
+
+
+def _span_deg(verdict: Verdict, lens: Lens) -> tuple[float, float]:
+    """The obstacle's left and right edge as directions."""
+    if verdict.box is None or verdict.mask_size is None:
+        return lens.edges_deg
+    x0, _, box_width, _ = verdict.box
+    width = verdict.mask_size[1]
+    return lens.angle_deg(x0 / width), lens.angle_deg((x0 + box_width) / width)
+
+
+def _cm(metres: float) -> int:
+    """Whole centimetres, rounded towards the nearer."""
+    return math.floor(100 * min(max(metres, 0.0), 600.0) + 1e-6)
+
+
+def _spread(distance_cm: int, sectors: list[int]) -> tuple[int, ...]:
+    said = list(NOTHING_KNOWN)
+    for index in sectors:
+        said[index] = distance_cm
+    return tuple(said)
+
 
 HEARTBEAT_S = 1.0
 ASSUMED_M = 1.0

@@ -12,12 +12,11 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS
-from tokt.inference.detector import PUSHBROOM, Detector
 from tokt.inference.texture.detector import PatchScorer, ReloadableTextureDetector, TextureDetector
+from tokt.inference.verdict import PUSHBROOM, Detector
 
-from .anchor import Anchor
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
-from .temporal_cues import TemporalCues
+from .temporal_cues import Anchor, TemporalCues
 
 if TYPE_CHECKING:
     from tokt.inference.stereo.calibration import StereoCalibration

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
-from tokt.inference.detector import Detection, Detector
 from tokt.inference.frame import Frame
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.texture.detector import PatchScorer, TextureDetector
 from tokt.inference.verdict import (
     CLEAR,
     STATUS_MEAN_THRESHOLD,
+    Detection,
+    Detector,
     Verdict,
     health_of,
     unknown_verdict,
@@ -137,8 +138,9 @@ def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
     return SinglePolicy(TextureDetector(scorer)).judge(Frame(0, 0.0, image, None))
 
 
-LATE_S = 0.5
-"""Seconds. A clear that took longer was said of a frame that is gone."""
+MAX_TEXTURE_S = 0.5
+"""Seconds that texture may take for a clear that is believed: after more it is of a frame that is
+gone, and disparity is asked. Of texture alone, and no option; a frame's age is ``--stale``'s."""
 
 
 class FallbackPolicy:
@@ -154,7 +156,7 @@ class FallbackPolicy:
     texture, disparity : Detector
     stopwatch : Stopwatch
         What lateness is measured with.
-    late_s : float
+    max_texture_s : float
     """
 
     def __init__(
@@ -162,12 +164,12 @@ class FallbackPolicy:
         texture: Detector,
         disparity: Detector,
         stopwatch: Stopwatch = SYSTEM_STOPWATCH,
-        late_s: float = LATE_S,
+        max_texture_s: float = MAX_TEXTURE_S,
     ) -> None:
         self.texture = texture
         self.disparity = disparity
         self.stopwatch = stopwatch
-        self.late_s = late_s
+        self.max_texture_s = max_texture_s
 
     def judge(self, frame: Frame) -> Judgement:
         """The first detector's answer, or the second's where the first has none."""
@@ -184,7 +186,7 @@ class FallbackPolicy:
 
     def _in_time(self, found: Detection, took_s: float) -> Detection:
         """Texture's answer, or why there is none in time."""
-        if took_s <= self.late_s or found.mask is None:
+        if took_s <= self.max_texture_s or found.mask is None:
             return found
         late = Fault(Reason.LATE, f"late: {1000 * took_s:.0f} ms")
         if cv2.mean(found.mask)[0] > STATUS_MEAN_THRESHOLD:

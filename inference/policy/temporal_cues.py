@@ -8,15 +8,315 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector
-from tokt.inference.verdict import UNKNOWN, Verdict
+from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN, Verdict
 
-from .anchor import Anchor, AnchorErrors
 from .policy import Judgement, Policy
-from .trend import Trend, TrendEstimator
+
+MIN_SIZE, MAX_SIZE = 0.01, 0.9
+"""Wanted shares of the picture that can be held: from one patch of a 10x10 grid, smaller than which
+nothing is seen, up to a picture that is full."""
+
+
+class AnchorErrors(NamedTuple):
+    """Errors of the object from where it is wanted; None where none is seen.
+
+    Parameters
+    ----------
+    x, y : float or None
+        Its centre from the picture's, -1..1: right and down are positive; three decimals.
+    size : float or None
+        ln(sqrt(share / wanted share)), which is ln(wanted distance / distance) of an object wholly
+        in view: positive too near, negative too far; three decimals.
+    """
+
+    x: float | None = None
+    y: float | None = None
+    size: float | None = None
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """The object's wanted size in the picture's centre.
+
+    Parameters
+    ----------
+    size : float
+        Wanted share of the picture that the object covers.
+
+    Raises
+    ------
+    ToktError
+        If that is not `MIN_SIZE` to `MAX_SIZE`.
+    """
+
+    size: float
+
+    def __post_init__(self) -> None:
+        if not MIN_SIZE <= self.size <= MAX_SIZE:
+            raise ToktError(
+                f"an anchor is the share of the frame that the object is to cover, "
+                f"{MIN_SIZE:g} to {MAX_SIZE:g}, not {self.size:g} (--anchor SIZE)"
+            )
+
+    def errors(self, verdict: Verdict) -> AnchorErrors:
+        """The errors of what a frame's verdict says is there; none without an obstacle."""
+        x, y, mean, size = verdict.x, verdict.y, verdict.mean, verdict.mask_size
+        if verdict.status != OBSTACLE or x is None or y is None or mean is None or size is None:
+            return AnchorErrors()
+        if not mean > 0:
+            return AnchorErrors()
+        height, width = size
+        too_large = 0.5 * math.log(mean / 255 / self.size)
+        return AnchorErrors(_share(-x, width), _share(-y, height), round(too_large, 3))
+
+
+def _share(from_centre_px: int, length_px: int) -> float:
+    """A place in pixels from the picture's centre, over the half of its length."""
+    share = from_centre_px / max(length_px // 2, 1)
+    return round(min(max(share, -1.0), 1.0), 3) + 0.0  # + 0.0: no -0.0
+
+
+GROWING, STEADY, SHRINKING = "growing", "steady", "shrinking"
+TRENDS = (GROWING, STEADY, SHRINKING)
+
+SLOT_S = 0.25
+SLOTS = 16
+"""The means of a quarter of a second count as one, the newest 16 count. A model's errors in frames
+that follow each other fast are alike, so that more frames a second tell little more."""
+MIN_SLOTS = 5
+MIN_SPAN_S = 1.5
+"""Fewest slots, and least seconds from the first to the last, that give a trend."""
+GAP_S = 1.5
+"""After so long without anything seen it is another thing that is seen: the means start anew."""
+HORIZON_S = (SLOTS + 1) * SLOT_S
+"""Nothing that is older has a part in a trend."""
+END_S = 1e12
+"""No time is later, as in milliseconds or nanoseconds: its fractions of a second would be lost."""
+
+STEADY_PER_S = 0.05
+"""A mean that changes by less than this part of itself a second is steady: what comes nearer is
+then more than 40 s away."""
+PATCH_MEAN = 2.55
+"""Mean of one patch of a 10x10 grid. No mean is taken to be truer than a patch's rounding."""
+MAX_ALIKE = 0.7
+"""Most that errors of neighbouring slots are taken to be alike (their correlation)."""
+MIN_CONFIDENCE = 0.5
+"""Less is not said: no trend is known."""
+CONTACT_CONFIDENCE = 0.9
+"""Least confidence of *growing* with which a time to contact is given."""
+SATURATED_MEAN = 0.9 * 255
+"""Over it the picture is full, and what comes nearer cannot grow: no trend."""
+_MIN_INVERSE = 255**-0.5
+
+
+class Trend(NamedTuple):
+    """The trend of the last means.
+
+    Parameters
+    ----------
+    trend : {"growing", "steady", "shrinking"} or None
+        Of the mean; None where it is not known. What leaves the picture at its edge shrinks as
+        well, and is no farther away.
+    confidence : float or None
+        0.5..1, to three decimals: the probability of `trend`, given the means and equal chances
+        of any slope before.
+    contact_s : float or None
+        Seconds until the thing is reached, to two decimals; None unless it grows with
+        `CONTACT_CONFIDENCE` and was wholly in view all the while. It holds for one thing at a
+        constant speed.
+    """
+
+    trend: str | None = None
+    confidence: float | None = None
+    contact_s: float | None = None
+
+
+class _Slot:
+    """The means of a quarter of a second."""
+
+    __slots__ = ("cut", "index", "mean", "n", "t_s")
+
+    def __init__(self, index: int) -> None:
+        self.index = index
+        self.n = 0
+        self.t_s = self.mean = 0.0
+        self.cut = False
+
+    def add(self, t_s: float, mean: float, whole: bool) -> None:
+        """Take one mean in."""
+        self.n += 1
+        self.t_s += (t_s - self.t_s) / self.n
+        self.mean += (mean - self.mean) / self.n
+        self.cut = self.cut or not whole
+
+
+class TrendEstimator:
+    """Follow one mean value over time.
+
+    Notes
+    -----
+    Times need not be regular; a clock may tick so coarsely that two are the same. A time before the
+    last one, or that is no number, starts anew, as a clock that was set back does. Memory is
+    `SLOTS` slots; what is older than `HORIZON_S` has no influence to the last bit.
+    """
+
+    def __init__(self) -> None:
+        self._slots: deque[_Slot] = deque()
+        self._last_s = self._seen_s = -math.inf
+
+    def add(self, t_s: float, mean: float | None, whole: bool = True) -> Trend:
+        """Take the mean at one moment.
+
+        Parameters
+        ----------
+        t_s : float
+            Moment of capture in seconds, of any clock that goes evenly.
+        mean : float or None
+            Mean of the 0/255 mask, 0..255; None where nothing could be judged. Such a frame, and
+            one in which nothing is seen, has no trend itself and leaves the means before it
+            standing for `GAP_S`.
+        whole : bool
+            Whether what is seen lies wholly in the picture.
+
+        Returns
+        -------
+        Trend
+        """
+        # Written so that what is not a number is no time, and no mean that was seen.
+        timed = abs(t_s) < END_S
+        if not (timed and t_s >= self._last_s):
+            self._slots.clear()
+        self._last_s = t_s if timed else -math.inf
+        if mean is None or not STATUS_MEAN_THRESHOLD < mean <= 255 or not timed:
+            return Trend()
+        self._take(t_s, mean, whole)
+        if mean > SATURATED_MEAN:
+            return Trend()
+        return self._fitted(t_s)
+
+    def _take(self, t_s: float, mean: float, whole: bool) -> None:
+        slots = self._slots
+        if slots and t_s - self._seen_s > GAP_S:
+            slots.clear()
+        self._seen_s = t_s
+        # Slots of the clock, not of the first mean: they do not hang on when somebody began.
+        index = math.floor(t_s / SLOT_S)
+        if not slots or slots[-1].index != index:
+            slots.append(_Slot(index))
+        slots[-1].add(t_s, mean, whole)
+        while slots[0].index <= index - SLOTS:
+            slots.popleft()
+
+    def _fitted(self, t_s: float) -> Trend:
+        slots = self._slots
+        if len(slots) < MIN_SLOTS or slots[-1].t_s - slots[0].t_s < MIN_SPAN_S:
+            return Trend()
+        times = [slot.t_s - t_s for slot in slots]
+        means = [slot.mean for slot in slots]
+        trend, confidence = _judged(*_line(times, means))
+        if confidence < MIN_CONFIDENCE:
+            return Trend()
+        contact_s = None
+        growing = trend == GROWING and confidence >= CONTACT_CONFIDENCE
+        if growing and not any(slot.cut for slot in slots):
+            contact_s = _contact_s(times, means)
+        return Trend(trend, round(confidence, 3), contact_s)
+
+
+def _line(times: list[float], means: list[float]) -> tuple[float, float, int]:
+    """The line through points by least squares.
+
+    Returns
+    -------
+    per_s : float
+        Slope over the mean of the points.
+    error_per_s : float
+        Its standard error. Where a residual is like the one before it, the points are worth fewer
+        (first-order autocorrelation, its estimate corrected for few points: Marriott and Pope
+        1954), and each has at least the error of a patch's rounding.
+    freedom : int
+        Degrees of freedom.
+    """
+    n = len(times)
+    middle_s, level = sum(times) / n, sum(means) / n
+    offsets = [time - middle_s for time in times]
+    spread = product = 0.0
+    for offset, mean in zip(offsets, means, strict=True):
+        spread += offset * offset
+        product += offset * mean
+    slope = product / spread
+    squares = neighbours = before = 0.0
+    for offset, mean in zip(offsets, means, strict=True):
+        error = mean - level - slope * offset
+        squares += error * error
+        neighbours += error * before
+        before = error
+    worth = 1.0
+    if squares > 0:
+        alike = neighbours / squares
+        alike = min(max(alike + (1 + 4 * alike) / n, 0.0), MAX_ALIKE)
+        worth = (1 - alike) / (1 + alike)
+    variance = squares / (n - 2) / worth + PATCH_MEAN**2 / 12
+    return slope / level, math.sqrt(variance / spread) / level, n - 2
+
+
+def _judged(per_s: float, error_per_s: float, freedom: int) -> tuple[str, float]:
+    """The likeliest of the three trends, and how likely it is."""
+    growing = _probability((per_s - STEADY_PER_S) / error_per_s, freedom)
+    shrinking = _probability((-STEADY_PER_S - per_s) / error_per_s, freedom)
+    steady = 1 - growing - shrinking
+    # STEADY first: nothing says which way where two are equal.
+    likeliest = max(((steady, STEADY), (growing, GROWING), (shrinking, SHRINKING)), key=_first)
+    return likeliest[1], likeliest[0]
+
+
+def _first(pair: tuple[float, str]) -> float:
+    return pair[0]
+
+
+def _probability(t: float, freedom: int) -> float:
+    """Student's t distribution function, by Abramowitz and Stegun 26.7.8, within 0.003."""
+    z = t * (1 - 1 / (4 * freedom)) / math.sqrt(1 + t * t / (2 * freedom))
+    return 0.5 * math.erfc(-z / math.sqrt(2))
+
+
+def _contact_s(times: list[float], means: list[float]) -> float | None:
+    """Seconds from time 0 until the line through 1 / sqrt(mean) is 0; None if it does not fall."""
+    inverse = [1 / math.sqrt(mean) for mean in means]
+    value, slope = _weighted_line(times, inverse, means)
+    # An error of the mean is one of mean**-1.5 / 2 in its inverse root. Weighed by the line's
+    # means and not by the points': a mean that is too high by chance would weigh more.
+    on_line = [max(value + slope * time, _MIN_INVERSE) for time in times]
+    weights = [1 / (y * y * y * y * y * y) for y in on_line]
+    value, slope = _weighted_line(times, inverse, weights)
+    if slope >= 0 or value <= 0:
+        return None
+    return round(-value / slope, 2)
+
+
+def _weighted_line(
+    times: list[float], values: list[float], weights: list[float]
+) -> tuple[float, float]:
+    """Value at 0 and slope of the line through points by weighted least squares."""
+    total = t = v = tt = tv = 0.0
+    for time, value, weight in zip(times, values, weights, strict=True):
+        weighed = weight * time
+        total += weight
+        t += weighed
+        v += weight * value
+        tt += weighed * time
+        tv += weighed * value
+    slope = (total * tv - t * v) / (total * tt - t * t)
+    return (v - slope * t) / total, slope
+
 
 EDGE = 0.04
 """What comes nearer to the picture's edge than this share of its length may be cut off by it: more

@@ -17,8 +17,10 @@ shown, and not counted.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,18 +28,20 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
-from tokt.inference.detector import TEXTURE
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
-from tokt.inference.policy.anchor import Anchor
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement
-from tokt.inference.policy.trend import HORIZON_S
+from tokt.inference.policy.temporal_cues import HORIZON_S, Anchor
 from tokt.inference.publisher import mark_overloaded, mark_stale
 from tokt.inference.reason import Fault
-from tokt.inference.recording.frame_line import json_values
+from tokt.inference.recording.run_log import json_values
+from tokt.inference.recording.run_start import ModelName
 from tokt.inference.report import Report
 from tokt.inference.sources.files import read_picture
 from tokt.inference.texture.detector import PatchScorer, TextureDetector
+from tokt.inference.verdict import STATUS_WORDS, TEXTURE
+from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.store.store import Store
 
 from .logged_run import TREND, VERDICT, LoggedFrame, LoggedRun
 
@@ -274,3 +278,183 @@ def _window(assembly: Assembly) -> int:
     if not isinstance(detector, TextureDetector):
         return 1
     return detector.scorer.operating_point.rule.n
+
+
+@dataclass
+class ReplayStretch:
+    """Frames in a row that differ alike.
+
+    Parameters
+    ----------
+    first, last : int
+        Frame numbers.
+    frames : int
+    logged, replayed : (int, str)
+        Status and reason, then and now.
+    fields : list of str
+        What differs in at least one of them.
+    example : mapping
+        Of the first frame: what differs, then and now.
+    """
+
+    first: int
+    last: int
+    frames: int
+    logged: tuple[int, str]
+    replayed: tuple[int, str]
+    fields: list[str]
+    example: dict[str, list[Any]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form, statuses in words."""
+        return {
+            "first": self.first,
+            "last": self.last,
+            "frames": self.frames,
+            "logged": {"status": STATUS_WORDS[self.logged[0]], "reason": self.logged[1]},
+            "replayed": {"status": STATUS_WORDS[self.replayed[0]], "reason": self.replayed[1]},
+            "fields": self.fields,
+            "example": self.example,
+        }
+
+
+@dataclass
+class Tally:
+    """Counts over a replay's frames.
+
+    Parameters
+    ----------
+    statuses : Counter of (int, int)
+        Logged and replayed status of the frames that are compared.
+    same, status_differs, figures_differ : int
+        Compared frames with the same verdict to the last bit, with another status, and with the
+        same status and another figure or word.
+    not_compared : Counter of str
+        Frames that are not, by why not.
+    alike_all_the_same : int
+        Those of them that came out the same.
+    gaps : int
+        Frames before which some are missing, of which nothing is known: lines that are lost, or
+        frames that were not recorded.
+    stretches : list of ReplayStretch
+    """
+
+    statuses: Counter[tuple[int, int]] = field(default_factory=Counter)
+    same: int = 0
+    status_differs: int = 0
+    figures_differ: int = 0
+    not_compared: Counter[str] = field(default_factory=Counter)
+    alike_all_the_same: int = 0
+    gaps: int = 0
+    stretches: list[ReplayStretch] = field(default_factory=list)
+    _open: bool = False
+
+    @property
+    def compared(self) -> int:
+        """Frames that are compared."""
+        return self.same + self.status_differs + self.figures_differ
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every picture is the one that was judged, and every verdict the same."""
+        changed = self.not_compared[CHANGED] + self.not_compared[NOT_SHOWN]
+        return self.compared == self.same and not changed
+
+    def add(self, frame: Compared) -> None:
+        """Count one frame."""
+        self.gaps += not frame.logged.follows
+        if frame.why_not or frame.replayed is None or frame.differs is None:
+            self.not_compared[frame.why_not] += 1
+            self.alike_all_the_same += frame.differs == ()
+            self._open = False
+            return
+        then, now = frame.logged.verdict, frame.replayed
+        self.statuses[then["status"], now["status"]] += 1
+        if not frame.differs:
+            self.same += 1
+            self._open = False
+            return
+        if then["status"] != now["status"]:
+            self.status_differs += 1
+        else:
+            self.figures_differ += 1
+        self._stretch(frame, now, frame.differs)
+
+    def _stretch(self, frame: Compared, now: Mapping[str, Any], differs: tuple[str, ...]) -> None:
+        then, number = frame.logged.verdict, frame.logged.number
+        ends = (then["status"], then["reason"]), (now["status"], now["reason"])
+        newest = self.stretches[-1] if self._open else None
+        if newest is not None and (newest.logged, newest.replayed) == ends:
+            newest.last, newest.frames = number, newest.frames + 1
+            newest.fields += [name for name in differs if name not in newest.fields]
+            return
+        # Decision values are hundreds of numbers: that they differ is enough here.
+        example = {name: [then[name], now[name]] for name in differs if name in now}
+        self.stretches.append(ReplayStretch(number, number, 1, *ends, list(differs), example))
+        self._open = True
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return {
+            "same": self.agrees,
+            "compared": self.compared,
+            "same_to_the_bit": self.same,
+            "status_differs": self.status_differs,
+            "figures_differ": self.figures_differ,
+            "not_compared": dict(self.not_compared),
+            "not_compared_but_alike": self.alike_all_the_same,
+            "gaps": self.gaps,
+            "statuses": self.table(),
+            "differences": [stretch.to_json() for stretch in self.stretches],
+        }
+
+    def table(self) -> dict[str, dict[str, int]]:
+        """Frames by logged status, then by replayed status, in words."""
+        return {
+            word: {other: self.statuses[status, now] for now, other in STATUS_WORDS.items()}
+            for status, word in STATUS_WORDS.items()
+        }
+
+
+def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle]:
+    """Every model that judged in a run, by SHA-256.
+
+    Parameters
+    ----------
+    run : LoggedRun
+    store : Path, optional
+        Where they are looked for; by default where the run had them from.
+
+    Raises
+    ------
+    ToktError
+        If one is not there any more, or fails its checks.
+    """
+    place = store or (Path(run.start.models_from) if run.start.models_from else None)
+    return {name.sha256: _found(name, place) for name in run.models}
+
+
+def model_named(place: Path) -> Bundle:
+    """The model of a bundle file, or the active one of a store.
+
+    Raises
+    ------
+    ToktError
+        If there is none, or it fails its checks.
+    """
+    return Store(place).active() if place.is_dir() else read_bundle(place)
+
+
+def _found(name: ModelName, place: Path | None) -> Bundle:
+    if place is None:
+        raise ToktError(f"where model {name.label} is the log does not say (--store STORE)")
+    if place.is_dir():
+        return Store(place).bundle(name.sha256)
+    bundle = read_bundle(place)
+    if bundle.sha256 != name.sha256:
+        raise ToktError(
+            f"{place} is not the bundle that ran: it is {bundle.label} {bundle.sha256[:12]}, the "
+            f"run's was {name.label} {name.sha256[:12]} (--bundle {place} judges with it all the "
+            "same)"
+        )
+    return bundle

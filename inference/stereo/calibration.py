@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 
-from .calibration_files import CalibrationNumbers, read_numbers
-from .distortion import folds_back_at_px
+from .calibration_files import CalibrationNumbers, folds_back_at_px, read_numbers
 
 MISSION_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the mission cameras (Prosilica GC1380C), which a calibration

@@ -34,8 +34,7 @@ from numpy.typing import NDArray
 from tokt.inference.reason import Fault, Reason
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
-from .local_contrast import local_mean_and_sigma
-from .matching import LOCAL_SIGMA_GREY, Matches
+from .matching import LOCAL_SIGMA_GREY, Matches, local_mean_and_sigma
 
 # Thresholds stand above the extremes of the sea trial's odd frames and hold on the even ones (odd /
 # even, true pairs). None of its 246 true pairs has a fault.
@@ -102,7 +101,7 @@ class PairFault:
     ----------
     reason : str
     vetoes_clear : bool
-        Whether something may be there: see `tokt.inference.detector.Detection`. Always when
+        Whether something may be there: see `tokt.inference.verdict.Detection`. Always when
         it is the left camera, which other detectors look through, too; when the right one alone is
         lost, only where the left view has texture.
     matches_stand : bool

@@ -12,11 +12,17 @@ from numpy.typing import NDArray
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import Quantization
-from tokt.inference.detector import TEXTURE, Detection, Detector
 from tokt.inference.frame import Frame
-from tokt.inference.frame_checks.picture import frame_fault, shape_fault
+from tokt.inference.frame_checks import frame_fault, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
+from tokt.inference.verdict import (
+    OBSTACLE,
+    STATUS_MEAN_THRESHOLD,
+    TEXTURE,
+    UNKNOWN,
+    Detection,
+    Detector,
+)
 from tokt.models.operating_point import MofNRule, MofNState, OperatingPoint
 
 # What a frame may differ from those a model learnt from. Set here: LBP radii and windows are in

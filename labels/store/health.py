@@ -7,8 +7,7 @@ import tempfile
 from contextlib import closing
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError
-from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.features.common.sqlite_copy import copy_database, damage
 
 from .schema import format_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tokt.features.extractors.summary import extractor_summary
+from tokt.features.extractors.spec import extractor_summary
 from tokt.models.distribution import drift_words
 from tokt.models.operating_point import OperatingPoint
 

@@ -11,8 +11,7 @@ import re
 import tempfile
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError
-from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.features.common.sqlite_copy import copy_database, damage
 
 NAME = "registry"

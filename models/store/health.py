@@ -6,8 +6,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError
-from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.models.bundle.bundle import Bundle, read_bundle
 
 from .last_good import load_running

@@ -37,8 +37,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tokt.features.common import atomic
+from tokt.features.common.atomic import locked
 from tokt.features.common.errors import ToktError
-from tokt.features.common.file_lock import locked
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
 from tokt.models.signing.public_key import PublicKey
 from tokt.models.signing.trusted_keys import (

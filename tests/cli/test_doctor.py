@@ -26,7 +26,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.common.sqlite_copy import copy_database
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.health import compared, kernel_findings
-from tokt.inference.sources.cameras.vimba.health import camera_driver_finding
+from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
 
 
 def listing(folder: Path) -> dict[str, bytes | None]:

@@ -12,17 +12,16 @@ import cv2
 import numpy as np
 
 from tokt.features.frames.image_file import read_image
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import decode, encode_v1, encode_v2
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.recording.frame_line import event_line, frame_line, heartbeat_line
 from tokt.inference.recording.recording import FILE_NAME, RECORDING_FORMAT
+from tokt.inference.recording.run_log import event_line, frame_line, heartbeat_line
 from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile
 from tokt.inference.replay.logged_run import open_run
 from tokt.inference.replay.shadow_report import read_shadow
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.verdict import unknown_verdict, verdict_from_mask
 
 from .case import Files, Kind

@@ -14,17 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.inference.config import Limits
-from tokt.inference.detector import Detection, Detector
-from tokt.inference.events import Event, EventQueue
 from tokt.inference.frame import Frame
-from tokt.inference.observer import Observer
 from tokt.inference.outputs.udp import UdpSender, decode
 from tokt.inference.policy.policy import Policy, SinglePolicy
-from tokt.inference.publisher import Sender
+from tokt.inference.publisher import Observer, Sender
 from tokt.inference.reason import NO_FAULT, Fault
+from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN
+from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN, Detection, Detector
 
 from ..waiting import MAX_S, until
 from .conftest import HandClock, NoiseScorer, draw

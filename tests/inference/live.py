@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame
-from tokt.inference.observer import Observer
 from tokt.inference.policy.policy import Judgement
-from tokt.inference.report import Report
+from tokt.inference.publisher import Observer
+from tokt.inference.report import Event, Report
 
 
 class HandSource:

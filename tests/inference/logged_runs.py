@@ -12,13 +12,13 @@ import numpy as np
 
 from tokt.features.frames.mission import open_mission
 from tokt.inference.clock import SYSTEM_STOPWATCH, Clock, Stopwatch
-from tokt.inference.events import Event, EventQueue
 from tokt.inference.frame import Source
-from tokt.inference.observer import Observer
-from tokt.inference.policy.anchor import Anchor
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.policy.temporal_cues import Anchor
+from tokt.inference.publisher import Observer
 from tokt.inference.recording.run_log import RunLog, new_run_id
 from tokt.inference.recording.run_start import START, ModelName, RunStart, UsedFile
+from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.texture.detector import TextureDetector

@@ -17,13 +17,13 @@ import numpy as np
 import pytest
 
 from tokt.inference.config import Limits
-from tokt.inference.detector import Detection
 from tokt.inference.frame import MANY_MISSED, Frame
-from tokt.inference.observer import Observer
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
+from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.run_log import RunLog
+from tokt.inference.verdict import Detection
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 from ..waiting import MAX_S

@@ -10,16 +10,14 @@ import numpy as np
 import pytest
 
 from tokt.inference.config import Limits
-from tokt.inference.detector import Detection
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import UdpSender, decode
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.reason import Reason
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
 
 from ..waiting import MAX_S, until
 from .conftest import HandClock

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.detector import Detection
 from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import UdpSender, decode
 from tokt.inference.policy.policy import SinglePolicy
@@ -19,6 +18,7 @@ from tokt.inference.recording.run_log import RunLog
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import open_source
 from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.verdict import Detection
 
 
 def lines(path: Path) -> list[dict[str, Any]]:

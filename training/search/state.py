@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common import atomic
+from tokt.features.common.atomic import locked
 from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
-from tokt.features.common.file_lock import locked
 from tokt.training.fitting.presets import Hyperparameters
 
 from .score import BlockConfusion

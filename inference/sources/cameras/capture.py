@@ -14,7 +14,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Fault
+
+GIGABIT_BYTES_S = 115_000_000.0
+"""Image data that one gigabit link carries, in bytes a second: Vimba's own default, and that of all
+cameras together where no bandwidth is asked for."""
 
 LEFT, RIGHT = 0, 1
 SIDES = ("left", "right")
@@ -57,8 +62,22 @@ Deliver = Callable[[Capture], None]
 """Takes a capture; quick, and called from any thread."""
 
 
+def bandwidth_bytes_s(wanted: SourceConfig) -> float:
+    """Bytes a second that all cameras send together.
+
+    Two on one link get half of it each. A camera that cannot send as fast is set to what it can.
+    """
+    return GIGABIT_BYTES_S if wanted.bandwidth is None else wanted.bandwidth
+
+
 class CameraDriver(Protocol):
-    """One camera.
+    """One camera, set as `tokt.inference.config.SourceConfig` says.
+
+    With an exposure time or a gain the camera's own control of it is switched off. Without a pixel
+    format it keeps its own where that is one of `tokt.features.frames.camera_frame.PIXEL_FORMATS`,
+    otherwise takes the first of these that it has. A trigger is what starts each exposure, as the
+    camera calls it: two cameras see the same moment only where something starts both. Without PTP
+    the difference between their clocks is estimated (`pairing`).
 
     `start` and `stop` are called from one thread at a time, but not always the same one, and in
     turns for as long as the source lives: a driver is started again after its camera was lost.

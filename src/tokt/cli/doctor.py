@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from tokt.features.common.errors import ToktError
-from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
 from .output import print_json
@@ -77,13 +76,13 @@ def _kernels() -> Iterable[Finding]:
 
 
 def _camera() -> Iterable[Finding]:
-    from tokt.inference.sources.cameras.vimba.health import camera_driver_finding
+    from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
 
     return [camera_driver_finding()]
 
 
 def _genicam() -> Iterable[Finding]:
-    from tokt.inference.sources.cameras.genicam.health import genicam_finding
+    from tokt.inference.sources.cameras.genicam.producers import genicam_finding
 
     return [genicam_finding()]
 

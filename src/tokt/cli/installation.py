@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from tokt.features.common.finding import FAULT, NOTE, OK, Finding
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding
 from tokt.features.common.machine import machine
 
 EXTRAS = ("train", "label", "camera", "cluster")

@@ -349,7 +349,7 @@ def test_what_was_computed_before_does_not_matter(kernels: Kernels) -> None:
 
 @needs_compiled
 def test_what_the_scratch_memory_holds_does_not_matter() -> None:
-    from tokt.features.kernels.compiled_scratch import SCRATCH
+    from tokt.features.kernels.compiled_kernels import SCRATCH
 
     gray, grid = paint("noise", (80, 150), 1, 0, 0), Grid(2, 3, None)
     expected = described(COMPILED_KERNELS, gray, grid)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
-from tokt.inference.frame_checks.stuck_frame import StuckFrameDetector
+from tokt.inference.frame_checks import StuckFrameDetector
 from tokt.inference.reason import Reason
 
 RNG = np.random.default_rng(3)

@@ -12,12 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tokt.features.frames.mission import open_mission
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame
 from tokt.inference.monitoring.drift import LOOKS_A_WINDOW, MAX_WORST, DriftMonitor, DriftState
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import unknown_verdict
 from tokt.models.bundle.bundle import read_bundle

@@ -16,16 +16,15 @@ import pytest
 from tests.waiting import MAX_S
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.events import Event
 from tokt.inference.frame import MANY_MISSED, Frame
-from tokt.inference.monitoring import metrics_server
+from tokt.inference.monitoring import metrics as metrics_module
 from tokt.inference.monitoring.metrics import Metrics, MetricSources, RunCollector, parse_metrics
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.run_log import RunLog
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import open_source
 from tokt.inference.texture.detector import TextureDetector
@@ -36,8 +35,8 @@ pytest.importorskip("prometheus_client")
 
 @pytest.fixture(autouse=True)
 def soon_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(metrics_server._QuietServer, "timeout", 0.02)
-    monkeypatch.setattr(metrics_server, "_JOIN_S", 0.2)
+    monkeypatch.setattr(metrics_module._QuietServer, "timeout", 0.02)
+    monkeypatch.setattr(metrics_module, "_JOIN_S", 0.2)
 
 
 @pytest.fixture

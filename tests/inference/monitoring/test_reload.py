@@ -16,9 +16,9 @@ from tests.inference.live import HandSource, Listener
 from tests.inference.test_live_loop import run
 from tests.waiting import MAX_S, until
 from tokt.inference.config import Limits
-from tokt.inference.events import EventQueue
 from tokt.inference.monitoring.reload import BundleCheck, ModelReloader, check_in_child
 from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.report import EventQueue
 from tokt.inference.runtime import Runtime
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.models.bundle.bundle import Bundle, bundle_bytes, bundle_from_bytes, read_bundle

@@ -17,14 +17,13 @@ from rich.console import Console
 
 from tests.waiting import until
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame
 from tokt.inference.monitoring import status_line
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.status_line import PERIOD_S, StatusLine
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pty")

@@ -17,8 +17,7 @@ import pytest
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring import watchdog
-from tokt.inference.monitoring.notify import EVERY_S, Notifier
-from tokt.inference.monitoring.watchdog import Watchdog
+from tokt.inference.monitoring.watchdog import EVERY_S, Notifier, Watchdog
 
 # What a runtime tells, without what makes it slow to start.
 CHILD = """
@@ -251,7 +250,7 @@ import sys, time
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring import watchdog
-from tokt.inference.monitoring.notify import Notifier
+from tokt.inference.monitoring.watchdog import Notifier
 notifier = Notifier(SYSTEM_CLOCK)
 print(notifier.orphaned, flush=True)
 sys.stdin.read()

@@ -20,9 +20,7 @@ from hypothesis import strategies as st
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.outputs.udp import decode, encode_v1, encode_v2
-from tokt.inference.policy.anchor import Anchor
-from tokt.inference.policy.temporal_cues import wholly_in_view
-from tokt.inference.policy.trend import GROWING
+from tokt.inference.policy.temporal_cues import GROWING, Anchor, wholly_in_view
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import FIELDS, HEALTH_BYTES, LOG_ONLY, V2_FIELDS, Report
 from tokt.inference.verdict import Verdict, unknown_verdict

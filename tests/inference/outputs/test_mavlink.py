@@ -20,17 +20,20 @@ from tests.waiting import MAX_S
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
 from tokt.inference.outputs.mavlink import (
+    Lens,
     MavlinkOptions,
     MavlinkSender,
     Messages,
     WhenUnknown,
+    lens_of,
     parse_device,
+    ranges_of,
+    sectors_touching,
+    sectors_within,
 )
-from tokt.inference.outputs.ranges import ranges_of
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
 from tokt.inference.stereo.calibration import StereoCalibration
-from tokt.inference.stereo.lens import Lens, lens_of, sectors_touching, sectors_within
 from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 
 common = pytest.importorskip("pymavlink.dialects.v20.common")
@@ -383,7 +386,7 @@ def test_without_pymavlink_the_extra_is_named(tmp_path: Path) -> None:
     program = (
         "from tokt.features.common.errors import ToktError\n"
         "from tokt.inference.clock import SYSTEM_CLOCK\n"
-        "from tokt.inference.stereo.lens import Lens\n"
+        "from tokt.inference.outputs.mavlink import Lens\n"
         "from tokt.inference.outputs.mavlink import MavlinkOptions, MavlinkSender\n"
         "try:\n"
         "    MavlinkSender('127.0.0.1', 9, MavlinkOptions(Lens.of_fov_deg(60)), SYSTEM_CLOCK)\n"

@@ -21,7 +21,7 @@ from tokt.inference.outputs.udp import (
     encode_v2,
     parse_receiver,
 )
-from tokt.inference.policy.trend import TRENDS
+from tokt.inference.policy.temporal_cues import TRENDS
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import FIRST, V2_FIELDS, Report, ReportField
 from tokt.inference.verdict import Verdict, unknown_verdict

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.inference.policy.anchor import Anchor, AnchorErrors
+from tokt.inference.policy.temporal_cues import Anchor, AnchorErrors
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 

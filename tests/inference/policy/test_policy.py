@@ -11,7 +11,6 @@ from tests.inference.stereo.plain_rig import PLAIN as CALIBRATION
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.clock import ClockStopwatch
-from tokt.inference.detector import Detection
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import StereoSetup, assemble, build_policy
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
@@ -20,6 +19,7 @@ from tokt.inference.reason import Fault, Reason
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.verdict import Detection
 
 NO_PICTURE = Fault(Reason.MISSING, "no picture")
 FRAME = Frame(1, 0.0, None, None, NO_PICTURE, NO_PICTURE)

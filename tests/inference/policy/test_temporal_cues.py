@@ -10,10 +10,9 @@ import pytest
 from tests.inference.stereo.plain_rig import PLAIN
 from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import encode_v1
-from tokt.inference.policy.anchor import Anchor
 from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement
-from tokt.inference.policy.temporal_cues import TemporalCues, wholly_in_view
+from tokt.inference.policy.temporal_cues import Anchor, TemporalCues, wholly_in_view
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
 from tokt.inference.texture.detector import ReloadableTextureDetector

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.tiers import scaled
-from tokt.inference.policy import trend as module
-from tokt.inference.policy.trend import (
+from tokt.inference.policy import temporal_cues as module
+from tokt.inference.policy.temporal_cues import (
     GROWING,
     HORIZON_S,
     PATCH_MEAN,

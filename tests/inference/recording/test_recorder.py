@@ -20,22 +20,21 @@ from numpy.typing import NDArray
 from tests.waiting import MAX_S, until
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import RIGHT, open_mission
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.clip_trigger import REST_S, ClipPadding
-from tokt.inference.recording.disk_budget import DiskLimits, whole_blocks
-from tokt.inference.recording.recorder import Recorder
+from tokt.inference.recording.recorder import BEHIND, NO_ROOM, REPEATED, RESERVE, Recorder
 from tokt.inference.recording.recording import (
     RECORDING_FORMAT,
+    DiskLimits,
     EncodedFrame,
     RecordedFrame,
     RecordingFolder,
     read_recording,
+    whole_blocks,
 )
-from tokt.inference.recording.writer import BEHIND, NO_ROOM, REPEATED, RESERVE
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.verdict import Verdict
 
 OBSTACLE = Verdict(1, 3, 4, None, 9.0, 2.5, "texture", "reef/7")
@@ -394,7 +393,7 @@ _AT_SEA = """
 import resource, sys, time
 from pathlib import Path
 from tests.inference.recording.test_recorder import CLEAR, OBSTACLE, Sea, noise, written
-from tokt.inference.recording.disk_budget import DiskLimits
+from tokt.inference.recording.recording import DiskLimits
 from tokt.inference.recording.clip_trigger import ClipPadding
 from tokt.inference.recording.recorder import Recorder
 from tokt.inference.clock import SYSTEM_CLOCK

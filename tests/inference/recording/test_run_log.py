@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from tokt.features.common.errors import ToktError
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.log import LogRotation, read_log
 from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
-from tokt.inference.report import FIELDS, Report
+from tokt.inference.report import FIELDS, Event, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import open_source
 from tokt.inference.texture.detector import TextureDetector

@@ -29,11 +29,11 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits
-from tokt.inference.observer import Observer
 from tokt.inference.policy.assembly import StereoSetup
+from tokt.inference.publisher import Observer
 from tokt.inference.recording.clip_trigger import ClipPadding
-from tokt.inference.recording.disk_budget import DiskLimits
 from tokt.inference.recording.recorder import Recorder
+from tokt.inference.recording.recording import DiskLimits
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import used_file
 from tokt.inference.sources.files import MissionSource

@@ -19,17 +19,15 @@ from tests.inference.logged_runs import mission_source, variant
 from tests.waiting import MAX_S, until
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
-from tokt.inference.events import EventQueue
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import assemble
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.log import JsonLines
 from tokt.inference.replay import shadow as shadow_module
-from tokt.inference.replay.shadow import Shadow
-from tokt.inference.replay.shadow_process import Challenger
+from tokt.inference.replay.shadow import Challenger, Shadow
 from tokt.inference.replay.shadow_report import read_shadow
-from tokt.inference.report import Report
+from tokt.inference.report import EventQueue, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.verdict import unknown_verdict
 from tokt.models.bundle.bundle import Bundle, read_bundle

@@ -8,8 +8,7 @@ import pytest
 from tests.inference.live import HandSource
 from tests.waiting import MAX_S, until
 from tokt.inference.frame import Frame
-from tokt.inference.runtime import POLL_S
-from tokt.inference.sources.latest_frame import EveryFrame, LatestFrameBuffer, frame_buffer_for
+from tokt.inference.runtime import POLL_S, EveryFrame, LatestFrameBuffer, frame_buffer_for
 
 PICTURE = np.zeros((4, 4), np.uint8)
 

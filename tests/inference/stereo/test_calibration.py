@@ -11,7 +11,7 @@ import pytest
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import load_calibration, oddities, read_calibration
-from tokt.inference.stereo.distortion import folds_back_at_px
+from tokt.inference.stereo.calibration_files import folds_back_at_px
 
 CAMERA = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
 PARTS: dict[str, Any] = {

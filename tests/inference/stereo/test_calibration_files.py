@@ -18,8 +18,8 @@ from tests.tiers import scaled
 from tokt.cli.stereo_file import read_calibration_file
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration, read_calibration
+from tokt.inference.stereo.calibration_files import distortion
 from tokt.inference.stereo.calibration_writer import write_calibration
-from tokt.inference.stereo.distortion import distortion
 
 OF_YESTERDAY = """%YAML 1.2
 ---

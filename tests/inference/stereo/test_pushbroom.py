@@ -11,14 +11,13 @@ import pytest
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import read_image
-from tokt.inference.detector import Detection
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo import pushbroom
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.odometry import Odometry, parse_odometry
 from tokt.inference.stereo.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
-from tokt.inference.verdict import verdict_from_mask
+from tokt.inference.verdict import Detection, verdict_from_mask
 
 from .plain_rig import BASELINE_M, CENTRE, FOCAL_PX, HEIGHT, PLAIN, WIDTH
 

@@ -15,16 +15,15 @@ from hypothesis import strategies as st
 
 from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
-from tokt.inference.detector import Detection, Detector
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.calibration_files import distortion
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.inference.stereo.distortion import distortion
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.stereo.rectify import Rectifier, rectified
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection, Detector
 
 GRID = Grid()
 SIZES = ((161, 121), (160, 119), (163, 124))

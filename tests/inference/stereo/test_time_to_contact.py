@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.tiers import scaled
-from tokt.inference.stereo import time_to_contact
-from tokt.inference.stereo.time_to_contact import Closing, ClosingSpeed
+from tokt.inference.stereo import disparity as module
+from tokt.inference.stereo.disparity import Closing, ClosingSpeed
 
 STEP_S = 0.1
 
@@ -67,16 +67,16 @@ def test_a_retreat_is_negative_and_has_no_contact() -> None:
 
 
 def test_standing_still_has_no_contact() -> None:
-    found = after(approach(30, closing_m_s=time_to_contact.MIN_CLOSING_M_S * 0.9))
+    found = after(approach(30, closing_m_s=module.MIN_CLOSING_M_S * 0.9))
     assert found.closing_m_s is not None
     assert found.contact_s is None
 
 
 def test_too_few_points_or_too_short_a_time_give_no_speed() -> None:
-    whole = math.ceil(time_to_contact.MIN_SPAN_S / STEP_S)
+    whole = math.ceil(module.MIN_SPAN_S / STEP_S)
     assert after(approach(whole)) == Closing()
     assert after(approach(whole + 1)).closing_m_s is not None
-    assert after(approach(time_to_contact.MIN_POINTS - 1), step_s=0.5) == Closing()
+    assert after(approach(module.MIN_POINTS - 1), step_s=0.5) == Closing()
 
 
 def test_a_missed_distance_gives_no_speed_itself_but_leaves_the_line() -> None:
@@ -87,7 +87,7 @@ def test_a_missed_distance_gives_no_speed_itself_but_leaves_the_line() -> None:
 
 
 def test_a_long_gap_starts_anew() -> None:
-    missed = math.ceil(time_to_contact.GAP_S / STEP_S)
+    missed = math.ceil(module.GAP_S / STEP_S)
     assert after([*approach(30), *[None] * missed, 3.0]) == Closing()
 
 
@@ -133,5 +133,5 @@ def test_nothing_raises_and_contact_only_lies_ahead(points: list[tuple[float, fl
         found = speed.add(t_s, distance)
         if found.contact_s is not None:
             assert found.closing_m_s is not None
-            assert found.closing_m_s >= time_to_contact.MIN_CLOSING_M_S
+            assert found.closing_m_s >= module.MIN_CLOSING_M_S
             assert 0 <= found.contact_s < math.inf

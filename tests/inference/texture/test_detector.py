@@ -13,7 +13,7 @@ from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, read_image
 from tokt.inference.frame import Frame
-from tokt.inference.frame_checks.picture import frame_fault
+from tokt.inference.frame_checks import frame_fault
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import read_bundle

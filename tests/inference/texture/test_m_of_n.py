@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
-from tokt.inference.detector import Detection
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy
 from tokt.inference.sources.files import open_source
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, MofNState, OperatingPoint
 

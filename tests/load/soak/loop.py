@@ -25,27 +25,25 @@ from numpy.typing import NDArray
 
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.config import Limits
-from tokt.inference.detector import TEXTURE, Detection
-from tokt.inference.events import Event, EventQueue
 from tokt.inference.frame import Frame
 from tokt.inference.monitoring.drift import DriftMonitor
 from tokt.inference.monitoring.metrics import Metrics, MetricSources
 from tokt.inference.monitoring.reload import ModelReloader
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.status_line import StatusLine
-from tokt.inference.observer import Observer
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.assembly import Assembly, assemble
 from tokt.inference.policy.policy import Judgement
-from tokt.inference.publisher import Sender
+from tokt.inference.publisher import Observer, Sender
 from tokt.inference.recording.clip_trigger import ClipPadding
-from tokt.inference.recording.disk_budget import DiskLimits
 from tokt.inference.recording.log import LogRotation
 from tokt.inference.recording.recorder import Recorder
+from tokt.inference.recording.recording import DiskLimits
 from tokt.inference.recording.run_log import RunLog, new_run_id
-from tokt.inference.report import Report
+from tokt.inference.report import Event, EventQueue, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.verdict import TEXTURE, Detection
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store

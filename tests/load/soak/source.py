@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tokt.inference.clock import Clock
 from tokt.inference.frame import Frame
-from tokt.inference.observer import Observer
 from tokt.inference.policy.policy import Judgement
+from tokt.inference.publisher import Observer
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.report import Report
 

@@ -550,7 +550,7 @@ def test_a_store_that_another_process_keeps(
         store.deploy(bundles[name])
     monkeypatch.setattr("tokt.models.store.store.LOCK_WAIT_S", 0.1)
     holder = (
-        "import sys; from pathlib import Path; from tokt.features.common.file_lock import locked\n"
+        "import sys; from pathlib import Path; from tokt.features.common.atomic import locked\n"
         "with locked(Path(sys.argv[1]), 1):\n"
         "    print('held', flush=True); sys.stdin.readline()\n"
     )

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
-from tokt.inference.policy.trend import GROWING, SHRINKING, STEADY
+from tokt.inference.policy.temporal_cues import GROWING, SHRINKING, STEADY
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_disparity import margin_of, thesis_cloud
 from tokt.studies.baselines.thesis_models import thesis_model

@@ -21,9 +21,9 @@ from tokt.inference.stereo.calibration_files import (
     Float,
     bouguet_numbers,
     checked_numbers,
+    distortion,
     millimetres,
 )
-from tokt.inference.stereo.distortion import distortion
 
 BOUGUET_FORM = "Bouguet toolbox .mat"
 STEREO_PARAMS_FORM = "MATLAB stereoParams .mat"

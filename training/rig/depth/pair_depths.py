@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from tokt.inference.detector import Detection
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
-from tokt.inference.verdict import UNKNOWN
+from tokt.inference.verdict import UNKNOWN, Detection
 
 FAR_PERCENTILE = 95.0
 

@@ -25,12 +25,12 @@ from typing import Any
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
 from tokt.inference.clock import Clock
+from tokt.inference.config import SourceConfig
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Deliver
-from tokt.inference.sources.cameras.options import CameraOptions
 
-from .listing import ListedCamera, Place, check_installed, is_index, list_cameras
 from .messages import Message, program, read_message, write_message
+from .producers import ListedCamera, Place, check_installed, is_index, list_cameras
 
 _OPEN_S = 30.0
 _CLOSE_S = 3.0
@@ -47,9 +47,9 @@ class GenicamDriver:
         As the user called it.
     place : Place or None
         Where it is; None to look for it by its name at each start.
-    options : CameraOptions
+    options : SourceConfig
     share : float
-        The part of ``options.bandwidth_bytes_s`` that is this camera's.
+        The part of the bandwidth that is this camera's.
     clock : Clock
     open_s : float
         How long opening it may take, in seconds.
@@ -60,7 +60,7 @@ class GenicamDriver:
         camera: int,
         name: str,
         place: Place | None,
-        options: CameraOptions,
+        options: SourceConfig,
         share: float,
         clock: Clock,
         open_s: float = _OPEN_S,
@@ -241,7 +241,7 @@ def _refused(words: str) -> dict[str, Any]:
     return {"kind": "refused", "words": words}
 
 
-def open_drivers(ids: Sequence[str], options: CameraOptions, clock: Clock) -> list[CameraDriver]:
+def open_drivers(ids: Sequence[str], options: SourceConfig, clock: Clock) -> list[CameraDriver]:
     """Drivers of the cameras that a user named: left, and right where there are two.
 
     Parameters
@@ -249,7 +249,7 @@ def open_drivers(ids: Sequence[str], options: CameraOptions, clock: Clock) -> li
     ids : sequence of str
         Each a camera's device ID, serial number or name, or its index in what the producers list.
         An index is looked up now and never again: with a camera unplugged it would be another's.
-    options : CameraOptions
+    options : SourceConfig
     clock : Clock
 
     Raises

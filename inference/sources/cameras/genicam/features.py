@@ -12,7 +12,8 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import PIXEL_FORMATS
-from tokt.inference.sources.cameras.options import GIGABIT_BYTES_S, CameraOptions
+from tokt.inference.config import SourceConfig
+from tokt.inference.sources.cameras.capture import GIGABIT_BYTES_S, bandwidth_bytes_s
 
 _GIGE = ("GEV", "GigEVision")
 _FIXED_RATE = "FixedRate"
@@ -42,12 +43,12 @@ class GenicamFeatures:
         self._writable = (EAccessMode.WO, EAccessMode.RW)
         self._error = GenericException
 
-    def set_up(self, options: CameraOptions, share: float, link: str) -> None:
+    def set_up(self, options: SourceConfig, share: float, link: str) -> None:
         """Set what a user asked for.
 
         Parameters
         ----------
-        options : CameraOptions
+        options : SourceConfig
         share : float
             The part of the bandwidth that is this camera's.
         link : str
@@ -70,10 +71,11 @@ class GenicamFeatures:
             self._set(("Gain",), options.gain_db, "gain in dB")
         if options.packet_size is not None:
             self._set(("GevSCPSPacketSize",), options.packet_size, "packet size")
-        asked_for = options.bandwidth_bytes_s != GIGABIT_BYTES_S
+        bytes_s = bandwidth_bytes_s(options)
+        asked_for = bytes_s != GIGABIT_BYTES_S
         # The default is a gigabit's: a camera on another link has a bandwidth of its own.
         if asked_for or link in _GIGE:
-            self._set_bandwidth(options.bandwidth_bytes_s * share, asked_for)
+            self._set_bandwidth(bytes_s * share, asked_for)
         if options.ptp:
             self._share_clock()
 
@@ -130,9 +132,9 @@ class GenicamFeatures:
             )
         self._set(("PixelFormat",), chosen, "pixel format")
 
-    def _set_start(self, options: CameraOptions) -> None:
+    def _set_start(self, options: SourceConfig) -> None:
         """What starts an exposure."""
-        if options.trigger is None and options.frame_rate is None:
+        if options.trigger is None and options.camera_rate is None:
             return
         self.give("TriggerSelector", "FrameStart")
         if options.trigger is not None:
@@ -146,7 +148,7 @@ class GenicamFeatures:
         self.give("AcquisitionFrameRateEnable", True)
         self.give("AcquisitionFrameRateEnabled", True)
         names = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
-        self._set(names, options.frame_rate, "frame rate")
+        self._set(names, options.camera_rate, "frame rate")
 
     def _set_bandwidth(self, bytes_s: float, asked_for: bool) -> None:
         """At most what the camera can do, and at least what it must."""

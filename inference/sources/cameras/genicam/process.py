@@ -19,12 +19,11 @@ import time
 from typing import IO, Any
 
 from tokt.features.common.errors import ToktError
-from tokt.inference.sources.cameras.options import CameraOptions
+from tokt.inference.config import SourceConfig
 
 from .camera import CameraGoneError, FetchedFrame, GenicamCamera, opened_camera
-from .listing import ListedCamera, Listing, Place
 from .messages import write_message
-from .producers import in_one_line, opened_producers
+from .producers import ListedCamera, Listing, Place, in_one_line, opened_producers
 
 _SLOW_S = 0.02
 _OPEN_S = 60.0
@@ -64,7 +63,7 @@ def _run(answers: IO[bytes], order: dict[str, Any]) -> None:
     """Send a camera's frames."""
     stop = threading.Event()
     threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
-    options = CameraOptions(**order["options"])
+    options = SourceConfig(**order["options"])
     with opened_producers() as producers:
         listed = _chosen(producers.listing, order)
         with opened_camera(producers, listed, order["name"], options, order["share"]) as camera:

@@ -12,7 +12,8 @@ from typing import Any
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import PIXEL_FORMATS
 from tokt.inference.clock import Clock
-from tokt.inference.sources.cameras.options import CameraOptions
+from tokt.inference.config import SourceConfig
+from tokt.inference.sources.cameras.capture import bandwidth_bytes_s
 
 _EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
 _FRAME_RATE = ("AcquisitionFrameRateAbs", "AcquisitionFrameRate")
@@ -124,13 +125,13 @@ class VimbaFeatures:
         return True
 
 
-def set_features(features: VimbaFeatures, options: CameraOptions, share: float) -> CameraTiming:
+def set_features(features: VimbaFeatures, options: SourceConfig, share: float) -> CameraTiming:
     """Set an opened camera.
 
     Parameters
     ----------
     features : VimbaFeatures
-    options : CameraOptions
+    options : SourceConfig
     share : float
         The part of the bandwidth that this camera has.
 
@@ -154,7 +155,7 @@ def set_features(features: VimbaFeatures, options: CameraOptions, share: float) 
             raise ToktError(f"camera {features.name}: no clock was found by PTP in {_PTP_S:g} s")
     features.demand("acquisition mode", "Continuous", "AcquisitionMode")
     # What a camera that keeps no rate says of its rate is not to be relied on.
-    rate = None if options.frame_rate is None else features.get(*_FRAME_RATE)
+    rate = None if options.camera_rate is None else features.get(*_FRAME_RATE)
     return CameraTiming(
         ticks_per_s=float(features.get("GevTimestampTickFrequency") or _NS_PER_S),
         period_s=1 / rate if rate else None,
@@ -182,23 +183,23 @@ def _set_pixel_format(features: VimbaFeatures, asked: str | None) -> None:
     features.demand("pixel format", alike[0], "PixelFormat")
 
 
-def _set_network(features: VimbaFeatures, options: CameraOptions, share: float) -> None:
+def _set_network(features: VimbaFeatures, options: SourceConfig, share: float) -> None:
     if options.packet_size is not None:
         features.demand("packet size", options.packet_size, *_PACKET_SIZE)
     elif features.first("GVSPAdjustPacketSize"):
         features.run("GVSPAdjustPacketSize", _ADJUST_S)
     limits = features.limits("StreamBytesPerSecond")
     if limits is not None:
-        bytes_s = min(max(round(options.bandwidth_bytes_s * share), limits[0]), limits[1])
+        bytes_s = min(max(round(bandwidth_bytes_s(options) * share), limits[0]), limits[1])
         features.demand("bandwidth", bytes_s, "StreamBytesPerSecond")
 
 
-def _set_trigger(features: VimbaFeatures, options: CameraOptions) -> None:
+def _set_trigger(features: VimbaFeatures, options: SourceConfig) -> None:
     if options.trigger is not None:
         features.offer("FrameStart", "TriggerSelector")
         features.demand("trigger", options.trigger, "TriggerSource")
         features.demand("trigger", "On", "TriggerMode")
-    if options.frame_rate is None:
+    if options.camera_rate is None:
         return
     features.offer("FrameStart", "TriggerSelector")
     # GigE cameras keep a rate only where it is what triggers them; others where it is enabled.
@@ -208,4 +209,4 @@ def _set_trigger(features: VimbaFeatures, options: CameraOptions) -> None:
     else:
         features.offer("Off", "TriggerMode")
     features.offer(True, "AcquisitionFrameRateEnable")
-    features.demand("frame rate", options.frame_rate, *_FRAME_RATE)
+    features.demand("frame rate", options.camera_rate, *_FRAME_RATE)

@@ -2,11 +2,68 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
+from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
+
+NO_PYMBA = "no pymba; live cameras need tokt[camera]"
+WHAT_TO_SET = (
+    "install Allied Vision's Vimba SDK and set GENICAM_GENTL64_PATH to the folder of its .cti "
+    "file, as the SDK's own profile script does (on Windows: VIMBA_HOME)"
+)
+# How pymba 0.3.7 says that there is no Vimba at all, and not one that does not load.
+_NO_VIMBA = ("_PATH environment set", "No libVimbaC.so found", "VimbaC.dll not found")
+
+
+def pymba_version() -> str | None:
+    """Which pymba is installed; None where there is none."""
+    try:
+        return version("pymba")
+    except PackageNotFoundError:
+        return None
+
+
+def is_missing(reason: str) -> bool:
+    """Whether these words of pymba's mean that there is no Vimba SDK.
+
+    Parameters
+    ----------
+    reason : str
+        What importing pymba raised, as text.
+    """
+    return any(words in reason for words in _NO_VIMBA)
+
+
+def load_pymba() -> ModuleType:
+    """Import pymba.
+
+    Raises
+    ------
+    ToktError
+        If it is not installed, or its library cannot be loaded: it says what to install and set.
+    """
+    installed = pymba_version()
+    if installed is None:
+        raise ToktError(NO_PYMBA)
+    try:
+        import pymba
+    # Without the SDK its import fails in each of these ways, by what of it is missing (never with
+    # an ImportError); ValueError is for a machine that pymba does not know.
+    except (AssertionError, AttributeError, OSError, ValueError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        if is_missing(reason):
+            message = f"pymba {installed} finds no Vimba library ({reason}): {WHAT_TO_SET}"
+        else:
+            message = f"pymba {installed} cannot load the Vimba library: {reason}"
+        raise ToktError(message) from error
+    module: ModuleType = pymba
+    return module
+
 
 _ACCESS_DENIED = -6  # VmbErrorInvalidAccess; pymba names it ERR_OPERATION_INVALID_FOR_ACCESS_MODE
 
@@ -128,3 +185,51 @@ class VimbaSystem:
         except self._pymba.VimbaException:
             return ""
         return str((info.cameraIdString or b"").decode(errors="replace"))
+
+
+NAME = "camera driver"
+_TIMEOUT_S = 20.0
+_PROGRAM = "import pymba; print('VimbaC', pymba.Vimba.version())"
+
+
+def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
+    """Whether pymba is there and loads its library.
+
+    It is tried in another process: pymba loads the vendor's library when it is imported, and one
+    that crashes, hangs or prints shall not take this process with it.
+
+    Parameters
+    ----------
+    timeout_s : float
+        How long the library may take, in seconds.
+    """
+    installed = pymba_version()
+    if installed is None:
+        return Finding(NAME, NOTE, NO_PYMBA)
+    pymba = f"pymba {installed}"
+    try:
+        tried = subprocess.run(
+            # -P: a folder named pymba in the current one is not it.
+            [sys.executable, "-P", "-c", _PROGRAM],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+            check=False,
+            stdin=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired:
+        return Finding(NAME, FAULT, f"{pymba}: its library does not answer in {timeout_s:g} s")
+    if tried.returncode == 0:
+        library = (tried.stdout.splitlines() or ["VimbaC"])[-1]
+        return Finding(NAME, OK, f"{pymba} with {library}")
+    reason = (tried.stderr.strip().splitlines() or [f"ended with {tried.returncode}"])[-1]
+    if is_missing(reason):
+        words = f"{pymba}, but no Vimba library ({_message(reason)}): {WHAT_TO_SET}"
+        return Finding(NAME, NOTE, words)
+    return Finding(NAME, FAULT, f"{pymba} cannot be used: {reason}")
+
+
+def _message(reason: str) -> str:
+    """The last line of a traceback without the exception's name."""
+    return " ".join((reason.partition(": ")[2] or reason).split())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import CAMERAS, FILES, MODELS, OPTIONS, PICTURES, REAL_TIME, RunConfig
 from tokt.inference.outputs.udp import parse_receiver, version_of
-from tokt.inference.policy.anchor import Anchor
+from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.sources.cameras.open import is_camera_source
 from tokt.inference.sources.stream import is_stream_source

@@ -14,12 +14,10 @@ from typing import TYPE_CHECKING, TypeVar
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig
-from tokt.inference.events import EventQueue
 from tokt.inference.frame import Source
 from tokt.inference.monitoring.drift import DriftMonitor
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.status_line import StatusLine
-from tokt.inference.observer import Observer
 from tokt.inference.outputs.udp import (
     DEFAULT_HOST,
     DEFAULT_PORT,
@@ -28,9 +26,10 @@ from tokt.inference.outputs.udp import (
     version_of,
 )
 from tokt.inference.policy.assembly import StereoSetup
-from tokt.inference.publisher import Sender
+from tokt.inference.publisher import Observer, Sender
 from tokt.inference.recording.log import JsonLines, LogRotation
 from tokt.inference.recording.run_log import RunLog, new_run_id
+from tokt.inference.report import EventQueue
 
 if TYPE_CHECKING:
     from tokt.inference.outputs.mavlink import MavlinkOptions
@@ -63,8 +62,7 @@ def open_senders(
 
 
 def _mavlink_options(config: RunConfig, pairs: StereoSetup | None) -> MavlinkOptions:
-    from tokt.inference.outputs.mavlink import MavlinkOptions, Messages, WhenUnknown
-    from tokt.inference.stereo.lens import lens_of
+    from tokt.inference.outputs.mavlink import MavlinkOptions, Messages, WhenUnknown, lens_of
 
     wanted = config.outputs
     return MavlinkOptions(
@@ -131,8 +129,8 @@ def open_observers(
         keep(log := RunLog(wanted.log, run, rotation, wanted.log_values))
     if wanted.record is not None:
         from tokt.inference.recording.clip_trigger import ClipPadding
-        from tokt.inference.recording.disk_budget import DiskLimits
         from tokt.inference.recording.recorder import RESERVE_MB, Recorder
+        from tokt.inference.recording.recording import DiskLimits
 
         around = ClipPadding(wanted.record_before, wanted.record_after)
         disk = DiskLimits(wanted.record_mb, RESERVE_MB)
@@ -149,9 +147,8 @@ def open_observers(
         address = parse_metrics(config.monitoring.metrics)
         opened.callback(Metrics(*address, counts, watched, SYSTEM_CLOCK).close)
     if model.shadow is not None and model.shadow_log is not None:
-        from tokt.inference.replay.run_models import model_named
-        from tokt.inference.replay.shadow import Shadow
-        from tokt.inference.replay.shadow_process import Challenger
+        from tokt.inference.replay.replay import model_named
+        from tokt.inference.replay.shadow import Challenger, Shadow
 
         lines = JsonLines(model.shadow_log, rotation)
         other = model_named(model.shadow)

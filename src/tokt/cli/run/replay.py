@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
     from tokt.inference.policy.assembly import StereoSetup
     from tokt.inference.replay.logged_run import LoggedRun
-    from tokt.inference.replay.replay import Replay
-    from tokt.inference.replay.tally import ReplayStretch, Tally
+    from tokt.inference.replay.replay import Replay, ReplayStretch, Tally
     from tokt.inference.stereo.odometry import Odometry
 
 DIFFERENT = 1
@@ -60,9 +59,7 @@ def replay(
     changed. 2: it cannot be judged again.
     """
     from tokt.inference.replay.logged_run import open_run
-    from tokt.inference.replay.replay import Replay
-    from tokt.inference.replay.run_models import model_named, models_of_run
-    from tokt.inference.replay.tally import Tally
+    from tokt.inference.replay.replay import Replay, Tally, model_named, models_of_run
 
     logged = open_run(log, run)
     mission, pixel_format = _pictures(logged, source)

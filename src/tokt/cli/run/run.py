@@ -93,8 +93,7 @@ def _watched(source: str) -> int:
     """Run the same command under a watchdog; its exit code."""
     from tokt.cli.interrupt import stop_on_signal
     from tokt.inference.clock import SYSTEM_CLOCK
-    from tokt.inference.monitoring.notify import Notifier
-    from tokt.inference.monitoring.watchdog import Watchdog
+    from tokt.inference.monitoring.watchdog import Notifier, Watchdog
     from tokt.inference.sources.stream import is_stream_source
 
     if is_stream_source(source):

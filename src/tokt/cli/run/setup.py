@@ -6,7 +6,7 @@ import gc
 import os
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +17,17 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import parse_frames
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import ModelConfig, RunConfig, StereoConfig
-from tokt.inference.events import Event, EventQueue
 from tokt.inference.frame import Source
 from tokt.inference.monitoring.drift import DriftMonitor
-from tokt.inference.monitoring.notify import Notifier
 from tokt.inference.monitoring.reload import ModelReloader
-from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE
-from tokt.inference.policy.anchor import Anchor
+from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Sender
 from tokt.inference.recording.run_start import ModelName, RunStart
+from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
-from tokt.inference.sources.cameras.open import is_camera_source
+from tokt.inference.sources.cameras.open import is_camera_source, open_camera_source
 from tokt.inference.sources.files import open_source
 from tokt.inference.sources.stream import StreamSource, is_stream_source
 from tokt.inference.texture.detector import TextureDetector
@@ -217,16 +216,7 @@ def _source(
         return open_source(
             wanted.source, SYSTEM_CLOCK, chosen, wanted.rate, read_right, wanted.pixel_format
         )
-    from tokt.inference.sources.cameras.open import open_camera_source
-    from tokt.inference.sources.cameras.options import GIGABIT_BYTES_S, CameraOptions
-
-    named: dict[str, Any] = {
-        each.name: getattr(wanted, each.name, None) for each in fields(CameraOptions)
-    }
-    bandwidth = GIGABIT_BYTES_S if wanted.bandwidth is None else wanted.bandwidth
-    named |= {"bandwidth_bytes_s": bandwidth, "frame_rate": wanted.camera_rate}
-    options = CameraOptions(**named)
-    source = open_camera_source(wanted.source, SYSTEM_CLOCK, options, events.put)
+    source = open_camera_source(wanted, SYSTEM_CLOCK, events.put)
     opened.callback(source.close)
     return source
 

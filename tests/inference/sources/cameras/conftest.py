@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.events import Event
+from tokt.inference.config import SourceConfig
+from tokt.inference.report import Event
 from tokt.inference.sources.cameras.live_source import CameraSource
 from tokt.inference.sources.cameras.open import open_camera_source
-from tokt.inference.sources.cameras.options import CameraOptions
 
 from .simulated_rig import FOLDERS, Delivered, Live, Simulator
 
@@ -77,9 +77,9 @@ def live(simulator: Simulator) -> Iterator[Callable[..., Live]]:
     opened: list[CameraSource] = []
 
     def make(text: str = "pymba:0,1", **options: object) -> Live:
-        chosen = CameraOptions(**{"pixel_format": "Mono8", **options})  # type: ignore[arg-type]
+        chosen = SourceConfig(text, **{"pixel_format": "Mono8", **options})  # type: ignore[arg-type]
         events: list[Event] = []
-        source = open_camera_source(text, SYSTEM_CLOCK, chosen, events.append)
+        source = open_camera_source(chosen, SYSTEM_CLOCK, events.append)
         opened.append(source)
         return Live(source, events)
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.waiting import MAX_S, until
-from tokt.inference.events import Event
 from tokt.inference.frame import Frame
+from tokt.inference.report import Event
 from tokt.inference.sources.cameras.capture import Capture
 from tokt.inference.sources.cameras.live_source import CameraSource
 

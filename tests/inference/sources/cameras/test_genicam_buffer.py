@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tokt.inference.reason import Reason
-from tokt.inference.sources.cameras.genicam.buffer import NoPictureError, pixels_of, taken_s
+from tokt.inference.sources.cameras.genicam.camera import NoPictureError, pixels_of, taken_s
 
 gentl = pytest.importorskip("genicam.gentl")
 

@@ -18,23 +18,26 @@ import pytest
 from tests.waiting import MAX_S, until
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
+from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
-from tokt.inference.sources.cameras.genicam import health
-from tokt.inference.sources.cameras.genicam.buffer import NoPictureError, pixels_of
+from tokt.inference.sources.cameras.genicam import producers as genicam_producers
 from tokt.inference.sources.cameras.genicam.camera import (
     CameraGoneError,
     FetchedFrame,
     GenicamCamera,
+    NoPictureError,
     opened_camera,
+    pixels_of,
 )
-from tokt.inference.sources.cameras.genicam.listing import ListedCamera, Listing, Place
 from tokt.inference.sources.cameras.genicam.process import _chosen, _send_next
 from tokt.inference.sources.cameras.genicam.producers import (
+    ListedCamera,
+    Listing,
+    Place,
     Producers,
     opened_producers,
     producer_files,
 )
-from tokt.inference.sources.cameras.options import CameraOptions
 
 genicam = pytest.importorskip("genicam")
 pytest.importorskip("harvesters")
@@ -105,7 +108,7 @@ def test_no_producer(monkeypatch, tmp_path):
     monkeypatch.setenv(VARIABLE, f"{tmp_path}{os.pathsep}{tmp_path / 'none'}")
     with pytest.raises(ToktError, match=r"no GenTL producer \(\*\.cti\) in"):
         producer_files()
-    assert health.genicam_finding().state == "note"
+    assert genicam_producers.genicam_finding().state == "note"
     monkeypatch.delenv(VARIABLE)
     with pytest.raises(ToktError, match=f"install the camera vendor's, and set {VARIABLE}"):
         producer_files()
@@ -126,7 +129,7 @@ def test_producers_that_are_none_are_said_and_others_used(monkeypatch, tmp_path)
 
 def test_frames_and_the_buffers_given_back(producers):
     listed = producers.listing.cameras[0]
-    options = CameraOptions(frame_rate=200)
+    options = SourceConfig(camera_rate=200)
     with opened_camera(producers, listed, "red", options, 1.0) as camera:
         assert camera.period_s == pytest.approx(1 / 200)
         found = taken(camera, 20)
@@ -153,7 +156,7 @@ def test_incomplete_frames_are_told_and_given_back(producers, monkeypatch):
     """viky sends none: its complete ones are declared incomplete, and harvesters does the rest."""
     calls = iter(range(1000))
     monkeypatch.setattr(genicam.gentl.Buffer, "is_complete", lambda self: next(calls) % 2 == 0)
-    options = CameraOptions(frame_rate=200)
+    options = SourceConfig(camera_rate=200)
     with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
         found = taken(camera, 24)
     halves = [one for one in found if one.pixels is None]
@@ -171,7 +174,7 @@ class Stuck(io.BytesIO):
 
 
 def test_what_came_while_nobody_read_is_given_back(producers):
-    options = CameraOptions(frame_rate=20)
+    options = SourceConfig(camera_rate=20)
     pipe = Stuck()
     with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
         stream = producers.harvester.image_acquirers[0].data_streams[0]
@@ -190,38 +193,38 @@ def test_a_camera_that_is_pulled_out_can_be_opened_again(producers):
     """Its handles are closed under harvesters, as a producer does when its device is gone."""
     listed = producers.listing.cameras[0]
     with (
-        opened_camera(producers, listed, "red", CameraOptions(), 1.0) as camera,
+        opened_camera(producers, listed, "red", SourceConfig(), 1.0) as camera,
         pytest.raises(CameraGoneError, match="handle"),
     ):
         taken(camera, 1)
         producers.harvester.image_acquirers[0].device.module.close()
         taken(camera, 1)
-    with opened_camera(producers, listed, "red", CameraOptions(), 1.0) as camera:
+    with opened_camera(producers, listed, "red", SourceConfig(), 1.0) as camera:
         assert taken(camera, 1)[0].frame_id == 1
 
 
 def test_a_camera_in_use(producers):
     listed = producers.listing.cameras[0]
     with (
-        opened_camera(producers, listed, "red", CameraOptions(), 1.0),
+        opened_camera(producers, listed, "red", SourceConfig(), 1.0),
         pytest.raises(ToktError, match=r"camera red cannot be opened: .*already in use"),
-        opened_camera(producers, listed, "red", CameraOptions(), 1.0),
+        opened_camera(producers, listed, "red", SourceConfig(), 1.0),
     ):
         pass
 
 
 def test_what_doctor_finds():
-    found = health.genicam_finding()
+    found = genicam_producers.genicam_finding()
     assert found.state == "ok" and "harvesters" in found.text
     assert found.figures["cameras"] == ["VikyTL_DEV_red", "VikyTL_DEV_green", "VikyTL_DEV_blue"]
 
 
 def test_without_harvesters_doctor_says_what_to_install(monkeypatch):
     def version(name: str) -> str:
-        raise health.PackageNotFoundError(name)
+        raise genicam_producers.PackageNotFoundError(name)
 
-    monkeypatch.setattr(health, "version", version)
-    found = health.genicam_finding()
+    monkeypatch.setattr(genicam_producers, "version", version)
+    found = genicam_producers.genicam_finding()
     assert (found.state, found.text) == (
         "note",
         "no harvesters; GenICam cameras need tokt[genicam]",

@@ -21,21 +21,21 @@ import pytest
 from tests.waiting import MAX_S, until
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.events import Event
+from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
+from tokt.inference.report import Event
 from tokt.inference.sources.cameras.capture import LEFT, Capture, Deliver
 from tokt.inference.sources.cameras.genicam import driver as genicam_driver
-from tokt.inference.sources.cameras.genicam import listing as genicam_listing
+from tokt.inference.sources.cameras.genicam import producers as genicam_producers
 from tokt.inference.sources.cameras.genicam.driver import GenicamDriver, open_drivers
-from tokt.inference.sources.cameras.genicam.listing import (
+from tokt.inference.sources.cameras.genicam.messages import read_message, write_message
+from tokt.inference.sources.cameras.genicam.producers import (
     ListedCamera,
     Listing,
     Place,
     list_cameras,
 )
-from tokt.inference.sources.cameras.genicam.messages import read_message, write_message
 from tokt.inference.sources.cameras.live_source import CameraSource
-from tokt.inference.sources.cameras.options import CameraOptions
 
 genicam = pytest.importorskip("genicam")
 pytest.importorskip("harvesters")
@@ -57,7 +57,7 @@ def open_camera() -> Iterator[Callable[..., GenicamDriver]]:
     drivers: list[GenicamDriver] = []
 
     def make(name: str = "0", **more: Any) -> GenicamDriver:
-        options = CameraOptions(frame_rate=100)
+        options = SourceConfig(camera_rate=100)
         drivers.append(GenicamDriver(LEFT, name, None, options, 1.0, SYSTEM_CLOCK, **more))
         return drivers[-1]
 
@@ -81,7 +81,7 @@ def instead(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     def use(program: str) -> None:
         command = [sys.executable, "-I", "-S", "-c", head + program]
         monkeypatch.setattr(genicam_driver, "program", lambda: command)
-        monkeypatch.setattr(genicam_listing, "program", lambda: command)
+        monkeypatch.setattr(genicam_producers, "program", lambda: command)
 
     return use
 
@@ -104,7 +104,7 @@ class Stamped:
 
 
 def test_two_cameras_as_a_source_of_pairs():
-    options = CameraOptions(frame_rate=50)
+    options = SourceConfig(camera_rate=50)
     drivers = open_drivers(["VikyTL_DEV_red", "1"], options, SYSTEM_CLOCK)
     assert [driver.name for driver in drivers] == ["VikyTL_DEV_red", "1"]
     told: list[Event] = []
@@ -191,24 +191,24 @@ def listed(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_what_cannot_be_meant(ids, wait, words, listed):
     with pytest.raises(ToktError, match=words):
-        open_drivers(ids, CameraOptions(wait=wait), SYSTEM_CLOCK)
+        open_drivers(ids, SourceConfig(wait=wait), SYSTEM_CLOCK)
 
 
 def test_a_camera_that_is_waited_for(listed):
-    drivers = open_drivers(["not here yet", "1"], CameraOptions(wait=True), SYSTEM_CLOCK)
+    drivers = open_drivers(["not here yet", "1"], SourceConfig(wait=True), SYSTEM_CLOCK)
     assert [driver.name for driver in drivers] == ["not here yet", "1"]
 
 
 def test_nothing_to_drive_cameras_with(monkeypatch):
-    monkeypatch.setattr(genicam_listing, "find_spec", lambda name: None)
+    monkeypatch.setattr(genicam_producers, "find_spec", lambda name: None)
     with pytest.raises(ToktError, match=r"needs harvesters: install tokt\[genicam\]"):
-        open_drivers(["0"], CameraOptions(), SYSTEM_CLOCK)
+        open_drivers(["0"], SourceConfig(), SYSTEM_CLOCK)
 
 
 def test_no_producer_is_said_by_the_runtime(monkeypatch):
     monkeypatch.delenv("GENICAM_GENTL64_PATH")
     with pytest.raises(ToktError, match="no GenTL producer: install the camera vendor's"):
-        open_drivers(["0"], CameraOptions(), SYSTEM_CLOCK)
+        open_drivers(["0"], SourceConfig(), SYSTEM_CLOCK)
 
 
 def test_producers_that_crash_or_hang(instead):

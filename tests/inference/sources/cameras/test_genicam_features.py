@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from tokt.features.common.errors import ToktError
+from tokt.inference.config import SourceConfig
 from tokt.inference.sources.cameras.genicam.features import GenicamFeatures
-from tokt.inference.sources.cameras.options import CameraOptions
 
 NodeMap = pytest.importorskip("genicam.genapi").NodeMap
 
@@ -57,7 +57,7 @@ def camera(*features: str, formats: tuple[str, ...] = ("Mono8",)) -> tuple[Any, 
 )
 def test_the_pixel_format(own, wanted, chosen):
     nodes, features = camera(formats=own)
-    features.set_up(CameraOptions(pixel_format=wanted), 1.0, "U3V")
+    features.set_up(SourceConfig(pixel_format=wanted), 1.0, "U3V")
     assert nodes.PixelFormat.value == chosen
 
 
@@ -65,7 +65,7 @@ def test_the_pixel_format(own, wanted, chosen):
 def test_no_pixel_format_that_fits(wanted):
     _, features = camera(formats=("Mono12", "Mono12Packed"))
     with pytest.raises(ToktError, match="it has Mono12, Mono12Packed"):
-        features.set_up(CameraOptions(pixel_format=wanted), 1.0, "U3V")
+        features.set_up(SourceConfig(pixel_format=wanted), 1.0, "U3V")
 
 
 @pytest.mark.parametrize("name", ["ExposureTime", "ExposureTimeAbs"])
@@ -77,7 +77,7 @@ def test_exposure_gain_and_packets_under_each_name(name):
         number("Gain", -6, 24),
         number("GevSCPSPacketSize", 500, 9000, "Integer"),
     )
-    features.set_up(CameraOptions(exposure_us=2500, gain_db=-3, packet_size=8228), 1.0, "GEV")
+    features.set_up(SourceConfig(exposure_us=2500, gain_db=-3, packet_size=8228), 1.0, "GEV")
     assert (nodes.ExposureAuto.value, nodes.GainAuto.value) == ("Off", "Off")
     assert getattr(nodes, name).value == 2500
     assert (nodes.Gain.value, nodes.GevSCPSPacketSize.value) == (-3, 8228)
@@ -86,13 +86,13 @@ def test_exposure_gain_and_packets_under_each_name(name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (CameraOptions(exposure_us=5.0), "does not take ExposureTime 5.0: Value"),
-        (CameraOptions(gain_db=1.0), "no gain in dB that could be set"),
-        (CameraOptions(packet_size=1500), "no packet size that could be set"),
-        (CameraOptions(bandwidth_bytes_s=5e6), "no bandwidth that could be set"),
-        (CameraOptions(frame_rate=5.0), "no frame rate that could be set"),
-        (CameraOptions(trigger="Line1"), "does not take TriggerSource Line1"),
-        (CameraOptions(ptp=True), "no Precision Time Protocol"),
+        (SourceConfig(exposure_us=5.0), "does not take ExposureTime 5.0: Value"),
+        (SourceConfig(gain_db=1.0), "no gain in dB that could be set"),
+        (SourceConfig(packet_size=1500), "no packet size that could be set"),
+        (SourceConfig(bandwidth=5e6), "no bandwidth that could be set"),
+        (SourceConfig(camera_rate=5.0), "no frame rate that could be set"),
+        (SourceConfig(trigger="Line1"), "does not take TriggerSource Line1"),
+        (SourceConfig(ptp=True), "no Precision Time Protocol"),
     ],
 )
 def test_what_a_camera_cannot_do_is_refused(options, words):
@@ -116,7 +116,7 @@ def test_the_bandwidth_is_shared_and_kept_within_what_the_camera_can(
     name, asked, share, link, given
 ):
     nodes, features = camera(number(name, 1000, 125_000_000, "Integer", "<Inc>8</Inc>"))
-    options = CameraOptions() if asked is None else CameraOptions(bandwidth_bytes_s=asked)
+    options = SourceConfig() if asked is None else SourceConfig(bandwidth=asked)
     features.set_up(options, share, link)
     assert given - 8 < getattr(nodes, name).value <= given
 
@@ -128,7 +128,7 @@ def test_a_frame_rate_and_the_period_that_comes_of_it():
         number("AcquisitionFrameRate", 1, 30),
     )
     assert features.period_s() is None  # triggered
-    features.set_up(CameraOptions(frame_rate=20), 1.0, "U3V")
+    features.set_up(SourceConfig(camera_rate=20), 1.0, "U3V")
     assert nodes.TriggerMode.value == "Off" and nodes.AcquisitionFrameRateEnable.value
     assert features.period_s() == pytest.approx(1 / 20)
 
@@ -140,7 +140,7 @@ def test_a_frame_rate_that_is_a_trigger():
         choice("TriggerSource", "Freerun", "FixedRate"),
         number("AcquisitionFrameRateAbs", 1, 30),
     )
-    features.set_up(CameraOptions(frame_rate=10), 1.0, "GEV")
+    features.set_up(SourceConfig(camera_rate=10), 1.0, "GEV")
     assert (nodes.TriggerMode.value, nodes.TriggerSource.value) == ("On", "FixedRate")
     assert features.period_s() == pytest.approx(0.1)
 
@@ -151,7 +151,7 @@ def test_a_trigger():
         choice("TriggerSource", "Software", "Line1"),
         choice("TriggerMode", "Off", "On"),
     )
-    features.set_up(CameraOptions(trigger="Line1"), 1.0, "GEV")
+    features.set_up(SourceConfig(trigger="Line1"), 1.0, "GEV")
     values = (nodes.TriggerSelector.value, nodes.TriggerSource.value, nodes.TriggerMode.value)
     assert values == ("FrameStart", "Line1", "On")
 
@@ -167,7 +167,7 @@ def test_a_trigger():
 )
 def test_a_clock_that_is_set_by_ptp(enable, status, on, request):
     nodes, features = camera(enable, status)
-    features.set_up(CameraOptions(ptp=True), 1.0, "GEV")
+    features.set_up(SourceConfig(ptp=True), 1.0, "GEV")
     assert getattr(nodes, request.node.callspec.id).value == on
     assert features.clock_is_shared()
 
@@ -177,4 +177,4 @@ def test_a_clock_that_is_not_set():
     features = GenicamFeatures(nodes, "cam", ptp_s=0.0)
     assert not features.clock_is_shared()
     with pytest.raises(ToktError, match="camera cam: no clock by PTP in 0 s"):
-        features.set_up(CameraOptions(ptp=True), 1.0, "GEV")
+        features.set_up(SourceConfig(ptp=True), 1.0, "GEV")

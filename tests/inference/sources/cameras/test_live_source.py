@@ -14,13 +14,13 @@ import pytest
 from tests.waiting import MAX_S, until
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import SourceConfig
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import Reason
-from tokt.inference.sources.cameras import keeper
+from tokt.inference.sources.cameras import live_source
 from tokt.inference.sources.cameras.capture import Capture, Deliver
 from tokt.inference.sources.cameras.live_source import CameraSource
 from tokt.inference.sources.cameras.open import open_camera_source
-from tokt.inference.sources.cameras.options import CameraOptions
 
 from .simulated_rig import RATE_HZ, Live, Simulator, seen
 
@@ -186,7 +186,7 @@ def test_the_right_camera_is_pulled_out_and_the_left_goes_on(simulator, quick):
 
 def test_a_camera_that_falls_silent_is_started_again(simulator, live, monkeypatch):
     """The library says nothing of it; only that nothing comes any more."""
-    monkeypatch.setattr(keeper, "_MIN_SILENCE_S", 0.6)
+    monkeypatch.setattr(live_source, "_MIN_SILENCE_S", 0.6)
     cameras = live("pymba:0")
     cameras.take(3)
     simulator.set(0, mute=1)
@@ -234,7 +234,7 @@ def test_a_camera_that_is_waited_for(simulator, quick):
 def test_stop_while_streaming_and_while_lost(simulator):
     for plugged in (1, 0):
         simulator.set(1, plugged=1)
-        source = open_camera_source("pymba:0,1", SYSTEM_CLOCK, CameraOptions(), lambda event: None)
+        source = open_camera_source(SourceConfig("pymba:0,1"), SYSTEM_CLOCK, lambda event: None)
         simulator.set(1, plugged=plugged)
         frames: list[Frame] = []
         reader = threading.Thread(target=lambda: frames.extend(source), daemon=True)  # noqa: B023
@@ -248,7 +248,7 @@ def test_stop_while_streaming_and_while_lost(simulator):
 
 
 def test_stop_without_a_reader(simulator):
-    source = open_camera_source("pymba:0", SYSTEM_CLOCK, CameraOptions(), lambda event: None)
+    source = open_camera_source(SourceConfig("pymba:0"), SYSTEM_CLOCK, lambda event: None)
     source.close()
     assert list(source) == []
 

@@ -8,8 +8,13 @@ import pytest
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.sources.cameras.open import is_camera_source, open_camera_source
-from tokt.inference.sources.cameras.options import CameraOptions
+from tokt.inference.config import SourceConfig
+from tokt.inference.sources.cameras.capture import bandwidth_bytes_s
+from tokt.inference.sources.cameras.open import (
+    check_camera_options,
+    is_camera_source,
+    open_camera_source,
+)
 
 
 @pytest.mark.parametrize(
@@ -17,37 +22,38 @@ from tokt.inference.sources.cameras.options import CameraOptions
     [
         ({"exposure_us": 0}, "microseconds"),
         ({"exposure_us": math.nan}, "microseconds"),
-        ({"frame_rate": -1}, "frames per second"),
-        ({"frame_rate": math.inf}, "frames per second"),
-        ({"bandwidth_bytes_s": 0}, "bytes per second"),
+        ({"camera_rate": -1}, "frames per second"),
+        ({"camera_rate": math.inf}, "frames per second"),
+        ({"bandwidth": 0}, "bytes per second"),
         ({"gain_db": math.inf}, "dB"),
         ({"pixel_format": "BGR16"}, "choose from Mono8"),
         ({"packet_size": 64}, "500 to 16384"),
         ({"trigger": "Line 1"}, "'Line 1'"),
-        ({"trigger": "Line1", "frame_rate": 10}, "a trigger or a frame rate"),
+        ({"trigger": "Line1", "camera_rate": 10}, "a trigger or a frame rate"),
     ],
 )
 def test_what_cannot_be_meant(options, words):
     with pytest.raises(ToktError, match=words):
-        CameraOptions(**options)
+        open_camera_source(SourceConfig("pymba:0", **options), SYSTEM_CLOCK, print)
 
 
 def test_what_can_be_meant():
-    options = CameraOptions(
+    options = SourceConfig(
         exposure_us=5000, gain_db=-3, pixel_format="BayerRG8", packet_size=9000, trigger="Line1"
     )
-    assert options.bandwidth_bytes_s == 115_000_000
+    check_camera_options(options)
+    assert bandwidth_bytes_s(options) == 115_000_000
 
 
 @pytest.mark.parametrize("text", ["pymba:", "pymba:1,", "pymba:1,2,3", "genicam:", "usb:1"])
 def test_what_names_no_cameras(text):
     with pytest.raises(ToktError, match="live cameras are"):
-        open_camera_source(text, SYSTEM_CLOCK, CameraOptions(), print)
+        open_camera_source(SourceConfig(text), SYSTEM_CLOCK, print)
 
 
 def test_one_camera_is_not_two():
     with pytest.raises(ToktError, match="are both '02-2130A'"):
-        open_camera_source("pymba:02-2130A, 02-2130A", SYSTEM_CLOCK, CameraOptions(), print)
+        open_camera_source(SourceConfig("pymba:02-2130A, 02-2130A"), SYSTEM_CLOCK, print)
 
 
 def test_cameras_and_folders_are_told_apart():

@@ -14,9 +14,9 @@ from tests.waiting import MAX_S
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import SourceConfig
 from tokt.inference.reason import Reason
 from tokt.inference.sources.cameras.capture import CameraDriver, Deliver
-from tokt.inference.sources.cameras.options import CameraOptions
 from tokt.inference.sources.cameras.vimba.driver import open_drivers
 
 from .simulated_rig import HEIGHT, LEFT_ID, RATE_HZ, RIGHT_ID, WIDTH, Simulator, pattern, seen
@@ -36,7 +36,7 @@ def stopped(simulator: Simulator) -> Iterator[None]:
 
 
 def drivers(*names: str, **options: object) -> Sequence[CameraDriver]:
-    made = open_drivers(names, CameraOptions(**options), SYSTEM_CLOCK)  # type: ignore[arg-type]
+    made = open_drivers(names, SourceConfig(**options), SYSTEM_CLOCK)  # type: ignore[arg-type]
     MADE.extend(made)
     return made
 
@@ -68,7 +68,7 @@ def test_pictures_are_the_cameras_bit_for_bit(pixel_format, simulator, delivered
 
 def test_a_usb_camera_with_other_names_for_its_features(simulator, delivered):
     simulator.set(0, usb=1)
-    one = driver(exposure_us=700, frame_rate=40, pixel_format="BGR8Packed")
+    one = driver(exposure_us=700, camera_rate=40, pixel_format="BGR8Packed")
     started(one, delivered)
     (capture, *_) = delivered.wait(1)
     assert capture.picture.shape == (HEIGHT, WIDTH, 3)
@@ -83,7 +83,7 @@ def test_a_usb_camera_with_other_names_for_its_features(simulator, delivered):
 
 
 def test_what_was_asked_for_is_set(simulator, delivered):
-    one = driver(exposure_us=1234.5, gain_db=6, packet_size=4000, frame_rate=25, ptp=True)
+    one = driver(exposure_us=1234.5, gain_db=6, packet_size=4000, camera_rate=25, ptp=True)
     assert one.period_s is None and not one.shared_clock
     started(one, delivered)
     assert simulator.feature(0, "ExposureTimeAbs") == 1234.5
@@ -103,13 +103,13 @@ def test_left_alone_the_packet_size_is_fitted_to_the_network(simulator, delivere
 
 
 def test_two_cameras_share_the_bandwidth(simulator, delivered):
-    both = [started(one, delivered) for one in drivers("0", "1", bandwidth_bytes_s=80e6)]
+    both = [started(one, delivered) for one in drivers("0", "1", bandwidth=80e6)]
     shares = [simulator.feature(camera, "StreamBytesPerSecond") for camera in (0, 1)]
     assert shares == [40e6, 40e6]
     for one in both:
         one.stop()
     # More than a camera can send is what it can.
-    one = started(driver(bandwidth_bytes_s=1e9), delivered)
+    one = started(driver(bandwidth=1e9), delivered)
     assert simulator.feature(0, "StreamBytesPerSecond") == 124e6
     one.stop()
 

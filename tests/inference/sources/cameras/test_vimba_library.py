@@ -9,8 +9,7 @@ import sys
 import pytest
 
 from tokt.features.common.errors import ToktError
-from tokt.inference.sources.cameras.vimba.health import camera_driver_finding
-from tokt.inference.sources.cameras.vimba.library import load_pymba
+from tokt.inference.sources.cameras.vimba.system import camera_driver_finding, load_pymba
 
 from .simulated_rig import FOLDERS
 

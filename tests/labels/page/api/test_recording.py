@@ -13,9 +13,8 @@ import numpy as np
 from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.policy.assembly import build_policy
-from tokt.inference.recording.disk_budget import DiskLimits
 from tokt.inference.recording.recorder import Recorder
-from tokt.inference.recording.recording import read_recording
+from tokt.inference.recording.recording import DiskLimits, read_recording
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import open_source
 from tokt.models.bundle.bundle import read_bundle

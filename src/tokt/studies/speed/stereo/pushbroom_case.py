@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.inference.frame_checks.picture import pair_shape_fault
+from tokt.inference.frame_checks import pair_shape_fault
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import BAND, CELL_PX, PushbroomDetector

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tokt.inference.policy.trend import HORIZON_S, STEADY_PER_S, TRENDS
+from tokt.inference.policy.temporal_cues import HORIZON_S, STEADY_PER_S, TRENDS
 from tokt.studies.thesis.context import StudyContext
 from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
 from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE

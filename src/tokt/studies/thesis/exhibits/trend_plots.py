@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tokt.inference.policy.trend import GROWING, SHRINKING, STEADY
+from tokt.inference.policy.temporal_cues import GROWING, SHRINKING, STEADY
 from tokt.studies.thesis.frame_drawing import png_of
 from tokt.studies.thesis.methods.trend_scores import TrendAgainstDepth
 

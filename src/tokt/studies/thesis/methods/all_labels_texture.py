@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor
-from tokt.inference.frame_checks.picture import frame_fault
+from tokt.inference.frame_checks import frame_fault
 from tokt.models.linear import LinearModel
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.inputs import StudyInputs

@@ -14,14 +14,13 @@ import numpy as np
 
 from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.detector import Detector
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import UNKNOWN, Verdict
+from tokt.inference.verdict import UNKNOWN, Detector, Verdict
 from tokt.models.bundle.bundle import read_bundle
 from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.mean_disparity import Thirds

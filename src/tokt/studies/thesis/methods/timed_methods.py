@@ -15,7 +15,7 @@ from tokt.features.extractors.extractor import Extractor, Haralick, Lbp
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.image_file import decode_image
 from tokt.inference.frame import Frame
-from tokt.inference.frame_checks.picture import frame_fault
+from tokt.inference.frame_checks import frame_fault
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector

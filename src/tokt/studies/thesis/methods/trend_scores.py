@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import spearmanr, theilslopes
 
-from tokt.inference.policy.trend import (
+from tokt.inference.policy.temporal_cues import (
     GROWING,
     HORIZON_S,
     MIN_SLOTS,

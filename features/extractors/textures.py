@@ -1,0 +1,467 @@
+"""The extractors, and the interface of all: a frame and a grid in, one feature row a patch out.
+
+Those of one picture come first, then what is made of several: a join, a patch with its neighbours.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.features.kernels.quantization import Quantization
+
+from .frame_pictures import FramePictures
+
+SPEC_VERSION = 1
+PLAIN_IMAGE = {"resize": "area", "gray": "bt601"}
+
+
+class Extractor(Protocol):
+    """Turns a frame into features, one row a patch."""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The JSON spec that describes this extractor whole."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One name a feature."""
+
+    @property
+    def dim(self) -> int:
+        """Number of features of one patch."""
+
+    @property
+    def images(self) -> tuple[Quantization | None, ...]:
+        """The distinct pictures it looks at; None is the plain one."""
+
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """`describe`, of a frame whose prepared pictures are shared with others."""
+
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """Features of every patch: float64, shape (grid.n_patches, dim), row by row.
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
+            As the camera gave it, gray or BGR, any size.
+        grid : Grid
+        """
+
+
+class Texture(ABC):
+    """An extractor that works on pictures prepared from the frame."""
+
+    dim: int
+    names: tuple[str, ...]
+    images: tuple[Quantization | None, ...]
+    """The distinct pictures it looks at; None is the plain one."""
+
+    @property
+    @abstractmethod
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+
+    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+        """Features of every patch; see `Extractor.describe`."""
+        return self.describe_pictures(FramePictures(frame, grid))
+
+    @abstractmethod
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """Features of every patch, float64, shape (n_patches, dim)."""
+
+
+class OnePicture(Texture):
+    """An extractor that works on one picture, each patch by itself.
+
+    Parameters
+    ----------
+    image : Quantization, optional
+        How that picture is prepared; the plain one if not given.
+    names : sequence of str
+        Of the features; another image than the plain one goes before them.
+    """
+
+    def __init__(self, image: Quantization | None, names: tuple[str, ...]) -> None:
+        self.image = image
+        self.images = (image,)
+        self.names = names if image is None else tuple(f"{image.label}.{name}" for name in names)
+        self.dim = len(names)
+
+    @property
+    def image_spec(self) -> dict[str, Any]:
+        """The spec's ``image``."""
+        return dict(PLAIN_IMAGE) if self.image is None else self.image.to_json()
+
+
+BILINEAR, NEAREST = "bilinear", "nearest"
+
+
+class Lbp(OnePicture):
+    """Normalised histograms of uniform local binary patterns (thesis section 3.4).
+
+    Parameters
+    ----------
+    points, radius : int
+        P sampling points on a circle of R pixels.
+    border : {"patch", "frame"}
+        Whether a point beyond the patch is 0 or the neighbour's pixel.
+    image : Quantization, optional
+    sampling : {"bilinear", "nearest"}, optional
+        Between pixels, or at the nearest one; not given, bilinear by a spec of version 1.
+    """
+
+    def __init__(
+        self,
+        points: int,
+        radius: int,
+        border: str,
+        image: Quantization | None = None,
+        sampling: str | None = None,
+    ) -> None:
+        bins = [*range(points + 1), "other"]
+        kind = "lbp_nearest" if sampling == NEAREST else "lbp"
+        super().__init__(
+            image, tuple(f"{kind}_{points}_{radius}_{border}_{pattern}" for pattern in bins)
+        )
+        self.sampling = sampling
+        self.points = points
+        self.radius = radius
+        self.border = border
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from; version 1 knows no sampling."""
+        spec = {
+            "name": "lbp",
+            "version": SPEC_VERSION,
+            "points": self.points,
+            "radius": self.radius,
+            "border": self.border,
+            "image": self.image_spec,
+        }
+        return spec if self.sampling is None else {**spec, "version": 2, "sampling": self.sampling}
+
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """Fraction of a patch's pixels with each pattern; rows sum to 1."""
+        picture, grid = pictures.picture(self.image), pictures.grid
+        kernel = KERNELS.lbp_nearest_counts if self.sampling == NEAREST else KERNELS.lbp_counts
+        counts = kernel(picture, grid, self.points, self.radius, self.border, pictures.threads)
+        patch_height, patch_width = grid.patch_size(*picture.shape)
+        return counts / float(patch_height * patch_width)
+
+
+HARALICK_NAMES = (
+    "angular_second_moment",
+    "contrast",
+    "correlation",
+    "sum_of_squares",
+    "inverse_difference_moment",
+    "sum_average",
+    "sum_variance",
+    "sum_entropy",
+    "entropy",
+    "difference_variance",
+    "difference_entropy",
+    "information_correlation_1",
+    "information_correlation_2",
+)
+LINEAR, LOG = "linear", "log"
+_LOG_NAMES = dict.fromkeys(
+    ("contrast", "correlation", "sum_of_squares", "sum_variance", "difference_variance"), "_log"
+)
+_LEAST = 0.1
+"""Squared levels, small beside those of a picture with any texture."""
+
+
+class Haralick(OnePicture):
+    """Haralick's first 13 features, mean over 4 directions (thesis section 3.5)."""
+
+    def __init__(
+        self, ignore_zeros: bool, image: Quantization | None = None, scale: str | None = None
+    ) -> None:
+        shown = _LOG_NAMES if scale == LOG else {}
+        names = (f"haralick_{name}{shown.get(name, '')}" for name in HARALICK_NAMES)
+        super().__init__(image, tuple(names))
+        self.ignore_zeros = ignore_zeros
+        self.scale = scale
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from; version 1 knows no scale."""
+        spec = {
+            "name": "haralick",
+            "version": SPEC_VERSION,
+            "ignore_zeros": self.ignore_zeros,
+            "image": self.image_spec,
+        }
+        return spec if self.scale is None else {**spec, "version": 2, "scale": self.scale}
+
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """The 13 features of each patch's grey-level co-occurrence matrices (GLCM)."""
+        picture = pictures.picture(self.image)
+        features = KERNELS.haralick_features(
+            picture, pictures.grid, self.ignore_zeros, pictures.threads
+        )
+        return on_log_scale(features) if self.scale == LOG else features
+
+
+def on_log_scale(features: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Features of shape (n, 13) with those that grow with contrast as logarithms.
+
+    A linear model then sees what is faint and what is close on one scale; the correlation, which
+    crowds below 1, is spread by the inverse hyperbolic tangent.
+    """
+    out = features.copy()
+    for place, name in enumerate(HARALICK_NAMES):
+        if name == "correlation":
+            out[:, place] = np.arctanh(out[:, place].clip(-0.99, 0.9999))
+        elif name in _LOG_NAMES:
+            out[:, place] = np.log(out[:, place] + _LEAST)
+    return out
+
+
+_NO_LINE = 0.25
+"""Levels that count as no line at all: the logarithm of less says nothing."""
+
+
+class Lines(OnePicture):
+    """For each number of samples: ridge contrast, energy of the strongest line, and its lead.
+
+    The legs of a tower are long lines before they are anything else, while what drifts in the water
+    are dots: a mean along a line keeps the one and loses the other.
+
+    Parameters
+    ----------
+    samples : sequence of int
+        Samples a line has; increasing powers of 2, 2 to 64.
+    image : Quantization, optional
+    """
+
+    def __init__(self, samples: Sequence[int], image: Quantization | None = None) -> None:
+        kinds = ("ridge", "strongest", "one_way")
+        super().__init__(image, tuple(f"lines_{n}_{kind}" for n in samples for kind in kinds))
+        self.samples = tuple(samples)
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        return {
+            "name": "lines",
+            "version": SPEC_VERSION,
+            "samples": list(self.samples),
+            "image": self.image_spec,
+        }
+
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """One row a patch."""
+        picture, grid = pictures.picture(self.image), pictures.grid
+        middle = (256 if self.image is None else self.image.levels) // 2
+        sums = KERNELS.line_sums(picture, grid, middle, self.samples, pictures.threads)
+        patch_height, patch_width = grid.patch_size(*picture.shape)
+        pixels, n = float(patch_height * patch_width), np.array(self.samples, np.float64)
+        ridge = sums[:, :, 0] / (8 * n * pixels)
+        energy = sums[:, :, 1:] / (n * n * pixels)[:, None]
+        strongest = np.log(energy.max(axis=2) + _NO_LINE**2)
+        one_way = strongest - np.log(energy.mean(axis=2) + _NO_LINE**2)
+        features = np.stack([np.log(ridge + _NO_LINE), strongest, one_way], axis=2)
+        return features.reshape(grid.n_patches, self.dim)
+
+
+PERCENTS = (2, 10, 50, 90, 98)
+
+
+class Moments(OnePicture):
+    """Mean, standard deviation, extremes and percentiles of a patch's levels."""
+
+    def __init__(self, image: Quantization | None = None) -> None:
+        names = ("mean", "std", "min", "max", *(f"percentile_{part}" for part in PERCENTS))
+        super().__init__(image, tuple(f"moments_{name}" for name in names))
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        return {"name": "moments", "version": SPEC_VERSION, "image": self.image_spec}
+
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """One row a patch, in levels."""
+        picture = pictures.picture(self.image)
+        return moments_of(KERNELS.level_counts(picture, pictures.grid, pictures.threads))
+
+
+def moments_of(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The features of histograms of 256 levels, shape (n, 256), as (n, 9).
+
+    A percentile p is the lowest level that p % of the pixels do not exceed. All sums are of whole
+    numbers, the variance's around one next to the mean.
+    """
+    level = np.arange(counts.shape[1])
+    up_to = counts.cumsum(axis=1)
+    n = up_to[:, -1]
+    total = counts @ level
+    middle = (total + n // 2) // n
+    shift = (total - middle * n) / n
+    spread = (counts * (level - middle[:, None]) ** 2).sum(axis=1)
+    variance = np.maximum(spread / n - shift * shift, 0)
+    seen = counts > 0
+    extremes = seen.argmax(axis=1), counts.shape[1] - 1 - seen[:, ::-1].argmax(axis=1)
+    percentiles = [(100 * up_to >= part * n[:, None]).argmax(axis=1) for part in PERCENTS]
+    return np.stack([total / n, np.sqrt(variance), *extremes, *percentiles], axis=1)
+
+
+_NO_EDGE = 0.25
+"""Squared levels that count as no edge at all: the logarithm of less says nothing."""
+
+
+class Structure(OnePicture):
+    """The structure tensor of each patch: its eigenvalues' logarithms, and its coherence.
+
+    References
+    ----------
+    Bigun, Granlund (1987), "Optimal orientation detection of linear symmetry", ICCV.
+    """
+
+    def __init__(self, image: Quantization | None = None) -> None:
+        super().__init__(image, ("structure_strong", "structure_weak", "structure_coherence"))
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        return {"name": "structure", "version": SPEC_VERSION, "image": self.image_spec}
+
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """One row a patch."""
+        picture, grid = pictures.picture(self.image), pictures.grid
+        sums = KERNELS.structure_sums(picture, grid, pictures.threads)
+        patch_height, patch_width = grid.patch_size(*picture.shape)
+        # Neighbours are two pixels apart: a difference is twice the slope.
+        across, down, both = (sums / (4.0 * patch_height * patch_width)).T
+        trace = across + down
+        apart = np.sqrt((across - down) ** 2 + 4 * both**2)
+        strong, weak = (trace + apart) / 2, np.maximum(trace - apart, 0) / 2
+        return np.stack(
+            [np.log(strong + _NO_EDGE), np.log(weak + _NO_EDGE), apart / (trace + _NO_EDGE)], axis=1
+        )
+
+
+class Join(Texture):
+    """Several extractors' features side by side; pictures they share are prepared once."""
+
+    def __init__(self, parts: Sequence[Texture]) -> None:
+        self.parts = tuple(parts)
+        self.images = tuple(dict.fromkeys(image for part in parts for image in part.images))
+        self.dim = sum(part.dim for part in self.parts)
+        self.names = tuple(name for part in self.parts for name in part.names)
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        parts = [part.spec for part in self.parts]
+        return {"name": "join", "version": SPEC_VERSION, "parts": parts}
+
+    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+        """The parts' features, in order."""
+        return np.hstack([part.describe_pictures(pictures) for part in self.parts])
+
+
+Floats = NDArray[np.float64]
+
+_AROUND = [(down, right) for down in range(3) for right in range(3) if (down, right) != (1, 1)]
+
+
+def _around_each(features: Floats, grid: Grid, beyond: float) -> list[Floats]:
+    """The features of each patch's eight neighbours, `beyond` where there is none."""
+    rows, cols = grid.rows, grid.cols
+    padded = np.full((rows + 2, cols + 2, features.shape[1]), beyond)
+    padded[1:-1, 1:-1] = features.reshape(rows, cols, -1)
+    return [padded[down : down + rows, right : right + cols] for down, right in _AROUND]
+
+
+def _mean_around(features: Floats, grid: Grid) -> Floats:
+    # One after the other, so that the order of adding is the same everywhere.
+    sums, *others = (part.copy() for part in _around_each(features, grid, 0.0))
+    for other in others:
+        sums += other
+    ones = np.ones((grid.n_patches, 1))
+    return np.asarray(sums / np.sum(_around_each(ones, grid, 0.0), axis=0))
+
+
+def _max_around(features: Floats, grid: Grid) -> Floats:
+    return np.asarray(np.max(_around_each(features, grid, -np.inf), axis=0))
+
+
+def _min_around(features: Floats, grid: Grid) -> Floats:
+    return np.asarray(np.min(_around_each(features, grid, np.inf), axis=0))
+
+
+def _range_around(features: Floats, grid: Grid) -> Floats:
+    return _max_around(features, grid) - _min_around(features, grid)
+
+
+STATISTICS: dict[str, Callable[[Floats, Grid], Floats]] = {
+    "mean": _mean_around,
+    "max": _max_around,
+    "min": _min_around,
+    "range": _range_around,
+}
+
+
+def around(features: Floats, grid: Grid, statistic: str) -> Floats:
+    """A statistic of each patch's neighbours, up to eight, inside the grid.
+
+    Parameters
+    ----------
+    features : array of float64, shape (n_patches, dim)
+    grid : Grid
+        Of one patch: it is its own neighbour.
+    statistic : str
+        One of `STATISTICS`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (n_patches, dim).
+    """
+    if grid.n_patches == 1:
+        # Not the features themselves: the range of one value is none.
+        return features - features if statistic == "range" else features
+    return STATISTICS[statistic](features, grid).reshape(features.shape)
+
+
+class Context(Texture):
+    """A part's features, followed by a statistic of the neighbours' ones.
+
+    Parameters
+    ----------
+    part : Texture
+    statistic : str
+        One of `STATISTICS`.
+    """
+
+    def __init__(self, part: Texture, statistic: str) -> None:
+        self.part = part
+        self.images = part.images
+        self.statistic = statistic
+        self.dim = 2 * part.dim
+        self.names = part.names + tuple(f"around_{statistic}.{name}" for name in part.names)
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec this was built from."""
+        return {
+            "name": "context",
+            "version": SPEC_VERSION,
+            "part": self.part.spec,
+            "statistic": self.statistic,
+        }
+
+    def describe_pictures(self, pictures: FramePictures) -> Floats:
+        """The part's features, then the neighbours'."""
+        own = self.part.describe_pictures(pictures)
+        return np.hstack([own, around(own, pictures.grid, self.statistic)])

@@ -1,1 +1,0 @@
-"""Checks of frames before any detector judges them."""
