@@ -50,4 +50,20 @@ class ClockStopwatch:
         return result, self._clock.monotonic() - start
 
 
+class FixedStopwatch:
+    """Says of each call that it took so long, however long it does take.
+
+    Attributes
+    ----------
+    seconds : float
+        0 until it is set: never late.
+    """
+
+    seconds = 0.0
+
+    def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
+        """Call it; what it gave, and the seconds."""
+        return call(), self.seconds
+
+
 SYSTEM_STOPWATCH = ClockStopwatch(SYSTEM_CLOCK)

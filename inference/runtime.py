@@ -72,6 +72,12 @@ class EveryFrame:
 class LatestFrameBuffer:
     """The latest frame; older ones that were not taken in time are left out.
 
+    ::
+
+        source ──> its thread ──> latest frame ──> loop          live: never a queue
+                                      │
+                                      └─ one that is overtaken is counted, and told as missed
+
     Parameters
     ----------
     source : Source
@@ -137,11 +143,6 @@ class LatestFrameBuffer:
         """Stop the source and wait for its thread, though not for ever."""
         self._source.stop()
         self._thread.join(_JOIN_S)
-
-
-def frame_buffer_for(source: Source) -> FrameBuffer:
-    """The buffer that fits a source: the latest frame only where it is live."""
-    return LatestFrameBuffer(source) if source.live else EveryFrame(source)
 
 
 POLL_S = 0.1
@@ -271,7 +272,8 @@ class Runtime:
         """
         summary = Summary()
         start = self.clock.monotonic()
-        buffer = frame_buffer_for(self.source)
+        live = self.source.live
+        buffer = LatestFrameBuffer(self.source) if live else EveryFrame(self.source)
         try:
             with self._heartbeat_thread():
                 while not buffer.ended:

@@ -15,6 +15,7 @@ contours' boxes, and contours of zero area have no weight instead of dividing by
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -95,6 +96,15 @@ STATUS_MEAN_THRESHOLD = 0.345
 one patch of a 10x10 grid (mean about 2.5) is far above it."""
 
 HEALTHY = "ok"
+
+
+def status_table(counts: Counter[tuple[int, int]]) -> dict[str, dict[str, int]]:
+    """Frames counted by two statuses: by the first, then by the second, in words."""
+    return {
+        word: {other: counts[one, two] for two, other in STATUS_WORDS.items()}
+        for one, word in STATUS_WORDS.items()
+    }
+
 
 Box = tuple[int, int, int, int]
 

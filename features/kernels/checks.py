@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
 
 
+MAX_PIXELS = 1 << 31
+"""Pixels of a frame; of more, a sum could pass 2**53, up to which double precision is exact."""
 MAX_SAMPLES = 64  # on a line; the sum of as many levels fits 16 bits
 MAX_POINTS = 64  # a pattern is one machine word
 MAX_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
@@ -82,6 +84,13 @@ def check_size(height: int, width: int) -> None:
     """Check that a picture of that size can be made; ValueError if not."""
     if min(height, width) < 1:
         raise ValueError(f"a picture has at least one pixel, not {width}x{height}")
+
+
+def check_gray16_size(shape: tuple[int, ...], height: int, width: int) -> None:
+    """Check that a 16-bit gray picture of that size can be made of a frame; ValueError if not."""
+    check_size(height, width)
+    if shape[0] * shape[1] >= MAX_PIXELS:
+        raise ValueError(f"a frame of {shape[1]}x{shape[0]} pixels has too many")
 
 
 def check_samples(samples: Sequence[int], middle: int) -> None:

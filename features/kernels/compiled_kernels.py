@@ -24,14 +24,23 @@ from .checks import (
     check_frame,
     check_gray,
     check_gray16,
+    check_gray16_size,
     check_lbp,
     check_samples,
     check_size,
     over_rows,
 )
 from .lbp_points import LbpPoints, lbp_points, nearest_points, pattern_codes
-from .numpy_pictures import check_gray16_size, gray16_step, overlaps
-from .quantization import FRAME, MIN_AROUND, RATIO, RATIO_OF, STEPS_PER_LEVEL, Quantization
+from .numpy_pictures import overlaps
+from .quantization import (
+    FRAME,
+    MIN_AROUND,
+    RATIO,
+    RATIO_OF,
+    STEPS_PER_LEVEL,
+    Quantization,
+    gray16_step,
+)
 
 
 class Scratch(threading.local):

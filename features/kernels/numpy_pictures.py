@@ -10,28 +10,19 @@ from numpy.typing import NDArray
 
 from tokt.features.frames.grid import Grid
 
-from .checks import check_frame, check_gray, check_gray16, check_size
-from .quantization import MIN_AROUND, RATIO, RATIO_OF, STEPS_PER_LEVEL, Quantization
+from .checks import check_frame, check_gray, check_gray16, check_gray16_size, check_size
+from .quantization import (
+    BGR_WEIGHTS,
+    MIN_AROUND,
+    RATIO,
+    RATIO_OF,
+    STEPS_PER_LEVEL,
+    WHOLE_WEIGHT,
+    Quantization,
+    gray16_step,
+)
 
 Floats = NDArray[np.float64]
-
-BGR_WEIGHTS = (1868, 9617, 4899)
-"""ITU-R BT.601 in parts of 2**14, as OpenCV has them."""
-WHOLE_WEIGHT = sum(BGR_WEIGHTS)
-MAX_PIXELS = 1 << 31
-"""Pixels of a frame; of more, a sum could pass 2**53, up to which double precision is exact."""
-
-
-def check_gray16_size(shape: tuple[int, ...], height: int, width: int) -> None:
-    """Check that a 16-bit gray picture of that size can be made of a frame; ValueError if not."""
-    check_size(height, width)
-    if shape[0] * shape[1] >= MAX_PIXELS:
-        raise ValueError(f"a frame of {shape[1]}x{shape[0]} pixels has too many")
-
-
-def gray16_step(shape: tuple[int, ...]) -> float:
-    """The factor from the whole number summed for a pixel to 1/256 grey levels."""
-    return 256.0 / (WHOLE_WEIGHT * shape[0] * shape[1])
 
 
 @lru_cache(maxsize=16)

@@ -16,6 +16,10 @@ from tokt.features.common.errors import ToktError
 STEPS_PER_LEVEL = 256
 """Steps of a 16-bit gray picture in one grey level."""
 
+BGR_WEIGHTS = (1868, 9617, 4899)
+"""ITU-R BT.601 in parts of 2**14, as OpenCV has them."""
+WHOLE_WEIGHT = sum(BGR_WEIGHTS)
+
 MAX_PIXELS_AROUND = 255
 """Largest side of a box whose sum of 16-bit pixels fits 32 bits."""
 
@@ -34,6 +38,11 @@ _BASE = {"resize": "area_deep", "gray": "bt601"}
 _KEYS = {*_BASE, "smooth", "flatten", "gain", "levels"}
 _MIN_LEVELS, _MAX_LEVELS = 8, 256
 _MAX_GAIN = 1024.0
+
+
+def gray16_step(shape: tuple[int, ...]) -> float:
+    """The factor from the whole number summed for a pixel to 1/256 grey levels."""
+    return 256.0 / (WHOLE_WEIGHT * shape[0] * shape[1])
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
 from socketserver import TCPServer
@@ -24,6 +24,7 @@ from tokt.inference.publisher import Sender
 from .run_counts import BOUNDS_S, Histogram, RunCounts
 
 if TYPE_CHECKING:
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
     from prometheus_client.metrics_core import Metric
 
     from tokt.inference.recording.recorder import Recorder
@@ -246,24 +247,21 @@ def _by_name(values: Mapping[str, float]) -> dict[tuple[str, ...], float]:
     return {(name,): value for name, value in dict(values).items()}
 
 
-def _items(values: Values) -> Iterable[tuple[tuple[str, ...], float]]:
-    return values.items() if isinstance(values, Mapping) else [((), float(values))]
-
-
 def _counter(name: str, words: str, values: Values, *labels: str) -> Metric:
     from prometheus_client.core import CounterMetricFamily
 
-    metric = CounterMetricFamily(_PREFIX + name, words, labels=labels)
-    for key, value in _items(values):
-        metric.add_metric(key, value)
-    return metric
+    return _filled(CounterMetricFamily(_PREFIX + name, words, labels=labels), values)
 
 
 def _gauge(name: str, words: str, values: Values, *labels: str) -> Metric:
     from prometheus_client.core import GaugeMetricFamily
 
-    metric = GaugeMetricFamily(_PREFIX + name, words, labels=labels)
-    for key, value in _items(values):
+    return _filled(GaugeMetricFamily(_PREFIX + name, words, labels=labels), values)
+
+
+def _filled(metric: CounterMetricFamily | GaugeMetricFamily, values: Values) -> Metric:
+    each = values.items() if isinstance(values, Mapping) else [((), float(values))]
+    for key, value in each:
         metric.add_metric(key, value)
     return metric
 
@@ -285,6 +283,9 @@ _JOIN_S = 1.0
 
 class MetricsServer:
     """Answer with what an application gives, until closed.
+
+    One request at a time, each for a bounded silence of its client: whoever connects can keep other
+    scrapes waiting, and nothing else.
 
     Parameters
     ----------

@@ -28,6 +28,10 @@ EVERY_S = 0.2
 class Notifier:
     """Signs of life of this process; none where nobody asked for them.
 
+    The words are those of systemd's ``sd_notify`` (READY=1, WATCHDOG=1, STOPPING=1): one datagram
+    each to the socket that ``NOTIFY_SOCKET`` names, or, from ``tokt run --watchdog``, which runs
+    where there is no systemd as well, to a port on loopback.
+
     Parameters
     ----------
     clock : Clock

@@ -36,7 +36,16 @@ MIN_FOV_DEG, MAX_FOV_DEG = 10.0, 170.0
 
 @dataclass(frozen=True)
 class Lens:
-    """A pinhole camera's horizontal view; distortion is left out.
+    r"""A pinhole camera's horizontal view; distortion is left out.
+
+    ::
+
+                     0 deg, ahead                 a column's angle, seen from above:
+                 k=-1  k=0  k=1                   negative left, positive right, of a pinhole camera
+                   \    |    /
+            left    \   |   /   right             sector k: SECTOR_DEG wide, around k * SECTOR_DEG;
+         of picture  \  |  /  of picture          its index is k % SECTORS, so that a thing at the
+                      camera                      left has the highest indices
 
     Parameters
     ----------
@@ -131,6 +140,11 @@ MEASURED_TO_M = {DISPARITY: FARTHEST_M, PUSHBROOM: max(DISTANCES_M)}
 @dataclass(frozen=True)
 class Ranges:
     """A judged frame in distances, all in whole centimetres.
+
+    A receiver that thinks in distances cannot be told "obstacle" or "clear" without one. Where the
+    verdict measured none, one has to be assumed, and the same figure serves both: an obstacle
+    without a distance is said to be that near, and a clear without a range to reach no farther.
+    Smaller is more careful either way.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import NamedTuple
 
 from tokt.features.common.errors import ToktError
@@ -45,6 +46,22 @@ class AnchorErrors(NamedTuple):
 @dataclass(frozen=True)
 class Anchor:
     """The object's wanted size in the picture's centre.
+
+    Three errors for a control system that keeps the vehicle before an object, such as one that is
+    looked at from all sides (L. S. Brusletto, NTNU 2016, section 7.2). They say where the object
+    is, not where to steer: `Verdict.x` and `Verdict.y` point away from it.
+
+    ::
+
+        -1        0        1  x      x, y   the object's centre in the picture: 0, 0 in its middle,
+         +--------+--------+ -1             1 at its right and its lower edge
+         |        |        |         size   ln of the wanted distance over the distance, were the
+         |        |  ###   |                object wholly in view: half the ln of the share of the
+         |--------+--###---|  0             picture that it covers over the share that is wanted
+         |        |  ###   |
+         |        |        |         x > 0     it is right: turn, or sway, to the right
+         +--------+--------+  1      y > 0     it is below: go down
+                             y       size > 0  it is too large, too near: go back
 
     Parameters
     ----------
@@ -161,6 +178,32 @@ class _Slot:
 class TrendEstimator:
     """Follow one mean value over time.
 
+    The mean value of the mask over time as a relative distance (L. S. Brusletto, NTNU 2016,
+    sections 5.2.1 and 7.2): what comes nearer covers more of the picture. No calibration is needed,
+    and no second camera.
+
+    ::
+
+        mean                 .      a line through the means of the last seconds, one mean a slot
+          |            o   .o       of a quarter of a second; what the rest differs from the line
+          |       o  . o            tells how sure its slope is. A frame in which nothing is seen
+          |    o .o                 (a status that flickers) is passed over.
+          |  .o
+          +-------------------- time
+
+        1 / sqrt(mean)              of a thing wholly in view is its distance times a constant: at a
+          |  o.                     constant speed it falls on a line, which reaches 0 when the
+          |     o .o                thing is reached.
+          |          .o o
+          |              . - - .
+          +---------------------x-- time
+
+    The mean is proportional to the projected area A of a thing wholly in view, A ~ 1 / Z**2, hence
+    the time to contact tau = Z / -(dZ/dt) = 2 A / (dA/dt) (Lee, 1976, A theory of visual control of
+    braking based on information about time-to-collision, Perception 5). The line through 1 /
+    sqrt(A) gives the same without the lag that a slope of A itself has, since A grows faster and
+    faster.
+
     Notes
     -----
     Times need not be regular; a clock may tick so coarsely that two are the same. A time before the
@@ -274,12 +317,9 @@ def _judged(per_s: float, error_per_s: float, freedom: int) -> tuple[str, float]
     shrinking = _probability((-STEADY_PER_S - per_s) / error_per_s, freedom)
     steady = 1 - growing - shrinking
     # STEADY first: nothing says which way where two are equal.
-    likeliest = max(((steady, STEADY), (growing, GROWING), (shrinking, SHRINKING)), key=_first)
-    return likeliest[1], likeliest[0]
-
-
-def _first(pair: tuple[float, str]) -> float:
-    return pair[0]
+    trends = (steady, STEADY), (growing, GROWING), (shrinking, SHRINKING)
+    probability, likeliest = max(trends, key=itemgetter(0))
+    return likeliest, probability
 
 
 def _probability(t: float, freedom: int) -> float:

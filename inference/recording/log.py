@@ -16,7 +16,7 @@ import contextlib
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from io import FileIO
@@ -64,6 +64,11 @@ class LogRotation:
             raise ToktError(f"1 to {MAX_KEPT} older log files can be kept, not {self.keep}")
 
 
+def json_line(value: Mapping[str, Any]) -> bytes:
+    """A line of a log: an object as JSON in ASCII."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
+
+
 class JsonLines:
     """A file of JSON lines that is added to, never rewritten: a log of an earlier dive stays.
 
@@ -108,7 +113,7 @@ class JsonLines:
     def write(self, value: dict[str, Any]) -> None:
         """Add one line, or count why not."""
         try:
-            line = json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
+            line = json_line(value)
         except (ValueError, TypeError, RecursionError) as error:
             self._fail(f"not JSON: {error}")
             return
@@ -132,7 +137,7 @@ class JsonLines:
         before = b"\n" if self._torn else b""
         if self._lost:
             lost = {"lost_lines": self._lost, "why": self.last_error}
-            before += json.dumps(lost, separators=(",", ":")).encode("ascii") + b"\n"
+            before += json_line(lost)
         data = before + line
         written = file.write(data) or 0
         self._size += written

@@ -32,7 +32,7 @@ from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
 
 from .clip_trigger import ClipPadding, ClipTrigger
-from .recording import DiskBudget, DiskLimits, EncodedFrame, RecordedFrame, RecordingFolder
+from .recording import DiskBudget, DiskLimits, EncodedFrame, RecordingFolder
 from .run_log import event_line, frame_line
 from .run_start import MODEL, START
 
@@ -76,16 +76,19 @@ class HeldFrame:
         held = sum(picture.nbytes for picture in pictures if picture is not None)
         return held + _BESIDE_PICTURES_BYTES
 
-    def recorded(self, run: str, clip: int) -> RecordedFrame:
+    def encoded(self, run: str, clip: int, folder: RecordingFolder) -> EncodedFrame:
         """The frame as it goes to disk."""
         sides = {"left": self.frame.left, "right": self.frame.right}
         pictures = {side: picture for side, picture in sides.items() if picture is not None}
         line = frame_line(run, self.frame, self.judgement, self.report)
-        return RecordedFrame(self.frame.number, clip, pictures, {**line, "judged": self.judged})
+        return folder.encode(self.frame.number, clip, pictures, {**line, "judged": self.judged})
 
 
 class RecordingWriter:
     """Write frames in the order they are put, beside the loop.
+
+    Two cores have the loop to run as well: it runs at a lower priority, and OpenCV encodes without
+    holding Python's lock.
 
     Parameters
     ----------
@@ -191,7 +194,7 @@ class RecordingWriter:
 
     def _write(self, held: HeldFrame, clip: int) -> str:
         """Why the frame is not on disk, or an empty string."""
-        encoded = self._folder.encode(held.recorded(self._run, clip))
+        encoded = held.encoded(self._run, clip, self._folder)
         if not self._make_room(encoded):
             return NO_ROOM
         if not self._budget.keeps_reserve(encoded.disk_bytes):

@@ -17,7 +17,6 @@ off in between.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import shutil
@@ -33,7 +32,7 @@ from numpy.typing import NDArray
 from tokt.features.common.atomic import write_bytes
 from tokt.features.common.errors import ToktError
 
-from .log import LogGap, read_log
+from .log import LogGap, json_line, read_log
 
 BLOCK_BYTES = 4096
 _MARGIN_BYTES = 8 * BLOCK_BYTES
@@ -125,29 +124,8 @@ RECORDING_FORMAT = 1
 """To change the format: raise this, keep reading the older ones, and prove it with a test."""
 
 FILE_NAME = "recording.jsonl"
+Picture = NDArray[np.uint8]
 SIDES = {"left": ("Left", "L"), "right": ("Right", "R")}
-
-
-@dataclass(frozen=True)
-class RecordedFrame:
-    """One frame to be written.
-
-    Parameters
-    ----------
-    number : int
-        Each frame of a recording has its own.
-    clip : int
-        Rising; frames of one clip are removed together.
-    pictures : mapping of str to array of uint8
-        By side, ``"left"`` and ``"right"``, those that are there.
-    line : mapping
-        JSON.
-    """
-
-    number: int
-    clip: int
-    pictures: Mapping[str, NDArray[np.uint8]]
-    line: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -203,7 +181,7 @@ class RecordingFolder:
         self.folder = folder
         self._file = folder / FILE_NAME
         self._run = run
-        self._head = _json_line({"recording": RECORDING_FORMAT, "run": run})
+        self._head = json_line({"recording": RECORDING_FORMAT, "run": run})
         self._events: list[bytes] = []
         self._written_events = 0
         self._kept: list[_WrittenFrame] = []
@@ -216,10 +194,23 @@ class RecordingFolder:
 
     def tell(self, line: Mapping[str, Any]) -> None:
         """Write an event's line before the next frame's."""
-        self._events.append(_json_line(line))
+        self._events.append(json_line(line))
 
-    def encode(self, frame: RecordedFrame) -> EncodedFrame:
+    def encode(
+        self, number: int, clip: int, pictures: Mapping[str, Picture], line: Mapping[str, Any]
+    ) -> EncodedFrame:
         """A frame as files, in memory.
+
+        Parameters
+        ----------
+        number : int
+            Each frame of a recording has its own.
+        clip : int
+            Rising; frames of one clip are removed together.
+        pictures : mapping of str to array of uint8
+            By side, ``"left"`` and ``"right"``, those that are there.
+        line : mapping
+            JSON.
 
         Raises
         ------
@@ -228,13 +219,13 @@ class RecordingFolder:
         """
         self._look()
         files = {}
-        for side, picture in frame.pictures.items():
+        for side, picture in pictures.items():
             folder, letter = SIDES[side]
-            files[f"{folder}/{self._run}_{letter}_{frame.number}.png"] = _png(picture)
+            files[f"{folder}/{self._run}_{letter}_{number}.png"] = _png(picture)
         names = {Path(name).parent.name.lower(): name for name in files}
-        line = _json_line({**frame.line, "moment": frame.clip, "files": names})
+        whole = json_line({**line, "moment": clip, "files": names})
         told = self._written_events
-        return EncodedFrame(frame.clip, files, b"".join([*self._events[told:], line]), told)
+        return EncodedFrame(clip, files, b"".join([*self._events[told:], whole]), told)
 
     def write(self, encoded: EncodedFrame) -> None:
         """Put a frame on disk, whole or not at all.
@@ -333,10 +324,6 @@ def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[d
             "update tokt"
         )
     yield from lines
-
-
-def _json_line(value: Mapping[str, Any]) -> bytes:
-    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
 
 
 def _png(picture: NDArray[np.uint8]) -> bytes:

@@ -38,6 +38,9 @@ _log_only = filler(LOG_ONLY)
 def frame_line(run: str, frame: Frame, judgement: Judgement, report: Report) -> dict[str, Any]:
     """The line of a frame that was judged.
 
+    The fields of UDP v2 (docs/udp.md), and what a replay needs to judge the frame again: what the
+    policy saw of it, and how long the texture detector took.
+
     Returns
     -------
     dict

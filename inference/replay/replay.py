@@ -21,13 +21,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.clock import FixedStopwatch
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement
@@ -39,13 +40,11 @@ from tokt.inference.recording.run_start import ModelName
 from tokt.inference.report import Report
 from tokt.inference.sources.files import read_picture
 from tokt.inference.texture.detector import PatchScorer, TextureDetector
-from tokt.inference.verdict import STATUS_WORDS, TEXTURE
+from tokt.inference.verdict import STATUS_WORDS, TEXTURE, status_table
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.store.store import Store
 
 from .logged_run import TREND, VERDICT, LoggedFrame, LoggedRun
-
-Result = TypeVar("Result")
 
 VALUES = "decision_values"
 NOT_SHOWN = "its pictures are not there"
@@ -87,7 +86,7 @@ class Replay:
         ToktError
             If the run's policy cannot be put together, or its log cannot be read.
         """
-        stopwatch = _LoggedStopwatch()
+        stopwatch = FixedStopwatch()  # what the run's own took
         assembly = self._assembly(stopwatch)
         history = _History(window=_window(assembly))
         exchanged = 0
@@ -105,7 +104,7 @@ class Replay:
             judgement = assembly.policy.judge(known.frame(frame))
             yield self._compared(logged, judgement, known, assembly)
 
-    def _assembly(self, stopwatch: _LoggedStopwatch) -> Assembly:
+    def _assembly(self, stopwatch: FixedStopwatch) -> Assembly:
         start = self.run.start
         load: Callable[[], PatchScorer] | None = self._first_model
         if self.other is None and start.model is None and not start.model_fault:
@@ -262,16 +261,6 @@ class _History:
         return _Known(self._since_start, places >= self._window - 1, for_trend, broken)
 
 
-class _LoggedStopwatch:
-    """Says how long a call took in the run."""
-
-    seconds = 0.0
-
-    def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
-        """Call it; what it gave, and the run's seconds."""
-        return call(), self.seconds
-
-
 def _window(assembly: Assembly) -> int:
     """Frames that the model's rule looks at."""
     detector = None if assembly.texture is None else assembly.texture.detector
@@ -307,15 +296,11 @@ class ReplayStretch:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form, statuses in words."""
-        return {
-            "first": self.first,
-            "last": self.last,
-            "frames": self.frames,
-            "logged": {"status": STATUS_WORDS[self.logged[0]], "reason": self.logged[1]},
-            "replayed": {"status": STATUS_WORDS[self.replayed[0]], "reason": self.replayed[1]},
-            "fields": self.fields,
-            "example": self.example,
+        ends = {
+            name: {"status": STATUS_WORDS[status], "reason": reason}
+            for name, (status, reason) in (("logged", self.logged), ("replayed", self.replayed))
         }
+        return {**vars(self), **ends}
 
 
 @dataclass
@@ -410,10 +395,7 @@ class Tally:
 
     def table(self) -> dict[str, dict[str, int]]:
         """Frames by logged status, then by replayed status, in words."""
-        return {
-            word: {other: self.statuses[status, now] for now, other in STATUS_WORDS.items()}
-            for status, word in STATUS_WORDS.items()
-        }
+        return status_table(self.statuses)
 
 
 def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.recording.log import LogGap, read_log
-from tokt.inference.verdict import OBSTACLE, STATUS_WORDS, UNKNOWN
+from tokt.inference.verdict import OBSTACLE, STATUS_WORDS, UNKNOWN, status_table
 
 from .shadow import END, FAILED, SHADOW_FORMAT, START
 
@@ -48,12 +48,7 @@ class ShadowStretch:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form, statuses in words."""
-        return {
-            "first": self.first,
-            "last": self.last,
-            "frames": self.frames,
-            **{side: STATUS_WORDS[getattr(self, side)] for side in SIDES},
-        }
+        return {**vars(self), **{side: STATUS_WORDS[getattr(self, side)] for side in SIDES}}
 
 
 @dataclass
@@ -159,10 +154,7 @@ class ShadowReport:
 
     def table(self) -> dict[str, dict[str, int]]:
         """Frames by the champion's status, then by the challenger's, in words."""
-        return {
-            word: {other: self.statuses[status, now] for now, other in STATUS_WORDS.items()}
-            for status, word in STATUS_WORDS.items()
-        }
+        return status_table(self.statuses)
 
     def alone(self, side: str) -> tuple[int, int]:
         """Frames and stretches in which only that one says obstacle."""

@@ -238,6 +238,15 @@ class Closing(NamedTuple):
 class ClosingSpeed:
     """Follow one distance over time.
 
+    ::
+
+        distance          .     the slope is the median of the slopes between all pairs of points
+           |  o            .    of the last seconds (Theil-Sen): a quarter of them may be wrong
+           |     o  o       .
+           |           o  *     a point off the line waits: it is dropped when the next ones are on
+           |              o     the line again, and starts a new line when they are off like itself
+           +------------------ time
+
     Notes
     -----
     Times need not be regular. A time that is not later than the last one, or is no number, starts

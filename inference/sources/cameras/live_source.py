@@ -54,6 +54,12 @@ class CameraListener(Protocol):
 class CameraKeeper:
     """Keep one camera delivering, on a thread of its own.
 
+    ::
+
+        starting ──ToktError──> lost ──0.2, 0.4 .. 2 s──> starting
+            │                    ^
+            └──> delivering ─────┘  the driver says so, or nothing has come for too long
+
     Parameters
     ----------
     camera : int

@@ -29,7 +29,6 @@ from tokt.inference.recording.recording import (
     RECORDING_FORMAT,
     DiskLimits,
     EncodedFrame,
-    RecordedFrame,
     RecordingFolder,
     read_recording,
     whole_blocks,
@@ -340,7 +339,7 @@ def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_pa
     recording.tell({"event": "start"})
 
     def encoded(number: int) -> EncodedFrame:
-        return recording.encode(RecordedFrame(number, 1, {"left": noise(1)}, {"frame": number}))
+        return recording.encode(number, 1, {"left": noise(1)}, {"frame": number})
 
     recording.write(encoded(1))
     begun = encoded(2)

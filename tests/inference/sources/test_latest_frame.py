@@ -8,7 +8,7 @@ import pytest
 from tests.inference.live import HandSource
 from tests.waiting import MAX_S, until
 from tokt.inference.frame import Frame
-from tokt.inference.runtime import POLL_S, EveryFrame, LatestFrameBuffer, frame_buffer_for
+from tokt.inference.runtime import POLL_S, EveryFrame, LatestFrameBuffer
 
 PICTURE = np.zeros((4, 4), np.uint8)
 
@@ -76,8 +76,7 @@ def test_a_replay_without_a_rate_gives_every_frame() -> None:
 
         def stop(self) -> None: ...
 
-    buffer = frame_buffer_for(Three())
-    assert isinstance(buffer, EveryFrame)
+    buffer = EveryFrame(Three())
     seen = [buffer.take(POLL_S) for _ in range(4)]
     assert [frame and frame.number for frame in seen] == [1, 2, 3, None]
     assert buffer.ended and buffer.dropped == buffer.left_out == 0

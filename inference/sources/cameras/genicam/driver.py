@@ -53,6 +53,11 @@ class GenicamDriver:
     clock : Clock
     open_s : float
         How long opening it may take, in seconds.
+
+    Attributes
+    ----------
+    name, period_s, shared_clock, failures
+        As of `CameraDriver`; the clock as of its start.
     """
 
     def __init__(
@@ -66,7 +71,7 @@ class GenicamDriver:
         open_s: float = _OPEN_S,
     ) -> None:
         self._camera = camera
-        self._name = name
+        self.name = name
         self._place = place
         self._options = options
         self._share = share
@@ -76,29 +81,9 @@ class GenicamDriver:
         self._reader = threading.Thread()
         self._stopping = threading.Event()
         self._lost = ""
-        self._period_s: float | None = None
-        self._shared_clock = False
-        self._failures = 0
-
-    @property
-    def name(self) -> str:
-        """The camera as the user called it."""
-        return self._name
-
-    @property
-    def period_s(self) -> float | None:
-        """Seconds from one exposure to the next; None where the camera does not say."""
-        return self._period_s
-
-    @property
-    def shared_clock(self) -> bool:
-        """Whether the camera's clock is set by the Precision Time Protocol, as of its start."""
-        return self._shared_clock
-
-    @property
-    def failures(self) -> int:
-        """How often `deliver` raised."""
-        return self._failures
+        self.period_s: float | None = None
+        self.shared_clock = False
+        self.failures = 0
 
     def start(self, deliver: Deliver) -> None:
         """Start the camera's process, and wait until it sends.
@@ -118,13 +103,13 @@ class GenicamDriver:
             )
         # A machine short of memory or handles now may have some when it is tried again.
         except OSError as error:
-            raise ToktError(f"camera {self._name}: no process for it: {error}") from error
+            raise ToktError(f"camera {self.name}: no process for it: {error}") from error
         self._process = process
         opened: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._reader = threading.Thread(
             target=self._read,
             args=(process, opened, deliver),
-            name=f"tokt camera {self._name}",
+            name=f"tokt camera {self.name}",
             daemon=True,
         )
         self._reader.start()
@@ -132,7 +117,7 @@ class GenicamDriver:
         try:
             answer = opened.get(timeout=self._open_s)
         except queue.Empty:
-            answer = _refused(f"camera {self._name} does not answer in {self._open_s:g} s")
+            answer = _refused(f"camera {self.name} does not answer in {self._open_s:g} s")
         if answer["kind"] != "ready":
             self.stop()
             raise ToktError(answer["words"])
@@ -163,7 +148,7 @@ class GenicamDriver:
         """Tell the process what to do."""
         assert process.stdin is not None
         order = {
-            "name": self._name,
+            "name": self.name,
             "place": None if self._place is None else asdict(self._place),
             "options": asdict(self._options),
             "share": self._share,
@@ -187,16 +172,16 @@ class GenicamDriver:
                 else:
                     self._hear(message.header, opened)
         except (OSError, ValueError, LookupError, TypeError) as error:
-            self._lose(f"camera {self._name}: its process does not make sense: {error!r}", opened)
-        self._lose(f"camera {self._name}: its process ended with {process.wait()}", opened)
+            self._lose(f"camera {self.name}: its process does not make sense: {error!r}", opened)
+        self._lose(f"camera {self.name}: its process ended with {process.wait()}", opened)
 
     def _hear(self, answer: dict[str, Any], opened: queue.SimpleQueue[dict[str, Any]]) -> None:
         """Everything but frames."""
         if answer["kind"] != "ready":
             self._lose(answer["words"], opened)
             return
-        self._period_s = answer["period_s"]
-        self._shared_clock = answer["shared_clock"]
+        self.period_s = answer["period_s"]
+        self.shared_clock = answer["shared_clock"]
         opened.put(answer)
 
     def _lose(self, words: str, opened: queue.SimpleQueue[dict[str, Any]]) -> None:
@@ -211,7 +196,7 @@ class GenicamDriver:
         try:
             deliver(capture)
         except Exception:  # noqa: BLE001 - the thread is the camera's: it outlives all
-            self._failures += 1
+            self.failures += 1
 
     def _capture(self, message: Message) -> Capture:
         header = message.header

@@ -27,6 +27,13 @@ _BUFFERS = 6  # a buffer is away for the few ms of its copy: these cover a pause
 class VimbaStream:
     """The stream of one opened camera, from `start` to `stop`.
 
+    By pymba's own bindings and not by its `Camera.arm`, for three reasons. There a callback that
+    raises never queues its buffer again, and after as many as there are buffers nothing comes any
+    more. There each buffer gets a new callback from within the old one, whose memory is then freed
+    while it runs; if queueing fails after that, Python reports an exception of a function that is
+    no more. And there `disarm` gives up at the first step that a camera which was pulled out
+    refuses, so that buffers stay announced whose memory is about to go.
+
     Parameters
     ----------
     camera : pymba.camera.Camera
@@ -161,7 +168,7 @@ class VimbaDriver:
         system: VimbaSystem,
     ) -> None:
         self._camera = camera
-        self._name = name
+        self.name = name
         self._options = options
         self._share = share
         self._clock = clock
@@ -173,11 +180,6 @@ class VimbaDriver:
         self._stream: VimbaStream | None = None
         self._unreleased: list[VimbaStream] = []
         self._failures = 0
-
-    @property
-    def name(self) -> str:
-        """The camera as the user called it."""
-        return self._name
 
     @property
     def period_s(self) -> float | None:
@@ -204,14 +206,14 @@ class VimbaDriver:
         """
         self._system.enter()
         try:
-            self._id = self._id or self._system.camera_id(self._name)
+            self._id = self._id or self._system.camera_id(self.name)
             opened = self._system.open(self._id)
         except ToktError:
             self._system.leave()
             raise
         self._stream = VimbaStream(opened, lambda frame: deliver(self._capture(frame)))
         try:
-            features = VimbaFeatures(opened, self._pymba.VimbaException, self._name, self._clock)
+            features = VimbaFeatures(opened, self._pymba.VimbaException, self.name, self._clock)
             self._timing = set_features(features, self._options, self._share)
             self._stream.start()
         except ToktError:
@@ -219,7 +221,7 @@ class VimbaDriver:
             raise
         except self._pymba.VimbaException as error:
             self.stop()
-            raise ToktError(f"camera {self._name} cannot be set: {error}") from error
+            raise ToktError(f"camera {self.name} cannot be set: {error}") from error
 
     def stop(self) -> None:
         """Close the camera; nothing is delivered after that."""
@@ -237,7 +239,7 @@ class VimbaDriver:
         """Why the camera is known to be gone, or nothing."""
         if self._id is None or self._system.is_there(self._id):
             return ""
-        return f"camera {self._name} is no longer found"
+        return f"camera {self.name} is no longer found"
 
     def _capture(self, frame: Any) -> Capture:
         """What is in a buffer, in memory of its own."""

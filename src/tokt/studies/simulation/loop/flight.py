@@ -8,8 +8,8 @@
 
 Time is simulated: no frame is rendered before the verdict on the one before has come, so that a
 run is the same however busy the machine is; but `fallback` goes by the wall clock where the model
-takes more than `tokt.inference.policy.policy.MAX_TEXTURE_S`. What a verdict's way takes at sea is put in
-as `LATENCY_S`.
+takes more than `tokt.inference.policy.policy.MAX_TEXTURE_S`. What a verdict's way takes at sea is
+put in as `LATENCY_S`.
 """
 
 from __future__ import annotations
