@@ -25,13 +25,6 @@ class Clock(Protocol):
 SYSTEM_CLOCK: Clock = time
 
 
-class Stopwatch(Protocol):
-    """Times calls."""
-
-    def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
-        """Call it; what it gave, and the seconds to go by."""
-
-
 class ClockStopwatch:
     """Times calls by a clock.
 
@@ -66,4 +59,6 @@ class FixedStopwatch:
         return call(), self.seconds
 
 
+Stopwatch = ClockStopwatch | FixedStopwatch
+"""Times calls: gives what a call gave, and the seconds to go by."""
 SYSTEM_STOPWATCH = ClockStopwatch(SYSTEM_CLOCK)

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 from tokt.inference.policy.policy import Policy
 
@@ -23,25 +23,6 @@ from .report import Event, EventQueue, Report
 from .verdict import STATUS_WORDS
 
 _JOIN_S = 2.0
-
-
-class FrameBuffer(Protocol):
-    """A buffer from which the loop takes its next frame."""
-
-    dropped: int
-    """Frames left out as newer ones had come."""
-    left_out: int
-    """Those of them just before the frame that was taken last."""
-
-    @property
-    def ended(self) -> bool:
-        """Whether there will be no further frame."""
-
-    def take(self, wait_s: float) -> Frame | None:
-        """The next frame, or None if there is none yet, or none any more."""
-
-    def close(self) -> None:
-        """Take no further frame."""
 
 
 class EveryFrame:
@@ -60,7 +41,7 @@ class EveryFrame:
         self.ended = False
 
     def take(self, wait_s: float) -> Frame | None:
-        """The next frame, however long it takes."""
+        """The next frame, however long it takes; None if there is none any more."""
         frame = next(self._frames, None)
         self.ended = frame is None
         return frame
@@ -82,6 +63,13 @@ class LatestFrameBuffer:
     ----------
     source : Source
         Read by a thread of its own.
+
+    Attributes
+    ----------
+    dropped : int
+        Frames left out as newer ones had come.
+    left_out : int
+        Those of them just before the frame that was taken last.
     """
 
     def __init__(self, source: Source) -> None:
@@ -124,7 +112,7 @@ class LatestFrameBuffer:
             self._changed.notify()
 
     def take(self, wait_s: float) -> Frame | None:
-        """The latest frame, waiting for one.
+        """The latest frame, waiting for one; None if there is none yet, or none any more.
 
         Raises
         ------
@@ -293,7 +281,7 @@ class Runtime:
             for observer in self.observers:
                 observer.event(event)
 
-    def _round(self, buffer: FrameBuffer, summary: Summary) -> None:
+    def _round(self, buffer: EveryFrame | LatestFrameBuffer, summary: Summary) -> None:
         if not self._heartbeat_alive():
             raise RuntimeError("the heartbeat has failed: nobody would say that the loop hangs")
         self._alive()

@@ -10,7 +10,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
-from .textures import LOG, NEAREST, Haralick, Join, Lbp, Lines, Structure, Texture
+from .textures import LOG, NEAREST, Extractor, Haralick, Join, Lbp, Lines, Structure
 
 _FILE = "spec:"
 
@@ -19,7 +19,7 @@ _GRAINS = Quantization(gain=8, smooth=3, window=121, by=FRAME)
 _PATTERNS = Quantization(gain=8, smooth=5, window=61, by=FRAME)
 _STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 
-NAMED: dict[str, Texture] = {
+NAMED: dict[str, Extractor] = {
     "lbp": Lbp(10, 5, "patch"),
     "lbp_10_5": Lbp(10, 5, "patch"),
     "lbp_24_8": Lbp(24, 8, "patch"),
@@ -48,7 +48,7 @@ NAMED: dict[str, Texture] = {
 }
 
 
-def extractor_named(text: str) -> Texture:
+def extractor_named(text: str) -> Extractor:
     """The extractor behind a name, behind several joined by ``+``, or in a file.
 
     Examples
@@ -74,7 +74,7 @@ def extractor_named(text: str) -> Texture:
     return parts[0] if len(parts) == 1 else Join(parts)
 
 
-def _from_file(path: Path) -> Texture:
+def _from_file(path: Path) -> Extractor:
     try:
         spec = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

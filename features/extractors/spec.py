@@ -18,13 +18,13 @@ from .textures import (
     PLAIN_IMAGE,
     STATISTICS,
     Context,
+    Extractor,
     Haralick,
     Join,
     Lbp,
     Lines,
     Moments,
     Structure,
-    Texture,
 )
 
 Spec = Mapping[str, Any]
@@ -106,7 +106,7 @@ def _join_from(spec: Spec, outer: Outer) -> Join:
 
 
 # By version, the builder and the keys beside name and version.
-_BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Texture], set[str]]]] = {
+_BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str]]]] = {
     "lbp": {
         1: (_lbp_from, {"points", "radius", "border", "image"}),
         2: (_lbp_2_from, {"points", "radius", "border", "sampling", "image"}),
@@ -123,7 +123,7 @@ _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Texture], set[str]]
 }
 
 
-def _built(spec: Any, outer: Outer) -> Texture:
+def _built(spec: Any, outer: Outer) -> Extractor:
     """Build what a spec describes that stands inside others of the names in `outer`."""
     if not isinstance(spec, Mapping):
         raise ToktError(f"an extractor's spec is an object, not {type(spec).__name__}")
@@ -141,7 +141,7 @@ def _built(spec: Any, outer: Outer) -> Texture:
     return builder(spec, outer)
 
 
-def build_extractor(spec: Spec) -> Texture:
+def build_extractor(spec: Spec) -> Extractor:
     """Build the extractor a spec describes.
 
     Raises

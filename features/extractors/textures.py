@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,27 +22,27 @@ SPEC_VERSION = 1
 PLAIN_IMAGE = {"resize": "area", "gray": "bt601"}
 
 
-class Extractor(Protocol):
-    """Turns a frame into features, one row a patch."""
+class Extractor(ABC):
+    """Turns a frame into features, one row a patch, by pictures that are prepared from it.
+
+    Attributes
+    ----------
+    dim : int
+        Number of features of one patch.
+    names : tuple of str
+        One name a feature.
+    images : tuple of Quantization or None
+        The distinct pictures it looks at; None is the plain one.
+    """
+
+    dim: int
+    names: tuple[str, ...]
+    images: tuple[Quantization | None, ...]
 
     @property
+    @abstractmethod
     def spec(self) -> dict[str, Any]:
         """The JSON spec that describes this extractor whole."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """One name a feature."""
-
-    @property
-    def dim(self) -> int:
-        """Number of features of one patch."""
-
-    @property
-    def images(self) -> tuple[Quantization | None, ...]:
-        """The distinct pictures it looks at; None is the plain one."""
-
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
-        """`describe`, of a frame whose prepared pictures are shared with others."""
 
     def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
         """Features of every patch: float64, shape (grid.n_patches, dim), row by row.
@@ -53,31 +53,14 @@ class Extractor(Protocol):
             As the camera gave it, gray or BGR, any size.
         grid : Grid
         """
-
-
-class Texture(ABC):
-    """An extractor that works on pictures prepared from the frame."""
-
-    dim: int
-    names: tuple[str, ...]
-    images: tuple[Quantization | None, ...]
-    """The distinct pictures it looks at; None is the plain one."""
-
-    @property
-    @abstractmethod
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-
-    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
-        """Features of every patch; see `Extractor.describe`."""
         return self.describe_pictures(FramePictures(frame, grid))
 
     @abstractmethod
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
-        """Features of every patch, float64, shape (n_patches, dim)."""
+        """`describe`, of a frame whose prepared pictures are shared with others."""
 
 
-class OnePicture(Texture):
+class OnePicture(Extractor):
     """An extractor that works on one picture, each patch by itself.
 
     Parameters
@@ -350,10 +333,10 @@ class Structure(OnePicture):
         )
 
 
-class Join(Texture):
+class Join(Extractor):
     """Several extractors' features side by side; pictures they share are prepared once."""
 
-    def __init__(self, parts: Sequence[Texture]) -> None:
+    def __init__(self, parts: Sequence[Extractor]) -> None:
         self.parts = tuple(parts)
         self.images = tuple(dict.fromkeys(image for part in parts for image in part.images))
         self.dim = sum(part.dim for part in self.parts)
@@ -434,17 +417,17 @@ def around(features: Floats, grid: Grid, statistic: str) -> Floats:
     return STATISTICS[statistic](features, grid).reshape(features.shape)
 
 
-class Context(Texture):
+class Context(Extractor):
     """A part's features, followed by a statistic of the neighbours' ones.
 
     Parameters
     ----------
-    part : Texture
+    part : Extractor
     statistic : str
         One of `STATISTICS`.
     """
 
-    def __init__(self, part: Texture, statistic: str) -> None:
+    def __init__(self, part: Extractor, statistic: str) -> None:
         self.part = part
         self.images = part.images
         self.statistic = statistic

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tokt.inference.frame import Frame
     from tokt.inference.policy.policy import Judgement
     from tokt.inference.report import Report
+    from tokt.models.bundle.bundle import Bundle
 
 BACK_RATIO = 0.9
 """Part of its limit that every distance must come back under before drift is over: what lies on
@@ -35,33 +36,6 @@ LOOKS_A_WINDOW = 4
 """How often distances are computed while a window's frames are exchanged."""
 MAX_WORST = 5
 """Features that an event names."""
-
-
-class NamedFeatures(Protocol):
-    """The part of an extractor that names its features."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """One name a feature."""
-
-
-class MonitoredModel(Protocol):
-    """The part of a bundle that the drift monitor needs.
-
-    `tokt.models.bundle.bundle.Bundle` is one.
-    """
-
-    @property
-    def label(self) -> str:
-        """``name/version``."""
-
-    @property
-    def distribution(self) -> Distribution | None:
-        """How its training features were distributed, if that is known."""
-
-    @property
-    def extractor(self) -> NamedFeatures:
-        """Names its features."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +82,7 @@ class DriftMonitor(Observer):
         self.state = DriftState()
         self.set_model(None)
 
-    def set_model(self, model: MonitoredModel | None) -> None:
+    def set_model(self, model: Bundle | None) -> None:
         """Begin anew with another model, or with none; what was told of the last one is over."""
         if self.state.out:
             words = "another model: whether frames are like its training is not known yet"

@@ -12,7 +12,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS
-from tokt.inference.texture.detector import PatchScorer, ReloadableTextureDetector, TextureDetector
+from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.inference.verdict import PUSHBROOM, Detector
 
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
@@ -21,8 +21,9 @@ from .temporal_cues import Anchor, TemporalCues
 if TYPE_CHECKING:
     from tokt.inference.stereo.calibration import StereoCalibration
     from tokt.inference.stereo.odometry import Odometry
+    from tokt.models.bundle.bundle import Bundle
 
-LoadModel = Callable[[], PatchScorer]
+LoadModel = Callable[[], "Bundle"]
 
 STEREO_ALGORITHMS = (*MATCHERS, PUSHBROOM)
 """What ``--stereo`` can be."""
@@ -103,7 +104,7 @@ class Assembly:
     stereo: StereoSetup | None
     grid: Grid
 
-    def misfit(self, model: PatchScorer) -> str:
+    def misfit(self, model: Bundle) -> str:
         """Why a model cannot take the place of the one there is, or an empty string."""
         if self.texture is None:
             return "the policy uses no model"
@@ -194,7 +195,7 @@ def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> N
         raise ToktError(f"policy {name} needs a model (--store STORE or --bundle FILE)")
 
 
-def _load(load_model: LoadModel | None, may_fail: bool) -> tuple[PatchScorer | None, str]:
+def _load(load_model: LoadModel | None, may_fail: bool) -> tuple[Bundle | None, str]:
     if load_model is None:
         return None, ""
     try:

@@ -8,7 +8,7 @@ could not be judged is told in the verdict's health.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.frame import Frame
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.texture.detector import PatchScorer, TextureDetector
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import (
     CLEAR,
     STATUS_MEAN_THRESHOLD,
@@ -28,6 +28,9 @@ from tokt.inference.verdict import (
     unknown_verdict,
     verdict_from_mask,
 )
+
+if TYPE_CHECKING:
+    from tokt.models.bundle.bundle import Bundle
 
 POLICIES = ("texture", "disparity", "either", "fallback")
 
@@ -116,7 +119,7 @@ class SinglePolicy:
         return _judgement(detection, health, _reason(detection))
 
 
-def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
+def judge_image(scorer: Bundle, image: NDArray[np.uint8]) -> Judgement:
     """Judge one picture in memory exactly as policy ``texture`` judges a source's only frame.
 
     A frame rule that needs several alarms calls a picture that alarms unknown: for the frames of
@@ -124,8 +127,7 @@ def judge_image(scorer: PatchScorer, image: NDArray[np.uint8]) -> Judgement:
 
     Parameters
     ----------
-    scorer : PatchScorer
-        Such as a bundle.
+    scorer : Bundle
     image : array of uint8, shape (height, width) or (height, width, 3)
         As the camera gave it, not resized.
 

@@ -39,7 +39,7 @@ from tokt.inference.recording.run_log import json_values
 from tokt.inference.recording.run_start import ModelName
 from tokt.inference.report import Report
 from tokt.inference.sources.files import read_picture
-from tokt.inference.texture.detector import PatchScorer, TextureDetector
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import STATUS_WORDS, TEXTURE, status_table
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.store.store import Store
@@ -65,9 +65,9 @@ class Replay:
         How they hold them, as in `tokt.inference.sources.files.MissionSource`.
     stereo : StereoSetup or None
         How pairs are looked at.
-    models : mapping of str to PatchScorer
+    models : mapping of str to Bundle
         The run's own, by their bundles' SHA-256.
-    other : PatchScorer or None
+    other : Bundle or None
         What judges every frame instead of them.
     """
 
@@ -75,8 +75,8 @@ class Replay:
     mission: Mission
     pixel_format: str | None
     stereo: StereoSetup | None
-    models: Mapping[str, PatchScorer]
-    other: PatchScorer | None = None
+    models: Mapping[str, Bundle]
+    other: Bundle | None = None
 
     def frames(self) -> Iterator[Compared]:
         """Judge each frame and compare.
@@ -106,7 +106,7 @@ class Replay:
 
     def _assembly(self, stopwatch: FixedStopwatch) -> Assembly:
         start = self.run.start
-        load: Callable[[], PatchScorer] | None = self._first_model
+        load: Callable[[], Bundle] | None = self._first_model
         if self.other is None and start.model is None and not start.model_fault:
             load = None
         anchor = None if start.anchor is None else Anchor(start.anchor)
@@ -115,7 +115,7 @@ class Replay:
             assembly.texture.note = start.model_note
         return assembly
 
-    def _first_model(self) -> PatchScorer:
+    def _first_model(self) -> Bundle:
         if self.other is not None:
             return self.other
         start = self.run.start
@@ -123,7 +123,7 @@ class Replay:
             raise ToktError(start.model_fault)
         return self.models[start.model.sha256]
 
-    def _exchange(self, assembly: Assembly, model: PatchScorer) -> None:
+    def _exchange(self, assembly: Assembly, model: Bundle) -> None:
         if assembly.texture is None:
             raise ToktError(f"{self.run.path}: a model was exchanged where the policy has none")
         assembly.texture.put(TextureDetector(model))

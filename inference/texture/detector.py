@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
-from tokt.features.kernels.quantization import Quantization
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import frame_fault, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -23,7 +22,10 @@ from tokt.inference.verdict import (
     Detection,
     Detector,
 )
-from tokt.models.operating_point import MofNRule, MofNState, OperatingPoint
+from tokt.models.operating_point import MofNRule, MofNState
+
+if TYPE_CHECKING:
+    from tokt.models.bundle.bundle import Bundle
 
 # What a frame may differ from those a model learnt from. Set here: LBP radii and windows are in
 # pixels of the resized frame, and what is in it changes with the field of view and with how
@@ -32,64 +34,6 @@ ASPECT_TOLERANCE = 0.02
 """Relative difference of width over height: one row more or less is a crop, more another camera."""
 MIN_WIDTH_RATIO, MAX_WIDTH_RATIO = 0.75, 1.33
 """Width over the training frames' width: a sensor's binning or a half-size stream is outside."""
-
-
-class PatchJudge(Protocol):
-    """The part of a linear model that turns decision values into obstacles."""
-
-    def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far each row of decision values is on the obstacle side; above 0 where it is one."""
-
-    def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """For each row of decision values whether that patch is an obstacle."""
-
-
-class PatchScorer(Protocol):
-    """The part of a bundle that the texture detector needs.
-
-    `tokt.models.bundle.bundle.Bundle` is one.
-    """
-
-    @property
-    def label(self) -> str:
-        """``name/version``."""
-
-    @property
-    def grid(self) -> Grid:
-        """The grid of patches."""
-
-    @property
-    def frame_sizes(self) -> tuple[tuple[int, int], ...]:
-        """Height and width in pixels of frames like those it learnt from."""
-
-    @property
-    def model(self) -> PatchJudge:
-        """Decides what a decision value means."""
-
-    @property
-    def operating_point(self) -> OperatingPoint:
-        """Decides what the patches of some frames come to."""
-
-    @property
-    def images(self) -> tuple[Quantization | None, ...]:
-        """The pictures of a frame that it looks at; None is the plain one."""
-
-    def features(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
-    ) -> NDArray[np.float64]:
-        """Features of a frame's patches, shape (n_patches, dim).
-
-        Parameters
-        ----------
-        frame : array of uint8, shape (height, width) or (height, width, 3)
-        pictures : FramePictures, optional
-            The frame's pictures on this grid, where the caller has some already.
-        threads : int
-            How many threads share the work; the features do not depend on it.
-        """
-
-    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
 
 
 def min_mask_patches(grid: Grid, height: int, width: int) -> int:
@@ -187,14 +131,15 @@ class TextureDetector:
 
     Parameters
     ----------
-    scorer : PatchScorer
+    scorer : Bundle
+        Or what has as much of one as this class asks for.
     threads : int
         How many threads share one frame's rows of patches; the verdict does not depend on it.
     """
 
     method = TEXTURE
 
-    def __init__(self, scorer: PatchScorer, threads: int = 1) -> None:
+    def __init__(self, scorer: Bundle, threads: int = 1) -> None:
         self.scorer = scorer
         self.threads = threads
         self._rule = MofNRun(scorer.operating_point.rule)

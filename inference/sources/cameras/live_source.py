@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +41,6 @@ _FIRST_SILENCE_S = 3.0  # until there are two captures: a camera may take a seco
 _DOUBT_S = 0.15  # of silence, after which the driver is asked whether its camera is there
 
 
-class CameraListener(Protocol):
-    """Told what becomes of a camera; called on the camera's own threads."""
-
-    def captured(self, capture: Capture) -> None:
-        """It delivered."""
-
-    def lost(self, camera: int, words: str) -> None:
-        """It delivers no more, for the reason given. Told at each attempt that fails."""
-
-
 class CameraKeeper:
     """Keep one camera delivering, on a thread of its own.
 
@@ -66,19 +56,21 @@ class CameraKeeper:
         `LEFT` or `RIGHT`.
     driver : CameraDriver
     clock : Clock
-    listener : CameraListener
+    source : CameraSource
+        Told what becomes of the camera, on the camera's own threads: by `captured` what it
+        delivered, by `lost` why it delivers no more, at each attempt that fails.
     wait : bool
         Whether a camera that cannot be opened at first is tried again, as one that was lost is.
     """
 
     def __init__(
-        self, camera: int, driver: CameraDriver, clock: Clock, listener: CameraListener, wait: bool
+        self, camera: int, driver: CameraDriver, clock: Clock, source: CameraSource, wait: bool
     ) -> None:
         self.driver = driver
         self.refused: ToktError | None = None
         self._camera = camera
         self._clock = clock
-        self._listener = listener
+        self._source = source
         self._wait = wait
         self._stopped = False
         self._started_s = 0.0
@@ -119,7 +111,7 @@ class CameraKeeper:
                 self._tried.set()
                 if self._stopped or self.refused:
                     return
-                self._listener.lost(self._camera, words)
+                self._source.lost(self._camera, words)
                 self._sleep(self._pause_s)
                 self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
         finally:
@@ -144,7 +136,7 @@ class CameraKeeper:
             self._gap_s = capture.arrived - self._captured_s
         self._captured_s = capture.arrived
         self._pause_s = MIN_PAUSE_S
-        self._listener.captured(capture)
+        self._source.captured(capture)
 
     def _watched(self) -> str:
         """Look after a camera until it delivers no more; why."""
