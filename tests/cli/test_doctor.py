@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from tests.waiting import MAX_S
-from tokt.cli.installation import missing_packages
+from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.sqlite_copy import copy_database

@@ -24,17 +24,19 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.labels.taxonomy import Taxonomy
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.studies.speed.stereo.stereo_cases import measure_stereo, stereo_input
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .best_case import BestFrame
-from .cases import Case, HaralickKernel, LbpKernel, WholeFrame
-from .chart import chart_png
-from .dataset_cases import measure_extraction
-from .frames import Picture, textured_frame
-from .latency_case import measure_latency
+from .cases import (
+    BestFrame,
+    Case,
+    HaralickKernel,
+    LbpKernel,
+    Picture,
+    WholeFrame,
+    textured_frame,
+)
 from .models import (
     FEATURE_SETS,
     ModelPair,
@@ -45,7 +47,9 @@ from .models import (
     fit_model_pair,
 )
 from .paired_timing import SPREAD_IS, Result, single_thread
-from .start_case import measure_start
+from .process_cases import measure_extraction, measure_latency, measure_start
+from .report import chart_png
+from .stereo_cases import measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
