@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.waiting import MAX_S
 from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
@@ -44,19 +43,6 @@ def by_name(out: str) -> dict[str, dict[str, Any]]:
     found = {item["name"]: item for item in value["findings"]}
     assert len(found) == len(value["findings"])
     return found
-
-
-def start(*arguments: object, folder: Path, **environment: str) -> Any:
-    """The command in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "tokt", "doctor", *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-        check=False,
-    )
 
 
 @pytest.fixture
@@ -133,8 +119,8 @@ def test_a_label_store_in_use_keeps_its_bytes(labelled, run_tokt):
 
 @pytest.mark.parametrize("name", ["library", "numpy"])
 @pytest.mark.process
-def test_kernels_that_were_asked_for(name, tmp_path):
-    done = start("--json", folder=tmp_path, TOKT_KERNELS=name)
+def test_kernels_that_were_asked_for(name, tmp_path, tokt_without):
+    done = tokt_without((), tmp_path, "doctor", "--json", TOKT_KERNELS=name)
     assert done.returncode == 0, done.stdout + done.stderr
     found = by_name(done.stdout)
     assert found["kernels"]["kernels"] == found["kernels"]["variable"] == name
@@ -145,33 +131,23 @@ def test_kernels_that_were_asked_for(name, tmp_path):
 
 
 @pytest.mark.process
-def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path):
-    done = start("--store", store, "--json", folder=tmp_path, TOKT_KERNELS="nonsense")
+def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path, tokt_without):
+    command = ("doctor", "--store", store, "--json")
+    done = tokt_without((), tmp_path, *command, TOKT_KERNELS="nonsense")
     assert (done.returncode, done.stderr) == (1, "")
     found = by_name(done.stdout)
     assert [name for name, value in found.items() if value["state"] == "fault"] == ["kernels"]
     assert "TOKT_KERNELS=nonsense: unknown kernels" in found["kernels"]["text"]
     assert found["store active"]["state"] == "ok"
     assert found["registry"]["state"] == "note"
-    done = start(folder=tmp_path, TOKT_KERNELS="nonsense")
+    done = tokt_without((), tmp_path, "doctor", TOKT_KERNELS="nonsense")
     assert done.returncode == 1 and "\nfault  kernels: TOKT_KERNELS=nonsense" in done.stdout
 
 
 @pytest.mark.process
-def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path):
-    program = (
-        "import sys; sys.modules.update(dict.fromkeys(('skimage', 'skimage.feature', 'mahotas')));"
-        "from tokt.cli import main; sys.argv = ['tokt', 'doctor', '--json']; main()"
-    )
-    environment = {**os.environ, "TOKT_KERNELS": ""}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path, tokt_without):
+    libraries = ("skimage", "skimage.feature", "mahotas")
+    done = tokt_without(libraries, tmp_path, "doctor", "--json", TOKT_KERNELS="")
     assert (done.returncode, done.stderr) == (0, "")
     library = by_name(done.stdout)["library kernels"]
     assert library["state"] == "note" and "not on this machine" in library["text"]
@@ -296,14 +272,8 @@ def test_databases_of_other_programs_and_versions(labelled, run_tokt):
 
 
 @pytest.mark.process
-def test_a_registry_without_mlflow_is_a_note(labelled):
-    program = (
-        "import sys; sys.modules['mlflow'] = None; from tokt.cli import main;"
-        "sys.argv = ['tokt', 'doctor', '--json', '--workspace', '.']; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=labelled, capture_output=True, text=True, check=False
-    )
+def test_a_registry_without_mlflow_is_a_note(labelled, tokt_without):
+    done = tokt_without(("mlflow",), labelled, "doctor", "--json", "--workspace", ".")
     assert (done.returncode, done.stderr) == (0, "")
     registry = by_name(done.stdout)["registry"]
     assert registry["state"] == "note" and "tokt[train]" in registry["text"]
@@ -324,14 +294,13 @@ def test_the_registry_that_the_environment_names(labelled, tmp_path, run_tokt, m
 
 
 @pytest.mark.process
-def test_a_registry_server_that_is_down_is_a_fault(tmp_path):
+def test_a_registry_server_that_is_down_is_a_fault(tmp_path, tokt_without):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     uri = f"http://me:secret@127.0.0.1:{port}"
-    done = start(
-        "--json", folder=tmp_path, MLFLOW_TRACKING_URI=uri, MLFLOW_HTTP_REQUEST_MAX_RETRIES="0"
-    )
+    once = {"MLFLOW_TRACKING_URI": uri, "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
+    done = tokt_without((), tmp_path, "doctor", "--json", **once)
     assert done.returncode == 1
     assert by_name(done.stdout)["registry"]["state"] == "fault"
     assert "secret" not in done.stdout + done.stderr

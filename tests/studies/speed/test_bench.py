@@ -27,7 +27,6 @@ from tokt.studies.speed.models import (
     FEATURE_SETS,
     examples_from_two_images,
     fit_extractor_pair,
-    fit_model_pair,
 )
 from tokt.studies.speed.paired_timing import BASELINE, OURS, in_turns, result, single_thread
 from tokt.studies.speed.process_cases import first_verdict
@@ -282,7 +281,7 @@ def test_constant_patches_have_an_undetermined_correlation_only() -> None:
 @pytest.fixture(scope="module")
 def two_images(sea: Path) -> Any:
     mission = open_mission(sea)
-    return fit_model_pair(FEATURE_SETS[0], examples_from_two_images(mission), mission.read(1))
+    return FEATURE_SETS[0].fit(examples_from_two_images(mission), mission.read(1))
 
 
 def test_a_verdict_from_other_weights_is_not_exact(two_images: Any, picture: Picture) -> None:
@@ -317,7 +316,7 @@ def test_refused_frames_are_not_timed(
     examples = examples_from_two_images(open_mission(sea))
     size = replace(ONE_OF_EACH, compared=2, timed=2)
     with single_thread():
-        models = [fit_model_pair(texture, examples, black) for texture in FEATURE_SETS]
+        models = [texture.fit(examples, black) for texture in FEATURE_SETS]
         best = fit_extractor_pair("best", Moments(Quantization(8, 64, 1, 61)), examples, black)
         results, compared, timed = measure_in_process(mission, models, best, size, no_progress, str)
     assert (compared, timed) == (2, 1)

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import LIBRARY, load_kernels
-from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt.studies.baselines.thesis_stereo import judge_pair
 from tokt.studies.speed import stereo_cases
 from tokt.studies.speed.cases import textured_frame
 from tokt.studies.speed.paired_timing import BASELINE, OURS, single_thread
@@ -30,18 +30,6 @@ from tokt.studies.speed.stereo_cases import (
     pair_numbers,
     read_pairs,
     stereo_input,
-)
-
-WIDTH, HEIGHT = THESIS_FRAME_SIZE
-CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])
-PLAIN = StereoCalibration(
-    CAMERA,
-    np.zeros(5),
-    CAMERA,
-    np.zeros(5),
-    np.eye(3),
-    np.array([[-300.0], [0.0], [0.0]]),
-    THESIS_FRAME_SIZE,
 )
 
 

@@ -19,7 +19,6 @@ from tokt.features.kernels.dispatch import KERNELS, LIBRARY, Kernels, load_kerne
 from tokt.features.kernels.quantization import Quantization
 from tokt.inference.policy.policy import judge_image
 from tokt.models.bundle.bundle import Bundle
-from tokt.studies.baselines.library_texture import judge_at_once
 from tokt.studies.baselines.thesis_texture import (
     GRID,
     describe_haralick,
@@ -30,7 +29,7 @@ from tokt.studies.baselines.thesis_texture import (
 )
 
 from .haralick_agreement import HaralickAgreement
-from .models import ModelPair, ThesisFeatureSet
+from .models import ModelPair, ThesisFeatureSet, judge_at_once
 from .paired_timing import BASELINE, FLOOR, LIBRARIES, MEMORY, OURS, Result, in_turns, result
 
 KERNEL_WORK = f"the {GRID.n_patches} patches of one gray picture"

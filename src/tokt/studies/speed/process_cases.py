@@ -29,13 +29,12 @@ from tokt.inference.outputs.udp import UdpSender, decode, encode_v1
 from tokt.inference.policy.policy import Judgement, Policy, SinglePolicy
 from tokt.inference.runtime import Runtime
 from tokt.inference.texture.detector import TextureDetector
-from tokt.studies.baselines.library_texture import all_haralick, all_lbp_10_5
 from tokt.studies.baselines.thesis_texture import GRID, haralick_directions, judge, resized_gray
 
 from . import launch
 from .cases import Picture
 from .haralick_agreement import HaralickAgreement
-from .models import ModelPair, ThesisFeatureSet
+from .models import ModelPair, ThesisFeatureSet, all_haralick, all_lbp
 from .paired_timing import BASELINE, FLOOR, OURS, Result, in_turns, result
 from .stamped_receiver import StampedReceiver
 
@@ -54,7 +53,7 @@ def library_features(file: Path) -> NDArray[np.float64]:
     """LBP (10, 5) and Haralick of one image file through the libraries."""
     cv2.setNumThreads(1)
     gray = resized_gray(read_image(file))
-    return np.hstack([all_lbp_10_5(gray), all_haralick(gray)])
+    return np.hstack([all_lbp(gray, 10, 5), all_haralick(gray)])
 
 
 def tokt_features(file: Path) -> NDArray[np.float64]:

@@ -44,7 +44,6 @@ from .models import (
     examples_from_labels,
     examples_from_two_images,
     fit_extractor_pair,
-    fit_model_pair,
 )
 from .paired_timing import SPREAD_IS, Result, single_thread
 from .process_cases import measure_extraction, measure_latency, measure_start
@@ -236,7 +235,7 @@ def _measure(
     examples = _examples(mission, labels)
     stereo = stereo_input(mission, calibration)
     with single_thread(), _same_kernels_everywhere():
-        models = [fit_model_pair(texture, examples, first) for texture in FEATURE_SETS]
+        models = [texture.fit(examples, first) for texture in FEATURE_SETS]
         best = fit_extractor_pair("best", extractor_for(DEFAULT_EXTRACTOR, "best"), examples, first)
         results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
         if stereo.calibration is not None:
@@ -280,7 +279,7 @@ def run_bench(
     labels : Path or None
         Its label file; by default ``labels.csv`` in the mission's folder, and without one the
         models learn from two images as in the thesis.
-    effort : BenchSize
+    size : BenchSize
     progress, say : callable
         Where progress and remarks go.
     calibration : StereoCalibration, optional
