@@ -8,8 +8,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +17,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.waiting import MAX_S
 from tokt.features.common.canonical import json_sha256
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
@@ -365,17 +362,11 @@ def test_one_line_exit_2_and_nothing_written(case, world, run_tokt, monkeypatch)
 @pytest.mark.parametrize(
     "case", ["unknown option", "labels: unknown class", "bundle golden: deploy ", "store missing"]
 )
-def test_the_same_through_a_real_process(case, world):
+def test_the_same_through_a_real_process(case, world, tokt_without):
     spoil, command, message = CASES[case]
     spoil(world)
     before = listing(world.folder)
-    ran = subprocess.run(
-        [sys.executable, "-m", "tokt", *map(str, command)],
-        cwd=world.folder,
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-    )
+    ran = tokt_without((), world.folder, *command)
     check(ran.returncode, ran.stdout, ran.stderr, message)
     assert listing(world.folder) == before
 
@@ -401,28 +392,16 @@ def test_a_folder_that_may_not_be_written(world, run_tokt, monkeypatch):
     ],
 )
 @pytest.mark.process
-def test_a_missing_extra_is_named(module, command, world):
+def test_a_missing_extra_is_named(module, command, world, tokt_without):
     """On the ship's PC, with the slim install, a training command says what to install."""
-    program = f"import sys; sys.modules[{module!r}] = None; from tokt.cli import main; main()"
-    ran = subprocess.run(
-        [sys.executable, "-c", program, *map(str, command)],
-        cwd=world.folder,
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-    )
+    ran = tokt_without((module,), world.folder, *command)
     check(ran.returncode, ran.stdout, ran.stderr, r"needs .*: install tokt\[train\]")
 
 
 @pytest.mark.process
-def test_a_file_is_deployed_without_any_extra(world):
+def test_a_file_is_deployed_without_any_extra(world, tokt_without):
     """The way aboard: bundle file and store need neither MLflow nor pandas nor scikit-learn."""
     blocked = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib")
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({blocked!r}));"
-        "from tokt.cli import main; main()"
-    )
-    command = [sys.executable, "-c", program, "deploy", "m.tokt", "store", "--json"]
-    ran = subprocess.run(command, cwd=world.folder, capture_output=True, text=True, timeout=MAX_S)
+    ran = tokt_without(blocked, world.folder, "deploy", "m.tokt", "store", "--json")
     assert ran.returncode == 0, ran.stderr
     assert json.loads(ran.stdout)["name"] == "tiny-lbp"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,26 +11,10 @@ from typing import Any
 import pytest
 
 import tokt
-from tests.waiting import MAX_S
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
 TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib", "pyarrow")
-
-
-def tokt_aboard(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run the command line where no training tool can be imported."""
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({TRAINING_TOOLS!r}));"
-        "from tokt.cli import main; main()"
-    )
-    return subprocess.run(
-        [sys.executable, "-c", program, *map(str, arguments)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-    )
 
 
 def test_version(run_tokt: Callable[..., Any]) -> None:
@@ -40,19 +22,23 @@ def test_version(run_tokt: Callable[..., Any]) -> None:
     assert (ran.code, ran.out, ran.err) == (0, f"tokt {tokt.__version__}\n", "")
 
 
-def test_a_bundle_file_is_shown_without_mlflow(tiny_bundle: Path, tmp_path: Path) -> None:
-    card = tokt_aboard(tmp_path, "models", "show", tiny_bundle)
+def test_a_bundle_file_is_shown_without_mlflow(
+    tiny_bundle: Path, tmp_path: Path, tokt_without: Callable[..., Any]
+) -> None:
+    card = tokt_without(TRAINING_TOOLS, tmp_path, "models", "show", tiny_bundle)
     assert (card.returncode, card.stderr) == (0, "")
     assert card.stdout == read_bundle(tiny_bundle).content.card
-    named = tokt_aboard(tmp_path, "models", "show", "tiny-lbp")
+    named = tokt_without(TRAINING_TOOLS, tmp_path, "models", "show", "tiny-lbp")
     assert named.returncode == 2 and "tokt[train]" in named.stderr
 
 
-def test_the_store_says_where_its_model_comes_from(tiny_bundle: Path, tmp_path: Path) -> None:
+def test_the_store_says_where_its_model_comes_from(
+    tiny_bundle: Path, tmp_path: Path, tokt_without: Callable[..., Any]
+) -> None:
     bundle = read_bundle(tiny_bundle)
     Store(tmp_path / "store").deploy(bundle, "sea trial")
     provenance = bundle.content.provenance
-    ran = tokt_aboard(tmp_path, "store", "store")
+    ran = tokt_without(TRAINING_TOOLS, tmp_path, "store", "store")
     assert (ran.returncode, ran.stderr) == (0, "")
     lines = ran.stdout.splitlines()
     assert lines[0] == "active: tiny-lbp/1"
@@ -63,7 +49,8 @@ def test_the_store_says_where_its_model_comes_from(tiny_bundle: Path, tmp_path: 
     assert f"  code version: {provenance['code_version']}" in lines
     assert "mission tiny; labels by labels (" in ran.stdout
     assert lines[-1].endswith("sea trial")
-    found = json.loads(tokt_aboard(tmp_path, "store", "store", "--json").stdout)
+    ran = tokt_without(TRAINING_TOOLS, tmp_path, "store", "store", "--json")
+    found = json.loads(ran.stdout)
     assert found["provenance"] == provenance and found["warnings"] == []
 
 

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.waiting import MAX_S
-from tokt.cli.installation import missing_packages
+from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.sqlite_copy import copy_database
@@ -46,19 +45,6 @@ def by_name(out: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def start(*arguments: object, folder: Path, **environment: str) -> Any:
-    """The command in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "tokt", "doctor", *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-        check=False,
-    )
-
-
 @pytest.fixture
 def store(tiny_bundle: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> Path:
     ran = run_tokt("deploy", tiny_bundle, tmp_path / "store")
@@ -73,13 +59,23 @@ def labelled(workspace: Path, tiny, run_tokt: Callable[..., Any]) -> Path:
     return workspace
 
 
-def test_everything_sound_and_nothing_changed(labelled, store, tmp_path, run_tokt, monkeypatch):
+@pytest.fixture
+def doctor(tmp_path, run_tokt, monkeypatch) -> Callable[..., tuple[int, dict[str, Any]]]:
+    """Its exit code and findings; nothing on the disk is changed by it."""
     monkeypatch.chdir(tmp_path)
-    before = listing(tmp_path)
-    ran = run_tokt("doctor", "--store", store, "--workspace", labelled, "--json")
-    assert listing(tmp_path) == before
-    assert (ran.code, ran.err) == (0, "")
-    found = by_name(ran.out)
+
+    def run(*options: object) -> tuple[int, dict[str, Any]]:
+        before = listing(tmp_path)
+        ran = run_tokt("doctor", *options, "--json")
+        assert (listing(tmp_path), ran.err) == (before, "")
+        return ran.code, by_name(ran.out)
+
+    return run
+
+
+def test_everything_sound(labelled, store, tmp_path, doctor):
+    code, found = doctor("--store", store, "--workspace", labelled)
+    assert code == 0
     assert found["kernels"]["kernels"] == KERNELS.name
     assert found["store active"]["model"] == "tiny-lbp/1" and found["store active"]["load_s"] > 0
     assert found["store versions"]["versions"] == 1
@@ -114,7 +110,7 @@ def test_mlflow_is_not_imported_without_a_registry(tmp_path):
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-def test_a_label_store_in_use_keeps_its_bytes(labelled, run_tokt):
+def test_a_label_store_in_use_keeps_its_bytes(labelled, doctor):
     """Its latest events are still in the write-ahead log of the process that has it open."""
     with sqlite3.connect(labelled / "labels.db") as other:
         other.execute(
@@ -123,18 +119,16 @@ def test_a_label_store_in_use_keeps_its_bytes(labelled, run_tokt):
             " FROM events LIMIT 1"
         )
         other.commit()
-        before = listing(labelled)
-        assert before["labels.db-wal"]
-        ran = run_tokt("doctor", "--workspace", labelled, "--json")
-        assert listing(labelled) == before
+        assert (labelled / "labels.db-wal").stat().st_size
+        _, found = doctor("--workspace", labelled)
     other.close()
-    assert by_name(ran.out)["labels"]["events"] == 4001
+    assert found["labels"]["events"] == 4001
 
 
 @pytest.mark.parametrize("name", ["library", "numpy"])
 @pytest.mark.process
-def test_kernels_that_were_asked_for(name, tmp_path):
-    done = start("--json", folder=tmp_path, TOKT_KERNELS=name)
+def test_kernels_that_were_asked_for(name, tmp_path, tokt_without):
+    done = tokt_without((), tmp_path, "doctor", "--json", TOKT_KERNELS=name)
     assert done.returncode == 0, done.stdout + done.stderr
     found = by_name(done.stdout)
     assert found["kernels"]["kernels"] == found["kernels"]["variable"] == name
@@ -145,33 +139,23 @@ def test_kernels_that_were_asked_for(name, tmp_path):
 
 
 @pytest.mark.process
-def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path):
-    done = start("--store", store, "--json", folder=tmp_path, TOKT_KERNELS="nonsense")
+def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path, tokt_without):
+    command = ("doctor", "--store", store, "--json")
+    done = tokt_without((), tmp_path, *command, TOKT_KERNELS="nonsense")
     assert (done.returncode, done.stderr) == (1, "")
     found = by_name(done.stdout)
     assert [name for name, value in found.items() if value["state"] == "fault"] == ["kernels"]
     assert "TOKT_KERNELS=nonsense: unknown kernels" in found["kernels"]["text"]
     assert found["store active"]["state"] == "ok"
     assert found["registry"]["state"] == "note"
-    done = start(folder=tmp_path, TOKT_KERNELS="nonsense")
+    done = tokt_without((), tmp_path, "doctor", TOKT_KERNELS="nonsense")
     assert done.returncode == 1 and "\nfault  kernels: TOKT_KERNELS=nonsense" in done.stdout
 
 
 @pytest.mark.process
-def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path):
-    program = (
-        "import sys; sys.modules.update(dict.fromkeys(('skimage', 'skimage.feature', 'mahotas')));"
-        "from tokt.cli import main; sys.argv = ['tokt', 'doctor', '--json']; main()"
-    )
-    environment = {**os.environ, "TOKT_KERNELS": ""}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path, tokt_without):
+    libraries = ("skimage", "skimage.feature", "mahotas")
+    done = tokt_without(libraries, tmp_path, "doctor", "--json", TOKT_KERNELS="")
     assert (done.returncode, done.stderr) == (0, "")
     library = by_name(done.stdout)["library kernels"]
     assert library["state"] == "note" and "not on this machine" in library["text"]
@@ -232,33 +216,27 @@ def rename_version(store: Path) -> None:
         (lambda store: (shutil.rmtree(store), store.write_text("")), {"store"}),
     ],
 )
-def test_a_damaged_store(spoil, faults, store, tmp_path, run_tokt, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_damaged_store(spoil, faults, store, doctor):
     spoil(store)
-    before = listing(tmp_path)
-    ran = run_tokt("doctor", "--store", store, "--json")
-    assert listing(tmp_path) == before
-    assert (ran.code, ran.err) == (1, "")
-    found = by_name(ran.out)
+    code, found = doctor("--store", store)
+    assert code == 1
     assert {name for name, value in found.items() if value["state"] == "fault"} == faults
     assert all("\n" not in value["text"] for value in found.values())
 
 
-def test_half_written_files_and_an_empty_store(store, tmp_path, run_tokt):
+def test_half_written_files_and_an_empty_store(store, tmp_path, doctor):
     with atomic.scratch_folder(store / "active"):
-        ran = run_tokt("doctor", "--store", store, "--workspace", tmp_path / "no", "--json")
-    assert ran.code == 0
-    assert by_name(ran.out)["store partial files"]["files"] == 1
+        code, found = doctor("--store", store, "--workspace", tmp_path / "no")
+    assert (code, found["store partial files"]["files"]) == (0, 1)
     (tmp_path / "new").mkdir()
-    ran = run_tokt("doctor", "--store", tmp_path / "new", "--workspace", tmp_path / "no", "--json")
-    found = by_name(ran.out)
-    assert ran.code == 0 and found["store active"]["state"] == "note"
+    code, found = doctor("--store", tmp_path / "new", "--workspace", tmp_path / "no")
+    assert code == 0 and found["store active"]["state"] == "note"
     assert "store partial files" not in found
 
 
 @pytest.mark.parametrize(("name", "finding"), [("mlflow.db", "registry"), ("labels.db", "labels")])
 @pytest.mark.parametrize("how", ["no database", "cut", "a folder"])
-def test_a_damaged_database(name, finding, how, labelled, run_tokt):
+def test_a_damaged_database(name, finding, how, labelled, doctor):
     file = labelled / name
     whole = file.read_bytes()
     if how == "no database":
@@ -268,27 +246,22 @@ def test_a_damaged_database(name, finding, how, labelled, run_tokt):
     else:
         file.unlink()
         file.mkdir()
-    before = listing(labelled)
-    ran = run_tokt("doctor", "--workspace", labelled, "--json")
-    assert listing(labelled) == before
-    assert (ran.code, ran.err) == (1, "")
-    faults = [value for value in by_name(ran.out).values() if value["state"] == "fault"]
+    code, found = doctor("--workspace", labelled)
+    assert code == 1
+    faults = [value for value in found.values() if value["state"] == "fault"]
     assert [fault["name"] for fault in faults] == [finding]
     assert str(file) in faults[0]["text"] and "\n" not in faults[0]["text"]
 
 
-def test_databases_of_other_programs_and_versions(labelled, run_tokt):
+def test_databases_of_other_programs_and_versions(labelled, doctor):
     with sqlite3.connect(labelled / "labels.db") as labels:
         labels.execute("PRAGMA user_version = 99")
     labels.close()
     with sqlite3.connect(labelled / "mlflow.db") as registry:
         registry.execute("UPDATE alembic_version SET version_num = 'of the future'")
     registry.close()
-    before = listing(labelled)
-    ran = run_tokt("doctor", "--workspace", labelled, "--json")
-    assert listing(labelled) == before
-    found = by_name(ran.out)
-    assert ran.code == 1
+    code, found = doctor("--workspace", labelled)
+    assert code == 1
     assert "has format 99, newer than" in found["labels"]["text"]
     assert found["registry"]["state"] == "fault"
     for name, file in (("labels", "labels.db"), ("registry", "mlflow.db")):
@@ -296,42 +269,35 @@ def test_databases_of_other_programs_and_versions(labelled, run_tokt):
 
 
 @pytest.mark.process
-def test_a_registry_without_mlflow_is_a_note(labelled):
-    program = (
-        "import sys; sys.modules['mlflow'] = None; from tokt.cli import main;"
-        "sys.argv = ['tokt', 'doctor', '--json', '--workspace', '.']; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=labelled, capture_output=True, text=True, check=False
-    )
+def test_a_registry_without_mlflow_is_a_note(labelled, tokt_without):
+    done = tokt_without(("mlflow",), labelled, "doctor", "--json", "--workspace", ".")
     assert (done.returncode, done.stderr) == (0, "")
     registry = by_name(done.stdout)["registry"]
     assert registry["state"] == "note" and "tokt[train]" in registry["text"]
 
 
-def test_the_registry_that_the_environment_names(labelled, tmp_path, run_tokt, monkeypatch):
+def test_the_registry_that_the_environment_names(labelled, tmp_path, doctor, monkeypatch):
     elsewhere = tmp_path / "elsewhere.db"
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{elsewhere}")
-    ran = run_tokt("doctor", "--workspace", labelled, "--json")
-    assert by_name(ran.out)["registry"]["state"] == "note" and not elsewhere.exists()
+    _, found = doctor("--workspace", labelled)
+    assert found["registry"]["state"] == "note" and not elsewhere.exists()
     shutil.copy(labelled / "mlflow.db", elsewhere)
-    ran = run_tokt("doctor", "--workspace", tmp_path / "none", "--json")
-    assert by_name(ran.out)["registry"]["versions"] == 1
+    _, found = doctor("--workspace", tmp_path / "none")
+    assert found["registry"]["versions"] == 1
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "postgresql://me:secret@host/db")
-    ran = run_tokt("doctor", "--workspace", labelled, "--json")
-    assert by_name(ran.out)["registry"]["state"] == "note"
-    assert "secret" not in ran.out and "***@host" in ran.out
+    _, found = doctor("--workspace", labelled)
+    assert found["registry"]["state"] == "note"
+    assert "secret" not in str(found) and "***@host" in str(found)
 
 
 @pytest.mark.process
-def test_a_registry_server_that_is_down_is_a_fault(tmp_path):
+def test_a_registry_server_that_is_down_is_a_fault(tmp_path, tokt_without):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     uri = f"http://me:secret@127.0.0.1:{port}"
-    done = start(
-        "--json", folder=tmp_path, MLFLOW_TRACKING_URI=uri, MLFLOW_HTTP_REQUEST_MAX_RETRIES="0"
-    )
+    once = {"MLFLOW_TRACKING_URI": uri, "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
+    done = tokt_without((), tmp_path, "doctor", "--json", **once)
     assert done.returncode == 1
     assert by_name(done.stdout)["registry"]["state"] == "fault"
     assert "secret" not in done.stdout + done.stderr

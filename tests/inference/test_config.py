@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.tiers import scaled
-from tokt.cli.run.check import check
+from tokt.cli.run_setup import check
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import OPTIONS, SECTIONS, Option, RunConfig, read_config
 from tokt.inference.recording.run_start import RunStart

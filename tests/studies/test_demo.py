@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-MISSION = Path(os.environ.get("TOKT_MISSION", ROOT.parent / "shared" / "mission" / "approach"))
 
 
 def _check(result: dict, out: Path) -> None:
@@ -86,15 +82,14 @@ def test_an_earlier_demo_survives_a_wrong_command(
 
 
 @pytest.mark.mission
-@pytest.mark.skipif(not MISSION.is_dir(), reason=f"no real mission at {MISSION} (TOKT_MISSION)")
-def test_real_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_real_demo(mission_dir: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
     out = tmp_path / "out"
     # A quarter of the labelled frames: water, the first sight of the tower, its closer view.
     labels = tmp_path / "labels.csv"
-    lines = (MISSION / "labels.csv").read_text().splitlines(keepends=True)
+    lines = (mission_dir / "labels.csv").read_text().splitlines(keepends=True)
     wanted = {*range(70, 100), *range(132, 162)}
     labels.write_text("".join(x for x in lines if x[:3] == "mis" or int(x.split(",")[2]) in wanted))
-    ran = run_tokt("demo", "--json", "--mission", MISSION, "--labels", labels, "--out", out)
+    ran = run_tokt("demo", "--json", "--mission", mission_dir, "--labels", labels, "--out", out)
     assert ran.code == 0, ran.err
     result = json.loads(ran.out)
     _check(result, out)

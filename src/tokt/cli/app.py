@@ -7,15 +7,9 @@ from typing import Annotated
 
 import typer
 
-from tokt.cli.deploy import deploy, keygen
-from tokt.cli.labels import label, labels
-from tokt.cli.rig import calibrate, depth
-from tokt.cli.run import listen, replay, run, shadow
-from tokt.cli.studies import bench, demo, reproduce, simulate
-from tokt.cli.training import compare, dataset, evaluate, models, search, train
 from tokt.features.common.errors import ToktError
 
-from . import doctor
+from . import compare, dataset, doctor, labels, models, replay, rig, run, studies, train
 
 _EXTRAS = {
     "scipy": "train",
@@ -64,29 +58,29 @@ def _root(
 
 
 app = _new_app()
-app.command("demo")(demo.demo)
-app.command("label")(label.label)
+app.command("demo")(studies.demo)
+app.command("label")(labels.label)
 app.add_typer(labels.labels_app, name="labels")
 app.add_typer(dataset.dataset_app, name="dataset")
 app.command("train")(train.train)
-app.command("search")(search.search)
+app.command("search")(train.search)
 app.command("compare")(compare.compare)
-app.command("evaluate")(evaluate.evaluate)
+app.command("evaluate")(compare.evaluate)
 app.add_typer(models.models_app, name="models")
 app.command("export")(models.export)
-app.command("keygen")(keygen.keygen)
-app.command("deploy")(deploy.deploy)
-app.command("rollback")(deploy.rollback)
-app.command("store")(deploy.store)
+app.command("keygen")(models.keygen)
+app.command("deploy")(models.deploy)
+app.command("rollback")(models.rollback)
+app.command("store")(models.store)
 app.command("run", cls=run.RunCommand)(run.run)
 app.command("replay")(replay.replay)
-app.command("shadow")(shadow.shadow)
-app.command("calibrate")(calibrate.calibrate)
-app.command("depth")(depth.depth)
-app.command("listen")(listen.listen)
-app.command("simulate")(simulate.simulate)
-app.command("reproduce")(reproduce.reproduce)
-app.command("bench")(bench.bench)
+app.command("shadow")(replay.shadow)
+app.command("calibrate")(rig.calibrate)
+app.command("depth")(rig.depth)
+app.command("listen")(run.listen)
+app.command("simulate")(studies.simulate)
+app.command("reproduce")(studies.reproduce)
+app.command("bench")(studies.bench)
 app.command("doctor")(doctor.doctor)
 
 

@@ -1,7 +1,8 @@
-"""`tokt doctor`: versions, kernels in use, camera driver, store and registry health."""
+"""`tokt doctor`: versions, extras, kernels in use, camera driver, store and registry health."""
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -18,6 +19,9 @@ from .output import print_json
 _FAULTY = 1
 _LITTLE_BYTES = 1e9
 _STYLES = {OK: "green", NOTE: "yellow", FAULT: "bold red"}
+_EXTRAS = ("train", "label", "camera", "cluster")
+_REQUIREMENT = r"([A-Za-z0-9._-]+)(?:\[([^\]]*)\])?"
+_OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 
 
 def doctor(
@@ -64,9 +68,55 @@ def _examined(name: str, examine: Callable[[], Iterable[Finding]]) -> Iterator[F
 
 
 def _installation() -> Iterable[Finding]:
-    from .installation import installation_findings
+    """Versions and extras; an extra that was not asked for is no fault."""
+    from importlib.metadata import version
 
-    return installation_findings()
+    from tokt.features.common.machine import machine
+
+    about = machine()
+    yield Finding("tokt", OK, version("tokt"))
+    yield Finding("python", OK, about["python"])
+    yield Finding("machine", OK, f"{about['system']}, {about['cpu']}, {about['cores']} cores")
+    yield _imported("numpy")
+    yield _imported("opencv", "cv2")
+    yield from map(_extra, _EXTRAS)
+
+
+def _imported(name: str, module: str = "") -> Finding:
+    try:
+        found = __import__(module or name)
+    except ImportError as error:
+        return Finding(name, FAULT, f"cannot be imported: {' '.join(str(error).split())}")
+    return Finding(name, OK, str(found.__version__))
+
+
+def _extra(extra: str) -> Finding:
+    missing = missing_packages("tokt", extra)
+    figures = {"missing": missing}
+    if missing:
+        text = f"missing: {', '.join(missing)} (pip install 'tokt[{extra}]')"
+        return Finding(f"extra {extra}", NOTE, text, figures)
+    return Finding(f"extra {extra}", OK, "complete", figures)
+
+
+def missing_packages(package: str, extra: str) -> list[str]:
+    """Names of the packages that an extra of an installed package asks for and that are absent."""
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    missing = []
+    for line in requires(package) or []:
+        wanted, of_extra = re.match(_REQUIREMENT, line), re.search(_OF_EXTRA, line)
+        if wanted is None or of_extra is None or of_extra[1] != extra:
+            continue
+        name, own_extras = wanted[1], wanted[2]
+        try:
+            version(name)
+        except PackageNotFoundError:
+            missing.append(name)
+        else:
+            for own in filter(None, re.split(r"\s*,\s*", own_extras or "")):
+                missing += missing_packages(name, own)
+    return missing
 
 
 def _kernels() -> Iterable[Finding]:

@@ -1,12 +1,18 @@
-"""Options that several commands share."""
+"""Options and arguments that several commands share, and the calibration files they name."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .output import say
+
+if TYPE_CHECKING:
+    from tokt.inference.stereo.calibration import CheckedCalibration, StereoCalibration
+
+DEFAULT_WORKSPACE = Path(".tokt")
 WorkspaceOption = Annotated[
     Path,
     typer.Option(
@@ -25,4 +31,59 @@ TaxonomyOption = Annotated[
         help="Taxonomy file. Default: the workspace's, else the built-in one.",
     ),
 ]
-DEFAULT_WORKSPACE = Path(".tokt")
+DatasetArgument = Annotated[str, typer.Argument(help="NAME or NAME@HASH.")]
+ModelArgument = Annotated[
+    str, typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
+]
+FramesOption = Annotated[
+    str | None, typer.Option(help="Use these frames only, such as 1-99,132-246.")
+]
+LabelFilesOption = Annotated[
+    list[Path] | None,
+    typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
+]
+FoldsOption = Annotated[int, typer.Option(help="Folds of the cross-validation.", min=2)]
+EmbargoOption = Annotated[
+    int, typer.Option(help="Frames left out of training on each side of a test frame.", min=1)
+]
+LoggedRunOption = Annotated[
+    str | None, typer.Option("--run", help="Which run of the log. Default: its last.")
+]
+
+
+def is_written(context: typer.Context, name: str) -> bool:
+    """Whether an option is on the command line, be it with its default value."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def read_calibration_file(path: Path) -> StereoCalibration:
+    """Read a calibration that is to be used; what is odd about it is said on standard error.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be read or cannot be used.
+    """
+    described = describe_calibration_file(path)
+    calibration = described.usable()
+    for oddity in described.oddities:
+        say(f"calibration {path}: {oddity}")
+    return calibration
+
+
+def describe_calibration_file(path: Path) -> CheckedCalibration:
+    """Read a calibration of any form, MATLAB's binary files included, usable or not.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be read.
+    """
+    from tokt.inference.stereo.calibration import check_calibration, read_calibration
+
+    if path.suffix.lower() != ".mat":
+        return read_calibration(path)
+    from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
+
+    return check_calibration(read_matlab_numbers(path))

@@ -1,13 +1,16 @@
-"""Output of commands: JSON for scripts, progress on a terminal, plain lines elsewhere, figures."""
+"""A command and its terminal: JSON, lines, progress, figures, and its end at Ctrl-C."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
+import signal
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -80,3 +83,22 @@ def print_patches(patch: dict[str, Any]) -> None:
 def figure(value: float | None) -> str:
     """A figure with three decimals, or ``-`` where it is undefined."""
     return "-" if value is None else f"{value:.3f}"
+
+
+@contextmanager
+def stop_on_signal(stop: Callable[[], None]) -> Iterator[None]:
+    """Call `stop` at the first Ctrl-C or SIGTERM, so that nothing is cut off half-way.
+
+    A second Ctrl-C interrupts at once, for a loop that hangs. Only for the main thread.
+    """
+
+    def handle(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        stop()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.tiers import scaled
-from tokt.cli.run.shadow import _show as show
+from tokt.cli.replay import _show_shadow as show
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import Limits
 from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.tiers import scaled
-from tokt.cli.stereo_file import read_calibration_file
+from tokt.cli.options import read_calibration_file
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration, read_calibration
 from tokt.inference.stereo.calibration_files import distortion

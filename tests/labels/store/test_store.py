@@ -319,7 +319,7 @@ def test_threads_share_a_store(store: LabelStore) -> None:
 
 IMPORT_LOOP = """
 import sys
-from tokt.cli.labels.labels import labels_app
+from tokt.cli.labels import labels_app
 file, workspace, name, count = sys.argv[1:]
 for n in range(int(count)):
     options = ["--annotator", f"{name}{n}", "--workspace", workspace]

@@ -13,7 +13,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.mean_disparity import Thirds
-from tokt.studies.speed.frames import textured_frame
+from tokt.studies.speed.cases import textured_frame
 
 pytestmark = pytest.mark.xdist_group("baselines")
 

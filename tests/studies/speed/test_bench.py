@@ -15,25 +15,23 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.cli.studies.bench import about_lines
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Moments, Quantization
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
 from tokt.studies.baselines.thesis_texture import GRID, haralick_directions
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.studies.speed.cases import HaralickKernel, LbpKernel, WholeFrame
-from tokt.studies.speed.frames import Picture, textured_frame
+from tokt.studies.speed.cases import HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame
 from tokt.studies.speed.haralick_agreement import HaralickAgreement
 from tokt.studies.speed.models import (
     FEATURE_SETS,
     examples_from_two_images,
     fit_extractor_pair,
-    fit_model_pair,
 )
 from tokt.studies.speed.paired_timing import BASELINE, OURS, in_turns, result, single_thread
+from tokt.studies.speed.process_cases import first_verdict
+from tokt.studies.speed.report import about_lines
 from tokt.studies.speed.run import BenchSize, measure_in_process
-from tokt.studies.speed.start_case import first_verdict
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 pytestmark = pytest.mark.xdist_group("bench")  # what they share is made once
@@ -147,7 +145,7 @@ def test_the_real_missions_frames_are_judged_alike(
     labels = tmp_path / "labels.csv"
     head, *rows = (mission_dir / "labels.csv").read_text().splitlines(keepends=True)
     labels.write_text(head + "".join(row for row in rows if int(row.split(",")[2]) % 10 == 0))
-    monkeypatch.setattr("tokt.studies.speed.stereo.stereo_cases.COMPARED_PAIRS", 1)
+    monkeypatch.setattr("tokt.studies.speed.stereo_cases.COMPARED_PAIRS", 1)
     options = ("--quick", "--frames", 6, "--mission", mission_dir, "--out", tmp_path / "out")
     files = ("--labels", labels, "--calibration", mission_dir.parent / "calibration.yml")
     ran = run_tokt("bench", "--json", *options, *files)
@@ -283,7 +281,7 @@ def test_constant_patches_have_an_undetermined_correlation_only() -> None:
 @pytest.fixture(scope="module")
 def two_images(sea: Path) -> Any:
     mission = open_mission(sea)
-    return fit_model_pair(FEATURE_SETS[0], examples_from_two_images(mission), mission.read(1))
+    return FEATURE_SETS[0].fit(examples_from_two_images(mission), mission.read(1))
 
 
 def test_a_verdict_from_other_weights_is_not_exact(two_images: Any, picture: Picture) -> None:
@@ -318,7 +316,7 @@ def test_refused_frames_are_not_timed(
     examples = examples_from_two_images(open_mission(sea))
     size = replace(ONE_OF_EACH, compared=2, timed=2)
     with single_thread():
-        models = [fit_model_pair(texture, examples, black) for texture in FEATURE_SETS]
+        models = [texture.fit(examples, black) for texture in FEATURE_SETS]
         best = fit_extractor_pair("best", Moments(Quantization(8, 64, 1, 61)), examples, black)
         results, compared, timed = measure_in_process(mission, models, best, size, no_progress, str)
     assert (compared, timed) == (2, 1)

@@ -12,30 +12,24 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.cli.studies.bench import print_table
+from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import LIBRARY, load_kernels
-from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
-from tokt.studies.speed.frames import textured_frame
+from tokt.studies.baselines.thesis_stereo import judge_pair
+from tokt.studies.speed import stereo_cases
+from tokt.studies.speed.cases import textured_frame
 from tokt.studies.speed.paired_timing import BASELINE, OURS, single_thread
-from tokt.studies.speed.stereo import stereo_case
-from tokt.studies.speed.stereo.pairs import Pair, pair_numbers, read_pairs
-from tokt.studies.speed.stereo.stereo_case import StereoPair
-from tokt.studies.speed.stereo.stereo_cases import by_kind, measure_stereo, stereo_input
-
-WIDTH, HEIGHT = THESIS_FRAME_SIZE
-CAMERA = np.array([[2200.0, 0, 679.5], [0, 2200.0, 511.5], [0, 0, 1]])
-PLAIN = StereoCalibration(
-    CAMERA,
-    np.zeros(5),
-    CAMERA,
-    np.zeros(5),
-    np.eye(3),
-    np.array([[-300.0], [0.0], [0.0]]),
-    THESIS_FRAME_SIZE,
+from tokt.studies.speed.report import print_table
+from tokt.studies.speed.stereo_cases import (
+    Pair,
+    StereoPair,
+    by_kind,
+    measure_stereo,
+    pair_numbers,
+    read_pairs,
+    stereo_input,
 )
 
 
@@ -119,7 +113,7 @@ def test_other_matches_than_the_library_s_are_not_exact(
     right = StereoPair(PLAIN)
     assert not right.exact  # nothing has been looked at yet
     wrong_kernels = replace(library, block_disparity=one_off)
-    monkeypatch.setattr(stereo_case, "load_kernels", lambda _: wrong_kernels)
+    monkeypatch.setattr(stereo_cases, "load_kernels", lambda _: wrong_kernels)
     wrong = StereoPair(PLAIN)
     for case in (right, wrong):
         assert case.check(pair)
@@ -193,6 +187,6 @@ def test_without_what_stereo_needs_the_cases_are_left_out_and_it_is_said(
 def test_the_detector_that_is_timed_is_the_run_s(pair: Pair) -> None:
     """The same distance as the detector of ``tokt run`` gives."""
     ours: Any = StereoPair(PLAIN).ours(pair)
-    run = DisparityDetector(PLAIN, stereo_case.GRID).detect(pair.frame)
+    run = DisparityDetector(PLAIN, stereo_cases.GRID).detect(pair.frame)
     assert ours.distance_m == run.distance_m == pytest.approx(3.3, rel=0.01)
     assert np.array_equal(ours.mask, run.mask)

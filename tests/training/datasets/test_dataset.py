@@ -415,7 +415,7 @@ def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
     assert "UNGROUPED" in run_tokt("models", "show", "cut-lbp", *where).out
     request = SimpleNamespace(dataset=open_dataset("cut", tmp_path / "ws" / "datasets"))
     point = {"rule": MofNRule(), "operating_point": {"words": ""}}
-    import_module("tokt.cli.training.train")._print_training(
+    import_module("tokt.cli.train")._print_training(
         "cut-lbp/1", SimpleNamespace(request=request, metrics=result["cv"], **point)
     )
     said = capsys.readouterr().out

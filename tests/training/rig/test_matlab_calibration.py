@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from tests.tiers import scaled
-from tokt.cli.stereo_file import read_calibration_file
+from tokt.cli.options import read_calibration_file
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import CheckedCalibration, check_calibration
 from tokt.training.rig.calibrate.matlab_file import matlab_numbers, read_matlab_numbers

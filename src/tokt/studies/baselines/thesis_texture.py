@@ -2,7 +2,11 @@
 
 Resize, gray, then for each patch one library call and one predict call, then contours. The
 verdict is the corrected one (`tokt.inference.verdict`), so that both sides can be held against
-each other. This file imports little, because a process is timed that starts with it.
+each other.
+
+Run as ``python -m tokt.studies.baselines.thesis_texture MODEL FRAME PORT`` it judges one frame and
+sends the verdict to 127.0.0.1 as one v1 datagram; the model is a joblib file of a LinearSVC on
+LBP (10, 5). `tokt bench` times that process, so this file imports little.
 
 References
 ----------
@@ -12,6 +16,7 @@ NTNU 2016.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -113,3 +118,22 @@ def judge(
             obstacle[index] = True
             mask[y0:y1, x0:x1] = 255
     return ThesisTextureResult(obstacle, verdict_from_mask(mask, "thesis"))
+
+
+def main(model: str, frame: str, port: str) -> None:
+    """Load, look, judge, send."""
+    import socket
+
+    import joblib
+
+    from tokt.inference.outputs.udp import encode_v1
+
+    classifier = joblib.load(model)
+    picture = np.asarray(cv2.imread(frame, cv2.IMREAD_ANYCOLOR), np.uint8)
+    datagram = encode_v1(judge(picture, describe_lbp_10_5, classifier).verdict)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(datagram or b"", ("127.0.0.1", int(port)))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

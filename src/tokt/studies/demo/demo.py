@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +20,7 @@ from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, format_frames, open_mission
+from tokt.inference.outputs.udp import decode
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import LabelStore
@@ -23,6 +28,7 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.registry.registry import Registry
 from tokt.models.store.store import Store
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt.studies.speed.stamped_receiver import StampedReceiver
 from tokt.training.compare.bootstrap import compare_f1
 from tokt.training.datasets.dataset import build_dataset
 from tokt.training.datasets.mission_source import labels_of_mission, plan_from_missions
@@ -40,9 +46,7 @@ from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, train
 
-from .demo_run import DemoRun, Say
-from .replay import replay
-from .report import write_report
+from .report import DemoRun, Say, write_report
 
 _MARK = "made-by-tokt-demo"
 _HOLD_BACK_EVERY = 3
@@ -155,8 +159,6 @@ def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
 
 
 def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Progress) -> None:
-    if run.dataset is None:
-        raise ValueError("the dataset comes first")
     for name, extractor, preset in (*_CANDIDATES, *_BASELINES):
         request = TrainRequest(
             run.dataset,
@@ -174,30 +176,53 @@ def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Prog
 def _choose(run: DemoRun, registry: Registry) -> None:
     """Compare the candidates on cross-validated predictions only; the better one is champion."""
     first, second = (run.trained[name] for name, _, _ in _CANDIDATES)
-    patches = first.request.dataset.patches
-    truth = np.asarray(first.model.obstacle, bool)[first.request.dataset.targets()]
+    truth = np.asarray(first.model.obstacle, bool)[run.dataset.targets()]
     said = [t.model.obstacle_patches(t.held_out.values) for t in (first, second)]
-    run.difference = compare_f1(truth, said[0], said[1], patches.group.to_numpy())
+    run.difference = compare_f1(truth, said[0], said[1], run.dataset.patches.group.to_numpy())
     better = first if run.difference.difference >= 0 else second
     run.champion = better.request.name
     registry.set_alias(run.champion, "champion")
 
 
-def _check_replay(run: DemoRun) -> None:
-    """Hold the runtime's decision values against scikit-learn's, and its datagrams to its log."""
-    if run.replay is None:
-        raise ValueError("the replay comes first")
+def _replay(run: DemoRun, store: Path, log: Path) -> None:
+    """Run `tokt run` on the held-back frames, listen to what it sends, and hold both together."""
+    with closing(StampedReceiver()) as receiver:
+        command = [sys.executable, "-m", "tokt", "run", "--store", str(store)]
+        command += ["--source", str(run.mission.path), "--frames", format_frames(run.held_frames)]
+        command += ["--policy", "texture", "--udp", f"127.0.0.1:{receiver.port}", "--format", "v1"]
+        command += ["--log", str(log), "--log-values"]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        if ended.returncode != 0:
+            last = (ended.stderr.strip().splitlines() or ["no message"])[-1]
+            raise ToktError(f"the runtime ended with code {ended.returncode}: {last}")
+        run.datagrams = [datagram for _, datagram in receiver.heard()]
+    run.log = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
+    run.skew = _skew(run)
+    run.disagreements = _disagreements(run)
+
+
+def _skew(run: DemoRun) -> float:
+    """How far the runtime's decision values are from scikit-learn's, at the most."""
     trained = run.trained[run.champion]
     worst = 0.0
-    for entry in run.replay.log:
+    for entry in run.log:
         if entry["decision_values"] is None:
             continue
         image = run.mission.read(entry["frame"], LEFT)
-        described = trained.request.extractor.describe(image, trained.request.dataset.grid)
+        described = trained.request.extractor.describe(image, run.dataset.grid)
         expected = decision_values(trained.pipeline, described)
         worst = max(worst, float(np.abs(expected - np.asarray(entry["decision_values"])).max()))
-    run.skew = worst
-    run.disagreements = run.replay.disagreements()
+    return worst
+
+
+def _disagreements(run: DemoRun) -> int:
+    sent = [entry for entry in run.log if entry["status"] != -1]
+    wrong = abs(len(sent) - len(run.datagrams))
+    for entry, datagram in zip(sent, run.datagrams, strict=False):
+        heard = decode(datagram)
+        same = all(heard[key] == entry[key] for key in ("status", "x", "y"))
+        wrong += not same or abs(heard["mean"] - entry["mean"]) > 1e-9 * max(1, entry["mean"])
+    return wrong
 
 
 def run_demo(
@@ -249,8 +274,7 @@ def run_demo(
         atomic.write_bytes(bundle_file, champion.data)
         store.deploy(champion, "tokt demo")
     with run.stage("replay the held-back frames through the runtime", say):
-        run.replay = replay(store.path, run.mission.path, run.held_frames, out / "replay.jsonl")
-        _check_replay(run)
+        _replay(run, store.path, out / "replay.jsonl")
     with run.stage("score all models on the held-back frames", say):
         for name, bundle in run.bundles.items():
             run.scored[name] = score_mission(bundle, run.mission, progress, run.held_frames)
@@ -275,12 +299,12 @@ def _result(run: DemoRun, bundle_file: Path, out: Path) -> dict[str, Any]:
             "held_back_frames": format_frames(run.held_frames),
         },
         "champion": run.champion,
-        "comparison": None if run.difference is None else asdict(run.difference),
+        "comparison": asdict(run.difference),
         "cross_validation": {name: trained.metrics for name, trained in run.trained.items()},
         "held_back": run.evaluations,
         "replay": {
-            "frames": len(run.replay.log) if run.replay else 0,
-            "datagrams": len(run.replay.datagrams) if run.replay else 0,
+            "frames": len(run.log),
+            "datagrams": len(run.datagrams),
             "unknown": run.unknown,
             "disagreements": run.disagreements,
             "max_abs_difference_of_decision_values": run.skew,

@@ -1,8 +1,12 @@
-"""The demo's report: one HTML file that needs no other."""
+"""The findings of a demo, and its report: one HTML file that needs no other."""
 
 from __future__ import annotations
 
 import platform
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,19 +16,86 @@ import numpy as np
 
 from tokt import __version__
 from tokt.features.common import atomic
-from tokt.features.frames.mission import LEFT, format_frames
+from tokt.features.frames.mission import LEFT, Mission, format_frames
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
-from tokt.labels.taxonomy import UNSURE
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.models.bundle.bundle import Bundle
+from tokt.training.compare.bootstrap import Difference
+from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
+from tokt.training.evaluation.evaluate import ScoredMission
 from tokt.training.evaluation.pictures import beside_labels, draw, jpeg_uri
+from tokt.training.fitting.train import Trained
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .demo_run import DemoRun
-
 _PICTURES = 8
+
+Say = Callable[[str], None]
+
+
+@dataclass
+class DemoRun:
+    """Everything a demo found, for its report; what has no default is there from the start.
+
+    Parameters
+    ----------
+    mission : Mission
+    records : list of LabelRecord
+        All labels of it.
+    rendered : bool
+        Whether the mission is a rendered one.
+    block_frames, embargo_frames : int
+        How the mission is cut into blocks, and the gap between parts.
+    train_frames, held_frames : list of int
+        Labelled frames learnt from, and held back (with a gap between them).
+    log : list of dict
+        The runtime's log of the held-back frames, one entry a frame, with decision values.
+    datagrams : list of bytes
+        What it sent (v1), as they arrived.
+    skew : float
+        Largest difference between training's and the runtime's decision values.
+    disagreements : int
+        Datagrams that do not say what the log says, and verdicts that never arrived.
+    seconds : dict
+        Wall time of each stage.
+    """
+
+    mission: Mission
+    records: list[LabelRecord]
+    taxonomy: Taxonomy
+    rendered: bool
+    block_frames: int
+    embargo_frames: int
+    train_frames: list[int]
+    held_frames: list[int]
+    seconds: dict[str, float] = field(default_factory=dict)
+    trained: dict[str, Trained] = field(default_factory=dict)
+    bundles: dict[str, Bundle] = field(default_factory=dict)
+    scored: dict[str, ScoredMission] = field(default_factory=dict)
+    evaluations: dict[str, dict[str, Any]] = field(default_factory=dict)
+    dataset: DatasetVersion = field(init=False)
+    difference: Difference = field(init=False)
+    champion: str = field(init=False)
+    log: list[dict[str, Any]] = field(init=False)
+    datagrams: list[bytes] = field(init=False)
+    skew: float = field(init=False)
+    disagreements: int = field(init=False)
+
+    @property
+    def unknown(self) -> int:
+        """Replayed frames that the runtime could not judge."""
+        return sum(entry["status"] == -1 for entry in self.log)
+
+    @contextmanager
+    def stage(self, name: str, say: Say) -> Iterator[None]:
+        """Time one stage and say when it begins."""
+        say(f"-- {name}")
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start
 
 
 def _labels_by_frame(run: DemoRun) -> dict[int, list[LabelRecord]]:
@@ -67,18 +138,13 @@ def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[s
     for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
-        records = labels.get(frame, [])
-        judged = beside_labels(bundle, image, values, verdict, records, run.taxonomy)
+        judged = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
         pictures.append(
             {
                 "frame": frame,
                 "why": why,
                 "uri": jpeg_uri(draw(judged, bundle.grid)),
-                "status": verdict.status,
-                "mean": verdict.mean,
-                "x": verdict.x,
-                "y": verdict.y,
-                "health": verdict.health,
+                "verdict": verdict,
             }
         )
     return pictures
@@ -91,12 +157,11 @@ def _curves(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> dict[str, str
     curves = {}
     for name, trained in run.trained.items():
         tested = trained.held_out.fold >= 0
-        dataset = trained.request.dataset
-        truth = np.asarray(trained.model.obstacle, bool)[dataset.targets()[tested]]
+        truth = np.asarray(trained.model.obstacle, bool)[run.dataset.targets()[tested]]
         curves[name] = truth, trained.model.obstacle_score(trained.held_out.values[tested])
     held_out = plots.precision_recall(curves)
     champion = run.evaluations[run.champion]["patch"]["confusion"]
-    latency = [entry["latency_ms"] for entry in run.replay.log] if run.replay else []
+    latency = [entry["latency_ms"] for entry in run.log]
     return {
         "timeline": plots.data_uri(timeline),
         "precision_recall": plots.data_uri(held_out),
@@ -116,7 +181,6 @@ def _rows(run: DemoRun) -> list[dict[str, Any]]:
         {
             "name": run.bundles[name].label,
             "champion": name == run.champion,
-            "extractor": trained.request.extractor_name,
             "features": trained.request.extractor.dim,
             "preset": trained.request.settings.preset,
             "cv": trained.metrics,
@@ -146,7 +210,7 @@ def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
     )
     labels = _labels_by_frame(run)
     champion, trained = run.bundles[run.champion], run.trained[run.champion]
-    latency = np.array([entry["latency_ms"] for entry in run.replay.log]) if run.replay else None
+    latency = [entry["latency_ms"] for entry in run.log]
     html = template.render(
         run=run,
         champion=champion,
@@ -159,9 +223,9 @@ def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
         plots=_curves(run, labels),
         train_frames=format_frames(run.train_frames),
         held_frames=format_frames(run.held_frames),
-        latency_median_ms=None if latency is None else float(np.median(latency)),
-        latency_p95_ms=None if latency is None else float(np.percentile(latency, 95)),
-        datagrams=[d.decode("ascii") for d in (run.replay.datagrams if run.replay else [])][-3:],
+        latency_median_ms=float(np.median(latency)),
+        latency_p95_ms=float(np.percentile(latency, 95)),
+        datagrams=[datagram.decode("ascii") for datagram in run.datagrams[-3:]],
         kernels=KERNELS.name,
         machine=f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         version=__version__,

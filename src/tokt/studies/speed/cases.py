@@ -1,37 +1,81 @@
-"""The cases that are timed in this process: kernels on gray patches, and whole frames."""
+"""The pictures and cases that are timed in this process: kernels on patches, whole frames."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
-from tokt.features.kernels.dispatch import KERNELS, Kernels
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.spec import build_extractor
+from tokt.features.kernels.dispatch import KERNELS, LIBRARY, Kernels, load_kernels
+from tokt.features.kernels.quantization import Quantization
 from tokt.inference.policy.policy import judge_image
-from tokt.studies.baselines.library_texture import judge_at_once
+from tokt.models.bundle.bundle import Bundle
 from tokt.studies.baselines.thesis_texture import (
     GRID,
     describe_haralick,
     haralick_directions,
     judge,
     lbp_counts,
+    resized_gray,
 )
 
-from .frames import Picture
 from .haralick_agreement import HaralickAgreement
-from .models import ModelPair, ThesisFeatureSet
+from .models import ModelPair, ThesisFeatureSet, judge_at_once
 from .paired_timing import BASELINE, FLOOR, LIBRARIES, MEMORY, OURS, Result, in_turns, result
 
 KERNEL_WORK = f"the {GRID.n_patches} patches of one gray picture"
 FRAME_WORK = "one decoded frame to its verdict"
 TIE = 1e-9
 """A decision value this near to the threshold could fall to either side by rounding alone."""
+MAX_TIMES = 2.5
+"""How many times the plain extractor's time the preset best may take."""
+_HEIGHT, _WIDTH, _CELL = 1024, 1360, 4  # pixels of the textured frame
 
 Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One frame as each case wants it.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (height, width) or (height, width, 3)
+        As decoded.
+    """
+
+    frame: NDArray[np.uint8]
+
+    @cached_property
+    def gray(self) -> NDArray[np.uint8]:
+        """At the grid's width, gray."""
+        return resized_gray(self.frame)
+
+    @cached_property
+    def patches(self) -> list[NDArray[np.uint8]]:
+        """The gray patches, each contiguous in memory."""
+        return [np.ascontiguousarray(patch) for patch in GRID.cells(self.gray)]
+
+
+def textured_frame() -> NDArray[np.uint8]:
+    """A colour frame of 1360x1024 full of contrast: cells of random grey levels, 0 to 255.
+
+    Its patches hold nearly all grey levels and hardly a pair of them twice, where frames of open
+    sea hold a dozen: the most there is to count. A cell is four pixels wide, so that it is still
+    there after the resize.
+    """
+    cells = np.random.default_rng(1).integers(0, 256, (_HEIGHT // _CELL, _WIDTH // _CELL), np.uint8)
+    gray = cells.repeat(_CELL, axis=0).repeat(_CELL, axis=1)
+    return np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
 class Case(ABC, Generic[Item]):
@@ -40,10 +84,16 @@ class Case(ABC, Generic[Item]):
     Parameters
     ----------
     name : str
+
+    Attributes
+    ----------
+    checked, wrong : int
+        What was compared so far, and what of it was not the same.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.checked = self.wrong = 0
 
     @abstractmethod
     def baseline(self, item: Item) -> object:
@@ -58,9 +108,9 @@ class Case(ABC, Generic[Item]):
         """Do both, not timed, and remember whether they gave the same; whether they could."""
 
     @property
-    @abstractmethod
     def exact(self) -> bool:
         """Whether every check so far was passed, and there was one."""
+        return self.checked > 0 and self.wrong == 0
 
     @abstractmethod
     def findings(self) -> dict[str, Any]:
@@ -89,7 +139,6 @@ class LbpKernel(Case[Picture]):
         super().__init__(name)
         self.points, self.radius = points, radius
         self._kernels = kernels
-        self._checked = self._wrong = 0
 
     def baseline(self, picture: Picture) -> object:
         """One call of scikit-image a patch; the quickest of numpy's ways to count."""
@@ -113,21 +162,16 @@ class LbpKernel(Case[Picture]):
     def check(self, picture: Picture) -> bool:
         """Every count of every patch."""
         theirs = [lbp_counts(patch, self.points, self.radius) for patch in picture.patches]
-        self._checked += len(theirs)
-        self._wrong += int((self._counts(picture) != np.stack(theirs)).any(axis=1).sum())
+        self.checked += len(theirs)
+        self.wrong += int((self._counts(picture) != np.stack(theirs)).any(axis=1).sum())
         return True
-
-    @property
-    def exact(self) -> bool:
-        """Whether all counts were the same integers."""
-        return self._checked > 0 and self._wrong == 0
 
     def findings(self) -> dict[str, Any]:
         """Patches looked at, and those with another count."""
         return {
             "of": KERNEL_WORK,
-            "patches_checked": self._checked,
-            "patches_different": self._wrong,
+            "patches_checked": self.checked,
+            "patches_different": self.wrong,
         }
 
 
@@ -143,7 +187,6 @@ class HaralickKernel(Case[Picture]):
         super().__init__(name)
         self._kernels = kernels
         self._agreement = HaralickAgreement()
-        self._checked = 0
 
     def baseline(self, picture: Picture) -> object:
         """One call of mahotas a patch."""
@@ -159,19 +202,19 @@ class HaralickKernel(Case[Picture]):
             rows = self._kernels.haralick_features(picture.gray, GRID, ignore_zeros)
             for row, patch in zip(rows, picture.patches, strict=True):
                 self._agreement.add(row, haralick_directions(patch, ignore_zeros))
-        self._checked += len(picture.patches)
+        self.checked += len(picture.patches)
         return True
 
     @property
     def exact(self) -> bool:
         """Whether all features agreed as `haralick_agreement.COMPARED` says."""
-        return self._checked > 0 and self._agreement.agree
+        return self.checked > 0 and self._agreement.agree
 
     def findings(self) -> dict[str, Any]:
         """How near the features were."""
         return {
             "of": KERNEL_WORK,
-            "patches_checked": self._checked,
+            "patches_checked": self.checked,
             **self._agreement.to_json(),
         }
 
@@ -188,18 +231,13 @@ class WholeFrame(Case[Picture]):
     def __init__(self, texture: ThesisFeatureSet, models: ModelPair) -> None:
         super().__init__(f"{texture.name}.frame")
         self._texture, self._models = texture, models
-        self._found = dict.fromkeys(
-            (
-                "frames_checked",
-                "frames_different",
-                "frames_refused",
-                "patches_different",
-                "obstacle_patches",
-                "obstacle_frames",
-                "ties",
-            ),
-            0,
-        )
+        self._found = {
+            "frames_refused": 0,
+            "patches_different": 0,
+            "obstacle_patches": 0,
+            "obstacle_frames": 0,
+            "ties": 0,
+        }
 
     def baseline(self, picture: Picture) -> object:
         """Resize, a library call and a predict call a patch, contours."""
@@ -238,18 +276,13 @@ class WholeFrame(Case[Picture]):
             *(verdict.status, verdict.x, verdict.y, verdict.box),
         )
         different = int((labels != theirs.obstacle).sum())
-        found["frames_checked"] += 1
-        found["frames_different"] += not same or different > 0
+        self.checked += 1
+        self.wrong += not same or different > 0
         found["patches_different"] += different
         found["obstacle_patches"] += int(theirs.obstacle.sum())
         found["obstacle_frames"] += bool(theirs.obstacle.any())
         found["ties"] += int((np.abs(judgement.decision_values - model.thresholds) < TIE).sum())
         return True
-
-    @property
-    def exact(self) -> bool:
-        """Whether all frames that were judged had the same labels and verdict."""
-        return self._found["frames_checked"] > 0 and self._found["frames_different"] == 0
 
     def findings(self) -> dict[str, Any]:
         """What was compared."""
@@ -259,6 +292,8 @@ class WholeFrame(Case[Picture]):
             "libraries_is": "the libraries with all patches counted and predicted at once",
             "floor_is": "resize and gray alone, with tokt's kernels",
             "memory_is": "reading each byte of the frame once",
+            "frames_checked": self.checked,
+            "frames_different": self.wrong,
             **self._found,
         }
 
@@ -266,3 +301,60 @@ class WholeFrame(Case[Picture]):
         """Both ways, the libraries used well, and the floors."""
         more = {LIBRARIES: self.libraries, FLOOR: self.floor, MEMORY: self.memory}
         return {**super().timed(), **more}
+
+
+class BestFrame(Case[Picture]):
+    """A decoded frame to its verdict, by a plain extractor's model and by the preset best's.
+
+    Parameters
+    ----------
+    plain, best : Bundle
+    """
+
+    def __init__(self, plain: Bundle, best: Bundle) -> None:
+        super().__init__("best.frame")
+        self._plain, self._best = plain, best
+        self._images = build_extractor(best.extractor.spec).images
+        self._reference = load_kernels(LIBRARY)
+
+    def baseline(self, picture: Picture) -> object:
+        """The plain extractor's model."""
+        return judge_image(self._plain, picture.frame)
+
+    def ours(self, picture: Picture) -> object:
+        """The preset best's."""
+        return judge_image(self._best, picture.frame)
+
+    def floor(self, picture: Picture) -> list[NDArray[np.uint8]]:
+        """The pictures that the preset looks at, prepared and no more."""
+        prepared = FramePictures(picture.frame, GRID)
+        return [prepared.picture(image) for image in self._images]
+
+    def timed(self) -> dict[str, Callable[[Picture], object]]:
+        """Both, and the pictures alone."""
+        return {**super().timed(), FLOOR: self.floor}
+
+    def _expected(self, picture: Picture, image: Quantization | None) -> NDArray[np.uint8]:
+        if image is None:
+            return picture.gray
+        size = GRID.resized(*picture.frame.shape[:2])
+        return self._reference.quantize(self._reference.resized_gray16(picture.frame, *size), image)
+
+    def check(self, picture: Picture) -> bool:
+        """Every pixel of these pictures, against matrix products; their textures have own cases."""
+        for image, found in zip(self._images, self.floor(picture), strict=True):
+            self.checked += 1
+            self.wrong += not np.array_equal(found, self._expected(picture, image))
+        return True
+
+    def findings(self) -> dict[str, Any]:
+        """What was timed against what, and the pictures that were compared."""
+        return {
+            "of": FRAME_WORK,
+            "baseline_is": f"tokt itself with the plain model {self._plain.label}",
+            "floor_is": "the pictures that the preset's extractor looks at, prepared and no more",
+            "asked": f"the preset's time is at most {MAX_TIMES:g} times the plain one's",
+            "features": self._best.extractor.dim,
+            "pictures_checked": self.checked,
+            "pictures_different": self.wrong,
+        }

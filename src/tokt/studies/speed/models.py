@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -14,23 +15,20 @@ from sklearn.svm import LinearSVC
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor, Haralick, Lbp
 from tokt.features.frames.mission import LEFT, Mission
+from tokt.features.kernels import reference
+from tokt.inference.verdict import Verdict, verdict_from_mask
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
-from tokt.studies.baselines.library_texture import (
-    DescribeAll,
-    all_haralick,
-    all_lbp_10_5,
-    all_lbp_24_8,
-)
 from tokt.studies.baselines.thesis_texture import (
     GRID,
     DescribePatch,
     describe_haralick,
     describe_lbp_10_5,
     describe_lbp_24_8,
+    resized_gray,
 )
 from tokt.training.fitting.classifier import fit_classifier, linear_model
 from tokt.training.fitting.presets import Hyperparameters, settings_named
@@ -40,7 +38,37 @@ LABEL_EVERY = 5
 """Every fifth labelled frame is learnt from: the model only has to find obstacle patches."""
 _PENALTY = 1.0
 
-Read = Callable[[int], NDArray[np.uint8]]
+DescribeAll = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
+
+
+def all_lbp(gray: NDArray[np.uint8], points: int, radius: int) -> NDArray[np.float64]:
+    """Normalised histograms of LBP of a gray picture's patches, counted at once."""
+    counts = reference.lbp_counts(gray, GRID, points, radius, "patch")
+    return np.asarray(counts / counts.sum(axis=1, keepdims=True))
+
+
+def all_haralick(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Haralick's 13 features of a gray picture's patches, without grey level 0."""
+    return reference.haralick_features(gray, GRID, ignore_zeros=True)
+
+
+def judge_at_once(frame: NDArray[np.uint8], describe_all: DescribeAll, classifier: Any) -> Verdict:
+    """Judge a frame with the libraries used as well as they can be: one prediction for all patches.
+
+    The thesis asks its classifier patch by patch and counts with `numpy.histogram`; who only wants
+    to know what tokt's own code gains over the libraries has to compare with this.
+
+    Parameters
+    ----------
+    frame : array of uint8, shape (height, width) or (height, width, 3)
+    describe_all : callable
+        Features of a gray picture's patches.
+    classifier : sklearn.svm.LinearSVC
+        Predicts 1 for an obstacle.
+    """
+    gray = resized_gray(frame)
+    obstacle = classifier.predict(describe_all(gray)) == 1
+    return verdict_from_mask(GRID.paint(obstacle, *gray.shape), "libraries")
 
 
 @dataclass(frozen=True)
@@ -63,10 +91,16 @@ class ThesisFeatureSet:
     describe_patch: DescribePatch
     describe_all: DescribeAll
 
+    def fit(self, examples: TrainingExamples, golden_frame: NDArray[np.uint8]) -> ModelPair:
+        """Its model, for both sides."""
+        return fit_extractor_pair(self.name, self.extractor, examples, golden_frame)
 
+
+_ALL_LBP_10_5 = partial(all_lbp, points=10, radius=5)
+_ALL_LBP_24_8 = partial(all_lbp, points=24, radius=8)
 FEATURE_SETS = (
-    ThesisFeatureSet("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5, all_lbp_10_5),
-    ThesisFeatureSet("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8, all_lbp_24_8),
+    ThesisFeatureSet("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5, _ALL_LBP_10_5),
+    ThesisFeatureSet("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8, _ALL_LBP_24_8),
     ThesisFeatureSet("haralick", Haralick(ignore_zeros=True), describe_haralick, all_haralick),
 )
 
@@ -150,8 +184,8 @@ class ModelPair:
     bundle: Bundle
 
 
-def fit_model_pair(
-    texture: ThesisFeatureSet, examples: TrainingExamples, golden_frame: NDArray[np.uint8]
+def fit_extractor_pair(
+    name: str, extractor: Extractor, examples: TrainingExamples, golden_frame: NDArray[np.uint8]
 ) -> ModelPair:
     """Fit a classifier and give both sides its weights.
 
@@ -160,18 +194,12 @@ def fit_model_pair(
 
     Parameters
     ----------
-    texture : ThesisFeatureSet
-    lesson : TrainingExamples
+    name : str
+    extractor : Extractor
+    examples : TrainingExamples
     golden_frame : array of uint8
         The frame that the bundle proves itself with; its size is the size the bundle accepts.
     """
-    return fit_extractor_pair(texture.name, texture.extractor, examples, golden_frame)
-
-
-def fit_extractor_pair(
-    name: str, extractor: Extractor, examples: TrainingExamples, golden_frame: NDArray[np.uint8]
-) -> ModelPair:
-    """`fit_model_pair` for any extractor, also one the thesis has no way for."""
     settings = settings_named(examples.settings)
     penalty = settings.penalties[0] if settings.two_images else _PENALTY
     rows = [extractor.describe(frame, GRID)[cells] for frame, cells, _ in examples.pictures]

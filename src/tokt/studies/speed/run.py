@@ -24,17 +24,19 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.labels.taxonomy import Taxonomy
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.studies.speed.stereo.stereo_cases import measure_stereo, stereo_input
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .best_case import BestFrame
-from .cases import Case, HaralickKernel, LbpKernel, WholeFrame
-from .chart import chart_png
-from .dataset_cases import measure_extraction
-from .frames import Picture, textured_frame
-from .latency_case import measure_latency
+from .cases import (
+    BestFrame,
+    Case,
+    HaralickKernel,
+    LbpKernel,
+    Picture,
+    WholeFrame,
+    textured_frame,
+)
 from .models import (
     FEATURE_SETS,
     ModelPair,
@@ -42,10 +44,11 @@ from .models import (
     examples_from_labels,
     examples_from_two_images,
     fit_extractor_pair,
-    fit_model_pair,
 )
 from .paired_timing import SPREAD_IS, Result, single_thread
-from .start_case import measure_start
+from .process_cases import measure_extraction, measure_latency, measure_start
+from .report import chart_png
+from .stereo_cases import measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
@@ -232,7 +235,7 @@ def _measure(
     examples = _examples(mission, labels)
     stereo = stereo_input(mission, calibration)
     with single_thread(), _same_kernels_everywhere():
-        models = [fit_model_pair(texture, examples, first) for texture in FEATURE_SETS]
+        models = [texture.fit(examples, first) for texture in FEATURE_SETS]
         best = fit_extractor_pair("best", extractor_for(DEFAULT_EXTRACTOR, "best"), examples, first)
         results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
         if stereo.calibration is not None:
@@ -276,7 +279,7 @@ def run_bench(
     labels : Path or None
         Its label file; by default ``labels.csv`` in the mission's folder, and without one the
         models learn from two images as in the thesis.
-    effort : BenchSize
+    size : BenchSize
     progress, say : callable
         Where progress and remarks go.
     calibration : StereoCalibration, optional

@@ -13,10 +13,8 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any
 
 from tokt.features.common.errors import ToktError
-from tokt.inference.outputs.udp import decode
 
 _MAX_DATAGRAM = 65535
 _BUFFER_BYTES = 1 << 20
@@ -44,13 +42,13 @@ class StampedReceiver:
         assert self._process.stdout is not None, "it is a pipe"
         line = self._process.stdout.readline()
         if not line.strip().isdigit():
-            raise ToktError("a receiver for the bench's datagrams cannot be started")
+            raise ToktError("a receiver of datagrams cannot be started")
         self.port = int(line)
 
-    def heard(self) -> list[tuple[float, dict[str, Any]]]:
-        """End it; when each datagram was there, and what it says, in order."""
+    def heard(self) -> list[tuple[float, bytes]]:
+        """End it; when each datagram was there, and its bytes, in order."""
         said, _ = self._process.communicate("")
-        return [(at, decode(data.encode("ascii"))) for at, data in json.loads(said)]
+        return [(at, data.encode("ascii")) for at, data in json.loads(said)]
 
     def close(self) -> None:
         """End it, whatever it has heard."""

@@ -1,7 +1,8 @@
-"""`tokt run`: the runtime at sea."""
+"""`tokt run`, the runtime at sea, and `tokt listen`, a look at what it sends."""
 
 from __future__ import annotations
 
+import os
 import sys
 from inspect import Parameter, signature
 from pathlib import Path
@@ -10,9 +11,11 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from tokt.cli.output import print_json, say
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import OPTIONS, RunConfig, read_config
+
+from .options import is_written
+from .output import print_json, say, stop_on_signal
 
 
 def run(
@@ -28,7 +31,7 @@ def run(
     **values: Any,
 ) -> None:
     """Judge every frame of a source and send the verdicts."""
-    written = {name: value for name, value in values.items() if _is_written(context, name)}
+    written = {name: value for name, value in values.items() if is_written(context, name)}
     asked = RunConfig.of({} if config is None else read_config(config), written)
     if print_config:
         print(asked.to_toml(), end="")
@@ -37,7 +40,7 @@ def run(
         raise ToktError("Missing option '--source'.")
     if asked.monitoring.watchdog:
         raise typer.Exit(_watched(asked.source.source))
-    from .setup import carry_out
+    from .run_setup import carry_out
 
     result = carry_out(asked)
     say(result.words())
@@ -83,15 +86,8 @@ class RunCommand(TyperCommand):
                 formatter.write_dl(records)
 
 
-def _is_written(context: typer.Context, name: str) -> bool:
-    """Whether an option is on the command line, be it with its default value."""
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
-
-
 def _watched(source: str) -> int:
     """Run the same command under a watchdog; its exit code."""
-    from tokt.cli.interrupt import stop_on_signal
     from tokt.inference.clock import SYSTEM_CLOCK
     from tokt.inference.monitoring.watchdog import Notifier, Watchdog
     from tokt.inference.sources.stream import is_stream_source
@@ -103,3 +99,47 @@ def _watched(source: str) -> int:
     dog = Watchdog(command, lambda line: say(f"watchdog: {line}"), Notifier(SYSTEM_CLOCK))
     with stop_on_signal(dog.stop):
         return dog.run()
+
+
+def listen(
+    port: Annotated[int, typer.Option(help="UDP port to listen on.", min=1, max=65535)] = 1130,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    count: Annotated[
+        int | None, typer.Option(help="Stop after this many datagrams.", min=1)
+    ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(help="Say when nothing came for so many seconds.", min=0.1, max=86400),
+    ] = None,
+    json_lines: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+) -> None:
+    """Show the datagrams that arrive, one line each, until Ctrl-C.
+
+    v2 numbers its datagrams: those that are missing are counted, for each sender by itself.
+    """
+    from tokt.inference.clock import SYSTEM_CLOCK
+    from tokt.inference.outputs.listen import ReceivedDatagram, SenderMonitor, as_json, as_words
+    from tokt.inference.outputs.listen import listen as heard_on
+
+    received = 0
+    interrupted: list[bool] = []
+    watch = SenderMonitor(SYSTEM_CLOCK.monotonic(), timeout)
+
+    def stopped() -> bool:
+        return bool(interrupted) or received == count
+
+    def ready() -> None:
+        say(f"listening on {host}:{port}; Ctrl-C ends")
+
+    with stop_on_signal(lambda: interrupted.append(True)):
+        for event in heard_on(host, port, watch, SYSTEM_CLOCK, stopped, ready):
+            received += isinstance(event, ReceivedDatagram)
+            try:
+                print(as_json(event) if json_lines else as_words(event), flush=True)
+            except BrokenPipeError:
+                # Who read has gone (| head -1). What Python still flushes at its end has to go
+                # somewhere, or it complains.
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                return
+    if watch.lost:
+        say(f"{watch.lost} datagrams are missing")

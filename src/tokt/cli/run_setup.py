@@ -1,4 +1,8 @@
-"""A runtime put together as its description says, run to its end, and its result."""
+"""A run as its description says: checked, put together, run to its end, and its result.
+
+What not every run asks for is imported where it is opened: after a crash each import is time in
+which nothing is said.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +11,42 @@ import os
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from tokt.cli.interrupt import stop_on_signal
-from tokt.cli.output import say
-from tokt.cli.stereo_file import read_calibration_file
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import parse_frames
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.config import ModelConfig, RunConfig, StereoConfig
+from tokt.inference.config import (
+    CAMERAS,
+    FILES,
+    MODELS,
+    OPTIONS,
+    PICTURES,
+    REAL_TIME,
+    ModelConfig,
+    RunConfig,
+    StereoConfig,
+)
 from tokt.inference.frame import Source
 from tokt.inference.monitoring.drift import DriftMonitor
 from tokt.inference.monitoring.reload import ModelReloader
+from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.monitoring.status_line import StatusLine
 from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier
+from tokt.inference.outputs.udp import (
+    DEFAULT_HOST,
+    DEFAULT_PORT,
+    UdpSender,
+    parse_receiver,
+    version_of,
+)
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.temporal_cues import Anchor
-from tokt.inference.publisher import Sender
+from tokt.inference.publisher import Observer, Sender
+from tokt.inference.recording.log import JsonLines, LogRotation
+from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
 from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
@@ -35,8 +58,70 @@ from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
-from .check import check
-from .outputs import open_observers, open_senders
+from .options import read_calibration_file
+from .output import say, stop_on_signal
+
+if TYPE_CHECKING:
+    from tokt.inference.outputs.mavlink import MavlinkOptions
+    from tokt.inference.recording.recorder import Recorder
+
+Word = TypeVar("Word", bound=StrEnum)
+
+
+def check(config: RunConfig) -> None:
+    """Refuse options that contradict each other, and those that would do nothing.
+
+    Raises
+    ------
+    ToktError
+    """
+    given = [each for each in OPTIONS.values() if each.name in config.given]
+    for each in given:
+        if each.not_with in config.given:
+            raise ToktError(f"give --{each.key} or --{OPTIONS[each.not_with].key}, not both")
+        if each.needs and config.given.isdisjoint(each.needs):
+            words = " or ".join(f"--{OPTIONS[name].key}" for name in each.needs)
+            raise ToktError(f"--{each.key} is of no use without {words}")
+    log, shadow_log = config.recording.log, config.model.shadow_log
+    logs = () if log is None else (log, events_path(log))
+    if shadow_log is not None and shadow_log.absolute() in [path.absolute() for path in logs]:
+        raise ToktError("--shadow-log names a file that --log writes: give it one of its own")
+    _check_anchor(config)
+    useless = _useless(config)
+    for each in given:
+        if each.only in useless:
+            raise ToktError(f"--{each.key} is for {useless[each.only]}")
+
+
+def _useless(config: RunConfig) -> dict[str, str]:
+    """The kinds of runs that this one is not; what options for them are for."""
+    source, useless = config.source.source, {}
+    if is_camera_source(source):
+        useless[FILES] = f"{FILES}, not for live cameras"
+    else:
+        useless[CAMERAS] = CAMERAS
+        if is_stream_source(source):
+            useless |= dict.fromkeys((FILES, PICTURES), f"{FILES}, not for a stream")
+        if config.source.rate is None:
+            useless[REAL_TIME] = REAL_TIME
+    if config.policy.policy == "disparity":
+        useless[MODELS] = MODELS
+    return useless
+
+
+def _check_anchor(config: RunConfig) -> None:
+    """Refuse a share that cannot be held, and one of which nobody would hear."""
+    if config.policy.anchor is None:
+        return
+    Anchor(config.policy.anchor)
+    version = version_of(config.outputs.format)
+    receivers = config.outputs.udp or []
+    versions = {parse_receiver(text, version).version for text in receivers} or {version}
+    if versions == {1} and config.recording.log is None and config.recording.record is None:
+        raise ToktError(
+            "--anchor is of no use without a receiver of v2 (--format v2 or --udp v2@HOST:PORT), "
+            "--log or --record"
+        )
 
 
 class RunModel:
@@ -261,3 +346,123 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
     if restarts:
         words += f", started again by its watchdog ({restarts})"
     return Event(SYSTEM_CLOCK.time(), "start", words, {**start.fields(), "restarts": restarts})
+
+
+def open_senders(
+    config: RunConfig, pairs: StereoSetup | None, opened: ExitStack
+) -> dict[str, Sender]:
+    """Every receiver's sender, by what the user called it; closed with `opened`."""
+    version = version_of(config.outputs.format)
+    senders: dict[str, Sender] = {}
+
+    def keep(text: str, sender: Sender) -> None:
+        opened.callback(sender.close)
+        # The same receiver may be named twice.
+        senders[text if text not in senders else f"{text} ({len(senders) + 1})"] = sender
+
+    for text in config.outputs.udp or [f"{DEFAULT_HOST}:{DEFAULT_PORT}"]:
+        keep(text, UdpSender(*parse_receiver(text, version)))
+    if config.outputs.mavlink:
+        from tokt.inference.outputs.mavlink import MavlinkSender, parse_device
+
+        options = _mavlink_options(config, pairs)
+        for text in config.outputs.mavlink:
+            keep(text, MavlinkSender(*parse_device(text), options, SYSTEM_CLOCK))
+    return senders
+
+
+def _mavlink_options(config: RunConfig, pairs: StereoSetup | None) -> MavlinkOptions:
+    from tokt.inference.outputs.mavlink import MavlinkOptions, Messages, WhenUnknown, lens_of
+
+    wanted = config.outputs
+    return MavlinkOptions(
+        lens_of(wanted.camera_fov_deg, None if pairs is None else pairs.calibration),
+        *(wanted.mavlink_assumed_m, wanted.mavlink_system, wanted.mavlink_component),
+        _one_of(Messages, wanted.mavlink_messages, "--mavlink-messages"),
+        _one_of(WhenUnknown, wanted.mavlink_unknown, "--mavlink-unknown"),
+    )
+
+
+def _one_of(words: type[Word], text: str, option: str) -> Word:
+    if text not in list(words):
+        raise ToktError(f"{option} is {' or '.join(words)}, not {text!r}")
+    return words(text)
+
+
+@dataclass(frozen=True)
+class Observers:
+    """Who looks on.
+
+    Parameters
+    ----------
+    observers : list of Observer
+        In the order in which they are told.
+    log : RunLog or None
+    recorder : Recorder or None
+    drift : DriftMonitor
+    counts : RunCounts
+    """
+
+    observers: list[Observer]
+    log: RunLog | None
+    recorder: Recorder | None
+    drift: DriftMonitor
+    counts: RunCounts
+
+    def show(self, opened: ExitStack) -> None:
+        """From now on, show how the run goes; who writes to the terminal now writes across it."""
+        status = StatusLine(self.counts, SYSTEM_CLOCK, recorder=self.recorder)
+        opened.callback(status.close)
+        self.observers.append(status)
+
+
+def open_observers(
+    config: RunConfig,
+    pairs: StereoSetup | None,
+    senders: dict[str, Sender],
+    source: Source,
+    events: EventQueue,
+    opened: ExitStack,
+) -> Observers:
+    """Everybody that was asked for; closed with `opened`."""
+    run, wanted, model = new_run_id(SYSTEM_CLOCK), config.recording, config.model
+    rotation = LogRotation(wanted.log_max_mb, wanted.log_keep)
+    drift, counts = DriftMonitor(events.put), RunCounts(SYSTEM_CLOCK)
+    observers: list[Observer] = []
+
+    def keep(observer: Observer) -> None:
+        observers.append(observer)
+        opened.callback(observer.close)
+
+    log = recorder = None
+    if wanted.log is not None:
+        keep(log := RunLog(wanted.log, run, rotation, wanted.log_values))
+    if wanted.record is not None:
+        from tokt.inference.recording.clip_trigger import ClipPadding
+        from tokt.inference.recording.recorder import RESERVE_MB, Recorder
+        from tokt.inference.recording.recording import DiskLimits
+
+        around = ClipPadding(wanted.record_before, wanted.record_after)
+        disk = DiskLimits(wanted.record_mb, RESERVE_MB)
+        recorder = Recorder(wanted.record, run, SYSTEM_CLOCK, around, disk, tell=events.put)
+        keep(recorder)
+    keep(drift)
+    keep(counts)
+    if config.monitoring.metrics is not None:
+        from tokt.inference.monitoring.metrics import Metrics, MetricSources, parse_metrics
+        from tokt.inference.sources.cameras.live_source import CameraSource
+
+        cameras = source if isinstance(source, CameraSource) else None
+        watched = MetricSources(senders, log, recorder, cameras, drift)
+        address = parse_metrics(config.monitoring.metrics)
+        opened.callback(Metrics(*address, counts, watched, SYSTEM_CLOCK).close)
+    if model.shadow is not None and model.shadow_log is not None:
+        from tokt.inference.replay.replay import model_named
+        from tokt.inference.replay.shadow import Challenger, Shadow
+
+        lines = JsonLines(model.shadow_log, rotation)
+        other = model_named(model.shadow)
+        challenger = Challenger.of(other, config.policy.policy, pairs, model.threads)
+        # After the others: in a replay without a rate it waits for its challenger.
+        keep(Shadow(challenger, lines, run, source.live, SYSTEM_CLOCK, events.put))
+    return Observers(observers, log, recorder, drift, counts)

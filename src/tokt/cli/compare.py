@@ -1,4 +1,4 @@
-"""``tokt compare``."""
+"""`tokt compare` and `tokt evaluate`: models side by side, or one against labels."""
 
 from __future__ import annotations
 
@@ -7,12 +7,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from tokt.cli.output import figure, print_json, progress, say
+from tokt.features.common.errors import ToktError
 
 from .dataset import labels_for
+from .options import (
+    DEFAULT_WORKSPACE,
+    FramesOption,
+    JsonOption,
+    LabelFilesOption,
+    ModelArgument,
+    TaxonomyOption,
+    WorkspaceOption,
+)
+from .output import figure, print_json, print_patches, progress, say
 
 if TYPE_CHECKING:
+    from tokt.features.frames.grid import Grid
+    from tokt.features.frames.mission import Mission
+    from tokt.labels.record import LabelRecord
+    from tokt.labels.taxonomy import Taxonomy
+    from tokt.models.bundle.bundle import Bundle
     from tokt.training.compare.predictions import ComparedModels
 
 
@@ -51,7 +65,6 @@ def compare(
 ) -> None:
     """Compare models: which is better, by how much, and is the difference real?"""
     from tokt.features.common import atomic
-    from tokt.features.common.errors import ToktError
     from tokt.models.registry.registry import Registry
     from tokt.training.compare.comparison import compare_models
     from tokt.training.compare.held_out_predictions import read_held_out
@@ -96,18 +109,27 @@ def _on_mission(
     from tokt.models.registry.load import load_model
     from tokt.training.compare.held_out_predictions import check_different
     from tokt.training.compare.mission_predictions import predict_mission
-    from tokt.training.datasets.mission_source import labels_of_mission
 
     classes = load_taxonomy(workspace, taxonomy)
     opened = open_mission(mission)
     wanted = parse_frames(frames) if frames else None
     bundles = [load_model(model, workspace) for model in models]
     check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
-    records = labels_for(labels, workspace, classes, bundles[0].grid, [opened])
-    mine, remark = labels_of_mission(opened, records, bundles[0].grid, only=bool(labels))
+    mine = _labels_on(opened, labels, workspace, classes, bundles[0].grid)
+    return predict_mission(bundles, opened, mine, classes, progress, wanted)
+
+
+def _labels_on(
+    mission: Mission, labels: list[Path], workspace: Path, taxonomy: Taxonomy, grid: Grid
+) -> list[LabelRecord]:
+    """A mission's labels, of the files given or else of the store; what is odd of them is said."""
+    from tokt.training.datasets.mission_source import labels_of_mission
+
+    records = labels_for(labels, workspace, taxonomy, grid, [mission])
+    mine, remark = labels_of_mission(mission, records, grid, only=bool(labels))
     if remark:
         say(f"note: {remark}")
-    return predict_mission(bundles, opened, mine, classes, progress, wanted)
+    return mine
 
 
 def _print_comparison(result: dict[str, Any]) -> None:
@@ -138,3 +160,54 @@ def _first(sequence: dict[str, Any]) -> str:
     found = sequence["first_detection"]
     early = " (before any labelled obstacle)" if sequence["false"] else ""
     return f"{'none' if found is None else found}{early}"
+
+
+def evaluate(
+    model: ModelArgument,
+    mission: Annotated[Path, typer.Option("--mission", help="Mission folder or video.")],
+    labels: LabelFilesOption = None,
+    frames: FramesOption = None,
+    taxonomy: TaxonomyOption = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Score a model on a labelled mission: patches, frame statuses, first detection."""
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.labels.taxonomy import load_taxonomy
+    from tokt.models.registry.load import load_model
+    from tokt.training.evaluation.evaluate import evaluate as evaluate_task
+
+    classes = load_taxonomy(workspace, taxonomy)
+    opened = open_mission(mission)
+    wanted = parse_frames(frames) if frames else None
+    bundle = load_model(model, workspace)
+    mine = _labels_on(opened, labels or [], workspace, classes, bundle.grid)
+    result = evaluate_task(bundle, opened, mine, classes, progress, wanted)
+    if result["seen_in_training"]:
+        say(
+            f"WARNING: the model learnt from {result['seen_in_training']} of these frames: "
+            "these are training figures, not a test"
+        )
+    elif result["mission_in_training"]:
+        say(
+            "note: the model learnt from other frames of this mission; another dive can go much "
+            "worse than these figures"
+        )
+    if json:
+        print_json(result)
+        return
+    _print_evaluation(bundle, result)
+
+
+def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
+    patch, frames = result["patch"], result["frames"]
+    print(
+        f"{bundle.label} on {result['mission']}: {patch['n']} patches, "
+        f"{result['unsure_ignored']} unsure ones ignored"
+    )
+    print_patches(patch)
+    print(f"  status 1 with {bundle.operating_point.rule.words()}")
+    print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
+    print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
+    print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
+    print(f"  first of three frames in a row with status 1: {frames['first_detection']}")

@@ -1,24 +1,27 @@
-"""`tokt labels`: label files into the workspace's store and out of it, counts, agreement."""
+"""`tokt label`, the labelling page, and `tokt labels`: label files, counts, agreement, audit."""
 
 from __future__ import annotations
 
+import getpass
+import threading
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from tokt.cli.output import print_json, progress, say
 from tokt.features.common.errors import ToktError
 
-from .label_audit import audit_labels
+from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from .output import print_json, progress, say, stop_on_signal
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from tokt.features.frames.grid import Grid
     from tokt.labels.agreement import Agreement, ClassAgreement
+    from tokt.labels.formats.audit_csv import Audit
     from tokt.labels.formats.images import MissionImages
     from tokt.labels.record import LabelRecord
     from tokt.labels.store.store import LabelStore
@@ -29,8 +32,6 @@ labels_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-
-labels_app.command("audit")(audit_labels)
 
 LabelFile = Annotated[
     Path,
@@ -60,6 +61,151 @@ MissionOption = Annotated[
 ]
 GRID_FORM = "ROWSxCOLS@WIDTH"
 _LONG = 100_000  # labels whose import takes more than a second
+_SHOWN = 10  # labels of an audit
+
+
+def label(
+    mission: Annotated[
+        Path, typer.Argument(metavar="MISSION", help="A folder of frames or a video file.")
+    ],
+    port: Annotated[
+        int, typer.Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
+    ] = 8118,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDR", help="Address to serve on; all but loopback require the token."
+        ),
+    ] = "127.0.0.1",
+    token: Annotated[
+        str | None,
+        typer.Option(metavar="T", help="Token to require. Default with --host: a new one."),
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BUNDLE", help="Show this model's suggestions: a .tokt file or a model's name."
+        ),
+    ] = None,
+    annotator: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Name of the annotator. Default: the user's name."),
+    ] = None,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address and open no browser.")
+    ] = False,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    taxonomy: TaxonomyOption = None,
+    grid: Annotated[
+        str, typer.Option(metavar="ROWSxCOLS@WIDTH", help="Grid of patches to label.")
+    ] = "10x10@360",
+) -> None:
+    """Label a mission's patches in the browser, until Ctrl-C."""
+    from tokt import __version__
+    from tokt.features.frames.grid import Grid
+    from tokt.features.frames.mission import open_mission
+    from tokt.labels.page.api.address import listen
+    from tokt.labels.page.api.serve import serve
+    from tokt.labels.page.state.open_session import open_session
+
+    if token is not None and not token.strip():
+        raise ToktError("--token is empty")
+    patches = Grid.parse(grid)
+    frames = open_mission(mission)
+    bundle = None
+    if model is not None:
+        from tokt.models.registry.load import load_model
+
+        bundle = load_model(model, workspace)
+    address = listen(host, port, token)
+    session = open_session(
+        frames, workspace, patches, annotator or _user(), __version__, taxonomy, bundle
+    )
+
+    def ready() -> None:
+        typer.echo(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
+        if not no_browser:
+            _open_browser(address.url)
+
+    with stop_on_signal(lambda: None):
+        serve(session, address.socket, address.rules, ready)
+    session.close()
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        raise ToktError("this user has no name; say who labels with --annotator") from None
+
+
+def _open_browser(url: str) -> None:
+    import webbrowser
+
+    # Some browsers return only when they are closed.
+    threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+@labels_app.command("audit")
+def audit_labels(
+    reference: Annotated[
+        str,
+        typer.Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS, NAME/VERSION."),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE.csv", help="Label file to write, with reasons."
+        ),
+    ] = None,
+    top: Annotated[int | None, typer.Option(help="Show the worst N only.", min=1)] = None,
+    folds: Annotated[
+        int | None, typer.Option(help="Folds of a dataset's cross-validation. Default: 5.", min=2)
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Processes for features; -1 for one per core.")] = -1,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Rank labels that held-out models contradict; no label is changed.
+
+    They are kept in the workspace for the labelling page: its review sheet shows them under Audit.
+    """
+    from tokt.labels.formats.audit_csv import write_audit, write_audit_csv
+    from tokt.training.fitting.label_audit import audit, audit_input_named
+
+    found = audit(
+        audit_input_named(reference, workspace, folds), workspace / "cache", progress, top, jobs
+    )
+    kept = write_audit(workspace, found)
+    if output is not None:
+        write_audit_csv(output, found)
+    if json:
+        print_json(
+            {
+                "name": found.name,
+                "of": found.of,
+                "rule": found.rule,
+                "file": str(kept),
+                "csv": str(output) if output else None,
+                "doubted": len(found.patches),
+                "patches": [asdict(patch) for patch in found.patches],
+            }
+        )
+        return
+    _print_audit(found)
+    for file in (kept, output):
+        if file is not None:
+            typer.echo(f"  in {file}")
+
+
+def _print_audit(found: Audit) -> None:
+    typer.echo(f"{found.of}: {len(found.patches)} labels are contradicted")
+    typer.echo(f"  {found.rule}")
+    for patch in found.patches[:_SHOWN]:
+        where = f"{patch.mission} {patch.camera} {patch.frame} row {patch.row} col {patch.col}"
+        typer.echo(f"  {patch.margin:8.2f}  {where}: labelled {patch.label}, {patch.reason}")
+    if len(found.patches) > _SHOWN:
+        typer.echo(f"  ... and {len(found.patches) - _SHOWN} more")
 
 
 @labels_app.command("import")
@@ -171,14 +317,11 @@ def export_labels(
 
     chosen = format_named(file_format) if file_format else format_to_write(file)
     images = _images(mission_dir, mission)
-    wanted = _Wanted(
-        mission or (images.name if images else None),
-        annotator,
-        Grid.parse(grid) if grid else None,
-        camera,
-    )
+    name = mission or (images.name if images else None)
+    cells = Grid.parse(grid) if grid else None
+    settled = full or chosen != CSV
     with _open_store(workspace) as store:
-        records, lost = _in_force(store, wanted, settled=full or chosen != CSV)
+        records, lost = _in_force(store, name, annotator, cells, camera, settled=settled)
     options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress)
     written = FORMATS[chosen].write(file, records, options)
     lost = [*written.lost, *lost]
@@ -197,22 +340,18 @@ def export_labels(
     _say_lost(FORMATS[chosen].title, lost)
 
 
-class _Wanted(NamedTuple):
-    """Which labels of the store."""
-
-    mission: str | None
-    annotator: str | None
-    grid: Grid | None
-    camera: str | None
-
-
 def _in_force(
-    store: LabelStore, wanted: _Wanted, *, settled: bool
+    store: LabelStore,
+    mission: str | None,
+    annotator: str | None,
+    grid: Grid | None,
+    camera: str | None,
+    *,
+    settled: bool,
 ) -> tuple[list[LabelRecord], list[str]]:
     """Labels in force, and a line each for what else the store has of them."""
     from tokt.labels.formats.options import count
 
-    mission, annotator, grid, camera = wanted
     choose = store.current_and_settled if settled else store.current
     records = choose(mission, annotator, grid, camera=camera)
     if not records:
@@ -266,8 +405,6 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
     with _open_store(workspace) as store:
         stats = store.stats()
     if json:
-        from dataclasses import asdict
-
         print_json({"store": str(store.path), "annotators": [asdict(entry) for entry in stats]})
         return
     known = (*load_taxonomy(workspace).names, UNSURE)

@@ -1,4 +1,4 @@
-"""``tokt dataset``: build, list and show dataset versions."""
+"""`tokt dataset`: build, list and show dataset versions."""
 
 from __future__ import annotations
 
@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from tokt.cli.output import print_json, progress, say
 from tokt.features.common.errors import ToktError
+
+from .options import (
+    DEFAULT_WORKSPACE,
+    DatasetArgument,
+    FramesOption,
+    JsonOption,
+    LabelFilesOption,
+    TaxonomyOption,
+    WorkspaceOption,
+)
+from .output import print_json, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid
@@ -54,18 +63,13 @@ def build(
     mission: Annotated[
         list[Path] | None, typer.Option("--mission", help="Mission folder or video; repeatable.")
     ] = None,
-    labels: Annotated[
-        list[Path] | None,
-        typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
-    ] = None,
+    labels: LabelFilesOption = None,
     patches: Annotated[
         Path | None,
         typer.Option("--patches", help="Folder with one sub-folder of patch images per class."),
     ] = None,
     task: Annotated[str, typer.Option(help="binary (obstacle or clear) or classes.")] = "binary",
-    frames: Annotated[
-        str | None, typer.Option(help="Use these frames only, such as 1-99,132-246.")
-    ] = None,
+    frames: FramesOption = None,
     grid: Annotated[
         str | None, typer.Option(help="Grid of the labels. Default: 10x10@360.")
     ] = None,
@@ -143,7 +147,7 @@ def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = Fal
 
 @dataset_app.command("show")
 def show(
-    dataset: Annotated[str, typer.Argument(help="NAME or NAME@HASH.")],
+    dataset: DatasetArgument,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:

@@ -1,21 +1,24 @@
-"""``tokt replay``: judge a run's frames again."""
+"""`tokt replay` and `tokt shadow`: a run's frames judged again, or by a challenger beside it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tokt.cli.options import JsonOption
-from tokt.cli.output import print_json, progress, say
 from tokt.features.common.errors import ToktError
+
+from .options import JsonOption, LoggedRunOption, read_calibration_file
+from .output import print_json, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
     from tokt.inference.policy.assembly import StereoSetup
     from tokt.inference.replay.logged_run import LoggedRun
     from tokt.inference.replay.replay import Replay, ReplayStretch, Tally
+    from tokt.inference.replay.shadow_report import ShadowReport, ShadowStretch
     from tokt.inference.stereo.odometry import Odometry
 
 DIFFERENT = 1
@@ -48,9 +51,7 @@ def replay(
     calibration: Annotated[
         Path | None, typer.Option(help="Stereo calibration file. Default: the log's, unchanged.")
     ] = None,
-    run: Annotated[
-        str | None, typer.Option("--run", help="Which run of the log. Default: its last.")
-    ] = None,
+    run: LoggedRunOption = None,
     json: JsonOption = False,
 ) -> int:
     """Judge a logged run's frames again and show where verdicts differ.
@@ -89,7 +90,7 @@ def replay(
         about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
         print_json({**about, **tally.to_json()})
     else:
-        _show(plan, tally, by)
+        _show_replay(plan, tally, by)
     return 0 if tally.agrees else DIFFERENT
 
 
@@ -111,7 +112,6 @@ def _pictures(logged: LoggedRun, source: Path | None) -> tuple[Mission, str | No
 
 def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:
     """How the run looked at pairs; with another calibration only where one is named."""
-    from tokt.cli.stereo_file import read_calibration_file
     from tokt.inference.policy.assembly import StereoSetup
     from tokt.inference.recording.run_start import used_file
 
@@ -158,16 +158,12 @@ def _software_warnings(logged: LoggedRun) -> list[str]:
     ]
 
 
-def _show(plan: Replay, tally: Tally, by: str) -> None:
+def _show_replay(plan: Replay, tally: Tally, by: str) -> None:
     logged = plan.run
     names = ", ".join(name.label for name in logged.models) or "no model"
     print(f"run {logged.run}: {logged.n_frames} frames, policy {logged.start.policy}, {names}")
     print(f"judged again by: {by}")
-    words = list(tally.table())
-    print("\n" + f"{'logged':>10}   judged again: " + "".join(f"{word:>10}" for word in words))
-    for word, row in tally.table().items():
-        print(f"{word:>10}" + " " * 17 + "".join(f"{row[other]:>10}" for other in words))
-    print()
+    _show_table("logged", "judged again", tally.table())
     if tally.compared == tally.same:
         print(f"all {tally.compared} frames compared are the same, to the last bit")
     else:
@@ -183,17 +179,11 @@ def _show(plan: Replay, tally: Tally, by: str) -> None:
     if tally.gaps:
         what = "frames that were not recorded" if logged.recorded else "lines that are lost"
         print(f"in {tally.gaps} places: {what}, which are in no figure here")
-    for stretch in tally.stretches[:_MAX_SHOWN]:
-        print(_stretch_line(stretch))
-    if len(tally.stretches) > _MAX_SHOWN:
-        print(f"... and {len(tally.stretches) - _MAX_SHOWN} more stretches (--json has all)")
+    _show_stretches(tally.stretches, _replayed_words)
 
 
-def _stretch_line(stretch: ReplayStretch) -> str:
+def _replayed_words(stretch: ReplayStretch) -> str:
     value: dict[str, Any] = stretch.to_json()
-    frames = f"{stretch.first}"
-    if stretch.frames > 1:
-        frames += f"-{stretch.last} ({stretch.frames} frames)"
     then, now = (
         f"{value[side]['status']} ({value[side]['reason']})" for side in ("logged", "replayed")
     )
@@ -202,6 +192,89 @@ def _stretch_line(stretch: ReplayStretch) -> str:
         for name, (was, became) in stretch.example.items()
         if name not in ("status", "reason")
     )
-    if not changes:
-        changes = ", ".join(stretch.fields)
-    return f"frame {frames}: {then} -> {now}; {changes}"
+    return f"{then} -> {now}; {changes or ', '.join(stretch.fields)}"
+
+
+def shadow(
+    log: Annotated[Path, typer.Argument(help="The file of `tokt run --shadow-log`.")],
+    run: LoggedRunOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Show where a challenger and the running model said otherwise on the same frames."""
+    from tokt.inference.replay.shadow_report import read_shadow
+
+    report = read_shadow(log, run)
+    if json:
+        print_json(report.to_json())
+    else:
+        _show_shadow(report)
+
+
+def _show_shadow(report: ShadowReport) -> None:
+    champions = ", ".join(report.champions) or "no model"
+    print(f"run {report.run}, policy {report.policy}")
+    print(f"champion {champions}, challenger {report.challenger['label']} (never sent)")
+    _show_table("champion", "challenger", report.table())
+    share = f" ({100 * report.agree / report.frames:.1f} %)" if report.frames else ""
+    print(f"{report.frames} frames compared: one status on {report.agree}{share}")
+    print(f"{report.dropped} frames left out: the challenger was busy, or not ready yet")
+    for side in ("champion", "challenger"):
+        _show_side(report, side)
+    leads = report.lead_frames()
+    if leads:
+        earlier, later = sum(lead > 0 for lead in leads), sum(lead < 0 for lead in leads)
+        print(
+            f"of the champion's {len(leads)} shared episodes the challenger begins earlier in "
+            f"{earlier}, later in {later}, at the same frame in {len(leads) - earlier - later}"
+        )
+    if report.fault:
+        print(f"the challenger judged no more: {report.fault}")
+    if report.lost_lines:
+        print(f"{report.lost_lines} places of the log cannot be read")
+    _show_stretches(report.stretches, _challenged_words)
+    print(
+        "Frames that follow each other show almost the same: go by stretches and episodes. Which "
+        "of the two is right is not known here; labels can tell (tokt label, tokt evaluate)."
+    )
+
+
+def _show_side(report: ShadowReport, side: str) -> None:
+    frames, stretches = report.alone(side)
+    episodes, shared = len(report.episodes[side]), len(report.shared_episodes(side))
+    latency = report.latency(side)
+    took = (
+        "no latency"
+        if latency is None
+        else f"{latency['median']:.1f} ms median, {latency['p99']:.1f} ms p99"
+    )
+    print(
+        f"{side}: obstacle alone on {frames} frames in {stretches} stretches; {episodes} episodes, "
+        f"{shared} shared; unknown on {report.unknown(side)} frames; {took}"
+    )
+
+
+def _challenged_words(stretch: ShadowStretch) -> str:
+    said = stretch.to_json()
+    return f"champion {said['champion']}, challenger {said['challenger']}"
+
+
+def _show_table(rows: str, columns: str, table: Mapping[str, Mapping[str, int]]) -> None:
+    """Frames by what either side said of them."""
+    left = f"{rows:>10}   {columns}: "
+    print("\n" + left + "".join(f"{word:>10}" for word in table))
+    for word, row in table.items():
+        print(f"{word:>10}".ljust(len(left)) + "".join(f"{row[other]:>10}" for other in table))
+    print()
+
+
+def _show_stretches(
+    stretches: Sequence[ReplayStretch] | Sequence[ShadowStretch], words: Callable[[Any], str]
+) -> None:
+    """The first of them, and what either side said of their frames."""
+    for stretch in stretches[:_MAX_SHOWN]:
+        frames = f"{stretch.first}"
+        if stretch.frames > 1:
+            frames += f"-{stretch.last} ({stretch.frames} frames)"
+        print(f"frame {frames}: {words(stretch)}")
+    if len(stretches) > _MAX_SHOWN:
+        print(f"... and {len(stretches) - _MAX_SHOWN} more stretches (--json has all)")

@@ -1,28 +1,225 @@
-"""``tokt deploy``, ``rollback`` and ``store``: one model version to one ship, and back."""
+"""Models and their way to a ship: `tokt models`, `export`, `keygen`, `deploy`, `store`."""
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
 import shlex
+import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from tokt.cli.output import print_json, say
-from tokt.cli.training.models import FlagsOption, ModelArgument, shipped
 from tokt.features.common.errors import ToktError
 
-from .keygen import SignOption
+from .options import DEFAULT_WORKSPACE, JsonOption, ModelArgument, WorkspaceOption
+from .output import print_json, say
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
+    from tokt.models.signing.private_key import SigningKey
     from tokt.models.signing.trusted_keys import KeyEvent
     from tokt.models.store.store import Store
 
+models_app = typer.Typer(
+    help="List, show and alias registered model versions.", no_args_is_help=False
+)
+
+PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
+FlagsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--taxonomy",
+        metavar="FILE",
+        help="Taxonomy file that sets which classes are obstacles. Default: as trained.",
+    ),
+]
+SignOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--sign", metavar="KEY", help="Sign the bundle with this private key (see tokt keygen)."
+    ),
+]
 StoreArgument = Annotated[Path, typer.Argument(help="The store's folder.")]
 ReasonOption = Annotated[str, typer.Option(help="Reason, kept in the store's history.")]
+
+
+@models_app.command("list")
+def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False) -> None:
+    """List every registered version."""
+    from tokt.models.registry.registry import Registry
+
+    found = Registry(workspace).versions()
+    if json:
+        print_json({"models": [asdict(item) for item in found]})
+        return
+    for item in found:
+        aliases = "".join(f" @{alias}" for alias in item.aliases)
+        print(
+            f"{item.label}{aliases}  {item.tags.get('extractor', '')} on "
+            f"{item.tags.get('dataset', '')}"
+        )
+
+
+@models_app.command("show")
+def show(
+    model: ModelArgument,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Show a model's card: description, figures, origin."""
+    from tokt.models.registry.load import load_model
+
+    bundle = load_model(model, workspace)
+    content = bundle.content
+    if json:
+        print_json(
+            {
+                "name": bundle.name,
+                "version": bundle.version,
+                "sha256": bundle.sha256,
+                "extractor": dict(content.extractor_spec),
+                "grid": content.grid.to_json(),
+                "classes": list(content.model.classes),
+                "obstacle": list(content.model.obstacle),
+                "thresholds": content.model.thresholds.tolist(),
+                "operating_point": content.operating_point.to_json(),
+                "latency_frames": content.operating_point.rule.latency_frames,
+                "provenance": dict(content.provenance),
+                "metrics": dict(content.metrics),
+                "card": content.card,
+            }
+        )
+        return
+    print(content.card, end="")
+
+
+@models_app.command("alias")
+def alias(
+    model: Annotated[str, typer.Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    alias: Annotated[str, typer.Argument(help="Alias, such as champion.")],
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Point an alias at a version."""
+    from tokt.models.registry.registry import Registry
+
+    version = Registry(workspace).set_alias(model, alias)
+    if json:
+        print_json(asdict(version))
+        return
+    print(f"{version.label} is now {version.name}@{alias}")
+
+
+def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | None) -> Bundle:
+    """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
+    from tokt.models.registry.load import load_model
+
+    key = None if sign is None else signing_key(sign)
+    bundle = load_model(model, workspace)
+    if taxonomy is not None:
+        bundle = _flagged(bundle, taxonomy)
+    return bundle if key is None else key.sign(bundle, f"model {bundle.label}")
+
+
+def _flagged(bundle: Bundle, taxonomy: Path) -> Bundle:
+    from tokt.labels.taxonomy import Taxonomy
+    from tokt.models.bundle.override_obstacle_classes import (
+        PROVENANCE_KEY,
+        override_obstacle_classes,
+    )
+
+    known = {item.name: item.obstacle for item in Taxonomy.load(taxonomy).classes}
+    sha256 = hashlib.sha256(taxonomy.read_bytes()).hexdigest()
+    found = override_obstacle_classes(bundle, known, taxonomy.name, sha256)
+    if found is bundle:
+        say(f"note: {taxonomy} changes nothing: {bundle.label} has these obstacles already")
+        return bundle
+    changed = found.content.provenance[PROVENANCE_KEY]["changed"].items()
+    words = ", ".join(f"{name} is {'an obstacle' if flag else 'clear'}" for name, flag in changed)
+    say(
+        f"WARNING: {found.label} by {taxonomy}: {words}. The operating point was chosen for other "
+        "flags and is void: status 1 with 1 patch over the threshold, in one frame"
+    )
+    return found
+
+
+def export(
+    model: ModelArgument,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Bundle file to write, ending in .tokt.")
+    ],
+    taxonomy: FlagsOption = None,
+    sign: SignOption = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Export a model version as a bundle, the one file that is shipped."""
+    from tokt.features.common.atomic import write_bytes
+    from tokt.models.bundle.bundle import SUFFIX
+
+    if output.suffix != SUFFIX:
+        raise ToktError(f"a bundle's name ends in {SUFFIX}, unlike {output}")
+    bundle = shipped(model, workspace, taxonomy, sign)
+    try:
+        write_bytes(output, bundle.data)
+    except OSError as error:
+        raise ToktError(f"{output}: {error.strerror or error}") from None
+    key_id = None if bundle.signature is None else bundle.signature.key_id
+    if json:
+        found = {"file": str(output), "model": bundle.label, "sha256": bundle.sha256}
+        print_json({**found, "signed_by": key_id})
+        return
+    print(f"{output}: {bundle.label}, {len(bundle.data) / 1e6:.1f} MB, sha256 {bundle.sha256}")
+    if key_id is not None:
+        print(f"signed by key {key_id}")
+
+
+def keygen(
+    name: Annotated[Path, typer.Argument(help="Name or path; NAME.key and NAME.pub are written.")],
+    passphrase: Annotated[
+        bool,
+        typer.Option(
+            "--passphrase",
+            help="Encrypt the private key with a passphrase, asked for or read from "
+            f"{PASSPHRASE_VARIABLE}.",
+        ),
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Generate a key pair: the private key signs bundles, stores trust the public one."""
+    from tokt.models.signing.private_key import write_key_pair
+
+    pair = write_key_pair(name, _passphrase("for the new key", new=True) if passphrase else "")
+    if pair.exposed:
+        say(f"WARNING: others on this machine can read {pair.private_file}")
+    if json:
+        files = {"private": str(pair.private_file), "public": str(pair.public_file)}
+        print_json({"key_id": pair.public.id, **files, "encrypted": passphrase})
+        return
+    print(f"{pair.private_file}: signs bundles; keep it, show it to nobody")
+    print(f"{pair.public_file}: for stores: tokt store STORE --trust {pair.public_file}")
+    print(f"key id {pair.public.id}")
+
+
+def signing_key(path: Path) -> SigningKey:
+    """The private key in a file; its passphrase is asked for if it has one."""
+    from tokt.models.signing.private_key import read_signing_key
+
+    return read_signing_key(path, lambda: _passphrase(f"of {path}", new=False))
+
+
+def _passphrase(whose: str, *, new: bool) -> str:
+    found = os.environ.get(PASSPHRASE_VARIABLE, "")
+    if not found and sys.stdin.isatty():
+        prompt = f"Passphrase {whose}"
+        found = typer.prompt(prompt, hide_input=True, confirmation_prompt=new, err=True)
+    if not found:
+        raise ToktError(f"a passphrase is needed: set {PASSPHRASE_VARIABLE}, or run at a terminal")
+    return found
 
 
 def deploy(

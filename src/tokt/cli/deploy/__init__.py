@@ -1,1 +1,0 @@
-"""The commands about one ship: keygen, deploy, rollback, store."""

@@ -1,1 +1,0 @@
-"""The commands about labels: label, labels, labels audit."""

@@ -1,0 +1,305 @@
+"""The commands that measure or try out tokt: `tokt demo`, `simulate`, `reproduce`, `bench`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tokt.features.common.errors import ToktError
+
+from .options import JsonOption, is_written, read_calibration_file
+from .output import print_json, progress, say
+
+_NOT_EXACT = 1
+_FOR_MISSIONS = ("frames",)
+_FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
+
+
+def demo(
+    mission: Annotated[
+        Path | None, typer.Option(help="Mission to use. Default: a rendered one.")
+    ] = None,
+    labels: Annotated[Path | None, typer.Option(help="Label file of the mission.")] = None,
+    out: Annotated[Path, typer.Option(help="Output folder; emptied first.")] = Path("demo-out"),
+    frames: Annotated[
+        int, typer.Option(help="Stereo pairs of the rendered mission.", min=60)
+    ] = 120,
+    width: Annotated[
+        int, typer.Option(help="Width in pixels of the rendered frames.", min=360, max=1360)
+    ] = 1360,
+    json: JsonOption = False,
+) -> None:
+    """Run the whole chain, from a label file to UDP datagrams, and write a report."""
+    from tokt.studies.demo.demo import run_demo
+
+    if (mission is None) != (labels is None):
+        raise ToktError("--mission and --labels go together")
+    result = run_demo(out, mission, labels, frames, width, progress, say)
+    if json:
+        print_json(result)
+        return
+    say(f"report: {out / 'report.html'}")
+
+
+def simulate(
+    context: typer.Context,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder to write.")],
+    seed: Annotated[
+        int,
+        typer.Option(
+            help="Seed; the same one gives the same bytes. With --closed-loop: of the first run."
+        ),
+    ] = 1,
+    frames: Annotated[int, typer.Option(help="Mission: number of stereo pairs to render.")] = 120,
+    width: Annotated[
+        int | None,
+        typer.Option(
+            help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."
+        ),
+    ] = None,
+    closed_loop: Annotated[
+        bool,
+        typer.Option(
+            "--closed-loop",
+            help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
+        ),
+    ] = False,
+    scenes: Annotated[
+        str | None, typer.Option(help="Closed loop: scenes, separated by commas. Default: all.")
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            help="Closed loop: any of texture,disparity,either,fallback,none. Default: all."
+        ),
+    ] = None,
+    runs: Annotated[
+        int, typer.Option(help="Closed loop: number of runs of each scene and method.")
+    ] = 5,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="BUNDLE",
+            help="Closed loop: model to fly. Default: one trained on rendered missions.",
+        ),
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes. Default: one per core.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
+    _refuse(context, _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP, closed_loop)
+    if closed_loop:
+        _fly(folder, scenes, methods, seed, runs, width, model, jobs, json)
+    else:
+        _render(folder, seed, frames, width, jobs, json)
+
+
+def _refuse(context: typer.Context, names: tuple[str, ...], closed_loop: bool) -> None:
+    """Refuse options that would do nothing."""
+    for name in names:
+        if is_written(context, name):
+            where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
+            raise ToktError(f"--{name} is {where}")
+
+
+def _render(
+    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, json: bool
+) -> None:
+    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+    from tokt.studies.simulation.scene.rig import FULL_WIDTH
+
+    mission = simulate_mission(
+        folder,
+        seed=seed,
+        n_frames=frames,
+        width=FULL_WIDTH if width is None else width,
+        jobs=jobs,
+        progress=progress,
+    )
+    if json:
+        print_json(mission.to_json())
+        return
+    nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
+    print(
+        f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
+        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
+    )
+    print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
+
+
+def _fly(
+    folder: Path,
+    scenes: str | None,
+    methods: str | None,
+    seed: int,
+    runs: int,
+    width: int | None,
+    model: Path | None,
+    jobs: int | None,
+    json: bool,
+) -> None:
+    from tokt.studies.simulation.loop.flight import METHODS, WIDTH
+    from tokt.studies.simulation.loop.scenes import KINDS
+    from tokt.studies.simulation.study import Study, fly_study
+
+    if runs < 1:
+        raise ToktError(f"at least one run is needed, not {runs}")
+    if seed < 0:
+        raise ToktError(f"a seed is 0 or more, not {seed}")
+    study = Study(
+        out=folder,
+        scenes=_named(scenes, tuple(KINDS)),
+        methods=_named(methods, METHODS),
+        seeds=range(seed, seed + runs),
+        width=WIDTH if width is None else width,
+        model=model,
+        jobs=-1 if jobs is None else jobs,
+    )
+    came = fly_study(study, progress, say)
+    if json:
+        print_json(came.to_json())
+        return
+    for line in came.words():
+        print(line)
+
+
+def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
+    if text is None:
+        return default
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def reproduce(
+    mission: Annotated[Path, typer.Argument(help="Mission folder (or video).")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder for report.html, results.json, tables.")
+    ],
+    ocean: Annotated[
+        Path | None,
+        typer.Option(help="The thesis's image of open ocean. Default: an early frame."),
+    ] = None,
+    other: Annotated[
+        Path | None,
+        typer.Option(help="The thesis's image of anything else. Default: a rendered texture."),
+    ] = None,
+    dark: Annotated[
+        Path | None,
+        typer.Option(help="Badly lit image for figures 5.6 to 5.8. Default: a rendered one."),
+    ] = None,
+    dark_mask: Annotated[
+        Path | None,
+        typer.Option(help="Mask of --dark drawn by a person: white where an obstacle is."),
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(help="Stereo calibration. Default: calibrate from the frames."),
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Bundle (.tokt) to judge the frames with as well.")
+    ] = None,
+    sample: Annotated[
+        int, typer.Option(help="Number of frames for slow methods, spread over the mission.", min=1)
+    ] = 12,
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes. Default: one per core.", min=1)
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Reproduce the thesis's tables and figures, beside other methods and tokt's own.
+
+    Each says what the thesis printed, what came out, and whether the two agree. SLIC superpixels
+    are run on a sample of the frames.
+    """
+    from tokt.studies.thesis.inputs import ReproduceRequest
+    from tokt.studies.thesis.run import run_reproduce
+
+    if dark_mask is not None and dark is None:
+        raise ToktError("--dark-mask goes together with --dark")
+    request = ReproduceRequest(
+        mission,
+        output,
+        ocean,
+        other,
+        dark,
+        dark_mask,
+        calibration,
+        labels,
+        model,
+        sample,
+        -1 if jobs is None else jobs,
+    )
+    results = run_reproduce(request, say, progress)
+    if json:
+        print_json(results)
+    else:
+        _print_reproduced(results, output)
+
+
+def _print_reproduced(results: dict[str, Any], out: Path) -> None:
+    for exhibit in results["exhibits"]:
+        print(f"{exhibit['section']}: {exhibit['title']}")
+        if exhibit["missing"]:
+            print(f"  not made: {exhibit['missing']}")
+        for claim in exhibit["claims"]:
+            print(f"  {claim['agreement']:>20}: {claim['what']}")
+            print(f"{'':24}printed {claim['printed']}; came out {claim['found']}")
+    print(f"written: {out / 'report.html'}, results.json, tables and pictures, "
+          f"in {results['seconds']:.0f} s")  # fmt: skip
+
+
+def bench(
+    mission: Annotated[
+        Path | None, typer.Option(help="Mission to measure on. Default: a rendered one.")
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option(help="Label file of the mission. Default: its labels.csv.")
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Stereo calibration. Default: calibration.yml in the mission or beside it.",
+        ),
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(
+            help="Number of frames to compare results on. Default: all.",
+            min=1,
+        ),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(help="Folder for bench.json and bench.png."),
+    ] = Path("bench-out"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Measure few frames, few times: a first look only.")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Measure speed against the libraries and the thesis's pipeline; exit code 1 if not exact."""
+    if calibration and mission is None:
+        raise ToktError("--calibration goes together with --mission")
+    from tokt.studies.speed.report import print_table
+    from tokt.studies.speed.run import FULL, QUICK, run_bench
+
+    extent = QUICK if quick else FULL
+    if frames is not None:
+        extent = replace(extent, compared=frames)
+    known = read_calibration_file(calibration) if calibration else None
+    found = run_bench(out, mission, labels, extent, progress, say, known)
+    if json:
+        print_json(found.to_json())
+    else:
+        print_table(found.results, found.about)
+    say(f"chart: {out / 'bench.png'}")
+    if not found.exact:
+        say("tokt: warning: not every case gave the same as the libraries")
+        raise typer.Exit(_NOT_EXACT)

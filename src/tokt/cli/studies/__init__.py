@@ -1,1 +1,0 @@
-"""The commands that measure or try out tokt: bench, demo, reproduce, simulate."""

@@ -1,1 +1,0 @@
-"""The commands about models: dataset, train, search, compare, evaluate, models, export."""

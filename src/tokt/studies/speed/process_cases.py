@@ -1,0 +1,362 @@
+"""The cases of whole processes: a table of features, a frame's way to a receiver, a start."""
+
+from __future__ import annotations
+
+import gc
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Haralick, Join, Lbp, build_extractor
+from tokt.features.frames.image_file import read_image
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import Limits
+from tokt.inference.frame import Frame
+from tokt.inference.outputs.udp import UdpSender, decode, encode_v1
+from tokt.inference.policy.policy import Judgement, Policy, SinglePolicy
+from tokt.inference.runtime import Runtime
+from tokt.inference.texture.detector import TextureDetector
+from tokt.studies.baselines.thesis_texture import GRID, haralick_directions, judge, resized_gray
+
+from . import launch
+from .cases import Picture
+from .haralick_agreement import HaralickAgreement
+from .models import ModelPair, ThesisFeatureSet, all_haralick, all_lbp
+from .paired_timing import BASELINE, FLOOR, OURS, Result, in_turns, result
+from .stamped_receiver import StampedReceiver
+
+_LBP = Lbp(10, 5, "patch")
+_EXTRACTOR = Join([_LBP, Haralick(ignore_zeros=True)])
+NAME = "latency.frame_to_udp"
+FPS = 15.0
+"""Of the mission's cameras."""
+_WARM_UP = 1
+"""Rounds that are not counted."""
+_PATIENT = Limits(stale_s=60.0, heartbeat_s=60.0)
+"""A machine that is held up makes a frame late here, and not unknown."""
+
+
+def library_features(file: Path) -> NDArray[np.float64]:
+    """LBP (10, 5) and Haralick of one image file through the libraries."""
+    cv2.setNumThreads(1)
+    gray = resized_gray(read_image(file))
+    return np.hstack([all_lbp(gray, 10, 5), all_haralick(gray)])
+
+
+def tokt_features(file: Path) -> NDArray[np.float64]:
+    """The same as `tokt.training.datasets.feature_cache` has it computed."""
+    cv2.setNumThreads(1)
+    return build_extractor(_EXTRACTOR.spec).describe(read_image(file), GRID)
+
+
+def _decode(file: Path) -> int:
+    cv2.setNumThreads(1)
+    return read_image(file).size
+
+
+def _agree(files: Sequence[Path], ours: list[Any], theirs: list[Any]) -> bool:
+    """Whether LBP is the same and Haralick agrees with mahotas's."""
+    agreement = HaralickAgreement()
+    for file, mine, other in zip(files, ours, theirs, strict=True):
+        if not np.array_equal(mine[:, : _LBP.dim], other[:, : _LBP.dim]):
+            return False
+        for row, patch in zip(mine, Picture(read_image(file)).patches, strict=True):
+            agreement.add(row[_LBP.dim :], haralick_directions(patch, ignore_zeros=True))
+    return agreement.agree
+
+
+def measure_extraction(name: str, files: Sequence[Path], jobs: int, repetitions: int) -> Result:
+    """Time the making of a feature table; the times are of one image file.
+
+    Parameters
+    ----------
+    name : str
+    files : sequence of Path
+    jobs : int
+        Processes, started and warm before the first is timed.
+    repetitions : int
+        How often the whole table is made.
+    """
+
+    def run(function: Callable[[Path], Any], chosen: Sequence[Path]) -> list[Any]:
+        tasks = (joblib.delayed(function)(file) for file in chosen)
+        return list(joblib.Parallel(n_jobs=jobs)(tasks))
+
+    exact = _agree(files, run(tokt_features, files), run(library_features, files))
+    times = in_turns(
+        {
+            BASELINE: lambda chosen: run(library_features, chosen),
+            OURS: lambda chosen: run(tokt_features, chosen),
+            FLOOR: lambda chosen: run(_decode, chosen),
+        },
+        [files],
+        repetitions,
+    )
+    a_file = {key: values / len(files) for key, values in times.items()}
+    pace = {key: GRID.n_patches / float(np.median(values)) for key, values in a_file.items()}
+    extras = {
+        "of": "one image file to 100 rows of LBP (10,5) and Haralick",
+        "floor_is": "reading and decoding alone, in as many processes",
+        "files": len(files),
+        "processes": jobs,
+        "baseline_patches_per_s": pace[BASELINE],
+        "ours_patches_per_s": pace[OURS],
+    }
+    return result(name, a_file, exact, extras)
+
+
+class CameraPaced:
+    """A live source that gives each of some pictures once, at `FPS`.
+
+    Parameters
+    ----------
+    pictures : sequence of Picture
+    first : int
+        Number of the first frame, and its time.
+    arrived : array of float64
+        Gets `time.monotonic` at each hand-over, by frame number.
+    """
+
+    live = True
+
+    def __init__(
+        self, pictures: Sequence[Picture], first: int, arrived: NDArray[np.float64]
+    ) -> None:
+        self._pictures = pictures
+        self._first = first
+        self._arrived = arrived
+        self._stopped = False
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Each frame at its moment."""
+        for place, picture in paced(self._pictures):
+            if self._stopped:
+                return
+            number = self._first + place
+            self._arrived[number] = arrived = time.monotonic()
+            yield Frame(number, float(number), picture.frame, None, arrived=arrived)
+
+    def stop(self) -> None:
+        """Deliver no further frame."""
+        self._stopped = True
+
+
+class TimedPolicy:
+    """A policy that notes how long each frame took it.
+
+    Parameters
+    ----------
+    policy : Policy
+    seconds : array of float64
+        By frame number.
+    """
+
+    def __init__(self, policy: Policy, seconds: NDArray[np.float64]) -> None:
+        self._policy = policy
+        self._seconds = seconds
+
+    def judge(self, frame: Frame) -> Judgement:
+        """Judge one frame."""
+        start = time.monotonic()
+        judgement = self._policy.judge(frame)
+        self._seconds[frame.number] = time.monotonic() - start
+        return judgement
+
+
+def paced(pictures: Sequence[Picture]) -> Iterator[tuple[int, Picture]]:
+    """Each with its place, at `FPS`, the first at once."""
+    start = time.monotonic()
+    for place, picture in enumerate(pictures):
+        time.sleep(max(0.0, start + place / FPS - time.monotonic()))
+        yield place, picture
+
+
+def measure_latency(
+    texture: ThesisFeatureSet, models: ModelPair, pictures: Sequence[Picture], rounds: int
+) -> Result:
+    """Both ways on the same frames, in turns: a round of all frames each.
+
+    Parameters
+    ----------
+    texture : ThesisFeatureSet
+    models : ModelPair
+        Of that texture.
+    pictures : sequence of Picture
+        Those that the runtime judges.
+    rounds : int
+
+    Raises
+    ------
+    ToktError
+        If a datagram does not arrive.
+    """
+    size = (_WARM_UP + rounds) * len(pictures)
+    arrived = {name: np.zeros(size) for name in (BASELINE, OURS)}
+    judging_s = np.zeros(size)
+    with _as_at_sea(), closing(StampedReceiver()) as receiver:
+        for first in range(0, size, len(pictures)):
+            source = CameraPaced(pictures, first, arrived[OURS])
+            policy = TimedPolicy(SinglePolicy(TextureDetector(models.bundle)), judging_s)
+            with closing(UdpSender("127.0.0.1", receiver.port, 2)) as sender:
+                Runtime(source, policy, [sender], SYSTEM_CLOCK, limits=_PATIENT).run()
+            _baseline(texture, models, pictures, receiver.port, arrived[BASELINE][first:])
+        heard = [(at, decode(data)) for at, data in receiver.heard()]
+    counted = slice(_WARM_UP * len(pictures), None)
+    times, said = {}, {}
+    for name, version in ((OURS, 2), (BASELINE, 1)):
+        mine = [(at, one) for at, one in heard if one["v"] == version]
+        if len(mine) != size:
+            raise ToktError(f"{NAME}: {len(mine)} of {size} datagrams arrived in time")
+        times[name] = (np.array([at for at, _ in mine]) - arrived[name])[counted]
+        said[name] = [(one["status"], one["x"], one["y"]) for _, one in mine]
+    own = times[OURS] - judging_s[counted]
+    extras = {
+        "of": f"a frame's arrival to its datagram in another process, {FPS:g} frames a second",
+        "baseline_is": "the thesis's way: judged patch by patch, and one v1 datagram",
+        **_percentiles("ours", times[OURS]),
+        **_percentiles("baseline", times[BASELINE]),
+        **_percentiles("not_the_detector", own),
+    }
+    return result(NAME, times, said[OURS] == said[BASELINE], extras)
+
+
+def _baseline(
+    texture: ThesisFeatureSet,
+    models: ModelPair,
+    pictures: Sequence[Picture],
+    port: int,
+    arrived: NDArray[np.float64],
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for place, picture in paced(pictures):
+            arrived[place] = time.monotonic()
+            judged = judge(picture.frame, texture.describe_patch, models.classifier)
+            sender.sendto(encode_v1(judged.verdict) or b"", ("127.0.0.1", port))
+
+
+def _percentiles(name: str, seconds: NDArray[np.float64]) -> dict[str, Any]:
+    found = np.percentile(seconds, (50, 99, 100)) * 1000
+    places = ("median", "p99", "max")
+    return {f"{name}_{at}_ms": ms for at, ms in zip(places, found.tolist(), strict=True)}
+
+
+@contextmanager
+def _as_at_sea() -> Iterator[None]:
+    """The garbage collector as `tokt run` sets it: what there was before is not gone through."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+@dataclass(frozen=True)
+class ProcessStart:
+    """One process's way to its first verdict.
+
+    Parameters
+    ----------
+    seconds : float
+    peak_mb : float or None
+    said : (status, x, y)
+    """
+
+    seconds: float
+    peak_mb: float | None
+    said: tuple[Any, ...]
+
+
+def first_verdict(command: Callable[[int], list[str]], folder: Path) -> ProcessStart:
+    """Start a program and wait for its datagram and its end.
+
+    Parameters
+    ----------
+    command : callable
+        Gives the command line for a UDP port of 127.0.0.1.
+    folder : Path
+        Where the program runs.
+
+    Raises
+    ------
+    ToktError
+        If it ends with an error, or no datagram arrives.
+    """
+    with closing(StampedReceiver()) as receiver:
+        line = [sys.executable, "-I", "-S", launch.__file__, *command(receiver.port)]
+        ended = subprocess.run(line, stdout=subprocess.PIPE, text=True, cwd=folder, check=True)
+        heard = receiver.heard()
+    told = json.loads(ended.stdout)
+    if told["code"] != 0 or not heard:
+        raise ToktError(f"a process of the bench ended with {told['code']}: {told['error']}")
+    arrived, datagram = heard[0]
+    verdict = decode(datagram)
+    said = (verdict["status"], verdict["x"], verdict["y"])
+    return ProcessStart(arrived - told["started"], told["peak_mb"], said)
+
+
+def measure_start(
+    name: str, models: ModelPair, frame: bytes, suffix: str, folder: Path, rounds: int
+) -> Result:
+    """Time both processes, in turns, on the same frame.
+
+    Parameters
+    ----------
+    name : str
+    models : ModelPair
+        Of LBP (10, 5).
+    frame, suffix : bytes, str
+        An image file and the ending of its name.
+    folder : Path
+        Empty, for the model files and the frame.
+    rounds : int
+        Starts of each, after one that is not counted.
+    """
+    source = folder / "source"
+    source.mkdir(parents=True)
+    picture, bundle, pickle = source / f"frame_1{suffix}", folder / "m.tokt", folder / "m.joblib"
+    picture.write_bytes(frame)
+    bundle.write_bytes(models.bundle.data)
+    joblib.dump(models.classifier, pickle)
+
+    def ours(port: int) -> list[str]:
+        words = f"run --policy texture --format v2 --udp 127.0.0.1:{port}".split()
+        files = ["--bundle", str(bundle), "--source", str(source)]
+        return [sys.executable, "-m", "tokt", *words, *files]
+
+    def baseline(port: int) -> list[str]:
+        module = "tokt.studies.baselines.thesis_texture"
+        return [sys.executable, "-m", module, str(pickle), str(picture), str(port)]
+
+    pairs = [
+        (first_verdict(baseline, folder), first_verdict(ours, folder)) for _ in range(rounds + 1)
+    ][1:]
+    times = {
+        BASELINE: np.array([theirs.seconds for theirs, _ in pairs]),
+        OURS: np.array([mine.seconds for _, mine in pairs]),
+    }
+    memory = {
+        "baseline_mb": _median_mb([theirs for theirs, _ in pairs]),
+        "ours_mb": _median_mb([mine for _, mine in pairs]),
+    }
+    said = {start.said for pair in pairs for start in pair}
+    extras = {"of": "process start to first verdict, LBP (10,5)", **memory}
+    return result(name, times, len(said) == 1, extras)
+
+
+def _median_mb(starts: list[ProcessStart]) -> float | None:
+    peaks = [start.peak_mb for start in starts if start.peak_mb is not None]
+    return float(np.median(peaks)) if peaks else None

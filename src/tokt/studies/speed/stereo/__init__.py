@@ -1,1 +1,0 @@
-"""The speed of stereo: the cases that judge pairs."""
