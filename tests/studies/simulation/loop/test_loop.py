@@ -18,7 +18,7 @@ from tokt.studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
-from tokt.studies.simulation.scene import tower, walls
+from tokt.studies.simulation.scene import tower
 
 WIDTH = 360
 SEED = 1005  # of those that were tuned on: 1 to 100 are for what is reported
@@ -97,9 +97,8 @@ def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) 
 @pytest.fixture
 def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Solids without growth and texture, which are nothing to hit and take 0.2 s to draw."""
-    for module, names in ((tower, ("_growth", "surface_textures")), (walls, ("surface_textures",))):
-        for name in names:
-            monkeypatch.setattr(module, name, lambda *_: ())
+    for name in ("_growth", "surface_textures"):
+        monkeypatch.setattr(tower, name, lambda *_: ())
 
 
 @pytest.mark.usefixtures("unpainted")

@@ -1,272 +1,484 @@
-"""Ray casting for simulated missions: depth, direction and albedo of every tower pixel.
+"""Ray casting: the nearest surface at every pixel of a camera, for missions and the closed loop.
 
-Each solid is intersected analytically with the rays through the pixel centres inside the convex
-hull of its projection, so that masks and depth follow from the geometry alone.
+Each solid is intersected analytically with the rays through the pixel centres inside the outline
+of its projection, so that masks and depth follow from the geometry alone. Missions take it in
+double precision (`View`); the closed loop, which renders some hundred thousand frames, in single
+(`Hits`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.studies.simulation.scene.tower import (
-    GROWTH,
-    TEXEL_M,
-    TEXTURE_SIZE,
-    Cuboid,
-    Frustum,
-    Material,
-    Stalk,
-    Tower,
+from tokt.studies.simulation.scene.fish_and_dust import TEXTURE_M, School
+from tokt.studies.simulation.scene.rig import Camera
+from tokt.studies.simulation.scene.surfaces import (
+    FISH_MATERIAL,
+    STALK_MATERIAL,
+    Boxes,
+    Frusta,
+    Stalks,
+    Surfaces,
 )
-
-from .boxes import pixels_of_boxes
+from tokt.studies.simulation.scene.tower import GROWTH, TEXEL_M, TEXTURE_SIZE, Material, Tower
 
 Float = NDArray[np.float64]
+Single = NDArray[np.float32]
+Real = NDArray[Any]
+"""Of the precision of the rays."""
 Index = NDArray[np.int64]
 
-_HULL_POINTS = 16
 _NEAREST_M = 0.05
-"""Solids with a corner nearer to the image plane than this are tested at every pixel."""
+"""What is nearer to the image plane is not seen."""
+_OUTLINE_PX = 8000
+"""Corners farther outside than this are cut off before the outline is drawn."""
+_CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+"""Of a cuboid, in half sizes."""
 
 
-@dataclass(frozen=True)
-class Camera:
-    """One camera at one moment: a tower point p is seen at ``matrix @ rotation @ (p - centre)``."""
+class RayCaster(ABC):
+    """The nearest surface at every pixel of one camera, flat over its ``height * width`` pixels.
 
-    matrix: Float
-    rotation: Float
-    centre: Float
-    width: int
-    height: int
-
-    def project(self, points: Float) -> tuple[Float, Float]:
-        """Pixels (n, 2) and depths in metres (n,) of tower points (n, 3)."""
-        seen = (points - self.centre) @ self.rotation.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            pixels = seen[:, :2] / seen[:, 2:] * self.matrix[0, 0] + self.matrix[:2, 2]
-        return pixels, seen[:, 2]
-
-    def rays(self, pixels: Index) -> Float:
-        """Directions (3, n) in tower coordinates, of length one along the optical axis."""
-        v, u = np.divmod(pixels, self.width)
-        x = (u - self.matrix[0, 2]) / self.matrix[0, 0]
-        y = (v - self.matrix[1, 2]) / self.matrix[1, 1]
-        axes = self.rotation
-        return np.stack([axes[0, i] * x + axes[1, i] * y + axes[2, i] for i in range(3)])
-
-
-@dataclass
-class View:
-    """The tower in one frame, flat over its ``height * width`` pixels.
+    Parameters
+    ----------
+    lamp : (3,) float64
+        Where the lamp is, in the camera's coordinates.
 
     Attributes
     ----------
-    depth : (pixels,) float64
+    depth : (pixels,) float64 or float32
         Metres along the optical axis; infinite in open water.
+    """
+
+    _stalks_from_m: float
+    """What grows nearer to the image plane than this is left out,"""
+    _stalk_rim_px: int
+    """and what grows farther outside the picture."""
+
+    def __init__(self, camera: Camera, lamp: Float, precision: type[np.floating[Any]]) -> None:
+        self.camera, self._lamp = camera, lamp
+        self.depth: Real = np.full(camera.width * camera.height, np.inf, precision)
+        self._outline = np.zeros((camera.height, camera.width), np.uint8)
+
+    @property
+    def pixels(self) -> Index:
+        """Pixels that show something."""
+        return np.flatnonzero(np.isfinite(self.depth))
+
+    def add_solids(self, surfaces: Surfaces, origins: Float) -> None:
+        """Cast the rays at all solids; `origins` (things, 3) is where the things are."""
+        # A ray along a face never meets it: infinite, and no hit.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._add_frusta(surfaces.frusta, origins)
+            boxes = surfaces.boxes
+            self._add_boxes(boxes, boxes.centre + origins[boxes.thing])
+
+    def add_stalks(self, stalks: Stalks, origins: Float) -> None:
+        """Draw stalks, after the solids: lines from root to tip that taper to half their width."""
+        camera = self.camera
+        ends = camera.seen(stalks.ends + origins[stalks.thing][:, None])
+        depth = ends[..., 2]
+        use = np.flatnonzero((depth > self._stalks_from_m).all(axis=1))
+        where = camera.place(ends[use])
+        rim, last = self._stalk_rim_px, np.array([camera.width, camera.height]) - 1
+        inside = ((where.max(axis=1) > -rim) & (where.min(axis=1) < last + rim)).all(axis=1)
+        use, where, depth = use[inside], where[inside], depth[use[inside]]
+        drawn = self._stalks_to_draw(where, depth)
+        use, where, depth = use[drawn], where[drawn], depth[drawn]
+        if not len(use):
+            return
+        place, t, which = _stalk_pixels(camera, where, depth, stalks.half_width[use])
+        t = t.astype(self.depth.dtype)
+        bright = stalks.brightness[use].astype(np.float32)
+        # Each time the nearest so far or a nearer one is written: soon there is none left.
+        while len(won := np.flatnonzero(t < self.depth[place])):
+            place, t, which = place[won], t[won], which[won]
+            self._paint_stalks(place, t, bright[which])
+
+    @abstractmethod
+    def _rays(self, pixels: Index) -> Real:
+        """Directions (3, n) in the camera's coordinates, of length one along the optical axis."""
+
+    @abstractmethod
+    def _paint_side(
+        self, frusta: Frusta, i: int, pixels: Index, t: Real, point: Real, end: NDArray[np.int8],
+        lamp: Float,
+    ) -> None:  # fmt: skip
+        """Say that a frustum is the nearest so far.
+
+        Parameters
+        ----------
+        point, lamp : (3, n), (3,)
+            Where it is hit, and where the lamp is, along its own axes.
+        end : (n,) int8
+            -1 on its first end, 1 on its last, 0 on its side.
+        """
+
+    @abstractmethod
+    def _paint_face(
+        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, t: Real, across: Real,
+        along: Real, lamp: Float,
+    ) -> None:  # fmt: skip
+        """Say that the face of a box across `axis`, on its first or last `side`, is the nearest."""
+
+    def _stalks_to_draw(self, where: Float, depth: Float) -> Any:
+        """Which of the stalks in view need be drawn, by the places and depths of their ends."""
+        return slice(None)
+
+    @abstractmethod
+    def _paint_stalks(self, pixels: Index, t: Real, bright: Single) -> None:
+        """Say that stalks of this brightness are the nearest so far."""
+
+    def _add_frusta(self, frusta: Frusta, origins: Float) -> None:
+        shift = origins[frusta.thing]
+        corners = self.camera.seen(frusta.hull + shift[:, None])
+        turn = (frusta.axes @ self.camera.rotation.T).astype(self.depth.dtype)
+        centre = np.einsum("nij,nj->ni", frusta.axes, self.camera.centre - frusta.start - shift)
+        for i in self.in_view(corners):
+            pixels = self.inside(corners[i])
+            if len(pixels):
+                self._cast_frustum(frusta, i, pixels, turn[i], centre[i])
+
+    def _cast_frustum(
+        self, frusta: Frusta, i: int, pixels: Index, turn: Real, origin: Float
+    ) -> None:
+        """Solved through the rays' distance from the axis: single precision is enough for that."""
+        ox, oy, oz = origin.tolist()
+        radius, slope, length = (float(v[i]) for v in (frusta.radius, frusta.slope, frusta.length))
+        dx, dy, dz = turn @ self._rays(pixels)
+        reach = radius + slope * oy
+        a = dx * dx + dz * dz
+        along = ox * dx + oz * dz
+        cross = ox * dz - oz * dx
+        root = a * (reach * reach) - cross * cross
+        if slope:
+            tilt = slope * dy
+            root += tilt * ((ox * ox + oz * oz) * tilt - (2 * reach) * along)
+            a -= tilt * tilt
+            along -= reach * tilt
+        t = (-along - np.sqrt(np.maximum(root, 0))) / a
+        height = oy + t * dy
+        hit = (root > 0) & (t > 0) & (height >= 0) & (height <= length)
+        t[~hit] = np.inf
+        end = np.zeros(len(t), np.int8)
+        for level, rim, sign in ((0.0, radius, -1), (length, float(frusta.end_radius[i]), 1)):
+            if (oy - level) * sign > 0:
+                cap = (level - oy) / dy
+                on = (cap > 0) & (cap < t) & ((ox + cap * dx) ** 2 + (oz + cap * dz) ** 2 <= rim**2)
+                t[on], end[on] = cap[on], sign
+        won = np.flatnonzero(t < self.depth.take(pixels))
+        if not len(won):
+            return
+        t, end = t[won], end[won]
+        point = np.stack([ox + t * dx[won], oy + t * dy[won], oz + t * dz[won]])
+        self._paint_side(frusta, i, pixels[won], t, point, end, origin + turn @ self._lamp)
+
+    def _add_boxes(self, boxes: Boxes, centres: Float) -> None:
+        corners = centres[:, None] + (_CORNERS * boxes.half[:, None]) @ boxes.axes
+        seen = self.camera.seen(corners)
+        for i in self.in_view(seen):
+            turn = (boxes.axes[i] @ self.camera.rotation.T).astype(self.depth.dtype)
+            origin = boxes.axes[i] @ (self.camera.centre - centres[i])
+            # Only faces that the camera is outside of.
+            for axis in np.flatnonzero(np.abs(origin) > boxes.half[i]).tolist():
+                side = float(np.sign(origin[axis]))
+                pixels = self.inside(seen[i][_CORNERS[:, axis] == side])
+                if len(pixels):
+                    self._cast_face(boxes, i, axis, side, pixels, turn, origin)
+
+    def _cast_face(
+        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, turn: Real, origin: Float
+    ) -> None:
+        half, o = boxes.half[i], origin.tolist()
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        rays = turn @ self._rays(pixels)
+        t = float(side * half[axis] - o[axis]) / rays[axis]
+        across = o[first] + t * rays[first]
+        along = o[second] + t * rays[second]
+        hit = (t > 0) & (t < self.depth.take(pixels))
+        hit &= (np.abs(across) <= half[first]) & (np.abs(along) <= half[second])
+        won = np.flatnonzero(hit)
+        lamp = origin + turn @ self._lamp
+        self._paint_face(boxes, i, axis, side, pixels[won], t[won], across[won], along[won], lamp)
+
+    def in_view(self, corners: Float) -> list[int]:
+        """Numbers of the solids, given by the corners (n, m, 3) of a hull, that may be in view."""
+        camera, depth = self.camera, corners[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            where = camera.place(corners)
+        low, high = where.min(axis=1), where.max(axis=1)
+        outside = (high < -2) | (low > np.array([camera.width, camera.height]) + 1)
+        ahead, some = (depth > _NEAREST_M).all(axis=1), (depth > _NEAREST_M).any(axis=1)
+        found: list[int] = np.flatnonzero(some & ~(ahead & outside.any(axis=1))).tolist()
+        return found
+
+    def inside(self, corners: Float) -> Index:
+        """Pixels in the outline of the hull of `corners` (m, 3), and a rim of one pixel."""
+        camera = self.camera
+        if corners[:, 2].min() <= _NEAREST_M:
+            ahead = corners[:, 2] > _NEAREST_M
+            if not ahead.any():
+                return np.empty(0, np.int64)
+            corners = _cut(corners[ahead], corners[~ahead])
+        hull = cv2.convexHull(camera.place(corners).astype(np.float32))
+        left, top, width, height = cv2.boundingRect(hull)
+        if max(-left, -top, left + width, top + height) > _OUTLINE_PX:
+            right, bottom = camera.width + 8, camera.height + 8
+            frame = np.array([[-8, -8], [right, -8], [right, bottom], [-8, bottom]], np.float32)
+            area, hull = cv2.intersectConvexConvex(hull, frame)
+            if area <= 0:
+                return np.empty(0, np.int64)
+        outline = np.rint(hull).astype(np.int32)
+        low, high = max(top - 3, 0), min(top + height + 3, camera.height)
+        rows = self._outline[low:high]
+        cv2.fillConvexPoly(self._outline, outline, 1)
+        cv2.polylines(self._outline, [outline], True, 1, thickness=3)
+        found = rows.view(np.bool_).ravel().nonzero()[0]
+        found += low * camera.width
+        rows[:] = 0
+        return found
+
+
+def _cut(ahead: Float, behind: Float) -> Float:
+    """Corners of what is left of a hull in front of the nearest plane."""
+    share = (_NEAREST_M - ahead[:, None, 2]) / (behind[None, :, 2] - ahead[:, None, 2])
+    crossing = ahead[:, None] + share[..., None] * (behind[None] - ahead[:, None])
+    return np.concatenate([ahead, crossing.reshape(-1, 3)])
+
+
+def _stalk_pixels(
+    camera: Camera, where: Float, depth: Float, half_m: Float
+) -> tuple[Index, Float, Index]:
+    """Pixels on stalks, their depth, and which stalk each is of; a pixel may come up often."""
+    order = np.argsort(-depth[:, 0])
+    where, depth, half_m = where[order], depth[order], half_m[order]
+    # Under a pixel's width a stalk would break up into dots.
+    half = np.maximum(half_m * camera.matrix[0, 0] / depth[:, 0], 0.5)
+    # Walk along the longer of rows and columns, and take the pixels on either side.
+    step = where[:, 1] - where[:, 0]
+    steep = np.abs(step[:, 1]) > np.abs(step[:, 0])
+    where[steep], step[steep] = where[steep, :, ::-1], step[steep, ::-1]
+    length = np.maximum(np.hypot(*step.T), 1e-6)
+    slope = step[:, 1] / np.where(step[:, 0] == 0, 1.0, step[:, 0])
+    reach = half * length / np.maximum(np.abs(step[:, 0]), 1e-6)
+    first = np.ceil(where[..., 0].min(axis=1) - half)
+    n_along = (np.floor(where[..., 0].max(axis=1) + half) - first).astype(np.int64) + 1
+    n_across = np.floor(2 * reach).astype(np.int64) + 1
+    count = n_along * n_across
+    which = np.repeat(np.arange(len(step)), count)
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    ahead, aside = np.divmod(number, n_across.take(which))
+    x = ahead + (first - where[:, 0, 0]).take(which)
+    root = where[:, 0, 1].take(which)
+    b = np.ceil(root + slope.take(which) * x - reach.take(which)) + aside
+    y = b - root
+    dx, dy = step[:, 0].take(which), step[:, 1].take(which)
+    along = ((x * dx + y * dy) / (length * length).take(which)).clip(0, 1)
+    off = (x - along * dx) ** 2 + (y - along * dy) ** 2
+    inside = np.flatnonzero(off <= (half.take(which) * (1 - 0.5 * along)) ** 2)
+    which, along, b = which.take(inside), along.take(inside), b.take(inside)
+    a = ahead.take(inside) + first.take(which)
+    turned = steep.take(which)
+    column, row = np.where(turned, b, a), np.where(turned, a, b)
+    inside = np.flatnonzero(
+        (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    )
+    which, along = which.take(inside), along.take(inside)
+    t = depth[:, 0].take(which) + along * (depth[:, 1] - depth[:, 0]).take(which)
+    place = (row * camera.width + column).take(inside).astype(np.int64)
+    return place, t, order.take(which)
+
+
+class View(RayCaster):
+    """The tower in one frame of a mission.
+
+    Attributes
+    ----------
     albedo : (pixels, 3) float32
         BGR, 0..1.
     normal : (3, pixels) float32
         Outward, in tower coordinates; zero on stalks, which have no side.
     """
 
-    camera: Camera
-    depth: Float
-    albedo: NDArray[np.float32]
-    normal: NDArray[np.float32]
+    _stalks_from_m, _stalk_rim_px = _NEAREST_M, 9
 
-    @property
-    def tower(self) -> Index:
-        """Pixels that show the tower."""
-        return np.flatnonzero(np.isfinite(self.depth))
+    def __init__(self, camera: Camera, tower: Tower) -> None:
+        super().__init__(camera, np.zeros(3), np.float64)
+        self.albedo = np.zeros((len(self.depth), 3), np.float32)
+        self.normal = np.zeros((3, len(self.depth)), np.float32)
+        self._textures = tower.textures
+        self._surfaces = Surfaces.of([tower])
+        self.add_solids(self._surfaces, np.zeros((1, 3)))
+        self.add_stalks(self._surfaces.stalks, np.zeros((1, 3)))
 
     def image(self, values: NDArray[Any]) -> NDArray[Any]:
         """Flat values as rows and columns."""
         return values.reshape(self.camera.height, self.camera.width, *values.shape[1:])
 
+    def _rays(self, pixels: Index) -> Float:
+        return self.camera.rays(pixels)
+
+    def _paint_side(
+        self, frusta: Frusta, i: int, pixels: Index, t: Float, point: Float, end: NDArray[np.int8],
+        lamp: Float,
+    ) -> None:  # fmt: skip
+        x, y, z = point
+        radius = np.maximum(np.hypot(x, z), 1e-9)
+        zero, flat = np.zeros_like(x), end != 0
+        on_side = np.stack([x / radius, zero - frusta.slope[i], z / radius])
+        normal = frusta.axes[i].T @ np.where(flat, np.stack([zero, end, zero]), on_side)
+        across = np.where(flat, x, np.arctan2(z, x) * frusta.radius[i])
+        albedo = self._albedo(int(frusta.material_number[i]), across, np.where(flat, z, y))
+        self._paint(pixels, t, albedo, normal)
+
+    def _paint_face(
+        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, t: Float, across: Float,
+        along: Float, lamp: Float,
+    ) -> None:  # fmt: skip
+        albedo = self._albedo(int(boxes.material_number[i]), across, along)
+        self._paint(pixels, t, albedo, side * boxes.axes[i, axis, :, None])
+
+    def _paint_stalks(self, pixels: Index, t: Float, bright: Single) -> None:
+        albedo = bright[:, None] * np.array(GROWTH.paint, np.float32)
+        self._paint(pixels, t, albedo, np.zeros((3, 1)))
+
+    def _albedo(self, material_number: int, across: Float, along: Float) -> Single:
+        """BGR albedo at surface coordinates in metres, from the texture level of a pixel's size."""
+        material: Material = self._surfaces.materials[material_number][0]
+        pixel_m = float(np.linalg.norm(self.camera.centre)) / self.camera.matrix[0, 0]
+        level = int(np.clip(np.log2(max(pixel_m / TEXEL_M, 1.0)), 0, len(self._textures) - 1))
+        size, texel = TEXTURE_SIZE >> level, TEXEL_M * 2**level
+        texels = self._textures[level][
+            np.floor(along / texel).astype(np.int64) % size,
+            np.floor(across / texel).astype(np.int64) % size,
+        ]
+        rust = texels[:, 1:] * np.float32(material.rusted)
+        paint, rusty = np.array(material.paint, np.float32), np.array(material.rust, np.float32)
+        shade = np.float32(0.35) + np.float32(1.1) * texels[:, :1]
+        return np.asarray((paint + rust * (rusty - paint)) * shade, np.float32)
+
+    def _paint(self, pixels: Index, depth: Float, albedo: Single, normal: Float) -> None:
+        self.depth[pixels] = depth
+        self.albedo[pixels] = albedo
+        self.normal[:, pixels] = normal
+
 
 def cast_rays(tower: Tower, camera: Camera) -> View:
     """Cast the rays of `camera` at `tower`."""
-    pixels = camera.height * camera.width
-    view = View(
-        camera,
-        np.full(pixels, np.inf),
-        np.zeros((pixels, 3), np.float32),
-        np.zeros((3, pixels), np.float32),
-    )
-    for solid in tower.solids:
-        if isinstance(solid, Frustum):
-            _add_frustum(view, tower, solid)
-        else:
-            _add_box(view, tower, solid)
-    _add_stalks(view, tower.stalks)
-    return view
+    return View(camera, tower)
 
 
-def _inside_hull(camera: Camera, points: Float) -> Index:
-    """Pixels inside the projection of the convex hull of `points`, and a rim of one pixel."""
-    where, depth = camera.project(points)
-    if (depth < _NEAREST_M).all():
-        return np.empty(0, np.int64)
-    if (depth < _NEAREST_M).any():
-        return np.arange(camera.height * camera.width)
-    low = np.maximum(np.floor(where.min(axis=0)).astype(np.int64) - 2, 0)
-    high = np.minimum(
-        np.ceil(where.max(axis=0)).astype(np.int64) + 3, [camera.width, camera.height]
-    )
-    if (high <= low).any():
-        return np.empty(0, np.int64)
-    mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
-    corners = np.rint(where - low).clip(-16000, 16000).astype(np.int32)
-    hull = cv2.convexHull(corners)
-    cv2.fillConvexPoly(mask, hull, 1)
-    cv2.polylines(mask, [hull], True, 1, thickness=3)
-    inside = np.flatnonzero(mask)
-    row, col = np.divmod(inside, mask.shape[1])
-    return np.asarray((row + low[1]) * camera.width + col + low[0])
+class Hits(RayCaster):
+    """The surfaces in one frame of the closed loop.
 
+    Parameters
+    ----------
+    rays : (3, pixels) float32
+        Direction of each pixel, as of `Camera.rays`.
 
-def _add_frustum(view: View, tower: Tower, solid: Frustum) -> None:
-    camera, axes, length = view.camera, solid.frame(), solid.length
-    angles = np.arange(_HULL_POINTS) * 2 * np.pi / _HULL_POINTS
-    ring = np.outer(np.cos(angles), axes[0]) + np.outer(np.sin(angles), axes[2])
-    ring /= np.cos(np.pi / _HULL_POINTS)
-    hull = np.concatenate(
-        [solid.start + solid.start_radius * ring, solid.end + solid.end_radius * ring]
-    )
-    pixels = _inside_hull(camera, hull)
-    if not len(pixels):
-        return
-    ox, oy, oz = axes @ (camera.centre - solid.start)
-    dx, dy, dz = axes @ camera.rays(pixels)
-    slope = (solid.end_radius - solid.start_radius) / length
-    reach = solid.start_radius + slope * oy
-    a = dx * dx + dz * dz - (slope * dy) ** 2
-    b = ox * dx + oz * dz - slope * reach * dy
-    root = b * b - a * (ox * ox + oz * oz - reach * reach)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        side = (-b - np.sqrt(root)) / a
-        height = oy + side * dy
-        side[~((root > 0) & (a > 0) & (side > 0) & (height >= 0) & (height <= length))] = np.inf
-        nearest, cap_normal = side, np.zeros(len(side))
-        for level, radius, sign in (
-            (0.0, solid.start_radius, -1.0),
-            (length, solid.end_radius, 1.0),
-        ):
-            if (oy - level) * sign <= 0:
-                continue
-            cap = (level - oy) / dy
-            on_cap = (cap > 0) & ((ox + cap * dx) ** 2 + (oz + cap * dz) ** 2 <= radius * radius)
-            on_cap &= cap < nearest
-            nearest = np.where(on_cap, cap, nearest)
-            cap_normal[on_cap] = sign
-    won = nearest < view.depth[pixels]
-    t, flat = nearest[won], cap_normal[won] != 0
-    x, y, z = ox + t * dx[won], oy + t * dy[won], oz + t * dz[won]
-    radius = np.maximum(np.hypot(x, z), 1e-9)
-    zero = np.zeros_like(x)
-    on_side = np.stack([x / radius, zero - slope, z / radius])
-    normal = axes.T @ np.where(flat, np.stack([zero, cap_normal[won], zero]), on_side)
-    across = np.where(flat, x, np.arctan2(z, x) * solid.start_radius)
-    along = np.where(flat, z, y)
-    albedo = _albedo(tower, solid.material, across, along, camera)
-    _paint(view, pixels[won], t, albedo, normal)
+    Attributes
+    ----------
+    material_number : (pixels,) int64
+        Number of the surface's material; only where something was hit, as the following.
+    across, along : (pixels,) float32
+        Surface coordinates, m; a stalk's `along` is its brightness.
+    facing : (pixels,) float32
+        Outward normal times the vector to the lamp, m; not a number on a stalk.
+    """
 
+    _stalks_from_m, _stalk_rim_px = 4 * _NEAREST_M, 4
 
-def _add_box(view: View, tower: Tower, box: Cuboid) -> None:
-    camera = view.camera
-    signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
-    pixels = _inside_hull(camera, box.centre + (signs * box.half) @ box.axes)
-    if not len(pixels):
-        return
-    origin = (box.axes @ (camera.centre - box.centre))[:, None]
-    direction = box.axes @ camera.rays(pixels)
-    half = box.half[:, None]
-    with np.errstate(divide="ignore"):
-        first, second = (-half - origin) / direction, (half - origin) / direction
-    enter, leave = np.minimum(first, second), np.maximum(first, second)
-    face = enter.argmax(axis=0)
-    t = enter.max(axis=0)
-    won = (t > 0) & (t <= leave.min(axis=0)) & (t < view.depth[pixels])
-    t, face, direction = t[won], face[won], direction[:, won]
-    point = origin + t * direction
-    row = np.arange(len(t))
-    facing = np.zeros((3, len(t)))
-    facing[face, row] = -np.sign(direction[face, row])
-    albedo = _albedo(
-        tower, box.material, point[(face + 1) % 3, row], point[(face + 2) % 3, row], camera
-    )
-    _paint(view, pixels[won], t, albedo, box.axes.T @ facing)
+    def __init__(self, camera: Camera, rays: Single, lamp: Float) -> None:
+        super().__init__(camera, lamp, np.float32)
+        self._all_rays = rays
+        self.any = False
 
+    def add_fish(self, school: School, t_s: float) -> None:
+        """Cast the rays at a school where it is at a time: ellipsoids."""
+        centres, axes, half = school.shapes(t_s)
+        corners = self.camera.seen(centres[:, None] + (_CORNERS * half[:, None]) @ axes)
+        for i in self.in_view(corners):
+            pixels = self.inside(corners[i])
+            if len(pixels):
+                self._cast_ellipsoid(pixels, centres[i], axes[i], half[i])
 
-def _albedo(
-    tower: Tower, material: Material, across: Float, along: Float, camera: Camera
-) -> NDArray[np.float32]:
-    """BGR albedo at surface coordinates in metres, from the texture level of a pixel's size."""
-    pixel_m = float(np.linalg.norm(camera.centre)) / camera.matrix[0, 0]
-    level = int(np.clip(np.log2(max(pixel_m / TEXEL_M, 1.0)), 0, len(tower.textures) - 1))
-    texture = tower.textures[level]
-    size, texel = TEXTURE_SIZE >> level, TEXEL_M * 2**level
-    texels = texture[
-        np.floor(along / texel).astype(np.int64) % size,
-        np.floor(across / texel).astype(np.int64) % size,
-    ]
-    rust = texels[:, 1:] * np.float32(material.rusted)
-    paint, rusty = np.array(material.paint, np.float32), np.array(material.rust, np.float32)
-    shade = np.float32(0.35) + np.float32(1.1) * texels[:, :1]
-    return np.asarray((paint + rust * (rusty - paint)) * shade, np.float32)
+    def _cast_ellipsoid(self, pixels: Index, centre: Float, axes: Float, half: Float) -> None:
+        """In units of its half sizes: there it is the unit sphere."""
+        turn = axes @ self.camera.rotation.T
+        camera = axes @ (self.camera.centre - centre)
+        lamp = camera + turn @ self._lamp
+        rays = (turn / half[:, None]).astype(np.float32) @ self._rays(pixels)
+        o = (camera / half).astype(np.float32)
+        a = (rays * rays).sum(axis=0)
+        cross = np.cross(o, rays, axisb=0)
+        root = a - (cross * cross).sum(axis=1)
+        t = (-(o @ rays) - np.sqrt(np.maximum(root, 0))) / a
+        won = np.flatnonzero((root > 0) & (t > 0) & (t < self.depth.take(pixels)))
+        t = t[won]
+        x, y, z = o[:, None] + t * rays[:, won]
+        hx, hy, hz = half.astype(np.float32)
+        normal = np.stack([x / hx, y / hy, z / hz])
+        normal /= np.sqrt((normal * normal).sum(axis=0))
+        to_lamp = lamp.astype(np.float32)[:, None] - np.stack([x * hx, y * hy, z * hz])
+        across, along = (np.float32(TEXTURE_M / 2) * (1 + v) for v in (-x, y))
+        facing = (normal * to_lamp).sum(axis=0)
+        self._paint(pixels[won], t, FISH_MATERIAL, across, along, facing)
 
+    def _rays(self, pixels: Index) -> Single:
+        return self._all_rays.take(pixels, axis=1)
 
-def _add_stalks(view: View, stalks: tuple[Stalk, ...]) -> None:
-    """Lines from root to tip, tapering to half their width, their depth read off along them."""
-    camera = view.camera
-    if not stalks:
-        return
-    ends = np.array([(stalk.root, stalk.tip) for stalk in stalks]).reshape(-1, 3)
-    pixels, depth = camera.project(ends)
-    pixels, depth = pixels.reshape(-1, 2, 2), depth.reshape(-1, 2)
-    size = np.array([camera.width, camera.height])
-    inside = (depth > _NEAREST_M).all(axis=1)
-    inside &= ((pixels.max(axis=1) > -8) & (pixels.min(axis=1) < size + 8)).all(axis=1)
-    pixels, depth = pixels[inside], depth[inside]
-    width = np.array([stalk.half_width for stalk in stalks])[inside]
-    # Under a pixel's width a stalk would break up into dots.
-    half_px = np.maximum(width * camera.matrix[0, 0] / depth[:, 0], 0.5)
-    bright = np.array([stalk.brightness for stalk in stalks], np.float32)[inside]
-    albedo = bright[:, None] * np.array(GROWTH.paint, np.float32)
-    reach = half_px[:, None] + 1
-    low = np.maximum(np.floor(pixels.min(axis=1) - reach), 0).astype(np.int64)
-    high = np.minimum(np.ceil(pixels.max(axis=1) + reach) + 1, size).astype(np.int64)
-    root, step = pixels[:, 0], pixels[:, 1] - pixels[:, 0]
-    length_squared = np.maximum((step * step).sum(axis=1), 1e-9)
-    for which, column, row in pixels_of_boxes(low, high):
-        x, y = column - root[which, 0], row - root[which, 1]
-        across, down = step[which].T
-        along = ((x * across + y * down) / length_squared[which]).clip(0, 1)
-        distance_squared = (x - along * across) ** 2 + (y - along * down) ** 2
-        hit = distance_squared <= (half_px[which] * (1 - 0.5 * along)) ** 2
-        which, place = which[hit], row[hit] * camera.width + column[hit]
-        t = depth[which, 0] + along[hit] * (depth[which, 1] - depth[which, 0])
-        nearest = _nearest(place, t)
-        won = nearest[t[nearest] < view.depth[place[nearest]]]
-        _paint(view, place[won], t[won], albedo[which[won]], np.zeros((3, 1)))
+    def _paint_side(
+        self, frusta: Frusta, i: int, pixels: Index, t: Single, point: Single,
+        end: NDArray[np.int8], lamp: Float,
+    ) -> None:  # fmt: skip
+        x, y, z = point
+        radius, slope = float(frusta.radius[i]), float(frusta.slope[i])
+        lamp_x, lamp_y, lamp_z = lamp.tolist()
+        facing = ((lamp_x - x) * x + (lamp_z - z) * z) / (radius + slope * y)
+        facing -= slope * (lamp_y - y)
+        # The seam of the texture lies opposite the first axis: the angle is counted from there.
+        around = (cv2.phase(-x, -z).ravel() - np.float32(np.pi)) * np.float32(radius)
+        flat = np.flatnonzero(end)
+        if len(flat):
+            facing[flat] = end[flat] * (lamp_y - y[flat])
+            around[flat], y[flat] = x[flat], z[flat]
+        self._paint(pixels, t, int(frusta.material_number[i]), around, y, facing)
 
+    def _paint_face(
+        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, t: Single,
+        across: Single, along: Single, lamp: Float,
+    ) -> None:  # fmt: skip
+        facing = np.full(len(t), side * lamp[axis] - boxes.half[i, axis], np.float32)
+        self._paint(pixels, t, int(boxes.material_number[i]), across, along, facing)
 
-def _nearest(place: Index, depth: Float) -> Index:
-    """For each place that occurs, which of its depths is least: the first of these."""
-    order = np.lexsort((depth, place))
-    first = np.ones(len(order), bool)
-    first[1:] = place[order][1:] != place[order][:-1]
-    return order[first]
+    def _stalks_to_draw(self, where: Float, depth: Float) -> NDArray[np.bool_]:
+        """What is behind the tower with both ends is not drawn at all."""
+        width, height = self.camera.width, self.camera.height
+        ends = np.rint(where.clip(0, [width - 1, height - 1])).astype(np.int64)
+        nearest = self.depth[ends[..., 1] * width + ends[..., 0]]
+        return np.asarray((depth < nearest + 0.01).any(axis=1))
 
+    def _paint_stalks(self, pixels: Index, t: Single, bright: Single) -> None:
+        self._paint(pixels, t, STALK_MATERIAL, bright, bright, np.float32(np.nan))
 
-def _paint(
-    view: View, pixels: Index, depth: Float, albedo: NDArray[np.float32], normal: Float
-) -> None:
-    view.depth[pixels] = depth
-    view.albedo[pixels] = albedo
-    view.normal[:, pixels] = normal
+    def _paint(
+        self, pixels: Index, depth: Single, material_number: int, across: Single, along: Single,
+        facing: Single | np.float32,
+    ) -> None:  # fmt: skip
+        if not len(pixels):
+            return
+        if not self.any:
+            self.any = True
+            size = len(self.depth)
+            self.material_number = np.zeros(size, np.int64)
+            self.across, self.along, self.facing = np.zeros((3, size), np.float32)
+        self.depth[pixels] = depth
+        self.material_number[pixels] = material_number
+        self.across[pixels] = across
+        self.along[pixels] = along
+        self.facing[pixels] = facing
