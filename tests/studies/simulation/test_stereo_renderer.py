@@ -76,7 +76,6 @@ def hits_of(world, rig, position, heading=0.0, side=0):
     hits = Hits(rig.cameras(level(heading), position)[side], maps.rays, maps.lamp)
     origins = np.array([thing.origin(0.0) for thing in world.things])
     hits.add_solids(surfaces, origins)
-    hits.add_stalks(surfaces.stalks, origins)
     return hits
 
 

@@ -12,7 +12,7 @@ import pytest
 from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.loop import flight
 from tokt.studies.simulation.loop.autopilot import Mode
-from tokt.studies.simulation.loop.flight import NONE, Flight, fly
+from tokt.studies.simulation.loop.flight import NONE, fly
 from tokt.studies.simulation.loop.runtime_process import RuntimeProcess
 from tokt.studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
 from tokt.studies.simulation.loop.track import Track
@@ -36,7 +36,7 @@ def near(name: str, start_m: float = -8.0, goal_m: float = 3.0) -> LoopScene:
 
 
 def flown(name: str, method: str) -> Track:
-    return fly(Flight(near(name), method, None))
+    return fly(near(name), method)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) 
     start, end = 1.5, 6.5
     scene = replace(draw_scene("blind", SEED, WIDTH), blind_s=(start, end))
     monkeypatch.setattr(flight, "MAX_S", end + 1.5)
-    track = fly(Flight(scene, "disparity", None))
+    track = fly(scene, "disparity")
     blind = (track.frame_t_s >= start) & (track.frame_t_s < end)
     assert blind.sum() == 20 and (track.frame_status[blind] == -1).all()
     held = (track.t_s > start + 0.5) & (track.t_s < end)

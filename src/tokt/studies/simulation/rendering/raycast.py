@@ -8,8 +8,8 @@ double precision (`View`); the closed loop, which renders some hundred thousand 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -41,8 +41,59 @@ _CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
 """Of a cuboid, in half sizes."""
 
 
-class RayCaster(ABC):
+class Side(NamedTuple):
+    """Pixels at which the side or an end of a frustum is the nearest so far.
+
+    Attributes
+    ----------
+    number : int
+        Of the frustum.
+    t : (n,)
+        Depth.
+    point, lamp : (3, n), (3,)
+        Where it is hit, and where the lamp is, along its own axes.
+    end : (n,) int8
+        -1 on its first end, 1 on its last, 0 on its side.
+    """
+
+    number: int
+    pixels: Index
+    t: Real
+    point: Real
+    end: NDArray[np.int8]
+    lamp: Float
+
+
+class Face(NamedTuple):
+    """Pixels at which a face of a box is the nearest so far.
+
+    Attributes
+    ----------
+    number : int
+        Of the box.
+    axis, sign : int, {1, -1}
+        Which way the face looks.
+    across, along : (n,)
+        Where it is hit, along the box's two other axes, m.
+    lamp : float
+        How far the lamp is from the face, m; below 0 behind it.
+    """
+
+    number: int
+    axis: int
+    sign: float
+    pixels: Index
+    t: Real
+    across: Real
+    along: Real
+    lamp: float
+
+
+class RayCaster:
     """The nearest surface at every pixel of one camera, flat over its ``height * width`` pixels.
+
+    Sides, faces and stalks are found one after the other; who asks writes the depth of each before
+    the next is looked for.
 
     Parameters
     ----------
@@ -55,11 +106,6 @@ class RayCaster(ABC):
         Metres along the optical axis; infinite in open water.
     """
 
-    _stalks_from_m: float
-    """What grows nearer to the image plane than this is left out,"""
-    _stalk_rim_px: int
-    """and what grows farther outside the picture."""
-
     def __init__(self, camera: Camera, lamp: Float, precision: type[np.floating[Any]]) -> None:
         self.camera, self._lamp = camera, lamp
         self.depth: Real = np.full(camera.width * camera.height, np.inf, precision)
@@ -70,26 +116,83 @@ class RayCaster(ABC):
         """Pixels that show something."""
         return np.flatnonzero(np.isfinite(self.depth))
 
-    def add_solids(self, surfaces: Surfaces, origins: Float) -> None:
-        """Cast the rays at all solids; `origins` (things, 3) is where the things are."""
-        # A ray along a face never meets it: infinite, and no hit.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self._add_frusta(surfaces.frusta, origins)
-            boxes = surfaces.boxes
-            self._add_boxes(boxes, boxes.centre + origins[boxes.thing])
+    def rays(self, pixels: Index) -> Real:
+        """Directions (3, n) in the camera's coordinates, of length one along the optical axis."""
+        return self.camera.rays(pixels)
 
-    def add_stalks(self, stalks: Stalks, origins: Float) -> None:
-        """Draw stalks, after the solids: lines from root to tip that taper to half their width."""
+    def sides(self, frusta: Frusta, origins: Float) -> Iterator[Side]:
+        """Cast the rays at frusta; `origins` (things, 3) is where the things are."""
+        shift = origins[frusta.thing]
+        corners = self.camera.seen(frusta.hull + shift[:, None])
+        turn = (frusta.axes @ self.camera.rotation.T).astype(self.depth.dtype)
+        centre = np.einsum("nij,nj->ni", frusta.axes, self.camera.centre - frusta.start - shift)
+        for i in self.in_view(corners):
+            pixels = self.inside(corners[i])
+            rays = turn[i] @ self.rays(pixels)
+            t, end = _cast_at_frustum(frusta, i, centre[i], rays)
+            won = np.flatnonzero(t < self.depth.take(pixels))
+            if len(won):
+                t, end = t[won], end[won]
+                point = np.stack(
+                    [o + t * d[won] for o, d in zip(centre[i].tolist(), rays, strict=True)]
+                )
+                yield Side(i, pixels[won], t, point, end, centre[i] + turn[i] @ self._lamp)
+
+    def faces(self, boxes: Boxes, origins: Float) -> Iterator[Face]:
+        """Cast the rays at boxes; see `sides`."""
+        centres = boxes.centre + origins[boxes.thing]
+        corners = centres[:, None] + (_CORNERS * boxes.half[:, None]) @ boxes.axes
+        seen = self.camera.seen(corners)
+        for i in self.in_view(seen):
+            half, turn = boxes.half[i], (boxes.axes[i] @ self.camera.rotation.T)
+            turn = turn.astype(self.depth.dtype)
+            origin = boxes.axes[i] @ (self.camera.centre - centres[i])
+            lamp = origin + turn @ self._lamp
+            # Only faces that the camera is outside of.
+            for axis in np.flatnonzero(np.abs(origin) > half).tolist():
+                sign = float(np.sign(origin[axis]))
+                pixels = self.inside(seen[i][_CORNERS[:, axis] == sign])
+                rays = turn @ self.rays(pixels)
+                first, second, o = (axis + 1) % 3, (axis + 2) % 3, origin.tolist()
+                # A ray along a face never meets it: infinite, and no hit.
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    t = float(sign * half[axis] - o[axis]) / rays[axis]
+                    across, along = o[first] + t * rays[first], o[second] + t * rays[second]
+                hit = (t > 0) & (t < self.depth.take(pixels))
+                hit &= (np.abs(across) <= half[first]) & (np.abs(along) <= half[second])
+                yield Face(
+                    i, axis, sign, pixels[hit], t[hit], across[hit], along[hit],
+                    float(sign * lamp[axis] - half[axis]),
+                )  # fmt: skip
+
+    def stalks(
+        self, stalks: Stalks, origins: Float, from_m: float, rim_px: int, *, hidden: bool
+    ) -> Iterator[tuple[Index, Real, Single]]:
+        """Draw stalks, after the solids: lines from root to tip that taper to half their width.
+
+        Parameters
+        ----------
+        from_m, rim_px : float, int
+            What is nearer to the image plane, or farther outside the picture, is left out.
+        hidden : bool
+            Whether to draw what is behind the tower with both ends, too.
+
+        Yields
+        ------
+        pixels, depth, brightness : (n,) arrays
+        """
         camera = self.camera
         ends = camera.seen(stalks.ends + origins[stalks.thing][:, None])
         depth = ends[..., 2]
-        use = np.flatnonzero((depth > self._stalks_from_m).all(axis=1))
+        use = np.flatnonzero((depth > from_m).all(axis=1))
         where = camera.place(ends[use])
-        rim, last = self._stalk_rim_px, np.array([camera.width, camera.height]) - 1
-        inside = ((where.max(axis=1) > -rim) & (where.min(axis=1) < last + rim)).all(axis=1)
-        use, where, depth = use[inside], where[inside], depth[use[inside]]
-        drawn = self._stalks_to_draw(where, depth)
-        use, where, depth = use[drawn], where[drawn], depth[drawn]
+        last = np.array([camera.width, camera.height]) - 1
+        drawn = ((where.max(axis=1) > -rim_px) & (where.min(axis=1) < last + rim_px)).all(axis=1)
+        if not hidden:
+            column, row = np.rint(where.clip(0, last)).astype(np.int64).transpose(2, 0, 1)
+            nearest = self.depth[row * camera.width + column]
+            drawn &= (depth[use] < nearest + 0.01).any(axis=1)
+        use, where, depth = use[drawn], where[drawn], depth[use[drawn]]
         if not len(use):
             return
         place, t, which = _stalk_pixels(camera, where, depth, stalks.half_width[use])
@@ -98,113 +201,7 @@ class RayCaster(ABC):
         # Each time the nearest so far or a nearer one is written: soon there is none left.
         while len(won := np.flatnonzero(t < self.depth[place])):
             place, t, which = place[won], t[won], which[won]
-            self._paint_stalks(place, t, bright[which])
-
-    @abstractmethod
-    def _rays(self, pixels: Index) -> Real:
-        """Directions (3, n) in the camera's coordinates, of length one along the optical axis."""
-
-    @abstractmethod
-    def _paint_side(
-        self, frusta: Frusta, i: int, pixels: Index, t: Real, point: Real, end: NDArray[np.int8],
-        lamp: Float,
-    ) -> None:  # fmt: skip
-        """Say that a frustum is the nearest so far.
-
-        Parameters
-        ----------
-        point, lamp : (3, n), (3,)
-            Where it is hit, and where the lamp is, along its own axes.
-        end : (n,) int8
-            -1 on its first end, 1 on its last, 0 on its side.
-        """
-
-    @abstractmethod
-    def _paint_face(
-        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, t: Real, across: Real,
-        along: Real, lamp: Float,
-    ) -> None:  # fmt: skip
-        """Say that the face of a box across `axis`, on its first or last `side`, is the nearest."""
-
-    def _stalks_to_draw(self, where: Float, depth: Float) -> Any:
-        """Which of the stalks in view need be drawn, by the places and depths of their ends."""
-        return slice(None)
-
-    @abstractmethod
-    def _paint_stalks(self, pixels: Index, t: Real, bright: Single) -> None:
-        """Say that stalks of this brightness are the nearest so far."""
-
-    def _add_frusta(self, frusta: Frusta, origins: Float) -> None:
-        shift = origins[frusta.thing]
-        corners = self.camera.seen(frusta.hull + shift[:, None])
-        turn = (frusta.axes @ self.camera.rotation.T).astype(self.depth.dtype)
-        centre = np.einsum("nij,nj->ni", frusta.axes, self.camera.centre - frusta.start - shift)
-        for i in self.in_view(corners):
-            pixels = self.inside(corners[i])
-            if len(pixels):
-                self._cast_frustum(frusta, i, pixels, turn[i], centre[i])
-
-    def _cast_frustum(
-        self, frusta: Frusta, i: int, pixels: Index, turn: Real, origin: Float
-    ) -> None:
-        """Solved through the rays' distance from the axis: single precision is enough for that."""
-        ox, oy, oz = origin.tolist()
-        radius, slope, length = (float(v[i]) for v in (frusta.radius, frusta.slope, frusta.length))
-        dx, dy, dz = turn @ self._rays(pixels)
-        reach = radius + slope * oy
-        a = dx * dx + dz * dz
-        along = ox * dx + oz * dz
-        cross = ox * dz - oz * dx
-        root = a * (reach * reach) - cross * cross
-        if slope:
-            tilt = slope * dy
-            root += tilt * ((ox * ox + oz * oz) * tilt - (2 * reach) * along)
-            a -= tilt * tilt
-            along -= reach * tilt
-        t = (-along - np.sqrt(np.maximum(root, 0))) / a
-        height = oy + t * dy
-        hit = (root > 0) & (t > 0) & (height >= 0) & (height <= length)
-        t[~hit] = np.inf
-        end = np.zeros(len(t), np.int8)
-        for level, rim, sign in ((0.0, radius, -1), (length, float(frusta.end_radius[i]), 1)):
-            if (oy - level) * sign > 0:
-                cap = (level - oy) / dy
-                on = (cap > 0) & (cap < t) & ((ox + cap * dx) ** 2 + (oz + cap * dz) ** 2 <= rim**2)
-                t[on], end[on] = cap[on], sign
-        won = np.flatnonzero(t < self.depth.take(pixels))
-        if not len(won):
-            return
-        t, end = t[won], end[won]
-        point = np.stack([ox + t * dx[won], oy + t * dy[won], oz + t * dz[won]])
-        self._paint_side(frusta, i, pixels[won], t, point, end, origin + turn @ self._lamp)
-
-    def _add_boxes(self, boxes: Boxes, centres: Float) -> None:
-        corners = centres[:, None] + (_CORNERS * boxes.half[:, None]) @ boxes.axes
-        seen = self.camera.seen(corners)
-        for i in self.in_view(seen):
-            turn = (boxes.axes[i] @ self.camera.rotation.T).astype(self.depth.dtype)
-            origin = boxes.axes[i] @ (self.camera.centre - centres[i])
-            # Only faces that the camera is outside of.
-            for axis in np.flatnonzero(np.abs(origin) > boxes.half[i]).tolist():
-                side = float(np.sign(origin[axis]))
-                pixels = self.inside(seen[i][_CORNERS[:, axis] == side])
-                if len(pixels):
-                    self._cast_face(boxes, i, axis, side, pixels, turn, origin)
-
-    def _cast_face(
-        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, turn: Real, origin: Float
-    ) -> None:
-        half, o = boxes.half[i], origin.tolist()
-        first, second = (axis + 1) % 3, (axis + 2) % 3
-        rays = turn @ self._rays(pixels)
-        t = float(side * half[axis] - o[axis]) / rays[axis]
-        across = o[first] + t * rays[first]
-        along = o[second] + t * rays[second]
-        hit = (t > 0) & (t < self.depth.take(pixels))
-        hit &= (np.abs(across) <= half[first]) & (np.abs(along) <= half[second])
-        won = np.flatnonzero(hit)
-        lamp = origin + turn @ self._lamp
-        self._paint_face(boxes, i, axis, side, pixels[won], t[won], across[won], along[won], lamp)
+            yield place, t, bright[which]
 
     def in_view(self, corners: Float) -> list[int]:
         """Numbers of the solids, given by the corners (n, m, 3) of a hull, that may be in view."""
@@ -242,6 +239,40 @@ class RayCaster(ABC):
         found += low * camera.width
         rows[:] = 0
         return found
+
+
+def _cast_at_frustum(
+    frusta: Frusta, i: int, origin: Float, rays: Real
+) -> tuple[Real, NDArray[np.int8]]:
+    """Depth at each ray, along the frustum's axes, and on which end; infinite where it is missed.
+
+    Solved through the rays' distance from the axis: single precision is enough for that.
+    """
+    ox, oy, oz = origin.tolist()
+    dx, dy, dz = rays
+    radius, slope, length = (float(v[i]) for v in (frusta.radius, frusta.slope, frusta.length))
+    reach = radius + slope * oy
+    a = dx * dx + dz * dz
+    along = ox * dx + oz * dz
+    cross = ox * dz - oz * dx
+    root = a * (reach * reach) - cross * cross
+    if slope:
+        tilt = slope * dy
+        root += tilt * ((ox * ox + oz * oz) * tilt - (2 * reach) * along)
+        a -= tilt * tilt
+        along -= reach * tilt
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (-along - np.sqrt(np.maximum(root, 0))) / a
+        height = oy + t * dy
+        hit = (root > 0) & (t > 0) & (height >= 0) & (height <= length)
+        t[~hit] = np.inf
+        end = np.zeros(len(t), np.int8)
+        for level, rim, sign in ((0.0, radius, -1), (length, float(frusta.end_radius[i]), 1)):
+            if (oy - level) * sign > 0:
+                cap = (level - oy) / dy
+                on = (cap > 0) & (cap < t) & ((ox + cap * dx) ** 2 + (oz + cap * dz) ** 2 <= rim**2)
+                t[on], end[on] = cap[on], sign
+    return t, end
 
 
 def _cut(ahead: Float, behind: Float) -> Float:
@@ -305,51 +336,42 @@ class View(RayCaster):
         Outward, in tower coordinates; zero on stalks, which have no side.
     """
 
-    _stalks_from_m, _stalk_rim_px = _NEAREST_M, 9
-
     def __init__(self, camera: Camera, tower: Tower) -> None:
         super().__init__(camera, np.zeros(3), np.float64)
         self.albedo = np.zeros((len(self.depth), 3), np.float32)
         self.normal = np.zeros((3, len(self.depth)), np.float32)
         self._textures = tower.textures
-        self._surfaces = Surfaces.of([tower])
-        self.add_solids(self._surfaces, np.zeros((1, 3)))
-        self.add_stalks(self._surfaces.stalks, np.zeros((1, 3)))
+        surfaces, here = Surfaces.of([tower]), np.zeros((1, 3))
+        for side in self.sides(surfaces.frusta, here):
+            self._paint_side(surfaces, side)
+        boxes = surfaces.boxes
+        for face in self.faces(boxes, here):
+            material = surfaces.materials[boxes.material_number[face.number]][0]
+            albedo = self._albedo(material, face.across, face.along)
+            normal = face.sign * boxes.axes[face.number, face.axis, :, None]
+            self._paint(face.pixels, face.t, albedo, normal)
+        growth = np.array(GROWTH.paint, np.float32)
+        for pixels, t, bright in self.stalks(surfaces.stalks, here, _NEAREST_M, 9, hidden=True):
+            self._paint(pixels, t, bright[:, None] * growth, np.zeros((3, 1)))
 
     def image(self, values: NDArray[Any]) -> NDArray[Any]:
         """Flat values as rows and columns."""
         return values.reshape(self.camera.height, self.camera.width, *values.shape[1:])
 
-    def _rays(self, pixels: Index) -> Float:
-        return self.camera.rays(pixels)
-
-    def _paint_side(
-        self, frusta: Frusta, i: int, pixels: Index, t: Float, point: Float, end: NDArray[np.int8],
-        lamp: Float,
-    ) -> None:  # fmt: skip
-        x, y, z = point
+    def _paint_side(self, surfaces: Surfaces, side: Side) -> None:
+        frusta, i = surfaces.frusta, side.number
+        x, y, z = side.point
         radius = np.maximum(np.hypot(x, z), 1e-9)
-        zero, flat = np.zeros_like(x), end != 0
+        zero, flat = np.zeros_like(x), side.end != 0
         on_side = np.stack([x / radius, zero - frusta.slope[i], z / radius])
-        normal = frusta.axes[i].T @ np.where(flat, np.stack([zero, end, zero]), on_side)
+        normal = frusta.axes[i].T @ np.where(flat, np.stack([zero, side.end, zero]), on_side)
         across = np.where(flat, x, np.arctan2(z, x) * frusta.radius[i])
-        albedo = self._albedo(int(frusta.material_number[i]), across, np.where(flat, z, y))
-        self._paint(pixels, t, albedo, normal)
+        material = surfaces.materials[frusta.material_number[i]][0]
+        albedo = self._albedo(material, across, np.where(flat, z, y))
+        self._paint(side.pixels, side.t, albedo, normal)
 
-    def _paint_face(
-        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, t: Float, across: Float,
-        along: Float, lamp: Float,
-    ) -> None:  # fmt: skip
-        albedo = self._albedo(int(boxes.material_number[i]), across, along)
-        self._paint(pixels, t, albedo, side * boxes.axes[i, axis, :, None])
-
-    def _paint_stalks(self, pixels: Index, t: Float, bright: Single) -> None:
-        albedo = bright[:, None] * np.array(GROWTH.paint, np.float32)
-        self._paint(pixels, t, albedo, np.zeros((3, 1)))
-
-    def _albedo(self, material_number: int, across: Float, along: Float) -> Single:
+    def _albedo(self, material: Material, across: Float, along: Float) -> Single:
         """BGR albedo at surface coordinates in metres, from the texture level of a pixel's size."""
-        material: Material = self._surfaces.materials[material_number][0]
         pixel_m = float(np.linalg.norm(self.camera.centre)) / self.camera.matrix[0, 0]
         level = int(np.clip(np.log2(max(pixel_m / TEXEL_M, 1.0)), 0, len(self._textures) - 1))
         size, texel = TEXTURE_SIZE >> level, TEXEL_M * 2**level
@@ -391,12 +413,28 @@ class Hits(RayCaster):
         Outward normal times the vector to the lamp, m; not a number on a stalk.
     """
 
-    _stalks_from_m, _stalk_rim_px = 4 * _NEAREST_M, 4
-
     def __init__(self, camera: Camera, rays: Single, lamp: Float) -> None:
         super().__init__(camera, lamp, np.float32)
         self._all_rays = rays
         self.any = False
+
+    def rays(self, pixels: Index) -> Single:
+        """See `RayCaster.rays`."""
+        return self._all_rays.take(pixels, axis=1)
+
+    def add_solids(self, surfaces: Surfaces, origins: Float) -> None:
+        """Cast the rays at all solids, and at what grows on them; see `RayCaster.sides`."""
+        for side in self.sides(surfaces.frusta, origins):
+            self._paint_side(surfaces.frusta, side)
+        boxes = surfaces.boxes
+        for face in self.faces(boxes, origins):
+            facing = np.full(len(face.t), face.lamp, np.float32)
+            material_number = int(boxes.material_number[face.number])
+            self._paint(face.pixels, face.t, material_number, face.across, face.along, facing)
+        for pixels, t, bright in self.stalks(
+            surfaces.stalks, origins, 4 * _NEAREST_M, 4, hidden=False
+        ):
+            self._paint(pixels, t, STALK_MATERIAL, bright, bright, np.float32(np.nan))
 
     def add_fish(self, school: School, t_s: float) -> None:
         """Cast the rays at a school where it is at a time: ellipsoids."""
@@ -412,7 +450,7 @@ class Hits(RayCaster):
         turn = axes @ self.camera.rotation.T
         camera = axes @ (self.camera.centre - centre)
         lamp = camera + turn @ self._lamp
-        rays = (turn / half[:, None]).astype(np.float32) @ self._rays(pixels)
+        rays = (turn / half[:, None]).astype(np.float32) @ self.rays(pixels)
         o = (camera / half).astype(np.float32)
         a = (rays * rays).sum(axis=0)
         cross = np.cross(o, rays, axisb=0)
@@ -429,42 +467,19 @@ class Hits(RayCaster):
         facing = (normal * to_lamp).sum(axis=0)
         self._paint(pixels[won], t, FISH_MATERIAL, across, along, facing)
 
-    def _rays(self, pixels: Index) -> Single:
-        return self._all_rays.take(pixels, axis=1)
-
-    def _paint_side(
-        self, frusta: Frusta, i: int, pixels: Index, t: Single, point: Single,
-        end: NDArray[np.int8], lamp: Float,
-    ) -> None:  # fmt: skip
-        x, y, z = point
+    def _paint_side(self, frusta: Frusta, side: Side) -> None:
+        i, end, lamp = side.number, side.end, side.lamp.tolist()
+        x, y, z = side.point
         radius, slope = float(frusta.radius[i]), float(frusta.slope[i])
-        lamp_x, lamp_y, lamp_z = lamp.tolist()
-        facing = ((lamp_x - x) * x + (lamp_z - z) * z) / (radius + slope * y)
-        facing -= slope * (lamp_y - y)
+        facing = ((lamp[0] - x) * x + (lamp[2] - z) * z) / (radius + slope * y)
+        facing -= slope * (lamp[1] - y)
         # The seam of the texture lies opposite the first axis: the angle is counted from there.
         around = (cv2.phase(-x, -z).ravel() - np.float32(np.pi)) * np.float32(radius)
         flat = np.flatnonzero(end)
         if len(flat):
-            facing[flat] = end[flat] * (lamp_y - y[flat])
+            facing[flat] = end[flat] * (lamp[1] - y[flat])
             around[flat], y[flat] = x[flat], z[flat]
-        self._paint(pixels, t, int(frusta.material_number[i]), around, y, facing)
-
-    def _paint_face(
-        self, boxes: Boxes, i: int, axis: int, side: float, pixels: Index, t: Single,
-        across: Single, along: Single, lamp: Float,
-    ) -> None:  # fmt: skip
-        facing = np.full(len(t), side * lamp[axis] - boxes.half[i, axis], np.float32)
-        self._paint(pixels, t, int(boxes.material_number[i]), across, along, facing)
-
-    def _stalks_to_draw(self, where: Float, depth: Float) -> NDArray[np.bool_]:
-        """What is behind the tower with both ends is not drawn at all."""
-        width, height = self.camera.width, self.camera.height
-        ends = np.rint(where.clip(0, [width - 1, height - 1])).astype(np.int64)
-        nearest = self.depth[ends[..., 1] * width + ends[..., 0]]
-        return np.asarray((depth < nearest + 0.01).any(axis=1))
-
-    def _paint_stalks(self, pixels: Index, t: Single, bright: Single) -> None:
-        self._paint(pixels, t, STALK_MATERIAL, bright, bright, np.float32(np.nan))
+        self._paint(side.pixels, side.t, int(frusta.material_number[i]), around, y, facing)
 
     def _paint(
         self, pixels: Index, depth: Single, material_number: int, across: Single, along: Single,

@@ -123,7 +123,6 @@ class StereoRenderer:
         if self._world.things:
             origins = np.array([thing.origin(t_s) for thing in self._world.things])
             hits.add_solids(self._surfaces, origins)
-            hits.add_stalks(self._surfaces.stalks, origins)
         if side == 0:
             self._seen = _moment(t_s, camera), float(hits.depth.min())
         return hits

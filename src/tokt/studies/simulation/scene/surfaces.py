@@ -43,14 +43,6 @@ class Frusta:
     @classmethod
     def of(cls, solids: Sequence[Frustum], thing: Index, material_number: Index) -> Frusta:
         """These solids."""
-        angles = np.arange(_HULL_POINTS) * 2 * np.pi / _HULL_POINTS
-        hulls = []
-        for solid in solids:
-            side, _, other = solid.frame()
-            ring = np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)
-            ring /= np.cos(np.pi / _HULL_POINTS)
-            start = solid.start + solid.start_radius * ring
-            hulls.append([start, solid.end + solid.end_radius * ring])
         length = np.array([solid.length for solid in solids])
         start_radius = np.array([solid.start_radius for solid in solids])
         end_radius = np.array([solid.end_radius for solid in solids])
@@ -61,7 +53,9 @@ class Frusta:
             start_radius,
             (end_radius - start_radius) / length,
             end_radius,
-            np.array(hulls).reshape(-1, 2 * _HULL_POINTS, 3),
+            np.array([solid.rims(_HULL_POINTS, outside=True) for solid in solids]).reshape(
+                -1, 2 * _HULL_POINTS, 3
+            ),
             thing,
             material_number,
         )

@@ -68,6 +68,15 @@ class Frustum:
         """Length in metres."""
         return float(np.linalg.norm(self.end - self.start))
 
+    def rims(self, count: int, *, outside: bool = False) -> list[Float]:
+        """Points (count, 3) on the rim of its start and of its end, or of polygons around these."""
+        angles = np.arange(count) * 2 * np.pi / count
+        side, _, other = self.frame()
+        ring = np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)
+        if outside:
+            ring /= np.cos(np.pi / count)
+        return [self.start + self.start_radius * ring, self.end + self.end_radius * ring]
+
     def on_surface(self, angle: float, along: float) -> tuple[Float, Float]:
         """A point of the side, at `angle` (rad) and fraction `along`, and its outward normal."""
         side, _, other = self.frame()
