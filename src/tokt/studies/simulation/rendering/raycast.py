@@ -69,24 +69,23 @@ class Face(NamedTuple):
 
     Attributes
     ----------
-    number : int
-        Of the box.
-    axis, sign : int, {1, -1}
-        Which way the face looks.
+    t : (n,)
+        Depth.
     across, along : (n,)
-        Where it is hit, along the box's two other axes, m.
-    lamp : float
-        How far the lamp is from the face, m; below 0 behind it.
+        Where it is hit, m.
+    normal : (3,)
+        Outward, in world coordinates.
+    lamp_m : float
+        How far the lamp is before it; below 0 behind it.
     """
 
-    number: int
-    axis: int
-    sign: float
+    material_number: int
     pixels: Index
     t: Real
     across: Real
     along: Real
-    lamp: float
+    normal: Float
+    lamp_m: float
 
 
 class RayCaster:
@@ -161,8 +160,8 @@ class RayCaster:
                 hit = (t > 0) & (t < self.depth.take(pixels))
                 hit &= (np.abs(across) <= half[first]) & (np.abs(along) <= half[second])
                 yield Face(
-                    i, axis, sign, pixels[hit], t[hit], across[hit], along[hit],
-                    float(sign * lamp[axis] - half[axis]),
+                    int(boxes.material_number[i]), pixels[hit], t[hit], across[hit], along[hit],
+                    sign * boxes.axes[i, axis], float(sign * lamp[axis] - half[axis]),
                 )  # fmt: skip
 
     def stalks(
@@ -344,12 +343,10 @@ class View(RayCaster):
         surfaces, here = Surfaces.of([tower]), np.zeros((1, 3))
         for side in self.sides(surfaces.frusta, here):
             self._paint_side(surfaces, side)
-        boxes = surfaces.boxes
-        for face in self.faces(boxes, here):
-            material = surfaces.materials[boxes.material_number[face.number]][0]
+        for face in self.faces(surfaces.boxes, here):
+            material, _ = surfaces.materials[face.material_number]
             albedo = self._albedo(material, face.across, face.along)
-            normal = face.sign * boxes.axes[face.number, face.axis, :, None]
-            self._paint(face.pixels, face.t, albedo, normal)
+            self._paint(face.pixels, face.t, albedo, face.normal[:, None])
         growth = np.array(GROWTH.paint, np.float32)
         for pixels, t, bright in self.stalks(surfaces.stalks, here, _NEAREST_M, 9, hidden=True):
             self._paint(pixels, t, bright[:, None] * growth, np.zeros((3, 1)))
@@ -366,7 +363,7 @@ class View(RayCaster):
         on_side = np.stack([x / radius, zero - frusta.slope[i], z / radius])
         normal = frusta.axes[i].T @ np.where(flat, np.stack([zero, side.end, zero]), on_side)
         across = np.where(flat, x, np.arctan2(z, x) * frusta.radius[i])
-        material = surfaces.materials[frusta.material_number[i]][0]
+        material, _ = surfaces.materials[frusta.material_number[i]]
         albedo = self._albedo(material, across, np.where(flat, z, y))
         self._paint(side.pixels, side.t, albedo, normal)
 
@@ -426,11 +423,9 @@ class Hits(RayCaster):
         """Cast the rays at all solids, and at what grows on them; see `RayCaster.sides`."""
         for side in self.sides(surfaces.frusta, origins):
             self._paint_side(surfaces.frusta, side)
-        boxes = surfaces.boxes
-        for face in self.faces(boxes, origins):
-            facing = np.full(len(face.t), face.lamp, np.float32)
-            material_number = int(boxes.material_number[face.number])
-            self._paint(face.pixels, face.t, material_number, face.across, face.along, facing)
+        for face in self.faces(surfaces.boxes, origins):
+            pixels, lamp_m = face.pixels, np.float32(face.lamp_m)
+            self._paint(pixels, face.t, face.material_number, face.across, face.along, lamp_m)
         for pixels, t, bright in self.stalks(
             surfaces.stalks, origins, 4 * _NEAREST_M, 4, hidden=False
         ):

@@ -60,6 +60,35 @@ class Frusta:
             material_number,
         )
 
+    def distances_m(self, points: Float) -> Float:
+        """(n, m): from each of points (n, 3) to each cone; 0 in it.
+
+        In the plane through the axis and the point a cone is a trapezium, half of it enough.
+        """
+        axis = self.axes[:, 1]
+        from_start = points[:, None] - self.start
+        along = np.einsum("nmi,mi->nm", from_start, axis)
+        off_axis = np.linalg.norm(from_start - along[..., None] * axis, axis=2)
+        where = np.stack([off_axis, along], axis=2)
+        first = np.stack([self.radius, np.zeros_like(self.radius)], axis=1)
+        last = np.stack([self.end_radius, self.length], axis=1)
+        distance = _to_segments(where, first, last)
+        for rim in (first, last):
+            np.minimum(distance, _to_segments(where, rim * [0.0, 1.0], rim), out=distance)
+        share = along / self.length
+        widest = self.radius + share * (self.end_radius - self.radius)
+        inside = (share >= 0) & (share <= 1) & (off_axis <= widest)
+        return np.asarray(np.where(inside, 0.0, distance))
+
+
+def _to_segments(points: Float, start: Float, end: Float) -> Float:
+    """(n, m): from points (n, m, 2) to each one's segment, (m, 2) to (m, 2)."""
+    step = end - start
+    off = points - start
+    length = np.maximum((step * step).sum(axis=1), 1e-18)
+    share = ((off * step).sum(axis=2) / length).clip(0, 1)
+    return np.asarray(np.linalg.norm(off - share[..., None] * step, axis=2))
+
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
@@ -70,6 +99,12 @@ class Boxes:
     half: Float
     thing: Index
     material_number: Index
+
+    def distances_m(self, points: Float) -> Float:
+        """(n, m): from each of points (n, 3) to each box; 0 in it."""
+        off = points[:, None] - self.centre
+        outside = np.abs(np.einsum("kij,nkj->nki", self.axes, off)) - self.half
+        return np.asarray(np.linalg.norm(outside.clip(0), axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +170,22 @@ class Surfaces:
             ),
             materials,
         )
+
+    def distance_m(self, points: Float) -> Float:
+        """Distance of points from the nearest of the solids, where nothing has drifted.
+
+        Parameters
+        ----------
+        points : (n, 3) array
+            In the solids' coordinates, metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64, (n,): metres, exact; 0 on and in a solid, infinite where there is none.
+        """
+        both = [self.frusta.distances_m(points), self.boxes.distances_m(points)]
+        return np.asarray(np.concatenate(both, axis=1).min(axis=1, initial=np.inf), np.float64)
 
 
 @dataclass(frozen=True, eq=False)
