@@ -19,11 +19,8 @@ from tokt.features.frames.mission import open_mission
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.studies.simulation.rendering.drifting_snow import Snow
-from tokt.studies.simulation.rendering.fast_lighting import surface_light
-from tokt.studies.simulation.rendering.fast_raycast import Hits
-from tokt.studies.simulation.rendering.fast_raycast_stalks import add_stalks
 from tokt.studies.simulation.rendering.lighting import expose, tower_light
+from tokt.studies.simulation.rendering.loop_lighting import ViewMaps, surface_light
 from tokt.studies.simulation.rendering.patch_labels import (
     OCEAN,
     TOWER,
@@ -31,16 +28,15 @@ from tokt.studies.simulation.rendering.patch_labels import (
     coverage,
     patch_labels,
 )
-from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.raycast import Hits, cast_rays
 from tokt.studies.simulation.rendering.sensor import develop
+from tokt.studies.simulation.rendering.snow import Snow
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 from tokt.studies.simulation.rendering.synthetic_mission import JPEG, MissionScene, simulate_mission
 from tokt.studies.simulation.rendering.trajectory import CameraPose
-from tokt.studies.simulation.rendering.view_maps import Standpoint, ViewMaps
 from tokt.studies.simulation.scene.closed_loop_world import Placed, World, one_tower, trap
-from tokt.studies.simulation.scene.dust import DustCloud, Puffs
-from tokt.studies.simulation.scene.fish import School
-from tokt.studies.simulation.scene.surfaces import Surfaces
+from tokt.studies.simulation.scene.fish_and_dust import DustCloud, Puffs, School
+from tokt.studies.simulation.scene.surfaces import STALK_MATERIAL, Materials, Surfaces
 from tokt.studies.simulation.scene.tower import Tower
 from tokt.studies.simulation.scene.water import Water
 
@@ -65,14 +61,39 @@ def place(x, y, z):
     return np.array([x, y, z], np.float64)
 
 
+def level(heading):
+    """World to camera, level, at that heading: clockwise seen from above."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+
+
+def surfaces_of(world):
+    return Surfaces.of([thing.shape for thing in world.things])
+
+
 def hits_of(world, rig, position, heading=0.0, side=0):
-    maps = ViewMaps.of(world.water, rig, side)
-    hits = Hits(maps, Standpoint.of(maps, position, heading))
+    maps, surfaces = ViewMaps.of(world.water, rig, side), surfaces_of(world)
+    hits = Hits(rig.cameras(level(heading), position)[side], maps.rays, maps.lamp)
     origins = np.array([thing.origin(0.0) for thing in world.things])
-    surfaces = Surfaces.of(world)
     hits.add_solids(surfaces, origins)
-    add_stalks(hits, surfaces.stalks, origins)
     return hits
+
+
+def off_the_solids(world, hits):
+    """Metres from each place that is seen to the nearest solid, by the world's own geometry."""
+    camera, pixels = hits.camera, hits.pixels
+    seen = hits.depth[pixels] * camera.rays(pixels)
+    return world.clearance_m(camera.centre + seen.T @ camera.rotation)
+
+
+def mission_frame(scene, pose, tower, number, side=0, seed=3):
+    """A frame as `simulate_mission` makes it, with what it is made of."""
+    view = cast_rays(tower, pose.cameras(scene.rig)[side])
+    response = (scene.water.left, scene.water.right)[side]
+    moment, sensor = (np.random.default_rng([seed, stream, number]) for stream in (4, 5))
+    exposure = expose(scene.water, scene.rig, pose, view, response, moment)
+    data = cv2.imencode(".jpg", develop(scene.water, exposure, sensor), JPEG)[1]
+    return cv2.imdecode(data, cv2.IMREAD_COLOR), view, exposure
 
 
 def gray(frame):
@@ -83,22 +104,26 @@ def gray(frame):
     ("z", "heading", "side"), [(-9.0, 0.05, 0), (-5.0, -0.02, 1), (-1.5, -0.1, 0)]
 )
 def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, side):
-    """Pixel for pixel against the missions' own renderer, both cameras."""
+    """Single precision against the missions' double, both cameras; and both against the solids."""
     position = place(0.2, 0.35, z)
-    hits = hits_of(World(scene.water, (tower,)), scene.rig, position, heading, side)
-    level = Standpoint.of(ViewMaps.of(scene.water, scene.rig, 0), position, heading).rotation
-    pose = CameraPose(position, level, STILL)
+    world = World(scene.water, (tower,))
+    hits = hits_of(world, scene.rig, position, heading, side)
+    pose = CameraPose(position, level(heading), STILL)
     view = cast_rays(tower.shape, pose.cameras(scene.rig)[side])
     there, here = np.isfinite(view.depth), np.isfinite(hits.depth)
     assert there.sum() > 1000
     assert (there ^ here).sum() <= 3
     both = there & here
     assert (np.abs(view.depth[both] - hits.depth[both]) > 1e-3).sum() <= 3
-    maps = hits.maps
+    solid = view.normal[:, view.pixels].any(axis=0)
+    assert off_the_solids(world, view)[solid] == pytest.approx(0, abs=1e-6)
+    solid = hits.material_number[hits.pixels] != STALK_MATERIAL
+    assert off_the_solids(world, hits)[solid] == pytest.approx(0, abs=1e-4)
+    maps = ViewMaps.of(scene.water, scene.rig, side)
     water = maps.open_water + maps.floor
-    fast = surface_light(
-        scene.water, Surfaces.of(World(scene.water, (tower,))).materials, hits, water
-    )
+    textures = [tower.shape.textures] * 2
+    materials = Materials.of(surfaces_of(world).materials, textures)
+    fast = surface_light(scene.water, materials, maps, hits, water)
     gain = (scene.water.left, scene.water.right)[side].gain
     slow = tower_light(scene.water, scene.rig, pose, view, water.reshape(fast.shape), gain)
     change = np.abs(fast - slow).ravel()
@@ -167,19 +192,14 @@ def test_the_nearer_of_two_towers_hides_the_other(scene, tower):
 
 
 def test_inside_a_trap_every_pixel_has_the_depth_of_a_wall(scene):
-    """Walls that run from before the camera to behind it, against the missions' ray caster."""
+    """Walls that run from before the camera to behind it."""
     walls = trap(np.random.default_rng(1), (0.0, 0.0, 3.0), width_m=3.0, depth_m=4.0, height_m=6.0)
-    position, heading = place(0.9, 0.0, 1.0), 0.5
-    hits = hits_of(World(scene.water, (walls,)), scene.rig, position, heading)
-    bare = Tower(walls.shape.solids, (), walls.shape.textures)
-    maps = hits.maps
-    level = Standpoint.of(maps, position, heading).rotation
-    pose = CameraPose(position - walls.at, level, STILL)
-    depth = cast_rays(bare, pose.cameras(scene.rig)[0]).depth
-    assert np.isfinite(depth).all() and np.isfinite(hits.depth).all()
-    nearer = hits.depth < depth - 1e-3  # growth on the panels
-    assert nearer.mean() < 0.1
-    assert hits.depth[~nearer] == pytest.approx(depth[~nearer], abs=1e-3)
+    world = World(scene.water, (walls,))
+    hits = hits_of(world, scene.rig, place(0.9, 0.0, 1.0), 0.5)
+    assert np.isfinite(hits.depth).all()
+    off = off_the_solids(world, hits)
+    assert off[hits.material_number != STALK_MATERIAL] == pytest.approx(0, abs=1e-3)
+    assert (hits.material_number == STALK_MATERIAL).mean() < 0.1
 
 
 def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
@@ -191,16 +211,16 @@ def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
     for t in (0.0, 1.0):
         frames = [renderer.left(t, origin, 0.0, STILL) for renderer in (with_fish, without)]
         change = cv2.GaussianBlur(np.abs(gray(frames[0]) - gray(frames[1])), (0, 0), 1.5) > 2
-        maps = ViewMaps.of(scene.water, scene.rig, 0)
-        seen = Standpoint.of(maps, origin, 0.0).seen(school.at(t))
-        where = np.rint(maps.project(seen)).astype(int)
+        camera = scene.rig.cameras(np.eye(3), origin)[0]
+        seen = camera.seen(school.at(t))
+        where = np.rint(camera.place(seen)).astype(int)
         shown = (seen[:, 2] > 1) & (where > 5).all(axis=1) & (where < [WIDTH - 5, 266]).all(axis=1)
         assert shown.sum() >= 3
         for column, row in where[shown]:
             assert change[row - 2 : row + 3, column - 2 : column + 3].any()
         far = np.ones(change.shape, bool)
         for (column, row), depth in zip(where, seen[:, 2], strict=True):
-            reach = int(0.4 * maps.matrix[0, 0] / max(depth, 0.3))
+            reach = int(0.4 * camera.matrix[0, 0] / max(depth, 0.3))
             top, left = max(row - reach, 0), max(column - reach, 0)
             far[top : max(row + reach, 0), left : max(column + reach, 0)] = False
         assert far.sum() > 5000
@@ -252,16 +272,11 @@ def test_dust_brightens_hides_what_is_behind_it_and_thins(scene, tower):
 def old_and_new(scene, frames, side):
     """Frames of open water as a mission has them, and as the closed loop has them."""
     renderer = StereoRenderer(World(scene.water, seed=3), scene.rig, 5)
-    response = (scene.water.left, scene.water.right)[side]
     old, new = [], []
     for number in range(frames):
         position = place(0, 0.3, -30 + 0.9 * number)
         pose = CameraPose(position, np.eye(3), AHEAD)
-        view = cast_rays(Tower((), (), ()), pose.cameras(scene.rig)[side])
-        moment, sensor = (np.random.default_rng([3, stream, number]) for stream in (4, 5))
-        exposure = expose(scene.water, scene.rig, pose, view, response, moment)
-        data = cv2.imencode(".jpg", develop(scene.water, exposure, sensor), JPEG)[1]
-        old.append(cv2.imdecode(data, cv2.IMREAD_COLOR))
+        old.append(mission_frame(scene, pose, Tower((), (), ()), number, side)[0])
         new.append(renderer.pair(float(number), position, 0.0, AHEAD)[side])
     return old, new
 
@@ -327,15 +342,14 @@ def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
     rng = np.random.default_rng(2)
     eye_position = rng.uniform(-50, 50, (20, 3))
     counts, rig = [], MissionScene.draw(1, 1, WIDTH).rig
-    maps = ViewMaps.of(water, rig, 0)
     for position in eye_position:
-        seen, _ = snow.near(Standpoint.of(maps, position, rng.uniform(-3, 3)), STILL)
+        seen, _ = snow.near(rig.cameras(level(rng.uniform(-3, 3)), position)[0], STILL)
         counts.append(len(seen))
         assert np.linalg.norm(seen, axis=1).max() < 4.6
     # A little less than a mission draws: places that no camera sees may repeat and are left out.
     assert 850 < np.mean(counts) < 1010
     first, second = (
-        snow.near(Standpoint.of(maps, place(0, 0, z), 0.0), place(0, 0, carried))
+        snow.near(rig.cameras(np.eye(3), place(0, 0, z))[0], place(0, 0, carried))
         for z, carried in ((0.0, 0.0), (0.4, 0.1))
     )
     there = first[0] + 0.0
@@ -369,14 +383,6 @@ def test_close_to_a_tower_a_frame_costs_far_less_than_a_missions(scene, tower):
     renderer = StereoRenderer(World(scene.water, (tower,), seed=3), scene.rig, 5)
     pose = CameraPose(position, np.eye(3), AHEAD)
 
-    def fast(number):
-        renderer.left(float(number), position, 0.0, AHEAD)
-
-    def slow(number):
-        view = cast_rays(tower.shape, pose.cameras(scene.rig)[0])
-        rng = np.random.default_rng(number)
-        develop(scene.water, expose(scene.water, scene.rig, pose, view, scene.water.left, rng), rng)
-
     def least(render, times):
         taken = []
         for number in range(times):
@@ -385,7 +391,8 @@ def test_close_to_a_tower_a_frame_costs_far_less_than_a_missions(scene, tower):
             taken.append(time.process_time() - start)
         return min(taken)
 
-    assert least(fast, 5) < 0.7 * least(slow, 3)
+    fast = least(lambda number: renderer.left(float(number), position, 0.0, AHEAD), 5)
+    assert fast < 0.7 * least(lambda number: mission_frame(scene, pose, tower.shape, number), 3)
 
 
 def patches_of(frames, describe):
@@ -406,27 +413,19 @@ def as_numbers(labels):
 def both_renderers(seed, n_frames):
     """A dive without pitch and roll by the missions' and the closed loop's renderer; its labels."""
     scene = MissionScene.draw(seed, n_frames, WIDTH)
-    water = scene.water
-    renderer = StereoRenderer(
-        World(water, (Placed.put(scene.tower, (0, 0, 0)),), seed=seed), scene.rig, 5
-    )
-    maps = ViewMaps.of(water, scene.rig, 0)
+    world = World(scene.water, (Placed.put(scene.tower, (0, 0, 0)),), seed=seed)
+    renderer = StereoRenderer(world, scene.rig, 5)
     old, new, labels = [], [], []
     for number, pose in enumerate(scene.poses):
         heading = float(np.arctan2(pose.rotation[2, 0], pose.rotation[2, 2]))
         new.append(renderer.left(float(number), pose.centre, heading, pose.velocity))
-        level = CameraPose(
-            pose.centre, Standpoint.of(maps, pose.centre, heading).rotation, pose.velocity
-        )
-        view = cast_rays(scene.tower, level.cameras(scene.rig)[0])
-        moment, sensor = (np.random.default_rng([seed, stream, number]) for stream in (4, 5))
-        exposure = expose(water, scene.rig, level, view, water.left, moment)
+        upright = CameraPose(pose.centre, level(heading), pose.velocity)
+        frame, view, exposure = mission_frame(scene, upright, scene.tower, number, seed=seed)
+        old.append(frame)
         mask = view.image(np.isfinite(view.depth))
         covered = coverage(mask, DEFAULT_GRID)
         seen = contrast(exposure.clean, exposure.open_water, mask, DEFAULT_GRID)
         labels += patch_labels(covered, seen)
-        data = cv2.imencode(".jpg", develop(water, exposure, sensor), JPEG)[1]
-        old.append(cv2.imdecode(data, cv2.IMREAD_COLOR))
     return old, new, as_numbers(labels)
 
 

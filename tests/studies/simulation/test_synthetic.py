@@ -28,8 +28,9 @@ from tokt.studies.simulation.rendering.patch_labels import (
     coverage,
     patch_labels,
 )
-from tokt.studies.simulation.rendering.raycast import Camera, cast_rays
+from tokt.studies.simulation.rendering.raycast import cast_rays
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, simulate_mission
+from tokt.studies.simulation.scene.rig import Camera
 from tokt.studies.simulation.scene.tower import WHITE, Cuboid, Frustum, Tower
 
 pytestmark = pytest.mark.xdist_group("synthetic")  # what they share is made once

@@ -17,8 +17,7 @@ from tokt.studies.simulation.scene.closed_loop_world import (
     turned,
     wall,
 )
-from tokt.studies.simulation.scene.dust import DustCloud
-from tokt.studies.simulation.scene.fish import School
+from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
 from tokt.studies.simulation.scene.tower import GREY, Cuboid, Frustum, Tower
 from tokt.studies.simulation.scene.water import Water
 

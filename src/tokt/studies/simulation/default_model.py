@@ -8,7 +8,6 @@ distributions.
 
 from __future__ import annotations
 
-import csv
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -25,7 +24,7 @@ from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry
 from tokt.studies.simulation.loop.autopilot import STEP_S
 from tokt.studies.simulation.loop.flight import STEPS_A_FRAME
-from tokt.studies.simulation.rendering.patch_labels import OCEAN
+from tokt.studies.simulation.rendering.patch_labels import OCEAN, labels_csv
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.simulation.scene.closed_loop_world import World
@@ -139,11 +138,6 @@ def write_drift(folder: Path, seed: int, frames: int, width: int) -> None:
         frame = renderer.left(t_s, place, _TURN_RAD_S * t_s, velocity)
         cv2.imwrite(str(folder / "Left" / f"drift_L_{index + 1}.png"), frame)
         place = place + step_s * velocity
-    with (folder / "labels.csv").open("w", newline="", encoding="utf-8") as handle:
-        writer = csv.writer(handle, lineterminator="\n")
-        writer.writerow(["mission", "camera", "frame", "row", "col", "label"])
-        for number in range(1, frames + 1):
-            for cell in range(DEFAULT_GRID.n_patches):
-                writer.writerow(
-                    [folder.name, "left", number, *divmod(cell, DEFAULT_GRID.cols), OCEAN]
-                )
+    ocean = [OCEAN] * DEFAULT_GRID.n_patches
+    labels = labels_csv(folder.name, ((n, ocean) for n in range(1, frames + 1)), DEFAULT_GRID)
+    (folder / "labels.csv").write_bytes(labels)

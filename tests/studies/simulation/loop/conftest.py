@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tokt.studies.simulation.loop.autopilot import STEP_S, Autopilot
 from tokt.studies.simulation.loop.planner import Planner, PlannerSettings
-from tokt.studies.simulation.loop.track import Track, TrackRecorder
+from tokt.studies.simulation.loop.track import SaidOfFrame, Step, Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M, State, Vehicle
 
 Float = NDArray[np.float64]
@@ -156,7 +156,8 @@ def fly(
     ahead = np.array([math.sin(sea.heading), 0.0, math.cos(sea.heading)])
     vehicle = Vehicle(State(START_M * ahead, sea.heading, np.zeros(3)), sea.current)
     planner, autopilot = Planner(GOAL_M * ahead, settings), Autopilot()
-    recorder = TrackRecorder("stand-in", sea.name, "stand-in", seed)
+    steps: list[Step] = []
+    frames: list[SaidOfFrame] = []
     waiting = None
     for step in range(int(most_s / STEP_S)):
         t_s = step * STEP_S
@@ -165,14 +166,15 @@ def fly(
             planner.hear(t_s, waiting)
             waiting = camera.datagram(vehicle.state, t_s)
             status = waiting["status"] if waiting else -1
-            recorder.frame(t_s, status, camera.solid_in_view(vehicle.state))
+            frames.append((t_s, status, camera.solid_in_view(vehicle.state)))
         target = planner.target(t_s, vehicle.state)
         away = clearance(sea.solid, vehicle.state.position[[0, 2]])
-        recorder.step(t_s, vehicle.state, planner.mode, away)
+        steps.append((t_s, vehicle.state, planner.mode, away))
         if planner.reached or away < HULL_RADIUS_M:
             break
         vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))
-    return recorder.track(planner.avoidances, planner.reached)
+    said = (steps, frames, planner.avoidances, planner.reached)
+    return Track.of("stand-in", sea.name, "stand-in", seed, *said)
 
 
 def _turned(sea: Sea) -> Sea:

@@ -6,7 +6,6 @@ import csv
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,31 +13,32 @@ import pytest
 from numpy.typing import NDArray
 
 from tokt.studies.simulation.loop.autopilot import Mode
-from tokt.studies.simulation.loop.track import Track, TrackRecorder
+from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import State
-from tokt.studies.simulation.report.chart import Chart
-from tokt.studies.simulation.report.film import animation
-from tokt.studies.simulation.report.map import still
-from tokt.studies.simulation.report.outcome import outcome_of
-from tokt.studies.simulation.report.overview import overview
-from tokt.studies.simulation.report.report import Flown, write_report
+from tokt.studies.simulation.report.maps import Chart, animation, overview, still
+from tokt.studies.simulation.report.report import write_report
 
 pytestmark = pytest.mark.xdist_group("closed_loop_stand_in")
 
 RED, BLUE, ORANGE, VIOLET, WATER = "#cc1f2f", "#2f6db3", "#e08a1e", "#8e44ad", "#1f7a8c"
 
 
-def track(modes: list[Mode], status: int, least_m: float, seed: int = 1, **about: Any) -> Track:
+def track(
+    modes: list[Mode], status: int, least_m: float, seed: int = 1, method: str = "m"
+) -> Track:
     """Straight north past something, a mode for every stretch of a second."""
-    recorder = TrackRecorder(
-        "one <tower>", about.get("scene", "tower"), about.get("method", "texture"), seed
-    )
-    for step in range(20 * len(modes)):
-        where = State(np.array([0.0, 0.0, step * 0.25]), 0.0, np.zeros(3))
-        recorder.step(step * 0.05, where, modes[step // 20], max(least_m, abs(5 - step * 0.25)))
-        if step % 5 == 0:
-            recorder.frame(step * 0.05, status, True)
-    return recorder.track((), True)
+    count = 20 * len(modes)
+    steps = [
+        (
+            step * 0.05,
+            State(np.array([0.0, 0.0, step * 0.25]), 0.0, np.zeros(3)),
+            modes[step // 20],
+            max(least_m, abs(5 - step * 0.25)),
+        )
+        for step in range(count)
+    ]
+    frames = [(step * 0.05, status, True) for step in range(0, count, 5)]
+    return Track.of("one <tower>", "tower", method, seed, steps, frames, (), True)
 
 
 @pytest.fixture(scope="session")
@@ -96,10 +96,13 @@ def test_the_overview_has_every_run_and_marks_those_that_hit(chart: Chart) -> No
 def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(
     chart: Chart, tmp_path: Path
 ) -> None:
-    runs = [track([Mode.TRANSIT] * 2, 1, least, seed) for seed, least in ((4, 2.0), (5, 0.9))]
-    runs += [track([Mode.TRANSIT] * 2, 0, 0.3, 6, method="none")]
-    flown = [Flown(run, chart, outcome_of(run)) for run in runs]
-    write_report(tmp_path, [one.outcome for one in flown], flown, ["Flown for <this> test."])
+    runs = [
+        track([Mode.TRANSIT] * 2, status, least, seed, method)
+        for status, least, seed, method in (
+            (1, 2.0, 4, "texture"), (1, 0.9, 5, "texture"), (0, 0.3, 6, "none")
+        )
+    ]  # fmt: skip
+    write_report(tmp_path, runs, [chart] * 3, ["Flown for <this> test."])
     page = (tmp_path / "report.html").read_text("utf-8")
     assert "Flown for &lt;this&gt; test." in page and "one &lt;tower&gt;" in page
     assert "http" not in page and page.count("data:image/") == 5

@@ -12,13 +12,13 @@ import pytest
 from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.loop import flight
 from tokt.studies.simulation.loop.autopilot import Mode
-from tokt.studies.simulation.loop.flight import NONE, Flight, fly
+from tokt.studies.simulation.loop.flight import NONE, fly
 from tokt.studies.simulation.loop.runtime_process import RuntimeProcess
 from tokt.studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
-from tokt.studies.simulation.scene import tower, walls
+from tokt.studies.simulation.scene import tower
 
 WIDTH = 360
 SEED = 1005  # of those that were tuned on: 1 to 100 are for what is reported
@@ -36,7 +36,7 @@ def near(name: str, start_m: float = -8.0, goal_m: float = 3.0) -> LoopScene:
 
 
 def flown(name: str, method: str) -> Track:
-    return fly(Flight(near(name), method, None))
+    return fly(near(name), method)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) 
     start, end = 1.5, 6.5
     scene = replace(draw_scene("blind", SEED, WIDTH), blind_s=(start, end))
     monkeypatch.setattr(flight, "MAX_S", end + 1.5)
-    track = fly(Flight(scene, "disparity", None))
+    track = fly(scene, "disparity")
     blind = (track.frame_t_s >= start) & (track.frame_t_s < end)
     assert blind.sum() == 20 and (track.frame_status[blind] == -1).all()
     held = (track.t_s > start + 0.5) & (track.t_s < end)
@@ -97,9 +97,8 @@ def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) 
 @pytest.fixture
 def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Solids without growth and texture, which are nothing to hit and take 0.2 s to draw."""
-    for module, names in ((tower, ("_growth", "surface_textures")), (walls, ("surface_textures",))):
-        for name in names:
-            monkeypatch.setattr(module, name, lambda *_: ())
+    for name in ("_growth", "surface_textures"):
+        monkeypatch.setattr(tower, name, lambda *_: ())
 
 
 @pytest.mark.usefixtures("unpainted")

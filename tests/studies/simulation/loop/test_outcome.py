@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tokt.studies.simulation.loop.autopilot import Mode
-from tokt.studies.simulation.loop.track import Track, TrackRecorder
+from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import State
 from tokt.studies.simulation.report.outcome import bounds, outcome_of, table
 
@@ -25,13 +25,12 @@ def recorded(
     **about: Any,
 ) -> Track:
     """A track over these corners (east, north), one a second."""
-    recorder = TrackRecorder("a scene", about.get("scene", "tower"), about.get("method", "m"), 3)
-    for second, ((east, north), clearance) in enumerate(zip(corners, clearances, strict=True)):
-        where = State(np.array([east, 0.0, north]), 0.0, np.zeros(3))
-        recorder.step(float(second), where, Mode.TRANSIT, clearance)
-    for frame in frames or []:
-        recorder.frame(*frame)
-    return recorder.track(avoidances, reached)
+    steps = [
+        (float(second), State(np.array([east, 0.0, north]), 0.0, np.zeros(3)), Mode.TRANSIT, away)
+        for second, ((east, north), away) in enumerate(zip(corners, clearances, strict=True))
+    ]
+    scene, method = about.get("scene", "tower"), about.get("method", "m")
+    return Track.of("a scene", scene, method, 3, steps, frames or (), avoidances, reached)
 
 
 STRAIGHT = [(0.0, 0.0), (0.0, 4.0), (0.0, 8.0)]
@@ -100,4 +99,4 @@ def test_a_track_knows_where_frames_were_taken() -> None:
     assert track.obstacle_places[:, 2] == pytest.approx([2.0, 7.0])
     assert track.nearest == 1
     with pytest.raises(ValueError, match="without a step"):
-        TrackRecorder("a", "b", "c", 1).track((), False)
+        recorded([], [])

@@ -17,7 +17,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from .autopilot import STEP_S, Autopilot
 from .planner import Planner, PlannerSettings
 from .runtime_process import RuntimeProcess
 from .scenes import KINDS, LoopScene
-from .track import IN_VIEW_M, Track, TrackRecorder
+from .track import IN_VIEW_M, SaidOfFrame, Step, Track
 from .vehicle import HULL_RADIUS_M, Vehicle
 
 NONE = "none"
@@ -54,9 +53,13 @@ EPOCH_S = 1_461_149_301.0
 Float = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Flight:
-    """A flight to fly: scene, method, model and planner.
+def uses_model(method: str) -> bool:
+    """Whether a method judges frames with a model."""
+    return method not in ("disparity", NONE)
+
+
+def fly(scene: LoopScene, method: str, model: Path | None = None) -> Track:
+    """Fly to the goal, into something, or until time is up.
 
     Parameters
     ----------
@@ -64,40 +67,29 @@ class Flight:
     method : str
         Of `METHODS`.
     model : Path or None
-        The bundle; None for methods that use none.
-    planner : PlannerSettings
-    """
-
-    scene: LoopScene
-    method: str
-    model: Path | None
-    planner: PlannerSettings = field(default_factory=PlannerSettings)
-
-
-def fly(flight: Flight) -> Track:
-    """Fly to the goal, into something, or until time is up.
+        The bundle, for a method that uses one.
 
     Raises
     ------
     ToktError
         If the runtime ends, hangs or answers with anything but verdicts.
     """
-    with _runtime(flight) as runtime:
-        return _Run(flight, runtime).fly()
+    with _runtime(scene, method, model) as runtime:
+        return _Run(scene, method, runtime).fly()
 
 
 @contextmanager
-def _runtime(flight: Flight) -> Iterator[RuntimeProcess | None]:
-    if flight.method == NONE:
+def _runtime(scene: LoopScene, method: str, model: Path | None) -> Iterator[RuntimeProcess | None]:
+    if method == NONE:
         yield None
         return
-    options = ["--policy", flight.method]
-    if flight.model is not None:
-        options += ["--bundle", str(flight.model)]
+    options = ["--policy", method]
+    if model is not None:
+        options += ["--bundle", str(model)]
     with tempfile.TemporaryDirectory(prefix="tokt-closed-loop-") as folder:
-        if _looks_at_pairs(flight.method):
+        if _looks_at_pairs(method):
             calibration = Path(folder) / "calibration.yml"
-            flight.scene.rig.write(calibration)
+            scene.rig.write(calibration)
             options += ["--calibration", str(calibration), "--stereo-scale", STEREO_SCALE]
         with RuntimeProcess(options) as runtime:
             yield runtime
@@ -110,17 +102,15 @@ def _looks_at_pairs(method: str) -> bool:
 class _Run:
     """The state of one run."""
 
-    def __init__(self, flight: Flight, runtime: RuntimeProcess | None) -> None:
-        scene = flight.scene
-        self._scene, self._runtime = scene, runtime
-        self._pairs = _looks_at_pairs(flight.method)
+    def __init__(self, scene: LoopScene, method: str, runtime: RuntimeProcess | None) -> None:
+        self._scene, self._method, self._runtime = scene, method, runtime
+        self._pairs = _looks_at_pairs(method)
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.current_m_s)
         self._autopilot = Autopilot()
-        self._planner = Planner(scene.goal, replace(flight.planner, deaf=runtime is None))
-        self._recorder = TrackRecorder(
-            KINDS[scene.name].title, scene.name, flight.method, scene.seed
-        )
+        self._planner = Planner(scene.goal, PlannerSettings(deaf=runtime is None))
+        self._steps: list[Step] = []
+        self._frames: list[SaidOfFrame] = []
         self._said: tuple[float, dict[str, Any]] | None = None
 
     def fly(self) -> Track:
@@ -134,11 +124,15 @@ class _Run:
             state = self._vehicle.state
             target = self._planner.target(t_s, state)
             clearance = float(self._scene.world.clearance_m(state.position[None], t_s)[0])
-            self._recorder.step(t_s, state, target.mode, clearance)
+            self._steps.append((t_s, state, target.mode, clearance))
             if self._planner.reached or clearance < HULL_RADIUS_M:
                 break
             self._vehicle.step(STEP_S, self._autopilot.forces(state, target))
-        return self._recorder.track(self._planner.avoidances, self._planner.reached)
+        scene, planner = self._scene, self._planner
+        return Track.of(
+            KINDS[scene.name].title, scene.name, self._method, scene.seed, self._steps,
+            self._frames, planner.avoidances, planner.reached,
+        )  # fmt: skip
 
     def _frame(self, number: int, t_s: float) -> None:
         """Take a frame, have it judged, and keep the verdict for when it arrives."""
@@ -147,7 +141,9 @@ class _Run:
         left, right = self._look(t_s)
         said = self._runtime.judge(number, EPOCH_S + t_s, left, right)
         self._said = (t_s, said)
-        self._recorder.frame(t_s, said["status"], self._in_view(t_s))
+        state = self._vehicle.state
+        in_view = self._renderer.sees_solid(t_s, state.camera, state.heading_rad, IN_VIEW_M)
+        self._frames.append((t_s, said["status"], in_view))
 
     def _look(self, t_s: float) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
         blind, state = self._scene.blind_s, self._vehicle.state
@@ -155,11 +151,3 @@ class _Run:
             return None, None
         pose = (t_s, state.camera, state.heading_rad, state.velocity_world)
         return self._renderer.pair(*pose) if self._pairs else (self._renderer.left(*pose), None)
-
-    def _in_view(self, t_s: float) -> bool:
-        """Whether something solid is in the left camera's picture, and not far away."""
-        return bool(
-            self._renderer.sees_solid(
-                t_s, self._vehicle.state.camera, self._vehicle.state.heading_rad, IN_VIEW_M
-            )
-        )

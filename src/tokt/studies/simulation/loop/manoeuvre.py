@@ -200,10 +200,6 @@ class Manoeuvre:
         if self.glance is not None and abs(turn(nav.heading_rad - self.glance[1])) < ON_HEADING:
             self.glances += 1
 
-    def stop_at(self, along: float) -> None:
-        """Go sideways there from now on."""
-        self.hold_along = along
-
     def back_off(self, nav: State, least_m: float, most_m: float) -> None:
         """Go straight back: `least_m` from here, and on while this is asked for.
 

@@ -213,9 +213,7 @@ class Planner:
         # Away from it; the thesis's program goes left where it is right ahead.
         side = 1 if bearing < 0 else -1
         frame = look if own.frame == "body" else 0.0
-        manoeuvre = Manoeuvre(nav.position, frame, look, side, own.camera)
-        manoeuvre.stop_at(_stopping_m(nav))
-        return manoeuvre
+        return Manoeuvre(nav.position, frame, look, side, own.camera, _stopping_m(nav))
 
     def _course(self, nav: State) -> float:
         """The heading that transit goes on: to the goal; close to it, as it is."""
@@ -285,12 +283,12 @@ class Planner:
             return self._on_manoeuvre(manoeuvre, manoeuvre.retreat, manoeuvre.retreat_beside)
         if manoeuvre.retreat is not None:
             manoeuvre.retreat = None
-            manoeuvre.stop_at(along)
+            manoeuvre.hold_along = along
         self.mode = Mode.AVOID
         need = manoeuvre.edge(along) + own.beside_m
         if beside > need - REACHED_M and manoeuvre.settled >= own.clear_frames:
             # Farther out than it need be, it does not come back in beside the obstacle.
-            manoeuvre.stop_at(along + _stopping_m(nav))
+            manoeuvre.hold_along = along + _stopping_m(nav)
             return self._on_manoeuvre(manoeuvre, self._end(manoeuvre), max(need, beside))
         return self._on_manoeuvre(manoeuvre, manoeuvre.hold_along, max(need, beside))
 

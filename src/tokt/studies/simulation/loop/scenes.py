@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.scene.closed_loop_world import World, one_tower, trap
-from tokt.studies.simulation.scene.dust import DustCloud
-from tokt.studies.simulation.scene.fish import School
+from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 

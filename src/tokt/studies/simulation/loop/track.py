@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 from .autopilot import Mode
 from .vehicle import Float, State
 
+Step = tuple[float, State, Mode, float]
+"""Time, the vehicle's state, the planner's mode, and the clearance."""
+SaidOfFrame = tuple[float, int, bool]
+"""When a frame was taken, its status (-1 also where nothing was said), and whether something solid
+was before the camera, near enough to be seen."""
 IN_VIEW_M = 10.0
 """What is solid and farther off, along the camera's axis, counts as nothing to see."""
 
@@ -61,6 +66,39 @@ class Track:
     avoidances_s: Float
     reached: bool
 
+    @classmethod
+    def of(
+        cls, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
+        frames: Sequence[SaidOfFrame], avoidances_s: Sequence[float], reached: bool,
+    ) -> Track:  # fmt: skip
+        """A run as it was recorded, step by step.
+
+        Raises
+        ------
+        ValueError
+            If there was no step.
+        """
+        if not steps:
+            raise ValueError("a run without a step")
+        times, states, modes, clearances = zip(*steps, strict=True)
+        said = np.array(frames, np.float64).reshape(-1, 3)
+        return cls(
+            title,
+            scene,
+            method,
+            seed,
+            t_s=np.array(times),
+            position=np.stack([state.position for state in states]),
+            heading=np.array([state.heading_rad for state in states]),
+            mode=np.array([str(mode) for mode in modes]),
+            clearance_m=np.array(clearances),
+            frame_t_s=said[:, 0],
+            frame_status=said[:, 1].astype(np.int64),
+            frame_in_view=said[:, 2].astype(np.bool_),
+            avoidances_s=np.array(avoidances_s, np.float64),
+            reached=reached,
+        )
+
     def at(self, t_s: Float) -> Float:
         """(k, 3) Where the vehicle was at these times, k of them."""
         return np.stack(
@@ -76,61 +114,3 @@ class Track:
     def nearest(self) -> int:
         """The step at which the clearance was least; 0 where there is nothing solid."""
         return int(np.argmin(self.clearance_m))
-
-
-class TrackRecorder:
-    """Collects a `Track`.
-
-    Parameters
-    ----------
-    title, scene, method, seed
-        As of `Track`.
-    """
-
-    def __init__(self, title: str, scene: str, method: str, seed: int) -> None:
-        self._about = (title, scene, method, seed)
-        self._steps: list[tuple[float, State, Mode, float]] = []
-        self._frames: list[tuple[float, int, bool]] = []
-
-    def step(self, t_s: float, state: State, mode: Mode, clearance_m: float) -> None:
-        """Record a control step."""
-        self._steps.append((t_s, state, mode, clearance_m))
-
-    def frame(self, t_s: float, status: int, in_view: bool) -> None:
-        """Record what was said of the frame taken at `t_s`.
-
-        Parameters
-        ----------
-        t_s : float
-        status : {1, 0, -1}
-            -1 also where nothing was said.
-        in_view : bool
-            Whether something solid was before the camera, near enough to be seen.
-        """
-        self._frames.append((t_s, status, in_view))
-
-    def track(self, avoidances_s: Sequence[float], reached: bool) -> Track:
-        """What was recorded.
-
-        Raises
-        ------
-        ValueError
-            If there was no step.
-        """
-        if not self._steps:
-            raise ValueError("a run without a step")
-        times, states, modes, clearances = zip(*self._steps, strict=True)
-        frames = np.array(self._frames, np.float64).reshape(-1, 3)
-        return Track(
-            *self._about,
-            t_s=np.array(times),
-            position=np.stack([state.position for state in states]),
-            heading=np.array([state.heading_rad for state in states]),
-            mode=np.array([str(mode) for mode in modes]),
-            clearance_m=np.array(clearances),
-            frame_t_s=frames[:, 0],
-            frame_status=frames[:, 1].astype(np.int64),
-            frame_in_view=frames[:, 2].astype(np.bool_),
-            avoidances_s=np.array(avoidances_s, np.float64),
-            reached=reached,
-        )

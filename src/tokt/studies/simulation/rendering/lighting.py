@@ -100,11 +100,11 @@ def tower_light(
 ) -> Image:
     """The tower's change of the open water, in grey levels; it may darken."""
     change = np.zeros_like(open_water)
-    pixels = view.tower
+    pixels = view.pixels
     if not len(pixels):
         return change
     camera, depth = view.camera, view.depth[pixels]
-    ray = camera.rays(pixels)
+    ray = camera.rotation.T @ camera.rays(pixels)
     to_surface = depth * ray
     distance = np.sqrt(np.square(to_surface).sum(axis=0))
     from_lamp = to_surface + (

@@ -1,14 +1,17 @@
-"""The label of each patch of a synthetic frame, from the tower's geometry and its contrast."""
+"""The label of each patch of a synthetic frame, from the geometry and the contrast; its file."""
 
 from __future__ import annotations
 
-from typing import Any
+import csv
+import io
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import LEFT
 
 OCEAN, UNSURE, TOWER = "ocean", "unsure", "subsea_installation"
 MIN_COVERAGE = 0.10
@@ -30,7 +33,9 @@ def coverage(mask: NDArray[np.bool_], grid: Grid) -> NDArray[np.float64]:
     numpy.ndarray
         float64, (patches,), 0..1; exactly 0 where no tower pixel reaches the patch.
     """
-    return _patch_means(mask.astype(np.float32), grid)
+    size = grid.resized(*mask.shape)[::-1]
+    resized = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(grid.cells(resized).mean(axis=(1, 2), dtype=np.float64))
 
 
 def contrast(
@@ -76,7 +81,12 @@ def patch_labels(covered: NDArray[np.float64], seen: NDArray[np.float64]) -> lis
     return list(np.where(certain, TOWER, np.where(covered > 0, UNSURE, OCEAN)))
 
 
-def _patch_means(image: NDArray[Any], grid: Grid) -> NDArray[np.float64]:
-    size = grid.resized(*image.shape)[::-1]
-    resized = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(grid.cells(resized).mean(axis=(1, 2), dtype=np.float64))
+def labels_csv(mission: str, frames: Iterable[tuple[int, Sequence[str]]], grid: Grid) -> bytes:
+    """The label file of a mission's left frames: a row a patch of numbered frames with labels."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["mission", "camera", "frame", "row", "col", "label"])
+    for number, labels in frames:
+        for cell, label in enumerate(labels):
+            writer.writerow([mission, LEFT, number, *divmod(cell, grid.cols), label])
+    return text.getvalue().encode("utf-8")

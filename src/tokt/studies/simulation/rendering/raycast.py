@@ -1,272 +1,494 @@
-"""Ray casting for simulated missions: depth, direction and albedo of every tower pixel.
+"""Ray casting: the nearest surface at every pixel of a camera, for missions and the closed loop.
 
-Each solid is intersected analytically with the rays through the pixel centres inside the convex
-hull of its projection, so that masks and depth follow from the geometry alone.
+Each solid is intersected analytically with the rays through the pixel centres inside the outline
+of its projection, so that masks and depth follow from the geometry alone. Missions take it in
+double precision (`View`); the closed loop, which renders some hundred thousand frames, in single
+(`Hits`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.studies.simulation.scene.tower import (
-    GROWTH,
-    TEXEL_M,
-    TEXTURE_SIZE,
-    Cuboid,
-    Frustum,
-    Material,
-    Stalk,
-    Tower,
+from tokt.studies.simulation.scene.fish_and_dust import TEXTURE_M, School
+from tokt.studies.simulation.scene.rig import Camera
+from tokt.studies.simulation.scene.surfaces import (
+    FISH_MATERIAL,
+    STALK_MATERIAL,
+    Boxes,
+    Frusta,
+    Stalks,
+    Surfaces,
 )
-
-from .boxes import pixels_of_boxes
+from tokt.studies.simulation.scene.tower import GROWTH, TEXEL_M, TEXTURE_SIZE, Material, Tower
 
 Float = NDArray[np.float64]
+Single = NDArray[np.float32]
+Real = NDArray[Any]
+"""Of the precision of the rays."""
 Index = NDArray[np.int64]
 
-_HULL_POINTS = 16
 _NEAREST_M = 0.05
-"""Solids with a corner nearer to the image plane than this are tested at every pixel."""
+"""What is nearer to the image plane is not seen."""
+_OUTLINE_PX = 8000
+"""Corners farther outside than this are cut off before the outline is drawn."""
+_CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+"""Of a cuboid, in half sizes."""
 
 
-@dataclass(frozen=True)
-class Camera:
-    """One camera at one moment: a tower point p is seen at ``matrix @ rotation @ (p - centre)``."""
-
-    matrix: Float
-    rotation: Float
-    centre: Float
-    width: int
-    height: int
-
-    def project(self, points: Float) -> tuple[Float, Float]:
-        """Pixels (n, 2) and depths in metres (n,) of tower points (n, 3)."""
-        seen = (points - self.centre) @ self.rotation.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            pixels = seen[:, :2] / seen[:, 2:] * self.matrix[0, 0] + self.matrix[:2, 2]
-        return pixels, seen[:, 2]
-
-    def rays(self, pixels: Index) -> Float:
-        """Directions (3, n) in tower coordinates, of length one along the optical axis."""
-        v, u = np.divmod(pixels, self.width)
-        x = (u - self.matrix[0, 2]) / self.matrix[0, 0]
-        y = (v - self.matrix[1, 2]) / self.matrix[1, 1]
-        axes = self.rotation
-        return np.stack([axes[0, i] * x + axes[1, i] * y + axes[2, i] for i in range(3)])
-
-
-@dataclass
-class View:
-    """The tower in one frame, flat over its ``height * width`` pixels.
+class Side(NamedTuple):
+    """Pixels at which the side or an end of a frustum is the nearest so far.
 
     Attributes
     ----------
-    depth : (pixels,) float64
+    number : int
+        Of the frustum.
+    t : (n,)
+        Depth.
+    point, lamp : (3, n), (3,)
+        Where it is hit, and where the lamp is, along its own axes.
+    end : (n,) int8
+        -1 on its first end, 1 on its last, 0 on its side.
+    """
+
+    number: int
+    pixels: Index
+    t: Real
+    point: Real
+    end: NDArray[np.int8]
+    lamp: Float
+
+
+class Face(NamedTuple):
+    """Pixels at which a face of a box is the nearest so far.
+
+    Attributes
+    ----------
+    t : (n,)
+        Depth.
+    across, along : (n,)
+        Where it is hit, m.
+    normal : (3,)
+        Outward, in world coordinates.
+    lamp_m : float
+        How far the lamp is before it; below 0 behind it.
+    """
+
+    material_number: int
+    pixels: Index
+    t: Real
+    across: Real
+    along: Real
+    normal: Float
+    lamp_m: float
+
+
+class RayCaster:
+    """The nearest surface at every pixel of one camera, flat over its ``height * width`` pixels.
+
+    Sides, faces and stalks are found one after the other; who asks writes the depth of each before
+    the next is looked for.
+
+    Parameters
+    ----------
+    lamp : (3,) float64
+        Where the lamp is, in the camera's coordinates.
+
+    Attributes
+    ----------
+    depth : (pixels,) float64 or float32
         Metres along the optical axis; infinite in open water.
+    """
+
+    def __init__(self, camera: Camera, lamp: Float, precision: type[np.floating[Any]]) -> None:
+        self.camera, self._lamp = camera, lamp
+        self.depth: Real = np.full(camera.width * camera.height, np.inf, precision)
+        self._outline = np.zeros((camera.height, camera.width), np.uint8)
+
+    @property
+    def pixels(self) -> Index:
+        """Pixels that show something."""
+        return np.flatnonzero(np.isfinite(self.depth))
+
+    def rays(self, pixels: Index) -> Real:
+        """Directions (3, n) in the camera's coordinates, of length one along the optical axis."""
+        return self.camera.rays(pixels)
+
+    def sides(self, frusta: Frusta, origins: Float) -> Iterator[Side]:
+        """Cast the rays at frusta; `origins` (things, 3) is where the things are."""
+        shift = origins[frusta.thing]
+        corners = self.camera.seen(frusta.hull + shift[:, None])
+        turn = (frusta.axes @ self.camera.rotation.T).astype(self.depth.dtype)
+        centre = np.einsum("nij,nj->ni", frusta.axes, self.camera.centre - frusta.start - shift)
+        for i in self.in_view(corners):
+            pixels = self.inside(corners[i])
+            rays = turn[i] @ self.rays(pixels)
+            t, end = _cast_at_frustum(frusta, i, centre[i], rays)
+            won = np.flatnonzero(t < self.depth.take(pixels))
+            if len(won):
+                t, end = t[won], end[won]
+                point = np.stack(
+                    [o + t * d[won] for o, d in zip(centre[i].tolist(), rays, strict=True)]
+                )
+                yield Side(i, pixels[won], t, point, end, centre[i] + turn[i] @ self._lamp)
+
+    def faces(self, boxes: Boxes, origins: Float) -> Iterator[Face]:
+        """Cast the rays at boxes; see `sides`."""
+        centres = boxes.centre + origins[boxes.thing]
+        corners = centres[:, None] + (_CORNERS * boxes.half[:, None]) @ boxes.axes
+        seen = self.camera.seen(corners)
+        for i in self.in_view(seen):
+            half, turn = boxes.half[i], (boxes.axes[i] @ self.camera.rotation.T)
+            turn = turn.astype(self.depth.dtype)
+            origin = boxes.axes[i] @ (self.camera.centre - centres[i])
+            lamp = origin + turn @ self._lamp
+            # Only faces that the camera is outside of.
+            for axis in np.flatnonzero(np.abs(origin) > half).tolist():
+                sign = float(np.sign(origin[axis]))
+                pixels = self.inside(seen[i][_CORNERS[:, axis] == sign])
+                rays = turn @ self.rays(pixels)
+                first, second, o = (axis + 1) % 3, (axis + 2) % 3, origin.tolist()
+                # A ray along a face never meets it: infinite, and no hit.
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    t = float(sign * half[axis] - o[axis]) / rays[axis]
+                    across, along = o[first] + t * rays[first], o[second] + t * rays[second]
+                hit = (t > 0) & (t < self.depth.take(pixels))
+                hit &= (np.abs(across) <= half[first]) & (np.abs(along) <= half[second])
+                yield Face(
+                    int(boxes.material_number[i]), pixels[hit], t[hit], across[hit], along[hit],
+                    sign * boxes.axes[i, axis], float(sign * lamp[axis] - half[axis]),
+                )  # fmt: skip
+
+    def stalks(
+        self, stalks: Stalks, origins: Float, from_m: float, rim_px: int, *, hidden: bool
+    ) -> Iterator[tuple[Index, Real, Single]]:
+        """Draw stalks, after the solids: lines from root to tip that taper to half their width.
+
+        Parameters
+        ----------
+        from_m, rim_px : float, int
+            What is nearer to the image plane, or farther outside the picture, is left out.
+        hidden : bool
+            Whether to draw what is behind the tower with both ends, too.
+
+        Yields
+        ------
+        pixels, depth, brightness : (n,) arrays
+        """
+        camera = self.camera
+        ends = camera.seen(stalks.ends + origins[stalks.thing][:, None])
+        depth = ends[..., 2]
+        use = np.flatnonzero((depth > from_m).all(axis=1))
+        where = camera.place(ends[use])
+        last = np.array([camera.width, camera.height]) - 1
+        drawn = ((where.max(axis=1) > -rim_px) & (where.min(axis=1) < last + rim_px)).all(axis=1)
+        if not hidden:
+            column, row = np.rint(where.clip(0, last)).astype(np.int64).transpose(2, 0, 1)
+            nearest = self.depth[row * camera.width + column]
+            drawn &= (depth[use] < nearest + 0.01).any(axis=1)
+        use, where, depth = use[drawn], where[drawn], depth[use[drawn]]
+        if not len(use):
+            return
+        place, t, which = _stalk_pixels(camera, where, depth, stalks.half_width[use])
+        t = t.astype(self.depth.dtype)
+        bright = stalks.brightness[use].astype(np.float32)
+        # Each time the nearest so far or a nearer one is written: soon there is none left.
+        while len(won := np.flatnonzero(t < self.depth[place])):
+            place, t, which = place[won], t[won], which[won]
+            yield place, t, bright[which]
+
+    def in_view(self, corners: Float) -> list[int]:
+        """Numbers of the solids, given by the corners (n, m, 3) of a hull, that may be in view."""
+        camera, depth = self.camera, corners[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            where = camera.place(corners)
+        low, high = where.min(axis=1), where.max(axis=1)
+        outside = (high < -2) | (low > np.array([camera.width, camera.height]) + 1)
+        ahead, some = (depth > _NEAREST_M).all(axis=1), (depth > _NEAREST_M).any(axis=1)
+        found: list[int] = np.flatnonzero(some & ~(ahead & outside.any(axis=1))).tolist()
+        return found
+
+    def inside(self, corners: Float) -> Index:
+        """Pixels in the outline of the hull of `corners` (m, 3), and a rim of one pixel."""
+        camera = self.camera
+        if corners[:, 2].min() <= _NEAREST_M:
+            ahead = corners[:, 2] > _NEAREST_M
+            if not ahead.any():
+                return np.empty(0, np.int64)
+            corners = _cut(corners[ahead], corners[~ahead])
+        hull = cv2.convexHull(camera.place(corners).astype(np.float32))
+        left, top, width, height = cv2.boundingRect(hull)
+        if max(-left, -top, left + width, top + height) > _OUTLINE_PX:
+            right, bottom = camera.width + 8, camera.height + 8
+            frame = np.array([[-8, -8], [right, -8], [right, bottom], [-8, bottom]], np.float32)
+            area, hull = cv2.intersectConvexConvex(hull, frame)
+            if area <= 0:
+                return np.empty(0, np.int64)
+        outline = np.rint(hull).astype(np.int32)
+        low, high = max(top - 3, 0), min(top + height + 3, camera.height)
+        rows = self._outline[low:high]
+        cv2.fillConvexPoly(self._outline, outline, 1)
+        cv2.polylines(self._outline, [outline], True, 1, thickness=3)
+        found = rows.view(np.bool_).ravel().nonzero()[0]
+        found += low * camera.width
+        rows[:] = 0
+        return found
+
+
+def _cast_at_frustum(
+    frusta: Frusta, i: int, origin: Float, rays: Real
+) -> tuple[Real, NDArray[np.int8]]:
+    """Depth at each ray, along the frustum's axes, and on which end; infinite where it is missed.
+
+    Solved through the rays' distance from the axis: single precision is enough for that.
+    """
+    ox, oy, oz = origin.tolist()
+    dx, dy, dz = rays
+    radius, slope, length = (float(v[i]) for v in (frusta.radius, frusta.slope, frusta.length))
+    reach = radius + slope * oy
+    a = dx * dx + dz * dz
+    along = ox * dx + oz * dz
+    cross = ox * dz - oz * dx
+    root = a * (reach * reach) - cross * cross
+    if slope:
+        tilt = slope * dy
+        root += tilt * ((ox * ox + oz * oz) * tilt - (2 * reach) * along)
+        a -= tilt * tilt
+        along -= reach * tilt
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (-along - np.sqrt(np.maximum(root, 0))) / a
+        height = oy + t * dy
+        hit = (root > 0) & (t > 0) & (height >= 0) & (height <= length)
+        t[~hit] = np.inf
+        end = np.zeros(len(t), np.int8)
+        for level, rim, sign in ((0.0, radius, -1), (length, float(frusta.end_radius[i]), 1)):
+            if (oy - level) * sign > 0:
+                cap = (level - oy) / dy
+                on = (cap > 0) & (cap < t) & ((ox + cap * dx) ** 2 + (oz + cap * dz) ** 2 <= rim**2)
+                t[on], end[on] = cap[on], sign
+    return t, end
+
+
+def _cut(ahead: Float, behind: Float) -> Float:
+    """Corners of what is left of a hull in front of the nearest plane."""
+    share = (_NEAREST_M - ahead[:, None, 2]) / (behind[None, :, 2] - ahead[:, None, 2])
+    crossing = ahead[:, None] + share[..., None] * (behind[None] - ahead[:, None])
+    return np.concatenate([ahead, crossing.reshape(-1, 3)])
+
+
+def _stalk_pixels(
+    camera: Camera, where: Float, depth: Float, half_m: Float
+) -> tuple[Index, Float, Index]:
+    """Pixels on stalks, their depth, and which stalk each is of; a pixel may come up often."""
+    order = np.argsort(-depth[:, 0])
+    where, depth, half_m = where[order], depth[order], half_m[order]
+    # Under a pixel's width a stalk would break up into dots.
+    half = np.maximum(half_m * camera.matrix[0, 0] / depth[:, 0], 0.5)
+    # Walk along the longer of rows and columns, and take the pixels on either side.
+    step = where[:, 1] - where[:, 0]
+    steep = np.abs(step[:, 1]) > np.abs(step[:, 0])
+    where[steep], step[steep] = where[steep, :, ::-1], step[steep, ::-1]
+    length = np.maximum(np.hypot(*step.T), 1e-6)
+    slope = step[:, 1] / np.where(step[:, 0] == 0, 1.0, step[:, 0])
+    reach = half * length / np.maximum(np.abs(step[:, 0]), 1e-6)
+    first = np.ceil(where[..., 0].min(axis=1) - half)
+    n_along = (np.floor(where[..., 0].max(axis=1) + half) - first).astype(np.int64) + 1
+    n_across = np.floor(2 * reach).astype(np.int64) + 1
+    count = n_along * n_across
+    which = np.repeat(np.arange(len(step)), count)
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    ahead, aside = np.divmod(number, n_across.take(which))
+    x = ahead + (first - where[:, 0, 0]).take(which)
+    root = where[:, 0, 1].take(which)
+    b = np.ceil(root + slope.take(which) * x - reach.take(which)) + aside
+    y = b - root
+    dx, dy = step[:, 0].take(which), step[:, 1].take(which)
+    along = ((x * dx + y * dy) / (length * length).take(which)).clip(0, 1)
+    off = (x - along * dx) ** 2 + (y - along * dy) ** 2
+    inside = np.flatnonzero(off <= (half.take(which) * (1 - 0.5 * along)) ** 2)
+    which, along, b = which.take(inside), along.take(inside), b.take(inside)
+    a = ahead.take(inside) + first.take(which)
+    turned = steep.take(which)
+    column, row = np.where(turned, b, a), np.where(turned, a, b)
+    inside = np.flatnonzero(
+        (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    )
+    which, along = which.take(inside), along.take(inside)
+    t = depth[:, 0].take(which) + along * (depth[:, 1] - depth[:, 0]).take(which)
+    place = (row * camera.width + column).take(inside).astype(np.int64)
+    return place, t, order.take(which)
+
+
+class View(RayCaster):
+    """The tower in one frame of a mission.
+
+    Attributes
+    ----------
     albedo : (pixels, 3) float32
         BGR, 0..1.
     normal : (3, pixels) float32
         Outward, in tower coordinates; zero on stalks, which have no side.
     """
 
-    camera: Camera
-    depth: Float
-    albedo: NDArray[np.float32]
-    normal: NDArray[np.float32]
-
-    @property
-    def tower(self) -> Index:
-        """Pixels that show the tower."""
-        return np.flatnonzero(np.isfinite(self.depth))
+    def __init__(self, camera: Camera, tower: Tower) -> None:
+        super().__init__(camera, np.zeros(3), np.float64)
+        self.albedo = np.zeros((len(self.depth), 3), np.float32)
+        self.normal = np.zeros((3, len(self.depth)), np.float32)
+        self._textures = tower.textures
+        surfaces, here = Surfaces.of([tower]), np.zeros((1, 3))
+        for side in self.sides(surfaces.frusta, here):
+            self._paint_side(surfaces, side)
+        for face in self.faces(surfaces.boxes, here):
+            material, _ = surfaces.materials[face.material_number]
+            albedo = self._albedo(material, face.across, face.along)
+            self._paint(face.pixels, face.t, albedo, face.normal[:, None])
+        growth = np.array(GROWTH.paint, np.float32)
+        for pixels, t, bright in self.stalks(surfaces.stalks, here, _NEAREST_M, 9, hidden=True):
+            self._paint(pixels, t, bright[:, None] * growth, np.zeros((3, 1)))
 
     def image(self, values: NDArray[Any]) -> NDArray[Any]:
         """Flat values as rows and columns."""
         return values.reshape(self.camera.height, self.camera.width, *values.shape[1:])
 
+    def _paint_side(self, surfaces: Surfaces, side: Side) -> None:
+        frusta, i = surfaces.frusta, side.number
+        x, y, z = side.point
+        radius = np.maximum(np.hypot(x, z), 1e-9)
+        zero, flat = np.zeros_like(x), side.end != 0
+        on_side = np.stack([x / radius, zero - frusta.slope[i], z / radius])
+        normal = frusta.axes[i].T @ np.where(flat, np.stack([zero, side.end, zero]), on_side)
+        across = np.where(flat, x, np.arctan2(z, x) * frusta.radius[i])
+        material, _ = surfaces.materials[frusta.material_number[i]]
+        albedo = self._albedo(material, across, np.where(flat, z, y))
+        self._paint(side.pixels, side.t, albedo, normal)
+
+    def _albedo(self, material: Material, across: Float, along: Float) -> Single:
+        """BGR albedo at surface coordinates in metres, from the texture level of a pixel's size."""
+        pixel_m = float(np.linalg.norm(self.camera.centre)) / self.camera.matrix[0, 0]
+        level = int(np.clip(np.log2(max(pixel_m / TEXEL_M, 1.0)), 0, len(self._textures) - 1))
+        size, texel = TEXTURE_SIZE >> level, TEXEL_M * 2**level
+        texels = self._textures[level][
+            np.floor(along / texel).astype(np.int64) % size,
+            np.floor(across / texel).astype(np.int64) % size,
+        ]
+        rust = texels[:, 1:] * np.float32(material.rusted)
+        paint, rusty = np.array(material.paint, np.float32), np.array(material.rust, np.float32)
+        shade = np.float32(0.35) + np.float32(1.1) * texels[:, :1]
+        return np.asarray((paint + rust * (rusty - paint)) * shade, np.float32)
+
+    def _paint(self, pixels: Index, depth: Float, albedo: Single, normal: Float) -> None:
+        self.depth[pixels] = depth
+        self.albedo[pixels] = albedo
+        self.normal[:, pixels] = normal
+
 
 def cast_rays(tower: Tower, camera: Camera) -> View:
     """Cast the rays of `camera` at `tower`."""
-    pixels = camera.height * camera.width
-    view = View(
-        camera,
-        np.full(pixels, np.inf),
-        np.zeros((pixels, 3), np.float32),
-        np.zeros((3, pixels), np.float32),
-    )
-    for solid in tower.solids:
-        if isinstance(solid, Frustum):
-            _add_frustum(view, tower, solid)
-        else:
-            _add_box(view, tower, solid)
-    _add_stalks(view, tower.stalks)
-    return view
+    return View(camera, tower)
 
 
-def _inside_hull(camera: Camera, points: Float) -> Index:
-    """Pixels inside the projection of the convex hull of `points`, and a rim of one pixel."""
-    where, depth = camera.project(points)
-    if (depth < _NEAREST_M).all():
-        return np.empty(0, np.int64)
-    if (depth < _NEAREST_M).any():
-        return np.arange(camera.height * camera.width)
-    low = np.maximum(np.floor(where.min(axis=0)).astype(np.int64) - 2, 0)
-    high = np.minimum(
-        np.ceil(where.max(axis=0)).astype(np.int64) + 3, [camera.width, camera.height]
-    )
-    if (high <= low).any():
-        return np.empty(0, np.int64)
-    mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
-    corners = np.rint(where - low).clip(-16000, 16000).astype(np.int32)
-    hull = cv2.convexHull(corners)
-    cv2.fillConvexPoly(mask, hull, 1)
-    cv2.polylines(mask, [hull], True, 1, thickness=3)
-    inside = np.flatnonzero(mask)
-    row, col = np.divmod(inside, mask.shape[1])
-    return np.asarray((row + low[1]) * camera.width + col + low[0])
+class Hits(RayCaster):
+    """The surfaces in one frame of the closed loop.
 
+    Parameters
+    ----------
+    rays : (3, pixels) float32
+        Direction of each pixel, as of `Camera.rays`.
 
-def _add_frustum(view: View, tower: Tower, solid: Frustum) -> None:
-    camera, axes, length = view.camera, solid.frame(), solid.length
-    angles = np.arange(_HULL_POINTS) * 2 * np.pi / _HULL_POINTS
-    ring = np.outer(np.cos(angles), axes[0]) + np.outer(np.sin(angles), axes[2])
-    ring /= np.cos(np.pi / _HULL_POINTS)
-    hull = np.concatenate(
-        [solid.start + solid.start_radius * ring, solid.end + solid.end_radius * ring]
-    )
-    pixels = _inside_hull(camera, hull)
-    if not len(pixels):
-        return
-    ox, oy, oz = axes @ (camera.centre - solid.start)
-    dx, dy, dz = axes @ camera.rays(pixels)
-    slope = (solid.end_radius - solid.start_radius) / length
-    reach = solid.start_radius + slope * oy
-    a = dx * dx + dz * dz - (slope * dy) ** 2
-    b = ox * dx + oz * dz - slope * reach * dy
-    root = b * b - a * (ox * ox + oz * oz - reach * reach)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        side = (-b - np.sqrt(root)) / a
-        height = oy + side * dy
-        side[~((root > 0) & (a > 0) & (side > 0) & (height >= 0) & (height <= length))] = np.inf
-        nearest, cap_normal = side, np.zeros(len(side))
-        for level, radius, sign in (
-            (0.0, solid.start_radius, -1.0),
-            (length, solid.end_radius, 1.0),
+    Attributes
+    ----------
+    material_number : (pixels,) int64
+        Number of the surface's material; only where something was hit, as the following.
+    across, along : (pixels,) float32
+        Surface coordinates, m; a stalk's `along` is its brightness.
+    facing : (pixels,) float32
+        Outward normal times the vector to the lamp, m; not a number on a stalk.
+    """
+
+    def __init__(self, camera: Camera, rays: Single, lamp: Float) -> None:
+        super().__init__(camera, lamp, np.float32)
+        self._all_rays = rays
+        self.any = False
+
+    def rays(self, pixels: Index) -> Single:
+        """See `RayCaster.rays`."""
+        return self._all_rays.take(pixels, axis=1)
+
+    def add_solids(self, surfaces: Surfaces, origins: Float) -> None:
+        """Cast the rays at all solids, and at what grows on them; see `RayCaster.sides`."""
+        for side in self.sides(surfaces.frusta, origins):
+            self._paint_side(surfaces.frusta, side)
+        for face in self.faces(surfaces.boxes, origins):
+            pixels, lamp_m = face.pixels, np.float32(face.lamp_m)
+            self._paint(pixels, face.t, face.material_number, face.across, face.along, lamp_m)
+        for pixels, t, bright in self.stalks(
+            surfaces.stalks, origins, 4 * _NEAREST_M, 4, hidden=False
         ):
-            if (oy - level) * sign <= 0:
-                continue
-            cap = (level - oy) / dy
-            on_cap = (cap > 0) & ((ox + cap * dx) ** 2 + (oz + cap * dz) ** 2 <= radius * radius)
-            on_cap &= cap < nearest
-            nearest = np.where(on_cap, cap, nearest)
-            cap_normal[on_cap] = sign
-    won = nearest < view.depth[pixels]
-    t, flat = nearest[won], cap_normal[won] != 0
-    x, y, z = ox + t * dx[won], oy + t * dy[won], oz + t * dz[won]
-    radius = np.maximum(np.hypot(x, z), 1e-9)
-    zero = np.zeros_like(x)
-    on_side = np.stack([x / radius, zero - slope, z / radius])
-    normal = axes.T @ np.where(flat, np.stack([zero, cap_normal[won], zero]), on_side)
-    across = np.where(flat, x, np.arctan2(z, x) * solid.start_radius)
-    along = np.where(flat, z, y)
-    albedo = _albedo(tower, solid.material, across, along, camera)
-    _paint(view, pixels[won], t, albedo, normal)
+            self._paint(pixels, t, STALK_MATERIAL, bright, bright, np.float32(np.nan))
 
+    def add_fish(self, school: School, t_s: float) -> None:
+        """Cast the rays at a school where it is at a time: ellipsoids."""
+        centres, axes, half = school.shapes(t_s)
+        corners = self.camera.seen(centres[:, None] + (_CORNERS * half[:, None]) @ axes)
+        for i in self.in_view(corners):
+            pixels = self.inside(corners[i])
+            if len(pixels):
+                self._cast_ellipsoid(pixels, centres[i], axes[i], half[i])
 
-def _add_box(view: View, tower: Tower, box: Cuboid) -> None:
-    camera = view.camera
-    signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
-    pixels = _inside_hull(camera, box.centre + (signs * box.half) @ box.axes)
-    if not len(pixels):
-        return
-    origin = (box.axes @ (camera.centre - box.centre))[:, None]
-    direction = box.axes @ camera.rays(pixels)
-    half = box.half[:, None]
-    with np.errstate(divide="ignore"):
-        first, second = (-half - origin) / direction, (half - origin) / direction
-    enter, leave = np.minimum(first, second), np.maximum(first, second)
-    face = enter.argmax(axis=0)
-    t = enter.max(axis=0)
-    won = (t > 0) & (t <= leave.min(axis=0)) & (t < view.depth[pixels])
-    t, face, direction = t[won], face[won], direction[:, won]
-    point = origin + t * direction
-    row = np.arange(len(t))
-    facing = np.zeros((3, len(t)))
-    facing[face, row] = -np.sign(direction[face, row])
-    albedo = _albedo(
-        tower, box.material, point[(face + 1) % 3, row], point[(face + 2) % 3, row], camera
-    )
-    _paint(view, pixels[won], t, albedo, box.axes.T @ facing)
+    def _cast_ellipsoid(self, pixels: Index, centre: Float, axes: Float, half: Float) -> None:
+        """In units of its half sizes: there it is the unit sphere."""
+        turn = axes @ self.camera.rotation.T
+        camera = axes @ (self.camera.centre - centre)
+        lamp = camera + turn @ self._lamp
+        rays = (turn / half[:, None]).astype(np.float32) @ self.rays(pixels)
+        o = (camera / half).astype(np.float32)
+        a = (rays * rays).sum(axis=0)
+        cross = np.cross(o, rays, axisb=0)
+        root = a - (cross * cross).sum(axis=1)
+        t = (-(o @ rays) - np.sqrt(np.maximum(root, 0))) / a
+        won = np.flatnonzero((root > 0) & (t > 0) & (t < self.depth.take(pixels)))
+        t = t[won]
+        x, y, z = o[:, None] + t * rays[:, won]
+        hx, hy, hz = half.astype(np.float32)
+        normal = np.stack([x / hx, y / hy, z / hz])
+        normal /= np.sqrt((normal * normal).sum(axis=0))
+        to_lamp = lamp.astype(np.float32)[:, None] - np.stack([x * hx, y * hy, z * hz])
+        across, along = (np.float32(TEXTURE_M / 2) * (1 + v) for v in (-x, y))
+        facing = (normal * to_lamp).sum(axis=0)
+        self._paint(pixels[won], t, FISH_MATERIAL, across, along, facing)
 
+    def _paint_side(self, frusta: Frusta, side: Side) -> None:
+        i, end, lamp = side.number, side.end, side.lamp.tolist()
+        x, y, z = side.point
+        radius, slope = float(frusta.radius[i]), float(frusta.slope[i])
+        facing = ((lamp[0] - x) * x + (lamp[2] - z) * z) / (radius + slope * y)
+        facing -= slope * (lamp[1] - y)
+        # The seam of the texture lies opposite the first axis: the angle is counted from there.
+        around = (cv2.phase(-x, -z).ravel() - np.float32(np.pi)) * np.float32(radius)
+        flat = np.flatnonzero(end)
+        if len(flat):
+            facing[flat] = end[flat] * (lamp[1] - y[flat])
+            around[flat], y[flat] = x[flat], z[flat]
+        self._paint(side.pixels, side.t, int(frusta.material_number[i]), around, y, facing)
 
-def _albedo(
-    tower: Tower, material: Material, across: Float, along: Float, camera: Camera
-) -> NDArray[np.float32]:
-    """BGR albedo at surface coordinates in metres, from the texture level of a pixel's size."""
-    pixel_m = float(np.linalg.norm(camera.centre)) / camera.matrix[0, 0]
-    level = int(np.clip(np.log2(max(pixel_m / TEXEL_M, 1.0)), 0, len(tower.textures) - 1))
-    texture = tower.textures[level]
-    size, texel = TEXTURE_SIZE >> level, TEXEL_M * 2**level
-    texels = texture[
-        np.floor(along / texel).astype(np.int64) % size,
-        np.floor(across / texel).astype(np.int64) % size,
-    ]
-    rust = texels[:, 1:] * np.float32(material.rusted)
-    paint, rusty = np.array(material.paint, np.float32), np.array(material.rust, np.float32)
-    shade = np.float32(0.35) + np.float32(1.1) * texels[:, :1]
-    return np.asarray((paint + rust * (rusty - paint)) * shade, np.float32)
-
-
-def _add_stalks(view: View, stalks: tuple[Stalk, ...]) -> None:
-    """Lines from root to tip, tapering to half their width, their depth read off along them."""
-    camera = view.camera
-    if not stalks:
-        return
-    ends = np.array([(stalk.root, stalk.tip) for stalk in stalks]).reshape(-1, 3)
-    pixels, depth = camera.project(ends)
-    pixels, depth = pixels.reshape(-1, 2, 2), depth.reshape(-1, 2)
-    size = np.array([camera.width, camera.height])
-    inside = (depth > _NEAREST_M).all(axis=1)
-    inside &= ((pixels.max(axis=1) > -8) & (pixels.min(axis=1) < size + 8)).all(axis=1)
-    pixels, depth = pixels[inside], depth[inside]
-    width = np.array([stalk.half_width for stalk in stalks])[inside]
-    # Under a pixel's width a stalk would break up into dots.
-    half_px = np.maximum(width * camera.matrix[0, 0] / depth[:, 0], 0.5)
-    bright = np.array([stalk.brightness for stalk in stalks], np.float32)[inside]
-    albedo = bright[:, None] * np.array(GROWTH.paint, np.float32)
-    reach = half_px[:, None] + 1
-    low = np.maximum(np.floor(pixels.min(axis=1) - reach), 0).astype(np.int64)
-    high = np.minimum(np.ceil(pixels.max(axis=1) + reach) + 1, size).astype(np.int64)
-    root, step = pixels[:, 0], pixels[:, 1] - pixels[:, 0]
-    length_squared = np.maximum((step * step).sum(axis=1), 1e-9)
-    for which, column, row in pixels_of_boxes(low, high):
-        x, y = column - root[which, 0], row - root[which, 1]
-        across, down = step[which].T
-        along = ((x * across + y * down) / length_squared[which]).clip(0, 1)
-        distance_squared = (x - along * across) ** 2 + (y - along * down) ** 2
-        hit = distance_squared <= (half_px[which] * (1 - 0.5 * along)) ** 2
-        which, place = which[hit], row[hit] * camera.width + column[hit]
-        t = depth[which, 0] + along[hit] * (depth[which, 1] - depth[which, 0])
-        nearest = _nearest(place, t)
-        won = nearest[t[nearest] < view.depth[place[nearest]]]
-        _paint(view, place[won], t[won], albedo[which[won]], np.zeros((3, 1)))
-
-
-def _nearest(place: Index, depth: Float) -> Index:
-    """For each place that occurs, which of its depths is least: the first of these."""
-    order = np.lexsort((depth, place))
-    first = np.ones(len(order), bool)
-    first[1:] = place[order][1:] != place[order][:-1]
-    return order[first]
-
-
-def _paint(
-    view: View, pixels: Index, depth: Float, albedo: NDArray[np.float32], normal: Float
-) -> None:
-    view.depth[pixels] = depth
-    view.albedo[pixels] = albedo
-    view.normal[:, pixels] = normal
+    def _paint(
+        self, pixels: Index, depth: Single, material_number: int, across: Single, along: Single,
+        facing: Single | np.float32,
+    ) -> None:  # fmt: skip
+        if not len(pixels):
+            return
+        if not self.any:
+            self.any = True
+            size = len(self.depth)
+            self.material_number = np.zeros(size, np.int64)
+            self.across, self.along, self.facing = np.zeros((3, size), np.float32)
+        self.depth[pixels] = depth
+        self.material_number[pixels] = material_number
+        self.across[pixels] = across
+        self.along[pixels] = along
+        self.facing[pixels] = facing

@@ -13,24 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.studies.simulation.scene.closed_loop_world import World
-from tokt.studies.simulation.scene.rig import SyntheticRig
-from tokt.studies.simulation.scene.surfaces import Surfaces
+from tokt.studies.simulation.scene.fish_and_dust import fish_texture
+from tokt.studies.simulation.scene.rig import Camera, SyntheticRig
+from tokt.studies.simulation.scene.surfaces import Materials, Surfaces
 
-from .drifting_snow import Snow, snow_light
-from .dust_light import add_dust
-from .fast_lighting import surface_light
-from .fast_raycast import Hits
-from .fast_raycast_fish import add_fish
-from .fast_raycast_stalks import add_stalks
-from .noise_bank import SensorNoise, cloud_bank
+from .loop_lighting import ViewMaps, add_dust, surface_light
+from .raycast import Hits
+from .sensor import SensorNoise, cloud_bank, cut
+from .snow import Snow, snow_light
 from .synthetic_mission import JPEG
-from .view_maps import Standpoint, ViewMaps
 
 Float = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 _SNOW, _CLOUDS, _SENSOR, _MOMENT, _DEVELOP = range(10, 15)
-"""Numbers of the random streams."""
+_FISH = 2
+"""Numbers of the random streams; the last is of the world's, as the scene's are."""
 
 
 class StereoRenderer:
@@ -46,16 +44,28 @@ class StereoRenderer:
 
     def __init__(self, world: World, rig: SyntheticRig, seed: int) -> None:
         self._world, self._rig, self._seed = world, rig, seed
-        self._surfaces = Surfaces.of(world)
+        self._surfaces = Surfaces.of([thing.shape for thing in world.things])
+        textures = [fish_texture(np.random.default_rng([world.seed, _FISH]))]
+        textures += [thing.shape.textures for thing in world.things]
+        self._materials = Materials.of(self._surfaces.materials, textures)
         self._snow = Snow.draw(np.random.default_rng([world.seed, _SNOW]), world.water)
         clouds = np.random.default_rng([seed, _CLOUDS])
         self._clouds = cloud_bank(clouds, rig.height, rig.width)
-        self._left = _CameraState(world, rig, seed, 0)
         self._seen = (b"", np.inf)
 
     @cached_property
-    def _right(self) -> _CameraState:
-        return _CameraState(self._world, self._rig, self._seed, 1)
+    def _left(self) -> tuple[ViewMaps, SensorNoise]:
+        return self._camera(0)
+
+    @cached_property
+    def _right(self) -> tuple[ViewMaps, SensorNoise]:
+        return self._camera(1)
+
+    def _camera(self, side: int) -> tuple[ViewMaps, SensorNoise]:
+        """The parts of one camera that stay the same."""
+        water, rig = self._world.water, self._rig
+        rng = np.random.default_rng([self._seed, _SENSOR, side])
+        return ViewMaps.of(water, rig, side), SensorNoise(water, rng, rig.height, rig.width)
 
     def left(self, t_s: float, position: Float, heading_rad: float, velocity: Float) -> Frame:
         """The left camera's frame.
@@ -76,16 +86,14 @@ class StereoRenderer:
         numpy.ndarray
             uint8, (height, width, 3), BGR.
         """
-        return self._see(self._left, t_s, position, heading_rad, velocity)
+        return self._see(0, t_s, self._cameras(position, heading_rad), velocity)
 
     def pair(
         self, t_s: float, position: Float, heading_rad: float, velocity: Float
     ) -> tuple[Frame, Frame]:
         """Both cameras' frames of one moment; see `left`."""
-        return (
-            self._see(self._left, t_s, position, heading_rad, velocity),
-            self._see(self._right, t_s, position, heading_rad, velocity),
-        )
+        cameras = self._cameras(position, heading_rad)
+        return self._see(0, t_s, cameras, velocity), self._see(1, t_s, cameras, velocity)
 
     def sees_solid(self, t_s: float, position: Float, heading_rad: float, within_m: float) -> bool:
         """Whether the left camera's frame shows something solid nearer than `within_m`, no fish.
@@ -97,65 +105,57 @@ class StereoRenderer:
         within_m : float
             Metres along the optical axis.
         """
-        left = Standpoint.of(self._left.maps, np.asarray(position, np.float64), heading_rad)
+        left, _ = self._cameras(position, heading_rad)
         if self._seen[0] != _moment(t_s, left):
-            self._solids(self._left, left, t_s)
+            self._solids(0, t_s, left)
         return self._seen[1] < within_m
 
-    def _solids(self, camera: _CameraState, own: Standpoint, t_s: float) -> Hits:
+    def _cameras(self, position: Float, heading_rad: float) -> tuple[Camera, Camera]:
+        """Both cameras, level, with the left one at `position`."""
+        cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+        level = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+        return self._rig.cameras(level, np.asarray(position, np.float64))
+
+    def _solids(self, side: int, t_s: float, camera: Camera) -> Hits:
         """Surfaces without fish; the left camera's nearest depth is kept for `sees_solid`."""
-        hits = Hits(camera.maps, own)
+        maps, _ = self._right if side else self._left
+        hits = Hits(camera, maps.rays, maps.lamp)
         if self._world.things:
             origins = np.array([thing.origin(t_s) for thing in self._world.things])
             hits.add_solids(self._surfaces, origins)
-            add_stalks(hits, self._surfaces.stalks, origins)
-        if camera is self._left:
-            self._seen = _moment(t_s, own), float(hits.depth.min())
+        if side == 0:
+            self._seen = _moment(t_s, camera), float(hits.depth.min())
         return hits
 
-    def _see(
-        self, camera: _CameraState, t_s: float, position: Float, heading_rad: float, velocity: Float
-    ) -> Frame:
-        world, maps = self._world, camera.maps
+    def _see(self, side: int, t_s: float, cameras: tuple[Camera, Camera], velocity: Float) -> Frame:
+        world, own = self._world, cameras[side]
+        maps, sensor = self._right if side else self._left
         micros = round(t_s * 1e6)
-        left = Standpoint.of(self._left.maps, np.asarray(position, np.float64), heading_rad)
-        own = Standpoint.of(maps, left.centre, heading_rad)
-        hits = self._solids(camera, own, t_s)
+        hits = self._solids(side, t_s, own)
         if world.fish is not None:
-            add_fish(hits, world.fish, t_s)
+            hits.add_fish(world.fish, t_s)
         moment = np.random.default_rng([self._seed, _MOMENT, micros])
-        light = self._clouds.cut(moment) * np.float32(moment.uniform(0.97, 1.03))
+        light = cut(self._clouds, moment) * np.float32(moment.uniform(0.97, 1.03))
         light *= maps.open_water
         light += maps.floor
         if hits.any:
-            light += surface_light(world.water, self._surfaces.materials, hits, light).reshape(
-                light.shape
-            )
+            change = surface_light(world.water, self._materials, maps, hits, light)
+            light += change.reshape(light.shape)
         if world.dust:
             clouds = [cloud.at(t_s) for cloud in world.dust]
             add_dust(world.water, maps, own, clouds, light, hits.depth)
         current = np.array(world.current)
         snow = snow_light(
-            self._snow, maps, left, own, t_s * current, velocity - current, hits.depth
+            self._snow, cameras[0], own, t_s * current, velocity - current, hits.depth
         )
         cv2.accumulateProduct(cv2.merge([snow] * 3).reshape(light.shape), maps.snow_gain, light)
-        noise = np.random.default_rng([self._seed, _DEVELOP, micros, camera.side])
-        frame = camera.sensor.develop(light, noise)
+        noise = np.random.default_rng([self._seed, _DEVELOP, micros, side])
+        frame = sensor.develop(light, noise)
         return np.asarray(
             cv2.imdecode(cv2.imencode(".jpg", frame, JPEG)[1], cv2.IMREAD_COLOR), np.uint8
         )
 
 
-def _moment(t_s: float, standpoint: Standpoint) -> bytes:
+def _moment(t_s: float, camera: Camera) -> bytes:
     """The same bytes for the same time and pose only."""
-    return np.array([t_s, *standpoint.centre, *standpoint.rotation.flat]).tobytes()
-
-
-class _CameraState:
-    """The parts of one camera that stay the same."""
-
-    def __init__(self, world: World, rig: SyntheticRig, seed: int, side: int) -> None:
-        self.side = side
-        self.maps = ViewMaps.of(world.water, rig, side)
-        rng = np.random.default_rng([seed, _SENSOR, side])
-        self.sensor = SensorNoise.of(world.water, rng, rig.height, rig.width)
+    return np.array([t_s, *camera.centre, *camera.rotation.flat]).tobytes()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 from collections import Counter
@@ -20,7 +18,6 @@ from numpy.typing import NDArray
 from tokt.features.common.atomic import new_folder
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.features.frames.mission import LEFT
 from tokt.studies.simulation.scene.rig import FULL_WIDTH, SyntheticRig
 from tokt.studies.simulation.scene.tower import Tower
 from tokt.studies.simulation.scene.water import Water
@@ -34,6 +31,7 @@ from .patch_labels import (
     UNSURE,
     contrast,
     coverage,
+    labels_csv,
     patch_labels,
 )
 from .raycast import View, cast_rays
@@ -162,7 +160,8 @@ def simulate_mission(
         for part in ("Left", "Right", "masks", "depth"):
             (folder / part).mkdir()
         frames = _render_all(scene, folder, jobs or os.cpu_count() or 1, progress)
-        (folder / "labels.csv").write_bytes(_labels_csv(name, frames))
+        labels = labels_csv(name, ((one.number, one.labels) for one in frames), DEFAULT_GRID)
+        (folder / "labels.csv").write_bytes(labels)
         scene.rig.write(folder / "calibration.yml")
         (folder / "scene.json").write_text(_scene_json(scene, frames), encoding="utf-8")
     return _summary(out, scene, frames)
@@ -251,18 +250,6 @@ def _write_image(path: Path, image: NDArray[Any], parameters: list[int]) -> None
     if not good:
         raise RuntimeError(f"OpenCV cannot encode {path.name}")
     path.write_bytes(data.tobytes())
-
-
-def _labels_csv(name: str, frames: list[RenderedFrame]) -> bytes:
-    """One row a patch of the left frames."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["mission", "camera", "frame", "row", "col", "label"])
-    for frame in frames:
-        for cell, label in enumerate(frame.labels):
-            row, col = divmod(cell, DEFAULT_GRID.cols)
-            writer.writerow([name, LEFT, frame.number, row, col, label])
-    return text.getvalue().encode("utf-8")
 
 
 def _scene_json(scene: MissionScene, frames: list[RenderedFrame]) -> str:

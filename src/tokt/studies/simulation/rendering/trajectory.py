@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.studies.simulation.scene.rig import SyntheticRig
-
-from .raycast import Camera
+from tokt.studies.simulation.scene.rig import Camera, SyntheticRig
 
 Float = NDArray[np.float64]
 
@@ -35,13 +33,7 @@ class CameraPose:
 
     def cameras(self, rig: SyntheticRig) -> tuple[Camera, Camera]:
         """The left and the right camera of `rig` at this pose."""
-        right = rig.rotation @ self.rotation
-        centre = self.centre - right.T @ rig.translation_m
-        size = (rig.width, rig.height)
-        return (
-            Camera(rig.left, self.rotation, self.centre, *size),
-            Camera(rig.right, right, centre, *size),
-        )
+        return rig.cameras(self.rotation, self.centre)
 
 
 def draw_trajectory(rng: np.random.Generator, n_frames: int) -> list[CameraPose]:

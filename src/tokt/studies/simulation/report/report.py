@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 import pandas as pd
 
 from tokt import __version__
@@ -18,33 +18,12 @@ from tokt.features.common import atomic
 from tokt.studies.simulation.loop.track import IN_VIEW_M, Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 
-from .chart import Chart
-from .film import animation
-from .map import still
-from .outcome import CONFIDENCE, FRESH_S, FlightOutcome, table
-from .overview import overview
-
-
-@dataclass(frozen=True)
-class Flown:
-    """One run as the page shows it.
-
-    Parameters
-    ----------
-    track : Track
-    chart : Chart
-        Where it was flown.
-    outcome : FlightOutcome
-        What it came to.
-    """
-
-    track: Track
-    chart: Chart
-    outcome: FlightOutcome
+from .maps import Chart, animation, overview, still
+from .outcome import CONFIDENCE, FRESH_S, outcome_of, table
 
 
 def write_report(
-    out: Path, outcomes: Sequence[FlightOutcome], flown: Sequence[Flown], words: Sequence[str]
+    out: Path, tracks: Sequence[Track], charts: Sequence[Chart], words: Sequence[str]
 ) -> None:
     """Write ``report.html``, ``table.csv``, ``runs.csv`` and the maps into a folder.
 
@@ -54,23 +33,24 @@ def write_report(
         The folder. ``maps/SCENE-METHOD.png`` is the overview, ``maps/SCENE-METHOD-SEED.png`` the
         run that came nearest to something solid, and ``.webp`` that run as an animation, of each
         scene's first method.
-    outcomes : sequence of FlightOutcome
-        All runs: what the table is of.
-    flown : sequence of Flown
-        Those with a map.
+    tracks : sequence of Track
+        All runs.
+    charts : sequence of Chart
+        Where each was flown.
     words : sequence of str
         Paragraphs: what was flown, and with what.
 
     Raises
     ------
     ValueError
-        If there is no outcome.
+        If there is no run.
     """
+    outcomes = [outcome_of(track) for track in tracks]
     rows = table(outcomes)
     atomic.write_text(out / "table.csv", rows.to_csv(index=False))
     runs = pd.DataFrame([outcome.to_json() for outcome in outcomes])
     atomic.write_text(out / "runs.csv", runs.to_csv(index=False))
-    sections = _sections(flown)
+    sections = _sections(tracks, charts)
     for section in sections:
         for name, data in section.files.items():
             atomic.write_bytes(out / "maps" / name, data)
@@ -79,12 +59,10 @@ def write_report(
 
 @dataclass(frozen=True)
 class _Section:
-    """A scene with a method: what is shown of it."""
+    """A scene with a method: how many runs, the nearest of them, and the files with its maps."""
 
-    title: str
-    method: str
     runs: int
-    nearest: Flown
+    nearest: Track
     overview: str
     maps: tuple[str, ...]
     files: dict[str, bytes]
@@ -92,7 +70,7 @@ class _Section:
     @property
     def solid(self) -> bool:
         """Whether there was anything to come near to."""
-        return math.isfinite(self.nearest.outcome.clearance_m)
+        return bool(np.isfinite(self.nearest.clearance_m.min()))
 
     def uri(self, name: str) -> str:
         """A file of it as a data URI."""
@@ -100,25 +78,22 @@ class _Section:
         return f"data:image/{kind};base64," + base64.b64encode(self.files[name]).decode("ascii")
 
 
-def _sections(flown: Sequence[Flown]) -> list[_Section]:
-    groups: dict[tuple[str, str], list[Flown]] = {}
-    for one in flown:
-        groups.setdefault((one.track.scene, one.track.method), []).append(one)
+def _sections(tracks: Sequence[Track], charts: Sequence[Chart]) -> list[_Section]:
+    groups: dict[tuple[str, str], list[tuple[Track, Chart]]] = {}
+    for track, chart in zip(tracks, charts, strict=True):
+        groups.setdefault((track.scene, track.method), []).append((track, chart))
     animated: set[str] = set()
     sections = []
     for (scene, method), group in groups.items():
-        nearest = min(group, key=lambda one: one.outcome.clearance_m)
+        nearest, chart = min(group, key=lambda one: one[0].clearance_m.min())
         name = f"{scene}-{method}"
-        maps = {f"{name}-{nearest.track.seed}.png": still(nearest.track, nearest.chart)}
+        maps = {f"{name}-{nearest.seed}.png": still(nearest, chart)}
         if scene not in animated:
             animated.add(scene)
-            maps[f"{name}-{nearest.track.seed}.webp"] = animation(nearest.track, nearest.chart)
-        small = overview([one.track for one in group], [one.chart for one in group])
-        files = {f"{name}.png": small, **maps}
-        title = nearest.track.title
-        sections.append(
-            _Section(title, method, len(group), nearest, f"{name}.png", tuple(maps), files)
-        )
+            maps[f"{name}-{nearest.seed}.webp"] = animation(nearest, chart)
+        all_runs = overview([track for track, _ in group], [chart for _, chart in group])
+        files = {f"{name}.png": all_runs, **maps}
+        sections.append(_Section(len(group), nearest, f"{name}.png", tuple(maps), files))
     return sections
 
 
@@ -129,7 +104,7 @@ def _page(rows: pd.DataFrame, sections: Sequence[_Section], words: Sequence[str]
         trim_blocks=True,
         lstrip_blocks=True,
     ).from_string(resources.files(__package__).joinpath("report.html").read_text("utf-8"))
-    titles = {section.nearest.track.scene: section.title for section in sections}
+    titles = {section.nearest.scene: section.nearest.title for section in sections}
     return template.render(
         version=__version__,
         words=words,
@@ -153,7 +128,7 @@ def _shown(row: Mapping[Any, Any], titles: Mapping[str, str]) -> dict[str, str |
         return "" if pd.isna(row[name]) else pattern.format(row[name])
 
     return {
-        "scene": titles.get(row["scene"], row["scene"]),
+        "scene": titles[row["scene"]],
         "method": row["method"],
         "runs": row["runs"],
         "hit": row["collided"] > 0,

@@ -12,11 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .clearance import Solids
-from .dust import DustCloud
-from .fish import School
-from .tower import Cuboid, Frustum, Stalk, Tower
-from .walls import panels
+from .fish_and_dust import DustCloud, School
+from .surfaces import Surfaces
+from .tower import Cuboid, Frustum, Stalk, Tower, panels
 from .water import Water
 
 Float = NDArray[np.float64]
@@ -49,9 +47,9 @@ class Placed:
         return cls(turned(shape, turn_rad), np.array(at, np.float64), np.array(drift, np.float64))
 
     @cached_property
-    def solids(self) -> Solids:
-        """The solids of it that can be hit."""
-        return Solids.of(self.shape.solids)
+    def surfaces(self) -> Surfaces:
+        """Its solids and what grows on them, in arrays."""
+        return Surfaces.of([self.shape])
 
     def origin(self, t_s: float) -> Float:
         """Where the shape's origin is at a time."""
@@ -95,7 +93,7 @@ class World:
         points = np.asarray(points, np.float64)
         nearest = np.full(len(points), np.inf)
         for thing in self.things:
-            there = thing.solids.distance_m(points - thing.origin(t_s))
+            there = thing.surfaces.distance_m(points - thing.origin(t_s))
             np.minimum(nearest, there, out=nearest)
         return nearest
 

@@ -1,4 +1,4 @@
-"""The stereo rig of a synthetic mission, and its calibration file."""
+"""Cameras without distortion, the stereo rig of a synthetic mission, and its calibration file."""
 
 from __future__ import annotations
 
@@ -16,6 +16,36 @@ FULL_WIDTH = 1360
 FULL_HEIGHT = 1024
 _FOCAL_PX = 2222.0
 _BASELINE_M = 0.3055
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One camera at one moment: a world point p is seen at ``rotation @ (p - centre)``.
+
+    Its own coordinates are x to the right, y down, z ahead.
+    """
+
+    matrix: Float
+    rotation: Float
+    centre: Float
+    width: int
+    height: int
+
+    def seen(self, points: Float) -> Float:
+        """World points (..., 3) in this camera's coordinates."""
+        return np.asarray((points - self.centre) @ self.rotation.T)
+
+    def place(self, seen: Float) -> Float:
+        """Columns and rows (..., 2) of points (..., 3) in this camera's coordinates."""
+        there = seen[..., :2] / seen[..., 2:] * self.matrix[0, 0] + self.matrix[:2, 2]
+        return np.asarray(there)
+
+    def rays(self, pixels: NDArray[np.int64]) -> Float:
+        """Directions (3, n) in this camera's coordinates, of length one along the optical axis."""
+        v, u = np.divmod(pixels, self.width)
+        x = (u - self.matrix[0, 2]) / self.matrix[0, 0]
+        y = (v - self.matrix[1, 2]) / self.matrix[1, 1]
+        return np.stack([x, y, np.ones(len(pixels))])
 
 
 @dataclass(frozen=True)
@@ -61,6 +91,15 @@ class SyntheticRig:
             camera(_FOCAL_PX * rng.uniform(0.997, 1.005)),
             np.asarray(rotation, np.float64),
             _BASELINE_M * direction / np.linalg.norm(direction),
+        )
+
+    def cameras(self, rotation: Float, centre: Float) -> tuple[Camera, Camera]:
+        """The left camera, turned and placed so in the world, and the right one beside it."""
+        right = self.rotation @ rotation
+        beside = centre - right.T @ self.translation_m
+        return (
+            Camera(self.left, rotation, centre, self.width, self.height),
+            Camera(self.right, right, beside, self.width, self.height),
         )
 
     @property

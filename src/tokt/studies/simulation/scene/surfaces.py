@@ -1,24 +1,24 @@
-"""The solids of a world in arrays, ready for the rays of a camera."""
+"""The solids of a world, their materials and textures, in arrays: ready for a camera's rays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .fish import FISH, fish_texture
-from .materials import Materials, Texture
-from .tower import GROWTH, Cuboid, Frustum, Material
-
-if TYPE_CHECKING:
-    from .closed_loop_world import World
+from .fish_and_dust import FISH
+from .tower import GROWTH, TEXEL_M, Cuboid, Frustum, Material, Tower
 
 Float = NDArray[np.float64]
+Single = NDArray[np.float32]
 Index = NDArray[np.int64]
+Texture = tuple[Single, ...]
+"""Levels of (size, size, 2) brightness and rust, each at half the detail of the one before."""
 
+_LEVELS = 5
 _HULL_POINTS = 16
 STALK_MATERIAL, FISH_MATERIAL = 0, 1
 
@@ -40,16 +40,71 @@ class Frusta:
     thing: Index
     material_number: Index
 
+    @classmethod
+    def of(cls, solids: Sequence[Frustum], thing: Index, material_number: Index) -> Frusta:
+        """These solids."""
+        length = np.array([solid.length for solid in solids])
+        start_radius = np.array([solid.start_radius for solid in solids])
+        end_radius = np.array([solid.end_radius for solid in solids])
+        return cls(
+            np.array([solid.start for solid in solids]).reshape(-1, 3),
+            np.array([solid.frame() for solid in solids]).reshape(-1, 3, 3),
+            length,
+            start_radius,
+            (end_radius - start_radius) / length,
+            end_radius,
+            np.array([solid.rims(_HULL_POINTS, outside=True) for solid in solids]).reshape(
+                -1, 2 * _HULL_POINTS, 3
+            ),
+            thing,
+            material_number,
+        )
+
+    def distances_m(self, points: Float) -> Float:
+        """(n, m): from each of points (n, 3) to each cone; 0 in it.
+
+        In the plane through the axis and the point a cone is a trapezium, half of it enough.
+        """
+        axis = self.axes[:, 1]
+        from_start = points[:, None] - self.start
+        along = np.einsum("nmi,mi->nm", from_start, axis)
+        off_axis = np.linalg.norm(from_start - along[..., None] * axis, axis=2)
+        where = np.stack([off_axis, along], axis=2)
+        first = np.stack([self.radius, np.zeros_like(self.radius)], axis=1)
+        last = np.stack([self.end_radius, self.length], axis=1)
+        distance = _to_segments(where, first, last)
+        for rim in (first, last):
+            np.minimum(distance, _to_segments(where, rim * [0.0, 1.0], rim), out=distance)
+        share = along / self.length
+        widest = self.radius + share * (self.end_radius - self.radius)
+        inside = (share >= 0) & (share <= 1) & (off_axis <= widest)
+        return np.asarray(np.where(inside, 0.0, distance))
+
+
+def _to_segments(points: Float, start: Float, end: Float) -> Float:
+    """(n, m): from points (n, m, 2) to each one's segment, (m, 2) to (m, 2)."""
+    step = end - start
+    off = points - start
+    length = np.maximum((step * step).sum(axis=1), 1e-18)
+    share = ((off * step).sum(axis=2) / length).clip(0, 1)
+    return np.asarray(np.linalg.norm(off - share[..., None] * step, axis=2))
+
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Cuboids, or the ellipsoids in them: centre, orthonormal axes as rows, half sizes."""
+    """Cuboids: centre, orthonormal axes as rows, half sizes."""
 
     centre: Float
     axes: Float
     half: Float
     thing: Index
     material_number: Index
+
+    def distances_m(self, points: Float) -> Float:
+        """(n, m): from each of points (n, 3) to each box; 0 in it."""
+        off = points[:, None] - self.centre
+        outside = np.abs(np.einsum("kij,nkj->nki", self.axes, off)) - self.half
+        return np.asarray(np.linalg.norm(outside.clip(0), axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,92 +119,139 @@ class Stalks:
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """All that is solid to look at and stays in its place."""
+    """All that is solid to look at and stays in its place.
+
+    Attributes
+    ----------
+    materials : list of (Material, int)
+        By number, with the number of its texture: 0 is the fishes', then each thing's own.
+    """
 
     frusta: Frusta
     boxes: Boxes
     stalks: Stalks
-    materials: Materials
+    materials: list[tuple[Material, int]]
 
     @classmethod
-    def of(cls, world: World) -> Surfaces:
-        """The things of a world; the materials are its fishes' too."""
-        materials = _MaterialList(world)
-        frusta: list[tuple[int, Frustum]] = []
-        boxes: list[tuple[int, Cuboid]] = []
-        for number, thing in enumerate(world.things):
-            for solid in thing.shape.solids:
-                if isinstance(solid, Frustum):
-                    frusta.append((number, solid))
-                else:
-                    boxes.append((number, solid))
-        stalks = [
-            (number, stalk)
-            for number, thing in enumerate(world.things)
-            for stalk in thing.shape.stalks
-        ]
+    def of(cls, shapes: Sequence[Tower]) -> Surfaces:
+        """The solids and stalks of placed things; the materials are the fishes' too."""
+        materials = [(GROWTH, 0), (FISH, 0)]
+
+        def numbered(kind: type) -> tuple[list[Any], Index, Index]:
+            """Solids of a kind, each with the numbers of its thing and of its material."""
+            solids, things, numbers = [], [], []
+            for thing, shape in enumerate(shapes):
+                for solid in shape.solids:
+                    if isinstance(solid, kind):
+                        material = (solid.material, thing + 1)
+                        if material not in materials:
+                            materials.append(material)
+                        solids.append(solid)
+                        things.append(thing)
+                        numbers.append(materials.index(material))
+            return solids, np.array(things, np.int64), np.array(numbers, np.int64)
+
+        boxes, box_things, box_materials = numbered(Cuboid)
+        stalks = [(thing, stalk) for thing, shape in enumerate(shapes) for stalk in shape.stalks]
         return cls(
-            _frusta(frusta, materials),
+            Frusta.of(*numbered(Frustum)),
             Boxes(
-                _vectors([box.centre for _, box in boxes]),
-                np.array([box.axes for _, box in boxes]).reshape(-1, 3, 3),
-                _vectors([box.half for _, box in boxes]),
-                _numbers([number for number, _ in boxes]),
-                _numbers([materials.of(box.material, number) for number, box in boxes]),
+                np.array([box.centre for box in boxes]).reshape(-1, 3),
+                np.array([box.axes for box in boxes]).reshape(-1, 3, 3),
+                np.array([box.half for box in boxes]).reshape(-1, 3),
+                box_things,
+                box_materials,
             ),
             Stalks(
                 np.array([(stalk.root, stalk.tip) for _, stalk in stalks]).reshape(-1, 2, 3),
                 np.array([stalk.half_width for _, stalk in stalks]),
                 np.array([stalk.brightness for _, stalk in stalks]),
-                _numbers([number for number, _ in stalks]),
+                np.array([thing for thing, _ in stalks], np.int64),
             ),
-            Materials.of(materials.materials, materials.textures),
+            materials,
         )
 
+    def distance_m(self, points: Float) -> Float:
+        """Distance of points from the nearest of the solids, where nothing has drifted.
 
-class _MaterialList:
-    """Numbers each material of each thing as it comes up."""
+        Parameters
+        ----------
+        points : (n, 3) array
+            In the solids' coordinates, metres.
 
-    def __init__(self, world: World) -> None:
-        rng = np.random.default_rng([world.seed, 2])
-        self.textures: list[Texture] = [fish_texture(rng)]
-        self.textures += [thing.shape.textures for thing in world.things]
-        self.materials: list[tuple[Material, int]] = [(GROWTH, 0), (FISH, 0)]
-
-    def of(self, material: Material, thing: int) -> int:
-        material_number = (material, thing + 1)
-        if material_number not in self.materials:
-            self.materials.append(material_number)
-        return self.materials.index(material_number)
-
-
-def _frusta(solids: list[tuple[int, Frustum]], materials: _MaterialList) -> Frusta:
-    angles = np.arange(_HULL_POINTS) * 2 * np.pi / _HULL_POINTS
-    hulls = []
-    for _, solid in solids:
-        side, _, other = solid.frame()
-        ring = np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)
-        ring /= np.cos(np.pi / _HULL_POINTS)
-        hulls.append([solid.start + solid.start_radius * ring, solid.end + solid.end_radius * ring])
-    length = np.array([solid.length for _, solid in solids])
-    start_radius = np.array([solid.start_radius for _, solid in solids])
-    end_radius = np.array([solid.end_radius for _, solid in solids])
-    return Frusta(
-        _vectors([solid.start for _, solid in solids]),
-        np.array([solid.frame() for _, solid in solids]).reshape(-1, 3, 3),
-        length,
-        start_radius,
-        (end_radius - start_radius) / length,
-        end_radius,
-        np.array(hulls).reshape(-1, 2 * _HULL_POINTS, 3),
-        _numbers([number for number, _ in solids]),
-        _numbers([materials.of(solid.material, number) for number, solid in solids]),
-    )
+        Returns
+        -------
+        numpy.ndarray
+            float64, (n,): metres, exact; 0 on and in a solid, infinite where there is none.
+        """
+        both = [self.frusta.distances_m(points), self.boxes.distances_m(points)]
+        return np.asarray(np.concatenate(both, axis=1).min(axis=1, initial=np.inf), np.float64)
 
 
-def _vectors(values: Sequence[Float]) -> Float:
-    return np.array(values, np.float64).reshape(-1, 3)
+@dataclass(frozen=True, eq=False)
+class Materials:
+    """Materials with their textures, by number; 0 has no texture.
 
+    Attributes
+    ----------
+    paint, rust : (3, n_materials) float32
+        Albedo of the paint, and what full rust adds to it.
+    texture : (n_materials,) int64
+        Number of the material's texture.
+    texels : (all, 2) float32
+        Every level of every texture, row by row.
+    first, size : (textures, levels) int64
+        A level's first texel, and texels along its side.
+    """
 
-def _numbers(values: Sequence[int]) -> Index:
-    return np.array(values, np.int64)
+    paint: Single
+    rust: Single
+    texture: Index
+    texels: Single
+    first: Index
+    size: Index
+
+    @classmethod
+    def of(
+        cls, materials: Sequence[tuple[Material, int]], textures: Sequence[Texture]
+    ) -> Materials:
+        """Materials each with its texture's number."""
+        paint = np.array([material.paint for material, _ in materials], np.float64)
+        rust = np.array([material.rust for material, _ in materials], np.float64)
+        rusted = np.array([material.rusted for material, _ in materials], np.float64)
+        levels = [level for texture in textures for level in texture]
+        counts = [len(level) ** 2 for level in levels]
+        shape = (len(textures), _LEVELS)
+        return cls(
+            np.ascontiguousarray(paint.T, np.float32),
+            np.ascontiguousarray(((rust - paint) * rusted[:, None]).T, np.float32),
+            np.array([texture for _, texture in materials], np.int64),
+            np.concatenate([level.reshape(-1, 2) for level in levels]),
+            np.concatenate([[0], np.cumsum(counts[:-1])]).reshape(shape).astype(np.int64),
+            np.array([len(level) for level in levels], np.int64).reshape(shape),
+        )
+
+    def look_up(
+        self, material_number: Index, across: Single, along: Single, pixel_m: Single
+    ) -> tuple[Single, Single]:
+        """Brightness and rust at surface coordinates.
+
+        Parameters
+        ----------
+        material_number : (n,) int64
+        across, along : (n,) float32
+            Surface coordinates, m.
+        pixel_m : (n,) float32
+            Size of a camera's pixel on the surface: which level is read.
+        """
+        level = (np.frexp(pixel_m * np.float32(1 / TEXEL_M))[1] - 1).clip(0, _LEVELS - 1)
+        texel = np.ldexp(np.float32(1 / TEXEL_M), -level)
+        which = self.texture.take(material_number) * _LEVELS + level
+        inside = self.size.take(which) - 1
+        column = np.floor(across * texel).astype(np.int64) & inside
+        row = np.floor(along * texel).astype(np.int64) & inside
+        row *= inside + 1
+        row += column
+        row += self.first.take(which)
+        found = self.texels.take(row, axis=0)
+        return found[:, 0], found[:, 1].copy()

@@ -1,4 +1,4 @@
-"""The tower of a synthetic mission: tripod, mast, collar, lantern, and what grows on them.
+"""The tower of a synthetic mission and the walls of a dead end: solids, and what grows on them.
 
 Tower coordinates are metres: x right, y down, z away from a vehicle that approaches along +z;
 the origin is on the mast's axis at the height of the collar.
@@ -6,6 +6,7 @@ the origin is on the mast's axis at the height of the collar.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ _UP = np.array([0.0, -1.0, 0.0])
 _TOWARDS_VEHICLE = np.array([0.0, 0.0, -1.0])
 _TOP_OF_LEGS_M, _FEET_M = 0.50, 2.30
 _MAST_RADIUS_M = 0.075
+_PANEL_THICKNESS_M = 0.12
+_STALKS_PER_M2 = 25
 TEXTURE_SIZE = 1024
 """Texels along a side of the surface texture, which repeats."""
 TEXEL_M = 0.0015
@@ -34,6 +37,7 @@ class Material:
 WHITE = Material((0.85, 0.84, 0.76))
 GREY = Material((0.42, 0.42, 0.40))
 YELLOW = Material((0.15, 0.65, 0.70), rusted=0.2)
+PANEL = Material((0.50, 0.50, 0.46), rust=(0.16, 0.26, 0.34), rusted=0.8)
 GROWTH = Material((0.25, 0.31, 0.31), rust=(0.10, 0.16, 0.20), rusted=0.9)
 
 
@@ -63,6 +67,15 @@ class Frustum:
     def length(self) -> float:
         """Length in metres."""
         return float(np.linalg.norm(self.end - self.start))
+
+    def rims(self, count: int, *, outside: bool = False) -> list[Float]:
+        """Points (count, 3) on the rim of its start and of its end, or of polygons around these."""
+        angles = np.arange(count) * 2 * np.pi / count
+        side, _, other = self.frame()
+        ring = np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)
+        if outside:
+            ring /= np.cos(np.pi / count)
+        return [self.start + self.start_radius * ring, self.end + self.end_radius * ring]
 
     def on_surface(self, angle: float, along: float) -> tuple[Float, Float]:
         """A point of the side, at `angle` (rad) and fraction `along`, and its outward normal."""
@@ -186,6 +199,47 @@ def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) 
             tip = root + length * direction / np.linalg.norm(direction)
             stalks.append(Stalk(root, tip, rng.uniform(0.0015, 0.005), rng.uniform(0.6, 1.7)))
     return stalks
+
+
+def panels(
+    rng: np.random.Generator, plan: Iterable[tuple[float, float, float, float]], height_m: float
+) -> Tower:
+    """Upright panels of one height about y = 0, rusty and overgrown.
+
+    Parameters
+    ----------
+    plan : iterable of (x, z, turn_rad, width_m)
+        Centre of each panel, and its turn from lying across the z axis.
+    """
+    solids, stalks = [], []
+    for x, z, turn, width in plan:
+        cos, sin = np.cos(turn), np.sin(turn)
+        axes = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+        half = np.array([width, height_m, _PANEL_THICKNESS_M]) / 2
+        panel = Cuboid(np.array([x, 0.0, z]), axes, half, PANEL)
+        solids.append(panel)
+        stalks += _growth_on_panel(rng, panel)
+    return Tower(tuple(solids), tuple(stalks), surface_textures(rng))
+
+
+def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
+    """Stalks on both faces of a panel."""
+    count = int(2 * _STALKS_PER_M2 * 4 * panel.half[0] * panel.half[1])
+    face = rng.choice([-1.0, 1.0], count)
+    place = rng.uniform(-1.0, 1.0, (count, 2)) * panel.half[:2]
+    roots = np.column_stack([place, face * panel.half[2]])
+    directions = np.column_stack([np.zeros((count, 2)), face]) + rng.normal(0.0, 0.35, (count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tips = roots + 0.06 * rng.uniform(0.3, 1.0, (count, 1)) * directions
+    width, bright = rng.uniform(0.0015, 0.005, count), rng.uniform(0.6, 1.7, count)
+
+    def world(points: Float) -> Float:
+        return np.asarray(panel.centre + points @ panel.axes)
+
+    return [
+        Stalk(root, tip, float(w), float(b))
+        for root, tip, w, b in zip(world(roots), world(tips), width, bright, strict=True)
+    ]
 
 
 def surface_textures(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
