@@ -26,20 +26,24 @@ from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
 from tokt.studies.thesis.context import StudyContext
 from tokt.studies.thesis.exhibit import ClaimAgreement
 from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
-from tokt.studies.thesis.exhibits.curve_figures import curve_figures
-from tokt.studies.thesis.exhibits.curve_scores import (
+from tokt.studies.thesis.exhibits.curve_figures import (
     agreement_with_distance,
+    curve_figures,
     first_in_a_row,
-    patch_f1,
     score_methods,
     with_nearness,
 )
-from tokt.studies.thesis.exhibits.training_images import EXTRACTORS
-from tokt.studies.thesis.methods import held_out_texture, per_frame_methods, superpixel_methods
+from tokt.studies.thesis.methods import frame_methods, superpixel_methods, texture_models
 from tokt.studies.thesis.methods.curves import Curves, Method, _model_method
-from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
-from tokt.studies.thesis.methods.per_frame_methods import FrameMethods, FrameResult, judge_frames
-from tokt.studies.thesis.methods.sequence_methods import TOKT_STEREO
+from tokt.studies.thesis.methods.frame_methods import (
+    TOKT_STEREO,
+    FrameMethods,
+    FrameResult,
+    judge_frames,
+)
+from tokt.studies.thesis.methods.patch_scores import pooled_score
+from tokt.studies.thesis.methods.texture_histograms import EXTRACTORS
+from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE
 from tokt.training.fitting.presets import settings_named
 
 pytestmark = pytest.mark.xdist_group("reproduce")
@@ -60,7 +64,7 @@ def judged_by_kernels(model: ThesisModel, frame: NDArray[np.uint8]) -> ThesisTex
 def judged(reproduced: StudyContext) -> list[FrameResult]:
     """What was found frame by frame on the way to the curves, which are made here."""
     kept: list[FrameResult] = []
-    own = held_out_texture.held_out_texture
+    own = texture_models.held_out_texture
 
     def keep(context: StudyContext, frames: list[FrameResult], settings: Any) -> Any:
         kept.extend(frames)
@@ -125,15 +129,14 @@ def test_the_distance_is_the_scenes(reproduced: StudyContext, curves: Curves) ->
 def test_shuffled_features_lose(
     reproduced: StudyContext, judged: list[FrameResult], curves: Curves
 ) -> None:
-    truth = {number: reproduced.truth(number) for number in reproduced.obstacle_patches}
-    found = patch_f1(curves.patches[TOKT_TEXTURE], truth)
+    found = pooled_score(curves.patches[TOKT_TEXTURE], reproduced.truths).f1
     rng = np.random.default_rng(1)
     mixed = [
         replace(one, features=[rng.permutation(table) for table in one.features]) for one in judged
     ]
-    broken = held_out_texture.held_out_texture(reproduced, mixed, SETTINGS)
+    broken = texture_models.held_out_texture(reproduced, mixed, SETTINGS)
     assert found is not None and found > 0.8
-    assert (patch_f1(broken.patches, truth) or 0.0) < found / 2
+    assert (pooled_score(broken.patches, reproduced.truths).f1 or 0.0) < found / 2
 
 
 def test_no_model_judges_what_it_learnt_from(
@@ -142,9 +145,9 @@ def test_no_model_judges_what_it_learnt_from(
     number_of = {id(one.features[0]): one.number for one in judged}
     datasets, learnt, checked = [], {}, []
     make, teach, values = (
-        held_out_texture._dataset,
-        held_out_texture.fit_rows,
-        held_out_texture.decision_values,
+        texture_models._dataset,
+        texture_models.fit_rows,
+        texture_models.decision_values,
     )
 
     def dataset(*given: Any) -> Any:
@@ -162,10 +165,10 @@ def test_no_model_judges_what_it_learnt_from(
         assert number not in learnt[id(pipeline)][1]
         return values(pipeline, features)
 
-    monkeypatch.setattr(held_out_texture, "_dataset", dataset)
-    monkeypatch.setattr(held_out_texture, "fit_rows", learn)
-    monkeypatch.setattr(held_out_texture, "decision_values", decide)
-    held_out_texture.held_out_texture(reproduced, judged, SETTINGS)
+    monkeypatch.setattr(texture_models, "_dataset", dataset)
+    monkeypatch.setattr(texture_models, "fit_rows", learn)
+    monkeypatch.setattr(texture_models, "decision_values", decide)
+    texture_models.held_out_texture(reproduced, judged, SETTINGS)
     assert sorted(checked) == reproduced.scored
 
 
@@ -173,10 +176,10 @@ def test_a_frame_without_labels_is_judged_from_afar() -> None:
     patches = pd.DataFrame({"frame": [1, 1, 20, 20, 40, 40, 60, 60]})
     dataset = type("D", (), {"patches": patches})()
     folds = [
-        held_out_texture.Fold(np.array([2, 3, 4, 5, 6, 7]), np.array([0, 1])),
-        held_out_texture.Fold(np.array([0, 1, 4, 5, 6, 7]), np.array([2, 3])),
+        texture_models.Fold(np.array([2, 3, 4, 5, 6, 7]), np.array([0, 1])),
+        texture_models.Fold(np.array([0, 1, 4, 5, 6, 7]), np.array([2, 3])),
     ]
-    judges = held_out_texture._judges(dataset, folds, [1, 4, 20, 21, 41], 5)
+    judges = texture_models._judges(dataset, folds, [1, 4, 20, 21, 41], 5)
     # 4 is 3 frames from frame 1 that the second learnt from; 41 is one from 40 for both.
     assert judges == {1: 0, 4: 0, 20: 1, 21: 1}
 
@@ -217,8 +220,8 @@ def test_thesis_disparity_judges_pairs_of_its_size(tmp_path: Path) -> None:
     left = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
     right = np.roll(left, -20, axis=1)
     data = [cv2.imencode(".png", image)[1].tobytes() for image in (left, right)]
-    task = per_frame_methods.FrameTask(1, data[0], data[1], (), (), None)
-    found = per_frame_methods._judge(task)
+    task = frame_methods.FrameTask(1, *data)
+    found = frame_methods._judge(task)
     assert found.mean["disparity"] == judge_pair(left, right).mean > 0.345
     assert found.status["disparity"] == 1
 
@@ -280,12 +283,10 @@ def test_one_frame_alone_needs_another_ocean_image(
 def test_the_exhibit_tells_of_each_method(reproduced: StudyContext, curves: Curves) -> None:
     exhibit = curve_figures(reproduced)
     assert not any(".." in words for words in exhibit.words)
-    truth = {number: reproduced.truth(number) for number in reproduced.obstacle_patches}
     for name, model in reproduced.thesis.items():
-        said = {number: model.judge(reproduced.left(number)).obstacle for number in (11,)}
-        for number, patches in said.items():
-            assert np.array_equal(curves.patches[name][number], patches)
-        assert exhibit.numbers[f"{name}_f1"] == patch_f1(curves.patches[name], truth)
+        patches = curves.patches[name]
+        assert np.array_equal(patches[11], model.judge(reproduced.left(11)).obstacle)
+        assert exhibit.numbers[f"{name}_f1"] == pooled_score(patches, reproduced.truths).f1
     means = next(table.frame for table in exhibit.tables if table.name == "means")
     assert means.set_index("frame").loc[12, "haralick"] == curves.mean.loc[12, "haralick"]
     assert {plot.name for plot in exhibit.plots} >= {
@@ -321,11 +322,11 @@ def test_scores_count_what_the_labels_say(
     context = context_of(reproduce_mission)
     context.__dict__["curves"] = made_up({"never": never, "always": always, "right": right})
     scores = score_methods(context)
-    assert (scores["never"].detected, scores["never"].false_status) == (0, 0)
-    assert scores["always"].false_status == scores["always"].ocean_frames == 6
-    assert (scores["right"].detected, scores["right"].obstacle_frames) == (9, 9)
-    assert scores["right"].false_status == 0
-    assert scores["right"].first_detection == 8
+    assert (scores["never"]["detected"], scores["never"]["false_status"]) == (0, 0)
+    assert scores["always"]["false_status"] == scores["always"]["ocean_frames"] == 6
+    assert (scores["right"]["detected"], scores["right"]["obstacle_frames"]) == (9, 9)
+    assert scores["right"]["false_status"] == 0
+    assert scores["right"]["first_detection"] == 8
     claim = curve_figures(context).claims[0]
     assert claim.agreement is ClaimAgreement.PARTLY
     assert "1 of 3" in claim.found and "ALWAYS" in claim.why and "RIGHT" not in claim.why

@@ -20,7 +20,7 @@ from tokt.studies.thesis import run
 from tokt.studies.thesis.context import StudyContext
 from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
 from tokt.studies.thesis.inputs import ReproduceRequest
-from tokt.studies.thesis.results import plain
+from tokt.studies.thesis.report import plain
 from tokt.studies.thesis.run import EXHIBITS, Planned, run_reproduce
 
 pytestmark = pytest.mark.xdist_group("reproduce")

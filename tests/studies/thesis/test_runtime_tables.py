@@ -27,12 +27,10 @@ from tokt.studies.thesis.methods.stage_clock import (
     Laps,
     StageTimes,
     TimedMethod,
-    time_stages,
-)
-from tokt.studies.thesis.methods.timed_methods import (
     slic_texture,
     thesis_model_with_kernels,
     thesis_texture,
+    time_stages,
     tokt_stereo,
     tokt_texture,
 )

@@ -30,13 +30,13 @@ from tokt.studies.thesis.exhibits import (
     synchrony_figure,
     trend_figure,
 )
-from tokt.studies.thesis.exhibits.trend_inputs import means_of_stereo
+from tokt.studies.thesis.exhibits.trend_figure import means_of_stereo
 from tokt.studies.thesis.methods import exchanged_right
 from tokt.studies.thesis.methods.curves import Curves
 from tokt.studies.thesis.methods.exchanged_right import OWN, exchange
 from tokt.studies.thesis.methods.synchrony import Rows, offset_of
 from tokt.studies.thesis.methods.trend_scores import (
-    FrameMean,
+    contact_ratios,
     depth_trend,
     score,
     trend_against_depth,
@@ -282,40 +282,41 @@ def approach() -> dict[int, float]:
     return dict(zip(FRAMES, depths.tolist(), strict=True))
 
 
-def means(depth_m: dict[int, float], power: float = -2.0) -> list[FrameMean]:
+def means(depth_m: dict[int, float], power: float = -2.0) -> pd.DataFrame:
     """An area that goes with a power of the depth."""
-    return [FrameMean(n, 20 * (z / 5) ** power, True) for n, z in depth_m.items()]
+    depth = pd.Series(depth_m)
+    return pd.DataFrame({"mean": 20 * (depth / 5) ** power, "whole": True}).rename_axis("frame")
 
 
 def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time() -> None:
     depth = approach()
-    found = score(trend_against_depth(means(depth), depth, STEP_S))
-    assert found.agreement == 1 and found.same > 25 and found.opposite == 0
-    assert found.rank_correlation == pytest.approx(-1, abs=1e-3)
-    assert len(found.ratios) > 10
-    assert np.median(found.ratios) == pytest.approx(1, abs=0.05)
+    held = trend_against_depth(means(depth), depth, STEP_S)
+    found = score(held)
+    assert found["sign_agreement"] == 1 and found["same_sign"] > 25 and found["opposite_sign"] == 0
+    assert found["rank_correlation"] == pytest.approx(-1, abs=1e-3)
+    assert len(contact_ratios(held)) > 10
+    assert contact_ratios(held).median() == pytest.approx(1, abs=0.05)
 
 
 def test_a_turned_sign_and_shuffled_depths_are_found_out() -> None:
     depth = approach()
     turned = score(trend_against_depth(means(depth, 2.0), depth, STEP_S))
-    assert turned.agreement == 0 and turned.missed_approach > 10
-    assert turned.rank_correlation == pytest.approx(1, abs=1e-3)
+    assert turned["sign_agreement"] == 0 and turned["missed_approach"] > 10
+    assert turned["rank_correlation"] == pytest.approx(1, abs=1e-3)
     order = np.random.default_rng(1).permutation(len(depth))
     mixed = dict(zip(FRAMES, np.array(list(depth.values()))[order].tolist(), strict=True))
     shuffled = score(trend_against_depth(means(depth), mixed, STEP_S))
-    assert shuffled.agreement is None or shuffled.agreement < 0.8
-    assert abs(shuffled.rank_correlation or 0) < 0.5
+    assert shuffled["sign_agreement"] is None or shuffled["sign_agreement"] < 0.8
+    assert abs(shuffled["rank_correlation"] or 0) < 0.5
 
 
 def test_how_the_depth_changes() -> None:
     t = np.arange(12) * STEP_S
     for speed, trend in ((-0.5, GROWING), (0.5, SHRINKING), (0.02, STEADY)):
         found = depth_trend(t, 5 + speed * (t - t[-1]))
-        assert found is not None and found.trend == trend
-        assert (found.contact_s is None) == (trend != GROWING)
-    falling = depth_trend(t, 5 - 0.5 * (t - t[-1]))
-    assert falling is not None and falling.contact_s == pytest.approx(10)
+        assert found is not None and found[0] == trend
+        assert (found[1] is None) == (trend != GROWING)
+    assert depth_trend(t, 5 - 0.5 * (t - t[-1])) == (GROWING, pytest.approx(10))
     assert depth_trend(t, np.where(t == t[-1], np.nan, 5.0)) is None
     assert depth_trend(t[-3:], np.full(3, 5.0)) is None
 
@@ -324,7 +325,7 @@ def test_stereo_gives_the_true_depths_to_hold_against(context: StudyContext, div
     assert context.calibration is not None
     frames = [OPEN[0], *ROW[:3]]
     seen, depth = means_of_stereo(context, context.calibration, frames)
-    assert [one.frame for one in seen] == frames and np.isnan(depth[OPEN[0]])
+    assert list(seen.index) == frames and np.isnan(depth[OPEN[0]])
     for number in ROW[:3]:
         assert depth[number] == pytest.approx(dive.depth_m[number], rel=0.05)
 
@@ -367,6 +368,6 @@ def test_the_trend_s_exhibit(
 
 def test_what_leaves_the_picture_has_no_time_to_contact() -> None:
     depth = approach()
-    cut = [replace(one, whole=False) for one in means(depth)]
-    found = score(trend_against_depth(cut, depth, STEP_S))
-    assert not found.ratios and np.median(found.unchecked_ratios) == pytest.approx(1, abs=0.05)
+    held = trend_against_depth(means(depth).assign(whole=False), depth, STEP_S)
+    assert contact_ratios(held).empty
+    assert contact_ratios(held, unchecked=True).median() == pytest.approx(1, abs=0.05)

@@ -20,19 +20,15 @@ from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.context import StudyContext
 from tokt.studies.thesis.exhibit import Exhibit
-from tokt.studies.thesis.exhibits import dark_figures, training_images
+from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
 from tokt.studies.thesis.exhibits.dark_figures import bad_lighting
 from tokt.studies.thesis.exhibits.dot_figures import pooled_scores, prediction_dots
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
-from tokt.studies.thesis.exhibits.training_image_figures import (
-    training_images as training_image_exhibit,
-)
+from tokt.studies.thesis.exhibits.training_image_figures import training_images
 from tokt.studies.thesis.inputs import ReproduceRequest
-from tokt.studies.thesis.methods.all_labels_texture import train_on_all_labels
 from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
 from tokt.studies.thesis.methods.dark_rendering import DarkPair, DarkScene
-from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
 from tokt.studies.thesis.methods.patch_scores import (
     PatchScore,
     PatchTruth,
@@ -46,9 +42,11 @@ from tokt.studies.thesis.methods.texture_histograms import (
     bin_kinds,
     chi_square,
     confused,
+    described,
     hellinger,
     share_by_kind,
 )
+from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE, train_on_all_labels
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 
@@ -61,7 +59,7 @@ def _curves(context: StudyContext) -> Curves:
     patches: dict[str, dict[int, NDArray[np.bool_]]] = {key: {} for key in context.thesis}
     patches[TOKT_TEXTURE] = {}
     for number in context.scored:
-        rows = training_images.described(context.left(number))
+        rows = described(context.left(number))
         for key, model in context.thesis.items():
             patches[key][number] = model.classifier.predict(rows[key]) == 1
         patches[TOKT_TEXTURE][number] = context.truth(number) == 1
@@ -115,7 +113,7 @@ def dark_pair(dark_scene: DarkScene) -> DarkPair:
 def shuffled(picture: NDArray[np.uint8]) -> Described:
     """Features as they are, but each patch has those of another one."""
     order = np.random.default_rng(5).permutation(GRID.n_patches)
-    return {key: rows[order] for key, rows in training_images.described(picture).items()}
+    return {key: rows[order] for key, rows in described(picture).items()}
 
 
 class TopHalf:
@@ -243,7 +241,7 @@ def test_contours_without_area_are_counted_before_the_dilation() -> None:
 @pytest.fixture
 def one_photo(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer images to choose from, for speed."""
-    monkeypatch.setattr(training_images, "_PHOTOS", ("brick",))
+    monkeypatch.setattr(training_image_figures, "_PHOTOS", ("brick",))
 
 
 def _sound(exhibit: Exhibit) -> None:
@@ -261,7 +259,7 @@ def _sound(exhibit: Exhibit) -> None:
 
 def test_training_images(context: StudyContext, one_photo: None, drawn: None) -> None:
     """Another ocean frame is the nearest to ocean and the worst to learn from."""
-    exhibit = training_image_exhibit(context)
+    exhibit = training_images(context)
     _sound(exhibit)
     table = exhibit.tables[0].frame.set_index("image")
     assert table["lbp_10_5 to ocean"].idxmin() == "ocean frame"
@@ -285,7 +283,7 @@ def test_training_images_without_labels(
         "ocean": context.ocean,
         "other": context.other,
     }
-    exhibit = training_image_exhibit(bare)
+    exhibit = training_images(bare)
     assert exhibit.numbers["scored_frames"] == 0
     assert exhibit.tables[0].frame["lbp_10_5 F1"].isna().all()
     assert [plot.name for plot in exhibit.plots] == ["histograms"]
@@ -328,8 +326,8 @@ def test_prediction_dots(context: StudyContext, drawn: None) -> None:
             for number, said in context.curves.patches[TOKT_TEXTURE].items()
         }
     }
-    pooled, n_frames = pooled_scores(context, moved)
-    assert n_frames == numbers["labelled_frames"]
+    pooled = pooled_scores(context, moved)
+    assert len(context.truths) == numbers["labelled_frames"]
     assert (pooled[TOKT_TEXTURE].f1 or 0.0) < 0.5
 
 

@@ -9,7 +9,7 @@ from tokt.studies.thesis.methods.superpixel_methods import (
     SuperpixelMethods,
     train_superpixel_methods,
 )
-from tokt.studies.thesis.methods.tokt_model import ToktModel, tokt_model
+from tokt.studies.thesis.methods.texture_models import ToktModel, tokt_model
 
 from .inputs import StudyInputs
 

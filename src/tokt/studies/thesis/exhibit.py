@@ -7,6 +7,8 @@ from enum import StrEnum
 
 import pandas as pd
 
+Numbers = dict[str, float | int | str | bool]
+
 NOT_KNOWN = "not known here"
 """What stands for a printed number that the sources at hand do not give."""
 
@@ -118,5 +120,10 @@ class Exhibit:
     claims: tuple[Claim, ...] = ()
     tables: tuple[Table, ...] = ()
     plots: tuple[Plot, ...] = ()
-    numbers: dict[str, float | int | str | bool] = field(default_factory=dict)
+    numbers: Numbers = field(default_factory=dict)
     missing: str = ""
+
+
+def known(numbers: dict[str, float | int | str | bool | None]) -> Numbers:
+    """Numbers without those that are None: a page that quotes one asks first if it is there."""
+    return {name: value for name, value in numbers.items() if value is not None}

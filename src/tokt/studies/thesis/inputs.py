@@ -20,6 +20,7 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.studies.baselines.thesis_models import DESCRIBE, ThesisModel, TrainingImage, thesis_model
 from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.methods.patch_scores import PatchTruth, truth_by_labels
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
@@ -160,12 +161,12 @@ class StudyInputs:
     @cached_property
     def obstacle_patches(self) -> dict[int, int]:
         """Patches labelled as an obstacle, by frame; only frames with a label that is sure."""
-        counts: dict[int, int] = {}
-        for one in self.labels or []:
-            if one.label not in (UNSURE, None):
-                sees = self.taxonomy.is_obstacle(str(one.label))
-                counts[one.frame] = counts.get(one.frame, 0) + sees
-        return dict(sorted(counts.items()))
+        truths = {number: self.truth(number) for number in sorted(self._labels_by_frame)}
+        return {
+            number: int((truth == 1).sum())
+            for number, truth in truths.items()
+            if (truth >= 0).any()
+        }
 
     def truth(self, number: int) -> NDArray[np.int8]:
         """Labels of a frame's patches: int8, (n_patches,): 1 obstacle, 0 clear, -1 not known."""
@@ -174,6 +175,16 @@ class StudyInputs:
             if one.label not in (UNSURE, None):
                 found[one.row * GRID.cols + one.col] = self.taxonomy.is_obstacle(str(one.label))
         return found
+
+    def patch_truth(self, number: int) -> PatchTruth | None:
+        """The same for scores; None without a sure label."""
+        return truth_by_labels(self.truth(number))
+
+    @cached_property
+    def truths(self) -> dict[int, PatchTruth]:
+        """Of the frames of `scored` that have a sure label."""
+        found = {number: self.patch_truth(number) for number in self.scored}
+        return {number: truth for number, truth in found.items() if truth is not None}
 
     @cached_property
     def _labels_by_frame(self) -> dict[int, list[LabelRecord]]:

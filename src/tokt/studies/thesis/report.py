@@ -1,24 +1,113 @@
-"""The report of a run: one HTML file that needs no other."""
+"""What a run of ``tokt reproduce`` found, as results.json and as one HTML file that needs no other.
+
+To change the format of results.json: raise `FORMAT`, and say in docs what changed.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib import resources
 from typing import Any
 
 import jinja2
+import numpy as np
+import pandas as pd
 
 from tokt.training.evaluation.pictures import png_uri
 
-from .exhibit import ClaimAgreement, Exhibit
+from .exhibit import ClaimAgreement, Exhibit, Table
 
-_CLASSES = {
-    ClaimAgreement.YES.value: "yes",
-    ClaimAgreement.PARTLY.value: "partly",
-    ClaimAgreement.NO.value: "no",
-    ClaimAgreement.UNCOMPARABLE.value: "open",
-}
+FORMAT = 1
+SHOWN_ROWS = 60
+"""Rows of a table that the results and the report hold; its CSV file holds all."""
+_CLASSES = dict(zip(map(str, ClaimAgreement), ("yes", "partly", "no", "open"), strict=True))
+
+
+def results_json(
+    exhibits: Sequence[Exhibit],
+    mission: dict[str, Any],
+    about: list[str],
+    machine: dict[str, Any],
+    seconds: float,
+) -> dict[str, Any]:
+    """The JSON object of a run.
+
+    Parameters
+    ----------
+    exhibits : sequence of Exhibit
+        In the order of the report.
+    mission : dict
+        name, frames, pairs.
+    about : list of str
+        What the figures rest on.
+    machine : dict
+        Where the times were measured.
+    seconds : float
+        That the run took.
+    """
+    return {
+        "format": FORMAT,
+        "mission": mission,
+        "about": about,
+        "machine": machine,
+        "seconds": round(seconds, 1),
+        "exhibits": [_exhibit(one) for one in exhibits],
+    }
+
+
+def results_text(results: dict[str, Any]) -> str:
+    """The file's text. Raises ValueError for a number that is not finite."""
+    return json.dumps(results, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def table_csv(table: Table) -> str:
+    """A table as CSV text, floats short."""
+    return str(table.frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
+
+
+def _exhibit(exhibit: Exhibit) -> dict[str, Any]:
+    return {
+        "key": exhibit.key,
+        "title": exhibit.title,
+        "section": exhibit.section,
+        "words": list(exhibit.words),
+        "missing": exhibit.missing,
+        "claims": [asdict(claim) for claim in exhibit.claims],
+        "numbers": {name: plain(value) for name, value in exhibit.numbers.items()},
+        "tables": [_table(exhibit, table) for table in exhibit.tables],
+        "plots": [
+            {"name": plot.name, "caption": plot.caption, "file": plot_file(exhibit, plot.name)}
+            for plot in exhibit.plots
+        ],
+    }
+
+
+def _table(exhibit: Exhibit, table: Table) -> dict[str, Any]:
+    shown = table.frame.head(SHOWN_ROWS)
+    return {
+        "name": table.name,
+        "title": table.heading,
+        "caption": table.caption,
+        "file": f"{exhibit.key}/{table.name}.csv",
+        "columns": [str(name) for name in table.frame.columns],
+        "n_rows": len(table.frame),
+        "rows": [[plain(value) for value in row] for row in shown.itertuples(index=False)],
+    }
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: NumPy's and pandas' numbers as Python's, what is missing as None."""
+    if value is None or value is pd.NA:
+        return None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, int) else str(value)
 
 
 def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
@@ -29,18 +118,17 @@ def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
     exhibits : sequence of Exhibit
         Their pictures.
     results : dict
-        Everything else, as `tokt.studies.thesis.results.results_json` gives it.
+        Everything else, as `results_json` gives it.
     """
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["cell"] = cell
-    environment.filters["agreement_class"] = _CLASSES.__getitem__
+    environment.filters |= {"cell": cell, "agreement_class": _CLASSES.__getitem__}
     template = environment.from_string(
         resources.files(__package__).joinpath("report.html").read_text("utf-8")
     )
     pictures = {
-        f"{exhibit.key}/{plot.name}.png": png_uri(plot.png)
+        plot_file(exhibit, plot.name): png_uri(plot.png)
         for exhibit in exhibits
         for plot in exhibit.plots
     }
@@ -51,10 +139,13 @@ def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
     return str(template.render(run=results, pictures=pictures, counts=counts))
 
 
+def plot_file(exhibit: Exhibit, name: str) -> str:
+    """Where a picture of an exhibit is written, below the folder of the run."""
+    return f"{exhibit.key}/{name}.png"
+
+
 def cell(value: Any) -> str:
     """A value as a table shows it: four figures, nothing where it is not known."""
     if value is None:
         return ""
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -16,8 +16,7 @@ from tokt.studies.thesis.exhibits.centre_figures import centre_and_box
 from tokt.studies.thesis.exhibits.curve_figures import KEY as CURVES_KEY
 from tokt.studies.thesis.exhibits.curve_figures import TITLE as CURVES_TITLE
 from tokt.studies.thesis.exhibits.curve_figures import curve_figures
-from tokt.studies.thesis.exhibits.dark_figures import bad_lighting
-from tokt.studies.thesis.exhibits.dark_picture import given_picture
+from tokt.studies.thesis.exhibits.dark_figures import bad_lighting, given_picture
 from tokt.studies.thesis.exhibits.disparity_figures import disparity_figures
 from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
@@ -33,8 +32,7 @@ from .context import StudyContext
 from .exhibit import Exhibit
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
-from .report import report_html
-from .results import results_json, results_text, table_csv
+from .report import report_html, results_json, results_text, table_csv
 
 REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
 

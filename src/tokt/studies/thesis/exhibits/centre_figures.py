@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,26 +35,38 @@ from tokt.studies.thesis.frame_drawing import (
 )
 from tokt.studies.thesis.methods.curves import THESIS
 
-from .picture_predictions import MethodPrediction, by_held_out, by_stereo, by_thesis
+from .dot_figures import by_held_out, by_stereo, by_thesis
 
 _SOURCE = "the published program"
 
 
 @dataclass(frozen=True)
-class _Both:
-    """One mask by both ways."""
+class BothWays:
+    """One mask by the thesis's way and by the corrected one.
 
+    Parameters
+    ----------
+    title : str
+        Of the method whose mask it is.
+    number : int
+        Of the frame.
+    mask : array of uint8, shape (height, width)
+        0 or 255.
+    thesis : ThesisCentre
+    corrected : Verdict
+    """
+
+    title: str
+    number: int
+    mask: NDArray[np.uint8]
     thesis: ThesisCentre
     corrected: Verdict
-    height: int
-    width: int
-    without_area: int
 
     @property
     def thesis_leaves(self) -> bool:
         """Whether the thesis's box reaches beyond the frame."""
         box = self.thesis.box
-        return box is not None and leaves_frame(box, self.height, self.width)
+        return box is not None and leaves_frame(box, *self.mask.shape)
 
     @property
     def thesis_misses(self) -> bool:
@@ -84,12 +96,15 @@ class _Both:
             return float("nan")
         return mine[2] * mine[3] / (right[2] * right[3])
 
+    @property
+    def without_area(self) -> int:
+        """Contours whose area is zero, before the thesis's dilation."""
+        return without_area(outer_contours(self.mask))
 
-def both_ways(mask: NDArray[np.uint8]) -> _Both:
+
+def both_ways(mask: NDArray[np.uint8], title: str = "", number: int = 0) -> BothWays:
     """A mask of uint8 0/255, shape (height, width), by the thesis's way and by the corrected."""
-    corrected = verdict_from_mask(mask, "mask")
-    empty = without_area(outer_contours(mask))
-    return _Both(thesis_centre(mask), corrected, mask.shape[0], mask.shape[1], empty)
+    return BothWays(title, number, mask, thesis_centre(mask), verdict_from_mask(mask, "mask"))
 
 
 def centre_and_box(context: StudyContext) -> Exhibit:
@@ -104,7 +119,11 @@ def centre_and_box(context: StudyContext) -> Exhibit:
     frame = context.left(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
     masks = [*by_thesis(context, frame), *by_held_out(context, number, frame), stereo]
-    shown = [one for one in masks if one.mask is not None and one.mask.any()]
+    shown = [
+        both_ways(one.mask, one.title, number)
+        for one in masks
+        if one.mask is not None and one.mask.any()
+    ]
     if not shown:
         return Exhibit(
             "figure-3.22-3.24",
@@ -112,8 +131,8 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "thesis chapter 3, figures 3.22 to 3.24",
             missing=f"no method sees anything in frame {number}, which should show the structure",
         )
-    ways = {one.name: both_ways(one.mask) for one in shown if one.mask is not None}
     mission = _mission(context)
+    summary = _summary(mission)
     return Exhibit(
         "figure-3.22-3.24",
         "Contours, centre and box of a mask: the thesis's, and corrected",
@@ -125,13 +144,21 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "The mission's figures are of every frame in which the thesis's method says obstacle "
             f"({len(mission)} frames and methods); none is of an image it learnt from.",
         ),
-        _claims(mission),
+        _claims(mission, summary),
         (
-            Table("frame", f"Frame {number}: positions in pixels at the grid's width; Xpos and "
-                  "Ypos are the direction to steer, positive right and down.",
-                  _frame_table(shown, ways), "This frame"),
-            Table("mission", "All frames with status 1, by the thesis's texture methods.",
-                  _mission_table(context, mission), "The whole mission"),
+            Table(
+                "frame",
+                f"Frame {number}: positions in pixels at the grid's width; Xpos and "
+                "Ypos are the direction to steer, positive right and down.",
+                _frame_table(shown),
+                "This frame",
+            ),
+            Table(
+                "mission",
+                "All frames with status 1, by the thesis's texture methods.",
+                _mission_table(mission),
+                "The whole mission",
+            ),
         ),
         (
             Plot(
@@ -140,102 +167,69 @@ def centre_and_box(context: StudyContext) -> Exhibit:
                 "each says to steer (3.23), and the two boxes (3.24; where the thesis's leaves the "
                 "frame the panel grows with it). Last, the mission's frame with several contours "
                 f"in which the thesis's box is largest beside the union. {SHOWN}",
-                png_of(_figure(_panels(context, shown, ways, mission))),
+                png_of(_figure(context, shown, mission)),
             ),
         ),
-        _numbers(number, mission),
-    )  # fmt: skip
+        {"frame": number, **summary},
+    )
 
 
-@dataclass(frozen=True)
-class _Row:
-    """One frame by one method."""
-
-    number: int
-    method: str
-    mask: NDArray[np.uint8]
-    both: _Both
-
-
-@dataclass(frozen=True)
-class _Panel:
-    """A row of the figure."""
-
-    title: str
-    frame: NDArray[np.uint8]
-    mask: NDArray[np.uint8]
-    both: _Both
-
-
-def _mission(context: StudyContext) -> list[_Row]:
+def _mission(context: StudyContext) -> list[BothWays]:
     """Every frame with status 1 of the thesis's grid methods, by both ways."""
     curves = context.curves
     size = GRID.resized(*context.left(context.structure_frame).shape[:2])
-    found = []
-    for name in curves.named(THESIS):
-        for number, patches in curves.patches.get(name, {}).items():
-            mask = GRID.paint(patches, *size)
-            both = both_ways(mask)
-            if both.corrected.status == OBSTACLE:
-                found.append(_Row(number, name, mask, both))
-    return found
-
-
-def _panels(
-    context: StudyContext,
-    shown: list[MethodPrediction],
-    ways: dict[str, _Both],
-    mission: list[_Row],
-) -> list[_Panel]:
-    """The frame's masks, and the mission's frame whose box by the thesis's way is farthest out."""
-    frame = context.left(context.structure_frame)
-    panels = [
-        _Panel(one.title, frame, one.mask, ways[one.name]) for one in shown if one.mask is not None
+    every = [
+        both_ways(GRID.paint(patches, *size), context.thesis[name].title, number)
+        for name in curves.named(THESIS)
+        for number, patches in curves.patches.get(name, {}).items()
     ]
-    several = [row for row in mission if row.both.thesis.contours > 1]
-    if several:
-        worst = max(several, key=lambda row: row.both.box_ratio)
-        title = f"{context.thesis[worst.method].title}, frame {worst.number}"
-        panels.append(_Panel(title, context.left(worst.number), worst.mask, worst.both))
-    return panels
+    return [one for one in every if one.corrected.status == OBSTACLE]
 
 
-def _share(flags: Iterable[bool]) -> str:
-    values = list(flags)
-    return f"{sum(values)} of {len(values)}"
+def _summary(every: Sequence[BothWays]) -> dict[str, float | int]:
+    """Figures over some masks; of none only that."""
+    if not every:
+        return {"masks": 0}
+    return {
+        "masks": len(every),
+        "ypos_off_median_px": float(np.median([abs(one.ypos_off) for one in every])),
+        "ypos_opposite": sum(one.ypos_opposite for one in every),
+        "box_leaves_frame": sum(one.thesis_leaves for one in every),
+        "box_misses_a_part": sum(one.thesis_misses for one in every),
+        "box_area_ratio_median": float(np.median([one.box_ratio for one in every])),
+        "contours_without_area": sum(one.without_area for one in every),
+    }
 
 
-def _claims(mission: list[_Row]) -> tuple[Claim, ...]:
-    every = [row.both for row in mission]
+def _claims(every: Sequence[BothWays], summary: dict[str, float | int]) -> tuple[Claim, ...]:
     if not every:
         return ()
-    off = [abs(one.ypos_off) for one in every]
-    ratio = [one.box_ratio for one in every]
-    opposite, leaves = [one.ypos_opposite for one in every], [one.thesis_leaves for one in every]
-    misses = [one.thesis_misses for one in every]
+    most_off = max(abs(one.ypos_off) for one in every)
+    leaves, misses = summary["box_leaves_frame"], summary["box_misses_a_part"]
+    of_all = f"of {len(every)}"
     return (
         Claim(
             "Ypos says how far above or below the centre to steer",
             f"Ypos is computed from the centre's x ({_SOURCE})",
-            f"off by {np.median(off):.0f} px in the median, {max(off)} px at most; up for down in "
-            f"{_share(opposite)} frames with an obstacle",
-            ClaimAgreement.NO if any(off) else ClaimAgreement.YES,
+            f"off by {summary['ypos_off_median_px']:.0f} px in the median, {most_off} px at most; "
+            f"up for down in {summary['ypos_opposite']} {of_all} frames with an obstacle",
+            ClaimAgreement.NO if most_off else ClaimAgreement.YES,
             "Held against Ypos from the centre's y of the same masks.",
         ),
         Claim(
             "the box is around the obstacle",
             f"its size is the sum of the contours' widths and of their heights ({_SOURCE})",
-            f"{np.median(ratio):.1f} times the area of the union of the boxes in the median, "
-            f"{max(ratio):.1f} times at most; leaves the frame in {_share(leaves)}, misses a part "
-            f"of what was seen in {_share(misses)}",
-            ClaimAgreement.NO if any(leaves) or any(misses) else ClaimAgreement.PARTLY,
+            f"{summary['box_area_ratio_median']:.1f} times the area of the union of the boxes in "
+            f"the median, {max(one.box_ratio for one in every):.1f} times at most; leaves the "
+            f"frame in {leaves} {of_all}, misses a part of what was seen in {misses} {of_all}",
+            ClaimAgreement.NO if leaves or misses else ClaimAgreement.PARTLY,
             "With one contour the two are the same but for the dilation's two pixels; with "
             "several the sum is larger than what they span, or smaller.",
         ),
         Claim(
             "contours of zero area divide by zero, and no datagram is sent",
             f"divided by each contour's area, in a try with an empty except ({_SOURCE})",
-            f"{sum(one.without_area for one in every)} such contours in these masks, and none "
+            f"{summary['contours_without_area']} such contours in these masks, and none "
             "after the program's dilation",
             ClaimAgreement.UNCOMPARABLE,
             "Masks of whole patches have no such contours, and the version read dilates first; "
@@ -244,73 +238,63 @@ def _claims(mission: list[_Row]) -> tuple[Claim, ...]:
     )
 
 
-def _frame_table(shown: list[MethodPrediction], ways: dict[str, _Both]) -> pd.DataFrame:
-    rows = []
-    for one in shown:
-        both = ways[one.name]
-        thesis, right = both.thesis, both.corrected
-        rows.append(
-            {
-                "mask of": one.title,
-                "contours": thesis.contours,
-                "Xpos thesis": thesis.x,
-                "Xpos": right.x,
-                "Ypos thesis": thesis.y,
-                "Ypos": right.y,
-                "box thesis (x, y, width, height)": str(thesis.box),
-                "box": str(right.box),
-                "thesis's box leaves the frame": both.thesis_leaves,
-            }
-        )
-    return pd.DataFrame(rows)
+def _frame_table(shown: Sequence[BothWays]) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "mask of": one.title,
+            "contours": one.thesis.contours,
+            "Xpos thesis": one.thesis.x,
+            "Xpos": one.corrected.x,
+            "Ypos thesis": one.thesis.y,
+            "Ypos": one.corrected.y,
+            "box thesis (x, y, width, height)": str(one.thesis.box),
+            "box": str(one.corrected.box),
+            "thesis's box leaves the frame": one.thesis_leaves,
+        }
+        for one in shown
+    )
 
 
-def _mission_table(context: StudyContext, mission: list[_Row]) -> pd.DataFrame:
+def _mission_table(mission: Sequence[BothWays]) -> pd.DataFrame:
     rows = []
-    for name in dict.fromkeys(row.method for row in mission):
-        every = [row.both for row in mission if row.method == name]
+    for title in dict.fromkeys(one.title for one in mission):
+        every = [one for one in mission if one.title == title]
+        summary = _summary(every)
         rows.append(
             {
-                "method": context.thesis[name].title,
+                "method": title,
                 "frames with status 1": len(every),
                 "with several contours": sum(one.thesis.contours > 1 for one in every),
-                "Ypos off, median px": float(np.median([abs(one.ypos_off) for one in every])),
-                "Ypos up for down": sum(one.ypos_opposite for one in every),
-                "box leaves the frame": sum(one.thesis_leaves for one in every),
-                "box misses a part": sum(one.thesis_misses for one in every),
-                "box area, times the union, median": float(
-                    np.median([one.box_ratio for one in every])
-                ),
+                "Ypos off, median px": summary["ypos_off_median_px"],
+                "Ypos up for down": summary["ypos_opposite"],
+                "box leaves the frame": summary["box_leaves_frame"],
+                "box misses a part": summary["box_misses_a_part"],
+                "box area, times the union, median": summary["box_area_ratio_median"],
             }
         )
     return pd.DataFrame(rows)
 
 
-def _numbers(number: int, mission: list[_Row]) -> dict[str, float | int | str | bool]:
-    every = [row.both for row in mission]
-    numbers: dict[str, float | int | str | bool] = {"frame": number, "masks": len(every)}
-    if every:
-        numbers |= {
-            "ypos_off_median_px": float(np.median([abs(one.ypos_off) for one in every])),
-            "ypos_opposite": sum(one.ypos_opposite for one in every),
-            "box_leaves_frame": sum(one.thesis_leaves for one in every),
-            "box_misses_a_part": sum(one.thesis_misses for one in every),
-            "box_area_ratio_median": float(np.median([one.box_ratio for one in every])),
-            "contours_without_area": sum(one.without_area for one in every),
-        }
-    return numbers
-
-
-def _figure(panels: list[_Panel]) -> Figure:
+def _figure(
+    context: StudyContext, shown: Sequence[BothWays], mission: Sequence[BothWays]
+) -> Figure:
+    """A row a mask; last the mission's whose box by the thesis's way is farthest out."""
+    panels = {one.title: one for one in shown}
+    several = [one for one in mission if one.thesis.contours > 1]
+    if several:
+        worst = max(several, key=lambda one: one.box_ratio)
+        panels[f"{worst.title}, frame {worst.number}"] = worst
     figure = Figure(figsize=(11.5, 3.0 * len(panels) + 0.4), layout="constrained")
     rows = figure.subplots(len(panels), 3, squeeze=False)
-    for (outlines, centre, boxes), one in zip(rows, panels, strict=True):
-        _draw_contours(outlines, one)
-        show_frame(centre, one.frame, GRID)
-        _draw_centres(centre, one.both)
-        show_frame(boxes, one.frame, GRID)
-        draw_box(boxes, one.both.thesis.box, THESIS_COLOR, "--")
-        draw_box(boxes, one.both.corrected.box, CORRECTED_COLOR)
+    for (outlines, centre, boxes), (title, one) in zip(rows, panels.items(), strict=True):
+        _draw_contours(outlines, one.mask)
+        outlines.set_ylabel(title, fontsize=9)
+        frame = context.left(one.number)
+        show_frame(centre, frame, GRID)
+        _draw_centres(centre, one)
+        show_frame(boxes, frame, GRID)
+        draw_box(boxes, one.thesis.box, THESIS_COLOR, "--")
+        draw_box(boxes, one.corrected.box, CORRECTED_COLOR)
     for axes, title in zip(rows[0], ("contours", "centre, way to steer", "box"), strict=True):
         axes.set_title(title, fontsize=10)
     handles = [
@@ -321,21 +305,17 @@ def _figure(panels: list[_Panel]) -> Figure:
     return figure
 
 
-def _draw_contours(axes: Any, one: _Panel) -> None:
-    show_mask(axes, np.asarray(one.mask // 2, np.uint8))
-    for mask, color, style in (
-        (dilated(one.mask), THESIS_COLOR, "--"),
-        (one.mask, CORRECTED_COLOR, "-"),
-    ):
-        for contour in outer_contours(mask):
+def _draw_contours(axes: Any, mask: NDArray[np.uint8]) -> None:
+    show_mask(axes, np.asarray(mask // 2, np.uint8))
+    for drawn, color, style in ((dilated(mask), THESIS_COLOR, "--"), (mask, CORRECTED_COLOR, "-")):
+        for contour in outer_contours(drawn):
             closed = np.vstack([contour[:, 0], contour[:1, 0]])
             axes.plot(closed[:, 0], closed[:, 1], color=color, ls=style, lw=1.2)
-    axes.set_ylabel(one.title, fontsize=9)
 
 
-def _draw_centres(axes: Any, both: _Both) -> None:
+def _draw_centres(axes: Any, both: BothWays) -> None:
     """Each centre, and an arrow from the frame's middle along (Xpos, Ypos)."""
-    x0, y0 = both.width // 2, both.height // 2
+    y0, x0 = (size // 2 for size in both.mask.shape)
     axes.plot(x0, y0, "+", color="white", ms=10)
     corrected = both.corrected
     x, y = int(corrected.x or 0), int(corrected.y or 0)

@@ -2,53 +2,155 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
+import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from tokt.features.frames.mission import format_frames
-from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
 from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
-from tokt.studies.thesis.frame_drawing import png_of
-from tokt.studies.thesis.methods.curves import OURS, THESIS, Curves
-
-from .curve_plots import correlation_picture, normalised, sequence, zoomed
-from .curve_scores import (
-    GOES_WITH,
-    IN_A_ROW,
-    NEARLY_ALWAYS,
-    MethodScore,
-    agreement_with_distance,
-    correlations,
-    score_methods,
-    scores_table,
-    with_nearness,
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    Table,
+    known,
 )
+from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
+from tokt.studies.thesis.methods.patch_scores import pooled_score
 
 KEY, TITLE, SECTION = (
     "figure-5.3-to-5.5",
     "Mean value along the mission",
     "Figures 5.3 to 5.5; sections 5.2.1 and 7.2",
 )
+IN_A_ROW = 3
+MIN_FRAMES = 8
+"""Of fewer frames that both curves have no correlation is told."""
+NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
+"""Rank correlations of mean value and nearness from which the one tells the other, and from which
+it does so with exceptions."""
+_ZOOM_TOP = 12.0
+"""Mean at the top of the zoomed figure: five patches of a 10x10 grid."""
+_ZOOM_BEFORE, _ZOOM_AFTER = 15, 12
+
+MethodScore = dict[str, Any]
+Scores = Mapping[str, MethodScore]
+Nearness = Mapping[str, float | None]
 
 
 def curve_figures(context: StudyContext) -> Exhibit:
     """Draw and score the curves of all methods."""
     curves, scores = context.curves, score_methods(context)
     whole = [name for name, method in curves.methods.items() if not method.sampled]
-    together = correlations(curves, whole)
+    together = curves.mean[whole].corr("spearman", min_periods=MIN_FRAMES)
     nearness = {name: with_nearness(curves, name) for name in whole}
     return Exhibit(
         KEY,
         TITLE,
         SECTION,
         _words(context),
-        _claims(context, scores, nearness),
+        (
+            _detection_claim(context, scores),
+            _distance_claim(curves, nearness),
+            _printed_curves_claim(curves, scores),
+        ),
         _tables(context, scores, together, nearness),
         _plots(context, scores, together),
         _numbers(curves, scores, nearness),
     )
+
+
+def first_in_a_row(status: pd.Series, wanted: int = IN_A_ROW) -> int | None:
+    """The first of so many frames in a row, as they are in the series, with status 1."""
+    said = (status == OBSTACLE).to_numpy()
+    for at in range(len(said) - wanted + 1):
+        if said[at : at + wanted].all():
+            return int(status.index[at])
+    return None
+
+
+def score_methods(context: StudyContext) -> dict[str, MethodScore]:
+    """Score every curve.
+
+    Returns
+    -------
+    dict of str to dict
+        By method:
+
+        first_detection : int or None
+            The first of `IN_A_ROW` judged frames in a row with status 1; None without one, and
+            for a method that judged a sample of the frames only.
+        ocean_frames, false_status : int or None
+            Judged frames of which every patch is labelled as clear, and those with status 1; None
+            without labels.
+        obstacle_frames, detected : int or None
+            Judged frames with a patch labelled as an obstacle, and those with status 1.
+        unknown : int
+            Frames that the method could not judge.
+        f1 : float or None
+            Of patches on the grid, all sure ones of the labelled frames; None where the method
+            does not judge patches, and where none of them is an obstacle.
+    """
+    curves, labelled = context.curves, context.labels is not None
+    with_obstacle = [number for number, count in context.obstacle_patches.items() if count]
+    found = {}
+    for name, method in curves.methods.items():
+        status = curves.status[name]
+        if method.sampled:
+            status = status[curves.mean[name].notna()]
+        ocean, false = _counted(status, context.ocean_frames) if labelled else (None, None)
+        obstacle, detected = _counted(status, with_obstacle) if labelled else (None, None)
+        patches = pooled_score(curves.patches.get(name, {}), context.truths)
+        found[name] = {
+            "first_detection": None if method.sampled else first_in_a_row(status),
+            "ocean_frames": ocean,
+            "false_status": false,
+            "obstacle_frames": obstacle,
+            "detected": detected,
+            "unknown": int((status == UNKNOWN).sum()),
+            "f1": None if patches.recall is None else patches.f1,
+        }
+    return found
+
+
+def _counted(status: pd.Series, frames: Iterable[int]) -> tuple[int, int]:
+    """How many of some frames were judged, and how many of these have status 1."""
+    there = status[status.index.isin(list(frames))]
+    return int((there != UNKNOWN).sum()), int((there == OBSTACLE).sum())
+
+
+def agreement_with_distance(ranks: Iterable[float]) -> ClaimAgreement:
+    """Whether the mean value is a relative distance: judged by the worst of some correlations.
+
+    Parameters
+    ----------
+    ranks : iterable of float
+        With 1 / distance, so 1 where it is; one and more.
+    """
+    worst = min(ranks)
+    if worst >= NEARLY_ALWAYS:
+        return ClaimAgreement.YES
+    return ClaimAgreement.PARTLY if worst >= GOES_WITH else ClaimAgreement.NO
+
+
+def with_nearness(curves: Curves, name: str) -> float | None:
+    """Spearman's rank correlation of a curve with 1 / distance, where stereo measured one.
+
+    None where there are too few such frames, or the curve is flat there.
+    """
+    near = 1.0 / curves.distance_m
+    both = curves.mean[name].notna() & near.notna()
+    if int(both.sum()) < MIN_FRAMES or curves.mean[name][both].nunique() < 2:
+        return None
+    return float(curves.mean[name][both].corr(near[both], "spearman"))
 
 
 def _words(context: StudyContext) -> tuple[str, ...]:
@@ -75,9 +177,9 @@ def _words(context: StudyContext) -> tuple[str, ...]:
 
 def _tables(
     context: StudyContext,
-    scores: Mapping[str, MethodScore],
+    scores: Scores,
     together: pd.DataFrame,
-    nearness: Mapping[str, float | None],
+    nearness: Nearness,
 ) -> tuple[Table, ...]:
     curves = context.curves
     titles = {name: method.title for name, method in curves.methods.items()}
@@ -89,7 +191,7 @@ def _tables(
             "scores",
             f"What the curves come to. {labels} Patch F1 is of the grid's patches at their own "
             "threshold, over all sure labels; empty where a method has none.",
-            scores_table(curves, scores),
+            _scores_table(curves, scores),
         ),
         Table(
             "correlations",
@@ -112,48 +214,189 @@ def _tables(
     )
 
 
-def _plots(
-    context: StudyContext, scores: Mapping[str, MethodScore], together: pd.DataFrame
-) -> tuple[Plot, ...]:
-    curves, labels = context.curves, context.obstacle_patches
-    firsts = {name: one.first_detection for name, one in scores.items()}
+def _scores_table(curves: Curves, scores: Scores) -> pd.DataFrame:
+    """One row a method."""
+    rows = [
+        {
+            "method": curves.methods[name].title,
+            "whose": curves.methods[name].kind,
+            "frames": int(curves.mean[name].notna().sum()),
+            "first detection": one["first_detection"],
+            "false status": one["false_status"],
+            "of ocean frames": one["ocean_frames"],
+            "detected": one["detected"],
+            "of obstacle frames": one["obstacle_frames"],
+            "unknown": one["unknown"],
+            "largest mean": float(curves.mean[name].max()),
+            "patch F1": one["f1"],
+        }
+        for name, one in scores.items()
+    ]
+    whole = ("first detection", "false status", "of ocean frames", "detected", "of obstacle frames")
+    return pd.DataFrame(rows).astype(dict.fromkeys(whole, "Int64"))
+
+
+def _plots(context: StudyContext, scores: Scores, together: pd.DataFrame) -> tuple[Plot, ...]:
+    curves = context.curves
+    firsts = {
+        name: one["first_detection"]
+        for name, one in scores.items()
+        if one["first_detection"] is not None
+    }
     shaded = " Gray: an obstacle is labelled; hatched: not labelled." if context.labels else ""
     plots = [
         Plot(
             "figure_5_3_sequence",
             f"Mean value by frame, logarithmic above 1.{shaded}",
-            png_of(sequence(curves, labels, firsts)),
+            png_of(_sequence(context, firsts)),
         ),
         Plot(
             "figure_5_4_normalised",
             f"Each curve as a share of its largest value.{shaded}",
-            png_of(normalised(curves, labels)),
+            png_of(_normalised(context)),
         ),
     ]
-    zoom = zoomed(curves, labels, firsts)
-    if zoom is not None:
+    if firsts:
         words = f"Small mean values around the first detections.{shaded}"
-        plots.append(Plot("figure_5_5_zoomed", words, png_of(zoom)))
+        plots.append(Plot("figure_5_5_zoomed", words, png_of(_zoomed(context, firsts))))
     titles = [curves.methods[name].title for name in together.index]
     words = "Rank correlations between the curves."
-    plots.append(Plot("correlations", words, png_of(correlation_picture(together, titles))))
+    plots.append(Plot("correlations", words, png_of(_correlation_picture(together, titles))))
     return tuple(plots)
 
 
-def _claims(
+def _panels(
     context: StudyContext,
-    scores: Mapping[str, MethodScore],
-    nearness: Mapping[str, float | None],
-) -> tuple[Claim, ...]:
+    values: pd.DataFrame,
+    dress: Callable[[Any], None],
+    firsts: Mapping[str, int] | None = None,
+    first_width: float = 0.8,
+    titles: Mapping[str, str] | None = None,
+    height: float = 2.2,
+) -> Figure:
+    """A panel for each kind of method, with a curve of each.
+
+    Parameters
+    ----------
+    context : StudyContext
+        Its labels are shaded: gray where an obstacle is labelled, hatched where nothing is.
+    values : DataFrame
+        Index ``frame``, a column a method.
+    dress : callable
+        Sets a panel's scale and words, and draws what is no method's.
+    firsts : mapping of str to int, optional
+        First detections, dotted.
+    titles : mapping of str to str, optional
+        For the legend, by method; by default the methods' own.
+    """
     curves = context.curves
-    return (
-        _detection_claim(context, scores),
-        _distance_claim(curves, nearness),
-        _printed_curves_claim(curves, scores),
-    )
+    kinds = [kind for kind in (THESIS, COMPARED, OURS) if curves.named(kind)]
+    figure = Figure(figsize=(10.5, 1.0 + height * len(kinds)), layout="constrained")
+    all_axes = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, kind in zip(all_axes, kinds, strict=True):
+        for place, name in enumerate(curves.named(kind)):
+            method, color = curves.methods[name], f"C{place}"
+            title = (titles or {}).get(name, method.title)
+            _draw(axes, values[name], method.sampled, title, color)
+            if firsts and name in firsts:
+                axes.axvline(firsts[name], color=color, lw=first_width, ls=":")
+        dress(axes)
+        axes.set_title(kind, loc="left", fontsize=9)
+        _shade(axes, context.obstacle_patches, curves.mean.index)
+        axes.legend(loc="upper left", fontsize=7)
+    return figure
 
 
-def _detection_claim(context: StudyContext, scores: Mapping[str, MethodScore]) -> Claim:
+def _draw(axes: Any, values: pd.Series, sampled: bool, label: str, color: str) -> None:
+    """A line that breaks where frames are missing; points for a sample."""
+    if sampled:
+        there = values.dropna()
+        axes.plot(there.index, there, "o", ms=4, color=color, label=f"{label} (sample)")
+        return
+    numbers = np.arange(values.index.min(), values.index.max() + 1)
+    axes.plot(numbers, values.reindex(numbers), lw=1.3, color=color, label=label)
+
+
+def _shade(axes: Any, labels: Mapping[int, int], every: pd.Index) -> None:
+    """Gray where an obstacle is labelled, hatched where nothing is."""
+    top = axes.get_ylim()[1]
+    numbers = every.to_numpy()
+    if labels:
+        seen = np.isin(numbers, [number for number, count in labels.items() if count])
+        axes.fill_between(numbers, 0, top, where=seen, color="0.9", step="mid", zorder=0)
+        unknown = ~np.isin(numbers, list(labels))
+        axes.fill_between(
+            numbers, 0, top, where=unknown, facecolor="none", edgecolor="0.85", hatch="///",
+            step="mid", zorder=0, lw=0,
+        )  # fmt: skip
+    axes.set_ylim(0, top)
+
+
+def _sequence(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
+    """Figure 5.3: the mean value of every method by frame."""
+
+    def dress(axes: Any) -> None:
+        axes.set_yscale("symlog", linthresh=1.0)
+        axes.axhline(STATUS_MEAN_THRESHOLD, color="crimson", lw=0.8)
+        axes.set_ylim(0, 255)
+        axes.set_ylabel("mean of the mask")
+
+    figure = _panels(context, context.curves.mean, dress, firsts, height=2.5)
+    words = "frame (dotted: first detection; red: status threshold 0.345)"
+    figure.axes[-1].set_xlabel(words)
+    return figure
+
+
+def _normalised(context: StudyContext) -> Figure:
+    """Figure 5.4: each curve as a share of its largest, beside how near the object is."""
+    near = 1.0 / context.curves.distance_m
+
+    def dress(axes: Any) -> None:
+        if near.notna().any():
+            _draw(axes, near / near.max(), False, "1 / distance (stereo)", "black")
+        axes.set_ylim(0, 1.05)
+        axes.set_ylabel("share of the largest")
+
+    figure = _panels(context, context.curves.shares(), dress)
+    figure.axes[-1].set_xlabel("frame")
+    return figure
+
+
+def _zoomed(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
+    """Figure 5.5: small means around the first detections."""
+    mean, methods = context.curves.mean, context.curves.methods
+    begin, end = min(firsts.values()) - _ZOOM_BEFORE, max(firsts.values()) + _ZOOM_AFTER
+
+    def dress(axes: Any) -> None:
+        axes.axhline(STATUS_MEAN_THRESHOLD, color="crimson", lw=0.8)
+        axes.set_ylim(0, _ZOOM_TOP)
+        axes.set_xlim(max(begin, mean.index.min()), min(end, mean.index.max()))
+        axes.set_ylabel("mean of the mask")
+
+    titles = {name: f"{methods[name].title}: {first}" for name, first in firsts.items()}
+    figure = _panels(context, mean.loc[begin:end], dress, firsts, 1.0, titles)
+    figure.axes[-1].set_xlabel("frame (dotted, and in the legend: first detection)")
+    return figure
+
+
+def _correlation_picture(table: pd.DataFrame, titles: Sequence[str]) -> Figure:
+    """Rank correlations as a coloured table."""
+    count = len(table)
+    figure = Figure(figsize=(2.6 + 0.75 * count, 1.6 + 0.5 * count), layout="constrained")
+    axes = figure.subplots()
+    values = table.to_numpy(float)
+    axes.imshow(values, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
+    for (row, col), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            dark = abs(value) > 0.6
+            color = "white" if dark else "black"
+            axes.text(col, row, f"{value:.2f}", ha="center", va="center", fontsize=8, color=color)
+    axes.set_xticks(range(count), titles, rotation=35, ha="right", fontsize=8)
+    axes.set_yticks(range(count), titles, fontsize=8)
+    return figure
+
+
+def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
     """Cameras can be used: each method warns before the nearest approach, without false status."""
     what = "Cameras can be used for underwater obstacle avoidance"
     printed = "said in the abstract, from the sea trial"
@@ -165,9 +408,9 @@ def _detection_claim(context: StudyContext, scores: Mapping[str, MethodScore]) -
     good = [
         name
         for name in names
-        if (first := scores[name].first_detection) is not None
+        if (first := scores[name]["first_detection"]) is not None
         and first < nearest
-        and not scores[name].false_status
+        and not scores[name]["false_status"]
     ]
     found = (
         f"{len(good)} of {len(names)} methods have status 1 before frame {nearest}, where most "
@@ -186,16 +429,16 @@ def _detection_claim(context: StudyContext, scores: Mapping[str, MethodScore]) -
     return Claim(what, printed, found, agreement, why)
 
 
-def _distance_claim(curves: Curves, nearness: Mapping[str, float | None]) -> Claim:
+def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
     """Sections 5.2.1 and 7.2: the mean value over time as a relative distance."""
     what = "The mean value over time tells the relative distance"
     printed = f"sections 5.2.1 and 7.2 use it so; how well it does is {NOT_KNOWN}"
-    known = {name: value for name, value in nearness.items() if value is not None}
-    thesis = {name: value for name, value in known.items() if curves.methods[name].kind == THESIS}
+    near = {name: value for name, value in nearness.items() if value is not None}
+    thesis = {name: value for name, value in near.items() if curves.methods[name].kind == THESIS}
     if not thesis:
         why = "no distance is measured here to hold the curves against (no pairs, or nothing near)"
         return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
-    told = ", ".join(f"{curves.methods[n].title} {value:.2f}" for n, value in known.items())
+    told = ", ".join(f"{curves.methods[n].title} {value:.2f}" for n, value in near.items())
     agreement = agreement_with_distance(thesis.values())
     measured = int(curves.distance_m.notna().sum())
     why = (
@@ -207,9 +450,9 @@ def _distance_claim(curves: Curves, nearness: Mapping[str, float | None]) -> Cla
     return Claim(what, printed, f"rank correlation with 1 / distance: {told}", agreement, why)
 
 
-def _printed_curves_claim(curves: Curves, scores: Mapping[str, MethodScore]) -> Claim:
+def _printed_curves_claim(curves: Curves, scores: Scores) -> Claim:
     told = ", ".join(
-        f"{curves.methods[name].title} {one.first_detection or 'none'}"
+        f"{curves.methods[name].title} {one['first_detection'] or 'none'}"
         for name, one in scores.items()
         if not curves.methods[name].sampled
     )
@@ -223,18 +466,12 @@ def _printed_curves_claim(curves: Curves, scores: Mapping[str, MethodScore]) -> 
     )
 
 
-def _numbers(
-    curves: Curves, scores: Mapping[str, MethodScore], nearness: Mapping[str, float | None]
-) -> dict[str, float | int | str | bool]:
-    numbers: dict[str, float | int | str | bool] = {"frames": len(curves.mean)}
+def _numbers(curves: Curves, scores: Scores, nearness: Nearness) -> Numbers:
+    numbers: dict[str, Any] = {"frames": len(curves.mean)}
     for name, one in scores.items():
-        for key, value in vars(one).items():
-            if value is not None:
-                numbers[f"{name}_{key}"] = value
-        near = nearness.get(name)
-        if near is not None:
-            numbers[f"{name}_with_nearness"] = near
-    ours = [name for name in curves.named(OURS) if scores[name].first_detection is not None]
-    if ours:
-        numbers["earliest_of_ours"] = min(ours, key=lambda n: scores[n].first_detection or 0)
-    return numbers
+        numbers |= {f"{name}_{key}": value for key, value in one.items()}
+        numbers[f"{name}_with_nearness"] = nearness.get(name)
+    ours = {name: scores[name]["first_detection"] for name in curves.named(OURS)}
+    detected = {name: first for name, first in ours.items() if first is not None}
+    numbers["earliest_of_ours"] = min(detected, key=lambda name: detected[name], default=None)
+    return known(numbers)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,10 +13,21 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.image_file import read_image
+from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.verdict import CLEAR, STATUS_WORDS
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    Table,
+    known,
+)
 from tokt.studies.thesis.frame_drawing import (
     DARK_SHOWN,
     draw_dots,
@@ -25,23 +37,26 @@ from tokt.studies.thesis.frame_drawing import (
     show_dark,
     show_mask,
 )
-from tokt.studies.thesis.methods.all_labels_texture import AllLabelsTexture, train_on_all_labels
 from tokt.studies.thesis.methods.curves import OURS, THESIS
-from tokt.studies.thesis.methods.dark_rendering import DarkScene
-from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
-from tokt.studies.thesis.methods.patch_scores import PatchScore, PatchTruth, score_patches
-from tokt.studies.thesis.methods.sequence_methods import TOKT_MODEL
+from tokt.studies.thesis.methods.dark_rendering import RENDERED_WIDTHS, DarkScene
+from tokt.studies.thesis.methods.patch_scores import PatchScore, PatchTruth, truth_by_mask
+from tokt.studies.thesis.methods.texture_models import (
+    TOKT_TEXTURE,
+    AllLabelsTexture,
+    train_on_all_labels,
+)
 
-from .dark_picture import DarkPicture, dark_scene, given_picture, rendered_picture
-from .dot_figures import score_row, whole_counts
-from .picture_predictions import (
+from .dot_figures import (
     MethodPrediction,
     by_bundle,
     by_stereo,
     by_superpixels,
     by_thesis,
     learnt_words,
+    may_have_learnt,
     said_by_patches,
+    score_predictions,
+    scored_predictions,
 )
 
 _LIGHT = 0.125
@@ -50,39 +65,107 @@ _LIGHTS = (1.0, 0.5, 0.25, _LIGHT, 0.0625)
 _SAYS_CLEAR = "say clear"
 _COLORS = {THESIS: "#d9771e", OURS: "#12836f"}
 
+Said = Sequence[MethodPrediction]
+Scores = Mapping[str, PatchScore]
 
-class _Judges:
-    """Every method that can judge one picture, made once for all pictures."""
 
-    def __init__(self, context: StudyContext, given: DarkPicture | None) -> None:
-        self._context = context
-        number = None if given is None else given.number
-        self._number = number or 0
-        self._whole: AllLabelsTexture | str
-        try:
-            self._whole = train_on_all_labels(context, number)
-        except ToktError as error:
-            self._whole = str(error)
+@dataclass(frozen=True)
+class DarkPicture:
+    """A picture, and what is in it.
 
-    def all(self, dark: DarkPicture, slow: bool = True) -> list[MethodPrediction]:
-        """Their predictions of a picture; without `slow` the superpixels are left out."""
-        context, frame = self._context, dark.left
-        return [
-            *by_thesis(context, frame),
-            *(by_superpixels(context, self._number, frame) if slow else []),
-            self._texture(frame),
-            *by_bundle(context, frame, "the model as given"),
-            by_stereo(dark.calibration, frame, dark.right, dark.calibration_words),
-        ]
+    Parameters
+    ----------
+    left : array of uint8, shape (height, width) or (height, width, 3)
+    right : array of uint8 or None
+        What the right camera saw at that moment, where that is known.
+    mask : array of uint8, shape (height, width), or None
+        White where the obstacle is, as it is shown.
+    truth : PatchTruth or None
+        By patch; None where nobody marked the picture.
+    calibration : StereoCalibration or None
+    words, truth_words, calibration_words : str
+        What the picture is, whose the truth is, and where the calibration is from.
+    rendered : bool
+    number : int or None
+        The mission's frame it is, where it is one.
+    """
 
-    def _texture(self, frame: NDArray[np.uint8]) -> MethodPrediction:
-        title = "tokt texture"
-        if isinstance(self._whole, str):
-            return MethodPrediction(TOKT_TEXTURE, title, OURS, "", None, None, self._whole)
-        found = self._whole.judge(frame)
-        if isinstance(found, str):
-            return MethodPrediction(TOKT_TEXTURE, title, OURS, self._whole.words, None, None, found)
-        return said_by_patches(TOKT_TEXTURE, title, OURS, self._whole.words, found, frame)
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8] | None
+    mask: NDArray[np.uint8] | None
+    truth: PatchTruth | None
+    calibration: StereoCalibration | None
+    words: str
+    truth_words: str
+    calibration_words: str
+    rendered: bool = False
+    number: int | None = None
+
+
+def given_picture(context: StudyContext) -> DarkPicture | None:
+    """The image of ``--dark`` and the mask of ``--dark-mask``; None where no image was given.
+
+    An image that is a frame of the mission has a right picture, and labels that stand in for a
+    mask.
+
+    Raises
+    ------
+    ToktError
+        If a file cannot be read, or the mask is of another size than the image.
+    """
+    file = context.request.dark
+    if file is None:
+        return None
+    left, number = read_image(file), context.frame_with(file)
+    words, right = f"The image {file.name}", None
+    if number is not None:
+        words += f", which is the mission's frame {number}"
+        right = context.right(number)
+    calibration, calibration_words = None, ""
+    if right is not None:
+        calibration, calibration_words = context.calibration, context.calibration_words
+    mask, truth, truth_words = _truth(context, left, number)
+    return DarkPicture(
+        left, right, mask, truth, calibration, words, truth_words, calibration_words, number=number
+    )
+
+
+def _truth(
+    context: StudyContext, left: NDArray[np.uint8], number: int | None
+) -> tuple[NDArray[np.uint8] | None, PatchTruth | None, str]:
+    """A mask to show, the truth by patch, and whose it is."""
+    file = context.request.dark_mask
+    if file is not None:
+        mask = read_image(file)
+        if mask.ndim == 3:
+            mask = np.asarray(cv2.cvtColor(mask, cv2.COLOR_BGR2GRAY), np.uint8)
+        if mask.shape != left.shape[:2]:
+            sizes = ["x".join(map(str, one.shape[1::-1])) for one in (mask, left)]
+            image = context.request.dark
+            raise ToktError(f"the mask {file} is {sizes[0]}, its image {image} is {sizes[1]}")
+        return mask, truth_by_mask(mask, GRID), f"the mask {file.name}"
+    truth = None if number is None else context.patch_truth(number)
+    if truth is None:
+        return None, None, "not marked by anybody (give --dark-mask)"
+    mask = GRID.paint(truth.obstacle, *GRID.resized(*left.shape[:2]))
+    return mask, truth, "the frame's labels"
+
+
+def rendered_picture(scene: DarkScene, light: float) -> DarkPicture:
+    """The scene by a lamp of `light`, as a share of a rendered mission's."""
+    pair = scene.at(light)
+    return DarkPicture(
+        pair.left,
+        pair.right,
+        pair.mask,
+        truth_by_mask(pair.mask, GRID),
+        pair.calibration,
+        f"A rendered picture of the tower at {pair.nearest_m:.1f} m by a lamp of {light:g} of a "
+        "mission's light, as no image was given (--dark)",
+        "the exact rendered mask",
+        "the rendered rig's exact calibration",
+        rendered=True,
+    )
 
 
 def bad_lighting(context: StudyContext) -> Exhibit:
@@ -96,24 +179,24 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     ToktError
         If a file of the request cannot be used.
     """
-    given = given_picture(context)
-    judges = _Judges(context, given)
-    if given is not None:
-        return _exhibit(judges.all(given), given, pd.DataFrame())
-    scene = dark_scene(context)
-    dark = rendered_picture(scene, _LIGHT)
-    return _exhibit(judges.all(dark), dark, _sweep(judges, scene))
-
-
-def _exhibit(said: Sequence[MethodPrediction], dark: DarkPicture, sweep: pd.DataFrame) -> Exhibit:
-    truth = dark.truth
-    scores = _scores(said, truth)
+    dark, sweep = given_picture(context), pd.DataFrame()
+    try:
+        texture: AllLabelsTexture | str = train_on_all_labels(context, dark and dark.number)
+    except ToktError as error:
+        texture = str(error)
+    if dark is None:
+        # As wide as the mission's frames if that can be rendered.
+        width = context.left(context.structure_frame).shape[1]
+        scene = DarkScene(int(np.clip(width, *RENDERED_WIDTHS)))
+        dark, sweep = rendered_picture(scene, _LIGHT), _sweep(context, texture, scene)
+    said = _predictions(context, texture, dark)
+    scores = score_predictions(said, dark.truth)
     plots = [
         Plot(
             "predictions",
             f"{dark.words} (5.6); what is there, {dark.truth_words} (5.7); and what each method "
             f"says (5.8). Green outlines are obstacle patches. {DARK_SHOWN}",
-            png_of(_figure(dark, said, truth)),
+            png_of(_figure(dark, said, scores)),
         )
     ]
     tables = [_score_table(said, scores, dark)]
@@ -139,39 +222,39 @@ def _exhibit(said: Sequence[MethodPrediction], dark: DarkPicture, sweep: pd.Data
     )
 
 
-def _scores(said: Sequence[MethodPrediction], truth: PatchTruth | None) -> dict[str, PatchScore]:
-    return {
-        one.name: score_patches(one.patches, truth)
-        for one in said
-        if one.patches is not None and truth is not None
-    }
-
-
-def _score_table(
-    said: Sequence[MethodPrediction], scores: dict[str, PatchScore], dark: DarkPicture
-) -> Table:
-    rows = [
-        {
-            "method": one.title,
-            "whose": one.kind,
-            "status": one.status,
-            "obstacle patches": None if one.patches is None else int(one.patches.sum()),
-            **score_row(scores.get(one.name)),
-            "not judged": one.fault,
-        }
-        for one in said
+def _predictions(
+    context: StudyContext, texture: AllLabelsTexture | str, dark: DarkPicture, slow: bool = True
+) -> list[MethodPrediction]:
+    """What every method says of a picture; without `slow` the superpixels are left out."""
+    frame, who = dark.left, (TOKT_TEXTURE, "tokt texture", OURS)
+    if isinstance(texture, str):
+        ours = MethodPrediction(*who, "", fault=texture)
+    else:
+        judged = texture.judge(frame)
+        if isinstance(judged, str):
+            ours = MethodPrediction(*who, texture.words, fault=judged)
+        else:
+            ours = said_by_patches(*who, texture.words, judged, frame)
+    return [
+        *by_thesis(context, frame),
+        *(by_superpixels(context, dark.number or 0, frame) if slow else []),
+        ours,
+        *by_bundle(context, frame, "the model as given"),
+        by_stereo(dark.calibration, frame, dark.right, dark.calibration_words),
     ]
-    given = any(one.name == TOKT_MODEL for one in said)
+
+
+def _score_table(said: Said, scores: Scores, dark: DarkPicture) -> Table:
     caption = (
         f"By patch, against {dark.truth_words}: an obstacle is what covers a tenth of a patch, "
         "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
-        "Counts of patches. Nothing that is trained here learnt from this picture"
-        + ("; the model that was given may have." if given else ".")
+        f"Counts of patches. Nothing that is trained here learnt from this picture"
+        f"{may_have_learnt(said)}"
     )
-    return Table("scores", caption, whole_counts(pd.DataFrame(rows)))
+    return Table("scores", caption, scored_predictions(said, scores))
 
 
-def _words(dark: DarkPicture, said: Sequence[MethodPrediction]) -> tuple[str, ...]:
+def _words(dark: DarkPicture, said: Said) -> tuple[str, ...]:
     return (
         f"{dark.words}; {dark.truth_words}. A method that cuts a picture otherwise is scored by "
         "the patches of which its mask has a tenth or more white, as for labels. What could not "
@@ -187,9 +270,7 @@ def _words(dark: DarkPicture, said: Sequence[MethodPrediction]) -> tuple[str, ..
     )
 
 
-def _claims(
-    said: Sequence[MethodPrediction], scores: dict[str, PatchScore], dark: DarkPicture
-) -> tuple[Claim, ...]:
+def _claims(said: Said, scores: Scores, dark: DarkPicture) -> tuple[Claim, ...]:
     if not scores or dark.truth is None:
         found = "no mask to score by" if dark.truth is None else "no method judged the picture"
         return (_claim("which method finds most in bad light", found, dark),)
@@ -221,9 +302,7 @@ def _claim(what: str, found: str, dark: DarkPicture) -> Claim:
     return Claim(what, NOT_KNOWN, found, ClaimAgreement.UNCOMPARABLE, why)
 
 
-def _figure(
-    dark: DarkPicture, said: Sequence[MethodPrediction], truth: PatchTruth | None
-) -> Figure:
+def _figure(dark: DarkPicture, said: Said, scores: Scores) -> Figure:
     n_rows = -(-(3 + len(said)) // 3)
     figure = Figure(figsize=(11.5, 3.05 * n_rows + 0.4), layout="constrained")
     panels = list(figure.subplots(n_rows, 3, squeeze=False).ravel())
@@ -238,23 +317,21 @@ def _figure(
         axes.set(xticks=[], yticks=[])
         axes.set_title(title, fontsize=9, loc="left")
     for axes, one in zip(panels[3:], said, strict=False):
-        _panel(axes, dark, one, truth)
+        _panel(axes, dark, one, scores.get(one.name))
     for axes in panels[3 + len(said) :]:
         axes.set_axis_off()
-    explain_dots(panels[3 * (n_rows - 1)], truth is not None)
+    explain_dots(panels[3 * (n_rows - 1)], dark.truth is not None)
     return figure
 
 
-def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, truth: PatchTruth | None) -> None:
-    height, width = show_dark(axes, dark.left, GRID)
-    if truth is not None:
-        draw_truth(axes, truth, GRID, height, width)
+def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, score: PatchScore | None) -> None:
+    size = show_dark(axes, dark.left, GRID)
+    if dark.truth is not None:
+        draw_truth(axes, dark.truth, GRID, *size)
     if one.patches is not None:
-        draw_dots(axes, one.patches, GRID, height, width)
-        title = one.title
-        if truth is not None:
-            f1 = score_patches(one.patches, truth).f1
-            title += "" if f1 is None else f": F1 {f1:.2f}"
+        draw_dots(axes, one.patches, GRID, *size)
+        f1 = score.f1 if score else None
+        title = one.title if f1 is None else f"{one.title}: F1 {f1:.2f}"
     else:
         title = f"{one.title}: not judged"
         axes.text(
@@ -264,21 +341,25 @@ def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, truth: PatchTrut
     axes.set_title(title, fontsize=9, loc="left")
 
 
-def _sweep(judges: _Judges, scene: DarkScene) -> pd.DataFrame:
+def _sweep(
+    context: StudyContext, texture: AllLabelsTexture | str, scene: DarkScene
+) -> pd.DataFrame:
     """A row a light, a column a method: F1, or nothing where it was not judged."""
     rows = []
     for light in _LIGHTS:
         dark = rendered_picture(scene, light)
-        said = judges.all(dark, slow=False)
-        scores = _scores(said, dark.truth)
-        wrong = [one.title for one in said if one.status == STATUS_WORDS[CLEAR]]
-        grey = float(np.mean(dark.left))
+        said = _predictions(context, texture, dark, slow=False)
+        scores = score_predictions(said, dark.truth)
         rows.append(
-            {"light": light, "mean grey level": grey}
+            {"light": light, "mean grey level": float(np.mean(dark.left))}
             | {one.title: scores[one.name].f1 if one.name in scores else None for one in said}
-            | {_SAYS_CLEAR: ", ".join(wrong)}
+            | {_SAYS_CLEAR: ", ".join(_say_clear(said))}
         )
     return pd.DataFrame(rows)
+
+
+def _say_clear(said: Said) -> list[str]:
+    return [one.title for one in said if one.status == STATUS_WORDS[CLEAR]]
 
 
 def _methods(sweep: pd.DataFrame) -> list[str]:
@@ -311,31 +392,20 @@ def _sweep_plot(sweep: pd.DataFrame) -> Plot:
     return Plot("by-light", caption, png_of(figure))
 
 
-def _numbers(
-    said: Sequence[MethodPrediction],
-    scores: dict[str, PatchScore],
-    dark: DarkPicture,
-    sweep: pd.DataFrame,
-) -> dict[str, float | int | str | bool]:
-    truth = dark.truth
-    numbers: dict[str, float | int | str | bool] = {
+def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame) -> Numbers:
+    numbers: dict[str, Any] = {
         "rendered": dark.rendered,
         "mean_grey": float(np.mean(dark.left)),
         "methods": len(said),
         "not_judged": sum(one.patches is None for one in said),
     }
-    if truth is not None:
-        numbers["obstacle_patches"] = int(truth.obstacle.sum())
-        if truth.obstacle.any():
-            clear = [one.title for one in said if one.status == STATUS_WORDS[CLEAR]]
-            numbers["wrong_clear"] = ", ".join(clear)
+    if dark.truth is not None:
+        numbers["obstacle_patches"] = int(dark.truth.obstacle.sum())
+        if dark.truth.obstacle.any():
+            numbers["wrong_clear"] = ", ".join(_say_clear(said))
     for name, score in scores.items():
-        for figure in ("precision", "recall", "f1", "iou"):
-            value = getattr(score, figure)
-            if value is not None:
-                numbers[f"{name}_{figure}"] = value
+        numbers |= {f"{name}_{figure}": value for figure, value in score.figures().items()}
     for name in _methods(sweep):
-        least = sweep.loc[sweep[name].notna() & (sweep[name].astype(float) > 0.5), "light"]
-        if len(least):
-            numbers[f"least_light_{name}"] = float(least.min())
-    return numbers
+        enough = sweep.loc[sweep[name].astype(float) > 0.5, "light"]
+        numbers[f"least_light_{name}"] = float(enough.min()) if len(enough) else None
+    return known(numbers)

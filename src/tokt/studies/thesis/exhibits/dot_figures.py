@@ -1,18 +1,34 @@
-"""Figures 3.17 and 3.20: what is predicted for each patch, as dots over the grid, and the mask."""
+"""Figures 3.17 and 3.20: what each method predicts for the patches of one picture, as dots."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from tokt.features.common.errors import ToktError
+from tokt.inference.frame import Frame
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
+from tokt.models.bundle.bundle import read_bundle
+from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    Table,
+    known,
+)
 from tokt.studies.thesis.frame_drawing import (
     SHOWN,
     draw_dots,
@@ -23,25 +39,210 @@ from tokt.studies.thesis.frame_drawing import (
     show_frame,
     show_mask,
 )
+from tokt.studies.thesis.methods.curves import COMPARED, OURS, SLIC_TITLES, THESIS
+from tokt.studies.thesis.methods.frame_methods import TOKT_MODEL, TOKT_STEREO
 from tokt.studies.thesis.methods.patch_scores import (
     Flags,
     PatchScore,
     PatchTruth,
+    patches_of_mask,
+    pooled_score,
     score_patches,
-    truth_by_labels,
 )
-from tokt.studies.thesis.methods.sequence_methods import TOKT_MODEL
+from tokt.studies.thesis.methods.texture_histograms import described
+from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE
 
-from .picture_predictions import (
-    MethodPrediction,
-    by_bundle,
-    by_held_out,
-    by_stereo,
-    by_thesis,
-    learnt_words,
-)
+Image = NDArray[np.uint8]
+Scores = Mapping[str, PatchScore]
 
-_MASK_RULE = "the patches of which its mask has a tenth or more white, as for labels"
+
+@dataclass(frozen=True)
+class MethodPrediction:
+    """One method's predictions of a picture.
+
+    Parameters
+    ----------
+    name, title : str
+    kind : str
+        `THESIS`, `COMPARED` or `OURS`.
+    words : str
+        What it learnt from.
+    patches : array of bool, shape (n_patches,), or None
+        The patches it says are an obstacle; None where it could not judge the picture, which is
+        never the same as clear.
+    mask : array of uint8, shape (height, width), or None
+        0/255, at the grid's width.
+    fault : str
+        Why it could not judge; empty where it did.
+    """
+
+    name: str
+    title: str
+    kind: str
+    words: str
+    patches: Flags | None = None
+    mask: Image | None = None
+    fault: str = ""
+
+    @property
+    def status(self) -> str:
+        """``obstacle``, ``clear`` or ``unknown``, by the mean of the mask alone."""
+        status = UNKNOWN if self.mask is None else verdict_from_mask(self.mask, self.name).status
+        return STATUS_WORDS[status]
+
+
+def said_by_patches(
+    name: str, title: str, kind: str, words: str, patches: Flags, frame: Image
+) -> MethodPrediction:
+    """Predictions of a method that judges patches of the grid."""
+    mask = GRID.paint(patches, *GRID.resized(*frame.shape[:2]))
+    return MethodPrediction(name, title, kind, words, patches, mask)
+
+
+def by_thesis(context: StudyContext, frame: Image) -> list[MethodPrediction]:
+    """The thesis's three texture models on a picture, by tokt's kernels of the same features."""
+    rows, words = described(frame), context.two_images
+    return [
+        said_by_patches(
+            name, model.title, THESIS, words, model.classifier.predict(rows[name]) == 1, frame
+        )
+        for name, model in context.thesis.items()
+    ]
+
+
+def by_held_out(context: StudyContext, number: int, frame: Image) -> list[MethodPrediction]:
+    """Our texture model on a frame of the mission, by a model that did not learn from it."""
+    curves = context.curves
+    patches = curves.patches.get(TOKT_TEXTURE, {}).get(number)
+    if patches is None:
+        return []
+    method = curves.methods[TOKT_TEXTURE]
+    return [said_by_patches(TOKT_TEXTURE, method.title, OURS, method.words, patches, frame)]
+
+
+def by_bundle(context: StudyContext, frame: Image, words: str) -> list[MethodPrediction]:
+    """The bundle of the request on a picture, by its patches; nothing where none was given.
+
+    Raises
+    ------
+    ToktError
+        If it is not a bundle that can be used.
+    """
+    if context.request.model is None:
+        return []
+    bundle = read_bundle(str(context.request.model))
+    who = TOKT_MODEL, f"tokt model {bundle.label}", OURS, words
+    if bundle.grid != GRID:
+        fault = f"its patches are {bundle.grid}, these figures are of {GRID}"
+        return [MethodPrediction(*who, fault=fault)]
+    try:
+        values = bundle.values_of(bundle.features(frame))
+    except ValueError as error:
+        return [MethodPrediction(*who, fault=str(error))]
+    return [said_by_patches(*who, bundle.model.obstacle_patches(values), frame)]
+
+
+def by_stereo(
+    calibration: StereoCalibration | None, left: Image, right: Image | None, words: str
+) -> MethodPrediction:
+    """Our stereo on a pair; it learns nothing.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration or None
+    left, right : array of uint8
+        As decoded.
+    words : str
+        Where the calibration is from, or why there is none.
+    """
+    who = TOKT_STEREO, "tokt stereo", OURS, words
+    if right is None:
+        return MethodPrediction(*who, fault="there is no right picture")
+    if calibration is None:
+        return MethodPrediction(*who, fault=words)
+    try:
+        found = DisparityDetector(calibration, GRID).detect(Frame(1, 0.0, left, right))
+    except ToktError as error:
+        return MethodPrediction(*who, fault=str(error))
+    if found.mask is None:
+        return MethodPrediction(*who, fault=str(found.fault))
+    return MethodPrediction(*who, patches_of_mask(found.mask, GRID), found.mask)
+
+
+def by_superpixels(context: StudyContext, number: int, frame: Image) -> list[MethodPrediction]:
+    """The methods that cut the picture into superpixels, by the patches that they cover.
+
+    Parameters
+    ----------
+    context : StudyContext
+    number : int
+        The frame's, where it is one of the mission's: then by a model that did not learn from it.
+    frame : array of uint8
+    """
+    found, methods = [], context.superpixel_methods
+    for method in methods.of(number):
+        judged = method.judge(frame, None, 0.0)
+        kind = THESIS if isinstance(method, SlicTexture) else COMPARED
+        title = SLIC_TITLES.get(method.name, method.title)
+        who = method.name, title, kind, methods.words(method)
+        if judged.mask is None:
+            found.append(MethodPrediction(*who, fault=judged.words))
+        else:
+            patches = patches_of_mask(judged.mask, GRID)
+            found.append(MethodPrediction(*who, patches, judged.mask))
+    return found
+
+
+def learnt_words(said: Sequence[MethodPrediction]) -> tuple[str, ...]:
+    """What the methods learnt from, those that learnt alike in one sentence."""
+    titles: dict[str, list[str]] = {}
+    for one in said:
+        if one.words:
+            titles.setdefault(one.words, []).append(one.title)
+    return tuple(f"{', '.join(who)}: {words.rstrip('.')}." for words, who in titles.items())
+
+
+def may_have_learnt(said: Sequence[MethodPrediction]) -> str:
+    """The end of a sentence that says that nothing learnt from what it is scored on."""
+    given = any(one.name == TOKT_MODEL for one in said)
+    return "; the model that was given may have." if given else "."
+
+
+def score_predictions(
+    said: Sequence[MethodPrediction], truth: PatchTruth | None
+) -> dict[str, PatchScore]:
+    """The scores of the methods that judged the picture; none without a truth."""
+    return {
+        one.name: score_patches(one.patches, truth)
+        for one in said
+        if one.patches is not None and truth is not None
+    }
+
+
+def scored_predictions(said: Sequence[MethodPrediction], scores: Scores) -> pd.DataFrame:
+    """One row a method: what it says of the picture, and its scores where there are some."""
+    frame = pd.DataFrame(
+        {
+            "method": one.title,
+            "whose": one.kind,
+            "status": one.status,
+            "obstacle patches": None if one.patches is None else int(one.patches.sum()),
+            **_score_row(scores.get(one.name)),
+            "not judged": one.fault,
+        }
+        for one in said
+    )
+    return frame.astype(dict.fromkeys(["obstacle patches", *_COUNTS], "Int64"))
+
+
+_COUNTS = [one.name for one in fields(PatchScore)]
+
+
+def _score_row(score: PatchScore | None) -> dict[str, float | int | None]:
+    """Columns of a table; empty where there is no score."""
+    counts = dict(zip(_COUNTS, astuple(score or PatchScore()), strict=True))
+    row = {**(score or PatchScore()).figures(), **counts}
+    return row if score else dict.fromkeys(row)
 
 
 def prediction_dots(context: StudyContext) -> Exhibit:
@@ -53,7 +254,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
         If the frame or a file of the request cannot be read.
     """
     number = context.structure_frame
-    frame, truth = context.left(number), truth_by_labels(context.truth(number))
+    frame, truth = context.left(number), context.patch_truth(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
     said = [
         *by_thesis(context, frame),
@@ -61,12 +262,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
         *by_bundle(context, frame, context.curves.words.get(TOKT_MODEL, "")),
         stereo,
     ]
-    scores = {
-        one.name: score_patches(one.patches, truth)
-        for one in said
-        if one.patches is not None and truth is not None
-    }
-    pooled, n_labelled = pooled_scores(context, context.curves.patches)
+    scores, pooled = score_predictions(said, truth), pooled_scores(context, context.curves.patches)
     return Exhibit(
         "figure-3.17-3.20",
         "Prediction dots over the grid, and the mask",
@@ -74,11 +270,11 @@ def prediction_dots(context: StudyContext) -> Exhibit:
         (
             f"Frame {number}, by the thesis's three models and by ours. Red dots are patches said "
             "to be other than ocean; they are white in the mask. Of stereo, which judges pixels, "
-            f"the dots are {_MASK_RULE}.",
+            "the dots are the patches of which its mask has a tenth or more white, as for labels.",
             *learnt_words(said),
         ),
-        _claims(said, scores, number),
-        _tables(said, scores, pooled, number, n_labelled),
+        tuple(_claim(one, scores, number) for one in said),
+        _tables(said, scores, pooled, number, len(context.truths)),
         (
             Plot(
                 "dots",
@@ -87,158 +283,98 @@ def prediction_dots(context: StudyContext) -> Exhibit:
                 png_of(_figure(frame, said, truth)),
             ),
         ),
-        _numbers(number, scores, pooled, n_labelled),
+        _numbers(number, scores, pooled, len(context.truths)),
     )
 
 
 def pooled_scores(
     context: StudyContext, patches: Mapping[str, Mapping[int, Flags]]
-) -> tuple[dict[str, PatchScore], int]:
-    """Each method's score over all labelled frames that it judged, and how many frames there are.
+) -> dict[str, PatchScore]:
+    """Each method's score over all labelled frames that it judged; none without labels.
 
     Parameters
     ----------
+    context : StudyContext
     patches : mapping of str to mapping of int to array of bool
         By method and frame.
     """
-    truths = {
-        number: truth
-        for number in context.scored
-        if (truth := truth_by_labels(context.truth(number)))
-    }
-    pooled = {}
-    for name, by_frame in patches.items():
-        total = PatchScore(0, 0, 0, 0)
-        for number, truth in truths.items():
-            if number in by_frame:
-                total += score_patches(by_frame[number], truth)
-        pooled[name] = total
-    return (pooled, len(truths)) if truths else ({}, 0)
-
-
-def score_row(score: PatchScore | None) -> dict[str, Any]:
-    """Columns of a table; empty where there is no score."""
-    names = ("precision", "recall", "f1", "iou", "hits", "false", "missed", "quiet")
-    return {name: None if score is None else getattr(score, name) for name in names}
-
-
-def whole_counts(frame: pd.DataFrame) -> pd.DataFrame:
-    """A table of scores with its counts as whole numbers, missing ones among them."""
-    counts = ["obstacle patches", "hits", "false", "missed", "quiet"]
-    return frame.astype({name: "Int64" for name in counts if name in frame})
+    truths = context.truths
+    return {name: pooled_score(said, truths) for name, said in patches.items() if truths}
 
 
 def _tables(
-    said: list[MethodPrediction],
-    scores: dict[str, PatchScore],
-    pooled: dict[str, PatchScore],
-    number: int,
-    n_labelled: int,
+    said: Sequence[MethodPrediction], scores: Scores, pooled: Scores, number: int, n_labelled: int
 ) -> tuple[Table, ...]:
-    frame = pd.DataFrame(
-        {
-            "method": one.title,
-            "whose": one.kind,
-            "obstacle patches": None if one.patches is None else int(one.patches.sum()),
-            **score_row(scores.get(one.name)),
-            "not judged": one.fault,
-        }
-        for one in said
+    frame = Table(
+        "frame",
+        f"Patches of frame {number} against its labels (unsure ones are not scored); counts "
+        "of patches. Our texture model is held out; the others did not learn from this frame"
+        + may_have_learnt(said),
+        scored_predictions(said, scores).drop(columns="status"),
+        "This frame",
     )
-    given = any(one.name == TOKT_MODEL for one in said)
-    tables = [
-        Table(
-            "frame",
-            f"Patches of frame {number} against its labels (unsure ones are not scored); counts "
-            "of patches. Our texture model is held out; the others did not learn from this frame"
-            + ("; the model that was given may have." if given else "."),
-            whole_counts(frame),
-            "This frame",
-        )
-    ]
-    if n_labelled:
-        titles = {one.name: one.title for one in said}
-        mission = pd.DataFrame(
-            {"method": titles.get(name, name), **score_row(score)} for name, score in pooled.items()
-        )
-        tables.append(
-            Table(
-                "mission",
-                f"The same over all {n_labelled} labelled frames that no training image is of; "
-                "counts of patches. Our texture model: each frame by a model that did not learn "
-                "from it or from frames near it.",
-                mission,
-                "The whole mission",
-            )
-        )
-    return tuple(tables)
+    if not n_labelled:
+        return (frame,)
+    titles = {one.name: one.title for one in said}
+    rows = [{"method": titles.get(name, name), **_score_row(one)} for name, one in pooled.items()]
+    mission = Table(
+        "mission",
+        f"The same over all {n_labelled} labelled frames that no training image is of; "
+        "counts of patches. Our texture model: each frame by a model that did not learn "
+        "from it or from frames near it.",
+        pd.DataFrame(rows),
+        "The whole mission",
+    )
+    return frame, mission
+
+
+def _claim(one: MethodPrediction, scores: Scores, number: int) -> Claim:
+    if one.patches is None:
+        found = f"not judged: {one.fault}"
+    else:
+        found = f"{one.patches.sum()} of {GRID.n_patches} patches are other"
+        if one.name in scores:
+            score = scores[one.name]
+            found += f"; precision {_words(score.precision)}, recall {_words(score.recall)}"
+    return Claim(
+        f"{one.title}: the dots that are other lie on the structure",
+        NOT_KNOWN,
+        found,
+        ClaimAgreement.UNCOMPARABLE,
+        f"The figures' dots are not at hand; judged by the labels of frame {number}."
+        if scores
+        else "The figures' dots are not at hand, and the frame has no labels.",
+    )
 
 
 def _words(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.2f}"
 
 
-def _claims(
-    said: list[MethodPrediction], scores: dict[str, PatchScore], number: int
-) -> tuple[Claim, ...]:
-    claims = []
-    for one in said:
-        score = scores.get(one.name)
-        if one.patches is None:
-            found = f"not judged: {one.fault}"
-        elif score is None:
-            found = f"{one.patches.sum()} of {GRID.n_patches} patches are other"
-        else:
-            found = (
-                f"{one.patches.sum()} of {GRID.n_patches} patches are other; precision "
-                f"{_words(score.precision)}, recall {_words(score.recall)}"
-            )
-        claims.append(
-            Claim(
-                f"{one.title}: the dots that are other lie on the structure",
-                NOT_KNOWN,
-                found,
-                ClaimAgreement.UNCOMPARABLE,
-                f"The figures' dots are not at hand; judged by the labels of frame {number}."
-                if scores
-                else "The figures' dots are not at hand, and the frame has no labels.",
-            )
-        )
-    return tuple(claims)
-
-
-def _figure(
-    frame: NDArray[np.uint8], said: list[MethodPrediction], truth: PatchTruth | None
-) -> Figure:
+def _figure(frame: Image, said: Sequence[MethodPrediction], truth: PatchTruth | None) -> Figure:
     figure = Figure(figsize=(10.5, 3.55 * len(said) + 0.3), layout="constrained")
     rows = figure.subplots(len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):
-        height, width = show_frame(dots, frame, GRID)
-        draw_grid(dots, GRID, height, width)
+        size = show_frame(dots, frame, GRID)
+        draw_grid(dots, GRID, *size)
         if truth is not None:
-            draw_truth(dots, truth, GRID, height, width)
+            draw_truth(dots, truth, GRID, *size)
         dots.set_title(one.title, fontsize=10, loc="left")
         if one.patches is None or one.mask is None:
             mask.set_axis_off()
             mask.text(0.5, 0.5, f"not judged:\n{one.fault}", ha="center", va="center", wrap=True)
             continue
-        draw_dots(dots, one.patches, GRID, height, width)
+        draw_dots(dots, one.patches, GRID, *size)
         show_mask(mask, one.mask)
     explain_dots(rows[-1][0], truth is not None, ncols=4)
     return figure
 
 
-def _numbers(
-    number: int,
-    scores: dict[str, PatchScore],
-    pooled: dict[str, PatchScore],
-    n_labelled: int,
-) -> dict[str, float | int | str | bool]:
-    numbers: dict[str, float | int | str | bool] = {"frame": number, "labelled_frames": n_labelled}
-    for place, found in (("frame", scores), ("mission", pooled)):
-        for name, score in found.items():
-            for figure in ("precision", "recall", "f1", "iou"):
-                value = getattr(score, figure)
-                if value is not None:
-                    numbers[f"{place}_{name}_{figure}"] = value
-    return numbers
+def _numbers(number: int, scores: Scores, pooled: Scores, n_labelled: int) -> Numbers:
+    figures = {
+        f"{place}_{name}_{figure}": value
+        for place, found in (("frame", scores), ("mission", pooled))
+        for name, score in found.items()
+        for figure, value in score.figures().items()
+    }
+    return known({"frame": number, "labelled_frames": n_labelled, **figures})

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -26,25 +25,25 @@ from tokt.studies.thesis.frame_drawing import (
     png_of,
     show_frame,
 )
-from tokt.studies.thesis.methods.texture_histograms import Rows, hellinger
+from tokt.studies.thesis.methods.texture_histograms import (
+    EXTRACTORS,
+    LBP_KEYS,
+    Rows,
+    described,
+    hellinger,
+)
 
 from .training_image_figures import draw_histogram, kind_legend
-from .training_images import EXTRACTORS, LBP_KEYS, described
 
 _DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}
 """Row and column of the two patches that the thesis's program draws, red and blue."""
+_COLORS = {"structure": OTHER_COLOR, "ocean": OCEAN_COLOR}
 _WHOLE = Grid(1, 1, None)
 _BINS = len(HARALICK_NAMES)
 """The thesis's program sorts the 13 features' *values* into 13 bins from 0 to 13."""
 
-
-@dataclass(frozen=True)
-class _Chosen:
-    """The two patches: numbers of the cells, and how they were chosen."""
-
-    structure: int
-    ocean: int
-    words: str
+Cells = Mapping[str, int]
+"""The two patches: numbers of their cells, by the names of `_DRAWN_CELLS`."""
 
 
 def patch_histograms(context: StudyContext) -> Exhibit:
@@ -57,48 +56,47 @@ def patch_histograms(context: StudyContext) -> Exhibit:
     """
     number = context.structure_frame
     frame, labels = context.left(number), context.truth(number)
-    rows, water = described(frame), described(context.ocean.image)
-    chosen = _choose(labels)
-    away = {key: _away_from_ocean(key, rows[key], water[key]) for key in EXTRACTORS}
-    auc = _auc(away, labels)
-    model_auc = _auc(_decision_values(context, rows), labels)
-    patches = {"structure": chosen.structure, "ocean": chosen.ocean}
-    apart = {
-        key: float(hellinger(rows[key][[chosen.structure]], rows[key][[chosen.ocean]])[0, 0])
-        for key in LBP_KEYS
-    }
+    rows = described(frame)
+    patches, how = _choose(labels)
+    told = _told_apart(context, rows, patches, labels)
     outside = {
         name: int((rows["haralick"][cell] > _BINS).sum() + (rows["haralick"][cell] < 0).sum())
         for name, cell in patches.items()
     }
+    numbers = {"frame": number}
+    for column, name in _QUOTED.items():
+        numbers |= {f"{key}_{name}": value for key, value in told[column].dropna().items()}
+    numbers |= {f"haralick_outside_{name}": count for name, count in outside.items()}
     return Exhibit(
         "figure-3.16-3.19",
         "Histograms of a patch on the structure and of a patch of ocean",
         "thesis sections 3.4 and 3.5, figures 3.16 and 3.19",
         (
-            f"Frame {number}; {chosen.words}. The features are the thesis's, of the patch cut out "
-            "first.",
+            f"Frame {number}; {how}. The features are the thesis's, of the patch cut out first.",
             "How well the features tell the two kinds of patch apart is measured over all labelled "
             "patches of the frame: the area under the ROC curve (0.5: not at all, 1: perfectly) "
             "of a patch's distance from the ocean training image's mean (Hellinger's for the "
             "histograms, in that image's standard deviations for Haralick's features), and of the "
             "thesis's model's decision value.",
         ),
-        _claims(frame, apart, model_auc, outside),
-        _tables(rows, patches, apart, (auc, model_auc), away, chosen),
+        _claims(frame, told, outside),
+        _tables(rows["haralick"], patches, told),
         _plots(frame, rows, patches, number),
-        _numbers(number, apart, (auc, model_auc), outside),
+        numbers,
     )
 
 
-def _choose(labels: NDArray[np.int8]) -> _Chosen:
-    """A patch amid the structure and one of ocean far from it; without labels the thesis's two."""
-    row, col = np.divmod(np.arange(GRID.n_patches), GRID.cols)
+def _choose(labels: NDArray[np.int8]) -> tuple[Cells, str]:
+    """A patch amid the structure and one of ocean far from it, and how they were chosen.
+
+    Without labels they are the thesis's two.
+    """
     there, clear = np.flatnonzero(labels == 1), np.flatnonzero(labels == 0)
     if not len(there) or not len(clear):
-        cells = [cell_row * GRID.cols + cell_col for cell_row, cell_col in _DRAWN_CELLS.values()]
+        cells = {name: row * GRID.cols + col for name, (row, col) in _DRAWN_CELLS.items()}
         words = "no labels of both kinds, so the patches are those that the thesis's program draws"
-        return _Chosen(cells[0], cells[1], words)
+        return cells, words
+    row, col = np.divmod(np.arange(GRID.n_patches), GRID.cols)
     middle = np.hypot(row[there] - row[there].mean(), col[there] - col[there].mean()).argmin()
     gap = np.hypot(
         row[clear][:, None] - row[there][None], col[clear][:, None] - col[there][None]
@@ -107,7 +105,7 @@ def _choose(labels: NDArray[np.int8]) -> _Chosen:
     inner = (row[clear] % (GRID.rows - 1) > 0) & (col[clear] % (GRID.cols - 1) > 0)
     farthest = np.where(inner, gap, gap - GRID.rows).argmax()
     words = "labelled patches: one amid the structure, and the clear one farthest from all of it"
-    return _Chosen(int(there[middle]), int(clear[farthest]), words)
+    return {"structure": int(there[middle]), "ocean": int(clear[farthest])}, words
 
 
 def _away_from_ocean(key: str, rows: Rows, water: Rows) -> NDArray[np.float64]:
@@ -120,34 +118,56 @@ def _away_from_ocean(key: str, rows: Rows, water: Rows) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.square(apart).mean(axis=1)))
 
 
-def _decision_values(
-    context: StudyContext, rows: dict[str, Rows]
-) -> dict[str, NDArray[np.float64]]:
-    """What the thesis's models say of each patch, by extractor; above 0 is other than ocean."""
-    return {
-        key: np.asarray(model.classifier.decision_function(rows[key]), np.float64)
-        for key, model in context.thesis.items()
-    }
+_APART, _DISTANCE_AREA, _MODEL_AREA = (
+    "distance between the two patches",
+    "ROC area, distance from ocean",
+    "ROC area, the thesis's model",
+)
+_QUOTED = {
+    _APART: "hellinger",
+    _DISTANCE_AREA: "distance_roc_area",
+    _MODEL_AREA: "model_roc_area",
+}
+"""By column, the end of the name of a figure that other pages quote."""
 
 
-def _auc(away: dict[str, NDArray[np.float64]], labels: NDArray[np.int8]) -> dict[str, float]:
-    """By extractor; empty where the frame has no labels of both kinds."""
+def _told_apart(
+    context: StudyContext, rows: dict[str, Rows], patches: Cells, labels: NDArray[np.int8]
+) -> pd.DataFrame:
+    """How far apart the two patches are, and all labelled ones; index: the extractor's key."""
+    water = described(context.ocean.image)
+    told = {}
+    for key in EXTRACTORS:
+        away = _away_from_ocean(key, rows[key], water[key])
+        model = context.thesis[key].classifier
+        two = [rows[key][[cell]] for cell in patches.values()]
+        told[key] = {
+            "features": TITLES[key],
+            _APART: float(hellinger(*two)[0, 0]) if key in LBP_KEYS else None,
+            "structure patch from ocean's mean": away[patches["structure"]],
+            "ocean patch from ocean's mean": away[patches["ocean"]],
+            _DISTANCE_AREA: _roc_area(away, labels),
+            _MODEL_AREA: _roc_area(model.decision_function(rows[key]), labels),
+        }
+    return pd.DataFrame.from_dict(told, orient="index")
+
+
+def _roc_area(values: NDArray[np.float64], labels: NDArray[np.int8]) -> float | None:
+    """None where the frame has no labels of both kinds."""
     sure = labels >= 0
     if len(np.unique(labels[sure])) < 2:
-        return {}
-    return {key: float(roc_auc_score(labels[sure], value[sure])) for key, value in away.items()}
+        return None
+    return float(roc_auc_score(labels[sure], values[sure]))
 
 
 def _claims(
-    frame: NDArray[np.uint8],
-    apart: dict[str, float],
-    auc: dict[str, float],
-    outside: dict[str, int],
+    frame: NDArray[np.uint8], told: pd.DataFrame, outside: Mapping[str, int]
 ) -> tuple[Claim, ...]:
-    key = LBP_KEYS[0]
-    seen = f"the two are {apart[key]:.2f} apart (Hellinger, LBP (10, 5))"
-    if auc:
-        measured = ", ".join(f"{TITLES[name]} {value:.2f}" for name, value in auc.items())
+    seen = f"the two are {told[_APART].iloc[0]:.2f} apart (Hellinger, LBP (10, 5))"
+    area = told.dropna(subset=_MODEL_AREA)
+    if len(area):
+        pairs = zip(area["features"], area[_MODEL_AREA], strict=True)
+        measured = ", ".join(f"{title} {value:.2f}" for title, value in pairs)
         seen += f"; area under the ROC curve of the models over the frame: {measured}"
     drawn = _drawn_and_sliced(frame)
     moved = "; ".join(f"{name}: {value:.2f}" for name, value in drawn.items())
@@ -159,7 +179,7 @@ def _claims(
             ClaimAgreement.UNCOMPARABLE,
             "The figures' bars are not at hand; what they are to show is measured over all "
             "labelled patches of the frame."
-            if auc
+            if len(area)
             else "The figures' bars are not at hand, and this frame has no labels of both kinds.",
         ),
         Claim(
@@ -199,31 +219,11 @@ def _drawn_and_sliced(frame: NDArray[np.uint8]) -> dict[str, float]:
     return found
 
 
-def _tables(
-    rows: dict[str, Rows],
-    patches: dict[str, int],
-    apart: dict[str, float],
-    auc: tuple[dict[str, float], dict[str, float]],
-    away: dict[str, NDArray[np.float64]],
-    chosen: _Chosen,
-) -> tuple[Table, ...]:
-    features = pd.DataFrame({"feature": HARALICK_NAMES})
-    for name, cell in patches.items():
-        features[name] = rows["haralick"][cell]
-    features["in the notebooks' histogram"] = [
-        sum(0 <= row[name] <= _BINS for name in patches) for row in features.to_dict("records")
-    ]
-    told = pd.DataFrame(
-        {
-            "features": [TITLES[key] for key in EXTRACTORS],
-            "distance between the two patches": [apart.get(key) for key in EXTRACTORS],
-            "structure patch from ocean's mean": [
-                away[key][chosen.structure] for key in EXTRACTORS
-            ],
-            "ocean patch from ocean's mean": [away[key][chosen.ocean] for key in EXTRACTORS],
-            "ROC area, distance from ocean": [auc[0].get(key) for key in EXTRACTORS],
-            "ROC area, the thesis's model": [auc[1].get(key) for key in EXTRACTORS],
-        }
+def _tables(haralick: Rows, patches: Cells, told: pd.DataFrame) -> tuple[Table, ...]:
+    two = {name: haralick[cell] for name, cell in patches.items()}
+    inside = sum(((row >= 0) & (row <= _BINS)).astype(int) for row in two.values())
+    features = pd.DataFrame(
+        {"feature": HARALICK_NAMES, **two, "in the notebooks' histogram": inside}
     )
     return (
         Table(
@@ -245,7 +245,7 @@ def _tables(
 
 
 def _plots(
-    frame: NDArray[np.uint8], rows: dict[str, Rows], patches: dict[str, int], number: int
+    frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells, number: int
 ) -> tuple[Plot, ...]:
     return (
         Plot(
@@ -264,10 +264,7 @@ def _plots(
     )
 
 
-_COLORS = {"structure": OTHER_COLOR, "ocean": OCEAN_COLOR}
-
-
-def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: dict[str, int]) -> Figure:
+def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells) -> Figure:
     figure = Figure(figsize=(10.5, 4.4), layout="constrained")
     axes = figure.subplot_mosaic(
         [["frame", "structure lbp_10_5", "structure lbp_24_8"],
@@ -293,7 +290,7 @@ def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: dict[s
     return figure
 
 
-def _haralick_figure(rows: Rows, patches: dict[str, int]) -> Figure:
+def _haralick_figure(rows: Rows, patches: Cells) -> Figure:
     figure = Figure(figsize=(10.5, 4.2), layout="constrained")
     features, values = figure.subplots(1, 2, width_ratios=(1.5, 1))
     place = np.arange(_BINS)
@@ -310,17 +307,3 @@ def _haralick_figure(rows: Rows, patches: dict[str, int]) -> Figure:
     values.set(xlabel="value of a feature", ylabel="features", title="as the notebooks plot it")
     features.set_title("the 13 features")
     return figure
-
-
-def _numbers(
-    number: int,
-    apart: dict[str, float],
-    auc: tuple[dict[str, float], dict[str, float]],
-    outside: dict[str, int],
-) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"frame": number}
-    numbers |= {f"{key}_hellinger": value for key, value in apart.items()}
-    numbers |= {f"{key}_distance_roc_area": value for key, value in auc[0].items()}
-    numbers |= {f"{key}_model_roc_area": value for key, value in auc[1].items()}
-    numbers |= {f"haralick_outside_{name}": count for name, count in outside.items()}
-    return numbers

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from tokt.features.common.errors import FrameError
 from tokt.features.common.machine import machine
@@ -17,24 +15,31 @@ from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.speed.paired_timing import single_thread
 from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    Table,
+)
 from tokt.studies.thesis.frame_drawing import png_of
 from tokt.studies.thesis.methods.stage_clock import (
     STAGES,
     EncodedPair,
+    Float,
     StageTimes,
     TimedMethod,
-    time_stages,
-)
-from tokt.studies.thesis.methods.superpixel_methods import SLIC
-from tokt.studies.thesis.methods.timed_methods import (
     slic_texture,
     thesis_disparity,
     thesis_model_with_kernels,
     thesis_texture,
+    time_stages,
     tokt_stereo,
     tokt_texture,
 )
+from tokt.studies.thesis.methods.superpixel_methods import SLIC
 
 KEY, TITLE, SECTION = "table-5.1-to-5.4", "Run time by method", "Tables 5.1 to 5.4"
 ROUNDS = 1
@@ -52,7 +57,8 @@ _TABLES = {
 }
 """Which table is of which method is the order of the project's task: a reading, too."""
 
-Float = NDArray[np.float64]
+Found = dict[str, StageTimes]
+"""By key of the method."""
 
 
 def runtime_tables(context: StudyContext) -> Exhibit:
@@ -62,14 +68,14 @@ def runtime_tables(context: StudyContext) -> Exhibit:
         frames = _frames(context)
         measured = time_stages(methods, frames, ROUNDS, context.progress)
     found = {one.method.key: one for one in measured}
-    words = _words(context, frames)
+    summary = _summary(found)
     return Exhibit(
         KEY,
         TITLE,
         SECTION,
-        words,
+        _words(context, frames),
         tuple(_claims(found)),
-        tuple(_tables(found, len(frames))),
+        tuple(_tables(found, summary, len(frames))),
         (
             Plot(
                 "run_times",
@@ -77,7 +83,7 @@ def runtime_tables(context: StudyContext) -> Exhibit:
                 png_of(_chart(found)),
             ),
         ),
-        _numbers(found, frames),
+        _numbers(found, summary, len(frames)),
     )
 
 
@@ -144,7 +150,7 @@ def _times() -> str:
     return "once each" if ROUNDS == 1 else f"{ROUNDS} times each"
 
 
-def _ratio(found: dict[str, StageTimes], key: str, to: str = REFERENCE) -> Float:
+def _ratio(found: Found, key: str, to: str = REFERENCE) -> Float:
     """A method's time over another's, run by run: both of the same frame in the same round."""
     return found[key].total_ms / found[to].total_ms
 
@@ -155,19 +161,37 @@ def _middle(values: Float) -> tuple[float, float, float]:
     return float(np.median(values)), float(low), float(high)
 
 
-def _tables(found: dict[str, StageTimes], n_frames: int) -> list[Table]:
+def _summary(found: Found) -> pd.DataFrame:
+    """By key: milliseconds, and times the run time of the thesis's LBP, with their spread."""
+    rows = {
+        key: [
+            one.method.title,
+            one.method.kind,
+            *_middle(one.total_ms),
+            *_middle(_ratio(found, key)),
+        ]
+        for key, one in found.items()
+    }
+    figures = [f"{name}{end}" for name in ("ms", "times_lbp") for end in ("", "_p10", "_p90")]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["method", "whose", *figures])
+
+
+def _tables(found: Found, summary: pd.DataFrame, n_frames: int) -> list[Table]:
+    words = ["method", "whose", "median ms", "p10 ms", "p90 ms", "times LBP", "p10", "p90"]
     compared = Table(
         "run_times",
         f"From an image file's bytes to a verdict: {n_frames} frames, {_times()}, one thread; "
         "ms a frame (a pair for the disparities), and times the run time of the thesis's LBP on "
         "the same frame in the same round. Median, 10th and 90th percentile.",
-        pd.DataFrame([_compared(found, key) for key in found]),
+        summary.set_axis(words, axis=1).assign(printed=pd.Series(PRINTED)),
     )
+    by_stage = pd.DataFrame([one.stage_ms for one in found.values()])
+    by_stage.insert(0, "method", summary["method"].to_numpy())
     stages = Table(
         "run_times_by_stage",
         "Median ms of each stage. Undistort is rectification in tokt's stereo; contours is all "
         "that is left: masks, outlines, the verdict, and in tokt's rows its checks of the frame.",
-        pd.DataFrame([_by_stage(one) for one in found.values()]),
+        by_stage,
     )
     own = [
         Table(
@@ -182,45 +206,20 @@ def _tables(found: dict[str, StageTimes], n_frames: int) -> list[Table]:
     return [*own, compared, stages]
 
 
-def _compared(found: dict[str, StageTimes], key: str) -> dict[str, Any]:
-    one = found[key]
-    median, low, high = _middle(one.total_ms)
-    ratio, ratio_low, ratio_high = _middle(_ratio(found, key))
-    return {
-        "method": one.method.title,
-        "whose": one.method.kind,
-        "median ms": median,
-        "p10 ms": low,
-        "p90 ms": high,
-        "times LBP": ratio,
-        "p10": ratio_low,
-        "p90": ratio_high,
-        "printed": PRINTED.get(key),
-    }
-
-
-def _by_stage(one: StageTimes) -> dict[str, Any]:
-    medians = np.median(one.seconds, axis=0) * 1e3
-    return {"method": one.method.title, **dict(zip(STAGES, medians.tolist(), strict=True))}
-
-
 def _profile(one: StageTimes) -> pd.DataFrame:
     """The stages that a method has: median ms, spread, and the part of the whole."""
-    rows = []
     whole = one.seconds.sum(axis=1)
-    for place, stage in enumerate(STAGES):
-        seconds = one.seconds[:, place]
-        if seconds.any():
-            median, low, high = _middle(seconds * 1e3)
-            share = float(np.median(seconds / whole))
-            row = {"stage": stage, "median ms": median, "p10 ms": low, "p90 ms": high}
-            rows.append({**row, "part of the whole": share})
-    median, low, high = _middle(one.total_ms)
-    total = {"stage": "whole frame", "median ms": median, "p10 ms": low, "p90 ms": high}
-    return pd.DataFrame([*rows, {**total, "part of the whole": 1.0}])
+    rows = [
+        [stage, *_middle(seconds * 1e3), float(np.median(seconds / whole))]
+        for stage, seconds in zip(STAGES, one.seconds.T, strict=True)
+        if seconds.any()
+    ]
+    rows.append(["whole frame", *_middle(one.total_ms), 1.0])
+    columns = ["stage", "median ms", "p10 ms", "p90 ms", "part of the whole"]
+    return pd.DataFrame(rows, columns=columns)
 
 
-def _claims(found: dict[str, StageTimes]) -> list[Claim]:
+def _claims(found: Found) -> list[Claim]:
     claims = []
     for key, what in (
         ("slic_lbp_10_5", "SLIC + LBP takes so many times as long as LBP on patches"),
@@ -241,7 +240,7 @@ def agreement_of(ratio: float, printed: float) -> ClaimAgreement:
     return ClaimAgreement.PARTLY if off <= TWICE else ClaimAgreement.NO
 
 
-def _claim(found: dict[str, StageTimes], key: str, what: str, printed: str) -> Claim:
+def _claim(found: Found, key: str, what: str, printed: str) -> Claim:
     if key not in found:
         why = (
             "the thesis's disparity is for pairs of "
@@ -261,14 +260,13 @@ def _judged_words(agreement: ClaimAgreement) -> str:
     }.get(agreement, "more than twice off the printed ratio")
 
 
-def _reason(found: dict[str, StageTimes], key: str, agreement: ClaimAgreement) -> str:
+def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
     """What stands behind a ratio that is not the printed one, from what was measured."""
     if agreement is ClaimAgreement.YES:
         return "other libraries and another machine, the same proportion"
     one, lbp = found[key], found[REFERENCE]
-    own = dict(zip(STAGES, np.median(one.seconds, axis=0) * 1e3, strict=True))
-    base = dict(zip(STAGES, np.median(lbp.seconds, axis=0) * 1e3, strict=True))
-    largest = max(own, key=lambda stage: own[stage])
+    own, base = one.stage_ms, lbp.stage_ms
+    largest = own.idxmax()
     return (
         f"the libraries of 2016 are not these: here the largest stage is {largest} with "
         f"{own[largest]:.1f} of {np.median(one.total_ms):.1f} ms, and LBP on patches takes "
@@ -277,7 +275,7 @@ def _reason(found: dict[str, StageTimes], key: str, agreement: ClaimAgreement) -
     )
 
 
-def _grid_claim(found: dict[str, StageTimes]) -> Claim:
+def _grid_claim(found: Found) -> Claim:
     ratio, low, high = _middle(_ratio(found, "slic_haralick", "haralick"))
     faster = (
         ClaimAgreement.YES if low > 1 else ClaimAgreement.PARTLY if ratio > 1 else ClaimAgreement.NO
@@ -291,17 +289,10 @@ def _grid_claim(found: dict[str, StageTimes]) -> Claim:
     )
 
 
-def _numbers(
-    found: dict[str, StageTimes], frames: Sequence[EncodedPair]
-) -> dict[str, float | int | str | bool]:
-    numbers: dict[str, float | int | str | bool] = {"frames": len(frames), "rounds": ROUNDS}
-    for key, one in found.items():
-        numbers[f"{key}_ms"], numbers[f"{key}_ms_p10"], numbers[f"{key}_ms_p90"] = _middle(
-            one.total_ms
-        )
-        ratio = _middle(_ratio(found, key))
-        numbers[f"{key}_times_lbp"] = ratio[0]
-        numbers[f"{key}_times_lbp_p10"], numbers[f"{key}_times_lbp_p90"] = ratio[1:]
+def _numbers(found: Found, summary: pd.DataFrame, n_frames: int) -> Numbers:
+    numbers: Numbers = {"frames": n_frames, "rounds": ROUNDS}
+    for key, row in summary.drop(columns=["method", "whose"]).iterrows():
+        numbers |= {f"{key}_{name}": value for name, value in row.items()}
     for name in ("lbp_10_5", "lbp_24_8", "haralick"):
         theirs, ours = found[name].verdicts, found[f"tokt_{name}"].verdicts
         same = sum(
@@ -313,16 +304,15 @@ def _numbers(
     return numbers
 
 
-def _chart(found: dict[str, StageTimes]) -> Figure:
+def _chart(found: Found) -> Figure:
     """Stacked bars of the stages' medians."""
     figure = Figure(figsize=(10, 0.5 + 0.42 * len(found)), layout="constrained")
     axes = figure.subplots()
-    names = [one.method.title for one in found.values()]
-    left = np.zeros(len(names))
-    for place, stage in enumerate(STAGES):
-        width = np.array([np.median(one.seconds[:, place]) * 1e3 for one in found.values()])
-        axes.barh(names, width, left=left, label=stage, color=f"C{place}")
-        left += width
+    stages = pd.DataFrame({one.method.title: one.stage_ms for one in found.values()})
+    left = np.zeros(len(found))
+    for place, (stage, width) in enumerate(stages.iterrows()):
+        axes.barh(stages.columns, width, left=left, label=stage, color=f"C{place}")
+        left += width.to_numpy()
     for at, (total, one) in enumerate(zip(left, found.values(), strict=True)):
         axes.text(total, at, f" {np.median(one.total_ms):.1f}", va="center", fontsize=8)
     axes.invert_yaxis()

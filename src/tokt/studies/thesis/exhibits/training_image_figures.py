@@ -1,38 +1,51 @@
-"""Figures 3.11 and 3.12: LBP histograms of training images, and which of them separates best."""
+"""Figures 3.11 and 3.12: LBP histograms of training images, and which of them separates best.
+
+The thesis chose its training images by looking at LBP histograms. Here the looking is a distance;
+what it promises is held against what it should lead to, a model that finds the labelled patches.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
+from skimage import data
 
-from tokt.studies.baselines.thesis_models import TITLES
+from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
-from tokt.studies.thesis.frame_drawing import SHOWN, png_of, show_frame
-from tokt.studies.thesis.methods.texture_histograms import BinKind, Rows, bin_kinds, share_by_kind
-
-from .training_images import (
-    CONFUSED,
-    CONTROL,
-    F1,
-    LBP_KEYS,
-    STRUCTURE,
-    TO_OCEAN,
-    TO_STRUCTURE,
-    Image,
-    candidate_table,
-    candidates,
-    means_apart,
-    ocean_image,
-    structure_rows,
-    tested_frames,
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    Table,
 )
+from tokt.studies.thesis.frame_drawing import SHOWN, png_of, show_frame
+from tokt.studies.thesis.methods.patch_scores import pooled_score
+from tokt.studies.thesis.methods.texture_histograms import (
+    EXTRACTORS,
+    LBP_KEYS,
+    BinKind,
+    Rows,
+    bin_kinds,
+    chi_square,
+    confused,
+    described,
+    hellinger,
+    share_by_kind,
+)
+from tokt.training.fitting.train import rendered_other_image
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 KIND_COLORS = {
     BinKind.FLAT: "#4da3ff",
@@ -41,6 +54,10 @@ KIND_COLORS = {
     BinKind.BETWEEN: "#c4c8cc",
     BinKind.NOT_UNIFORM: "#6b7075",
 }
+TO_OCEAN, TO_STRUCTURE = "to ocean", "to structure"
+CONFUSED, F1 = "patches confused", "F1"
+"""Columns of the table, after an extractor's key."""
+CONTROL, STRUCTURE = "ocean frame", "structure frame"
 _KEY = LBP_KEYS[0]
 _CRITERIA = {
     TO_OCEAN: "Hellinger distance from ocean's histogram",
@@ -48,6 +65,32 @@ _CRITERIA = {
     TO_STRUCTURE: "Hellinger distance from the structure's histogram",
 }
 """What an image could be chosen by; only the first and second need no look at the structure."""
+_SCORED_FRAMES = 24
+_PHOTOS = ("brick", "gravel", "grass", "coffee")
+
+Tested = Mapping[int, dict[str, Rows]]
+"""By labelled frame that models are scored on: its features by extractor."""
+
+
+@dataclass(frozen=True)
+class Image:
+    """An image, with the features of its patches.
+
+    Parameters
+    ----------
+    name, words : str
+    picture : array of uint8, shape (height, width) or (height, width, 3)
+    rows : dict
+        By extractor, float64, (n_patches, dim).
+    bright : bool
+        Whether it can be seen without raising its contrast.
+    """
+
+    name: str
+    words: str
+    picture: NDArray[np.uint8]
+    rows: dict[str, Rows]
+    bright: bool = False
 
 
 def training_images(context: StudyContext) -> Exhibit:
@@ -58,13 +101,23 @@ def training_images(context: StudyContext) -> Exhibit:
     ToktError
         If a frame cannot be read.
     """
-    ocean, images = ocean_image(context), candidates(context)
-    frame = next(image for image in images if image.name == STRUCTURE)
-    structure, structure_words = structure_rows(context, frame)
-    tested = tested_frames(context)
-    table = candidate_table(ocean, images, structure, tested)
-    n_tested, rank = len(tested.truths), _rank(table)
-    plots = [_histogram_plot(ocean, images, table, structure, structure_words)]
+    ocean = _image("ocean", context.ocean.words, context.ocean.image)
+    images = {image.name: image for image in _candidates(context)}
+    structure = _structure_of(context, images[STRUCTURE])
+    tested = _tested(context)
+    rows = [_row(context, ocean, image, structure, tested) for image in images.values()]
+    table = pd.DataFrame(rows).sort_values(f"{_KEY} {TO_OCEAN}", ascending=False, ignore_index=True)
+    n_tested, rank = len(tested), _rank(table)
+    shown = [ocean, structure, *(images[name] for name in table["image"])]
+    plots = [
+        Plot(
+            "histograms",
+            "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut off "
+            f"has its value beside it. First ocean and {structure.words}, then what could be "
+            f"learnt from, the image farthest from ocean first. {SHOWN}",
+            png_of(_histograms(shown)),
+        )
+    ]
     if rank:
         plots.append(_promise_plot(table, n_tested))
     caption = (
@@ -81,14 +134,14 @@ def training_images(context: StudyContext) -> Exhibit:
             "Bins are coloured by the share of the circle that is brighter than its centre: none "
             "or all of it is flat, half of it an edge, a quarter or three quarters a corner, each "
             "within a twelfth. Patterns of several runs, which noise makes, are the last bin.",
-            f"Distances are Hellinger's; the structure is {structure_words}. A patch is confused "
+            f"Distances are Hellinger's; the structure is {structure.words}. A patch is confused "
             "when it is nearer to the other image's mean histogram than to its own image's. "
             f"Ocean is {ocean.words}.",
         ),
         _claims(table, n_tested, rank),
         (Table("candidates", caption, table, "Images to learn from"),),
         tuple(plots),
-        _numbers(ocean, table, rank, n_tested, structure[_KEY]),
+        _numbers(table, rank, n_tested, ocean.rows[_KEY], structure.rows[_KEY]),
     )
 
 
@@ -140,15 +193,14 @@ def _claims(table: pd.DataFrame, n_tested: int, rank: dict[str, float]) -> tuple
 
 
 def _numbers(
-    ocean: Image, table: pd.DataFrame, rank: dict[str, float], n_tested: int, structure: Rows
-) -> dict[str, float | int | str | bool]:
+    table: pd.DataFrame, rank: dict[str, float], n_tested: int, ocean: Rows, structure: Rows
+) -> Numbers:
     farthest = table.iloc[0]
-    water = share_by_kind(ocean.rows[_KEY].mean(axis=0))
-    solid = share_by_kind(structure.mean(axis=0))
-    numbers: dict[str, float | int | str | bool] = {
+    water, solid = (share_by_kind(rows.mean(axis=0)) for rows in (ocean, structure))
+    numbers: Numbers = {
         "farthest_image": str(farthest["image"]),
         "farthest_hellinger": float(farthest[f"{_KEY} {TO_OCEAN}"]),
-        "ocean_to_structure_hellinger": means_apart(ocean.rows[_KEY], structure),
+        "ocean_to_structure_hellinger": _means_apart(ocean, structure),
         "ocean_not_uniform_share": water[BinKind.NOT_UNIFORM],
         "structure_not_uniform_share": solid[BinKind.NOT_UNIFORM],
         "scored_frames": n_tested,
@@ -166,26 +218,91 @@ def _numbers(
     return numbers
 
 
-def _histogram_plot(
-    ocean: Image,
-    images: list[Image],
-    table: pd.DataFrame,
-    structure: dict[str, Rows],
-    structure_words: str,
-) -> Plot:
-    by_name = {image.name: image for image in images}
-    frame = by_name[STRUCTURE]
-    own = Image("structure", structure_words, frame.picture, structure, bright=False)
-    shown = [ocean, own, *(by_name[name] for name in table["image"])]
-    caption = (
-        "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut off has "
-        f"its value beside it. First ocean and {structure_words}, then what could be learnt from, "
-        f"the image farthest from ocean first. {SHOWN}"
-    )
-    return Plot("histograms", caption, png_of(_histograms(shown)))
+def _image(name: str, words: str, picture: Any, bright: bool = False) -> Image:
+    pixels = np.ascontiguousarray(picture, np.uint8)
+    return Image(name, words, pixels, described(pixels), bright)
 
 
-def _histograms(shown: list[Image]) -> Figure:
+def _candidates(context: StudyContext) -> list[Image]:
+    """What could stand for "anything else", and as a control an ocean frame that should not.
+
+    The image asked for or the rendered texture; photos that come with scikit-image, rough, bright
+    and in focus as a film still is; and the mission's own frame of the structure.
+    """
+    found = [_image("other", context.other.words, context.other.image, True)]
+    if context.request.other is not None:
+        found.append(_image("rendered", "a rendered texture", rendered_other_image(), True))
+    for name in _PHOTOS:
+        picture = np.asarray(getattr(data, name)())
+        if picture.ndim == 3:
+            picture = picture[..., ::-1]  # RGB; frames are BGR
+        found.append(_image(name, f"photo of {name}, from scikit-image", picture, True))
+    number, control = context.structure_frame, _control(context)
+    found.append(_image(STRUCTURE, f"frame {number}, whole", context.left(number)))
+    if control is not None:
+        words = f"frame {control}: ocean too, so it should not separate"
+        found.append(_image(CONTROL, words, context.left(control)))
+    return found
+
+
+def _control(context: StudyContext) -> int | None:
+    """Another frame of open ocean, by the labels."""
+    other = [number for number in context.ocean_frames if number != context.ocean.frame]
+    return other[len(other) // 2] if other else None
+
+
+def _structure_of(context: StudyContext, frame: Image) -> Image:
+    """The structure's own patches of the frame that shows it; without labels all of them."""
+    there = context.truth(context.structure_frame) == 1
+    words = f"all patches of frame {context.structure_frame}, which has no labels"
+    if there.any():
+        words = f"the {there.sum()} obstacle patches of frame {context.structure_frame}"
+    rows = {key: one[there] if there.any() else one for key, one in frame.rows.items()}
+    return Image("structure", words, frame.picture, rows)
+
+
+def _tested(context: StudyContext) -> Tested:
+    """Labelled frames spread over the mission; none that a candidate is made of."""
+    left_out = {context.structure_frame, _control(context)}
+    labelled = [number for number in context.truths if number not in left_out]
+    chosen = evenly_spaced(labelled, _SCORED_FRAMES)
+    return {number: described(frame) for number, frame in context.decoded(chosen)}
+
+
+def _row(
+    context: StudyContext, ocean: Image, image: Image, structure: Image, tested: Tested
+) -> dict[str, Any]:
+    row: dict[str, Any] = {"image": image.name, "what": image.words}
+    for key in LBP_KEYS:
+        mine, water = image.rows[key], ocean.rows[key]
+        row[f"{key} {TO_OCEAN}"] = _means_apart(mine, water)
+        row[f"{key} chi-square {TO_OCEAN}"] = chi_square(mine.mean(axis=0), water.mean(axis=0))
+        row[f"{key} {TO_STRUCTURE}"] = _means_apart(mine, structure.rows[key])
+        row[f"{key} {CONFUSED}"] = confused(mine, water)
+    for key in EXTRACTORS:
+        row[f"{key} {F1}"] = _f1(context, key, ocean, image, tested)
+    return row
+
+
+def _means_apart(first: Rows, second: Rows) -> float:
+    """Hellinger distance between the mean histograms of two sets of patches."""
+    return float(hellinger(first.mean(axis=0)[None], second.mean(axis=0)[None])[0, 0])
+
+
+def _f1(
+    context: StudyContext, key: str, ocean: Image, other: Image, tested: Tested
+) -> float | None:
+    """F1 over the tested frames of a model that learnt from two images."""
+    if not tested:
+        return None
+    parts = ocean.rows[key], other.rows[key]
+    targets = np.repeat([0, 1], [len(one) for one in parts])
+    classifier = thesis_classifier(np.vstack(parts), targets)
+    said = {number: classifier.predict(rows[key]) == 1 for number, rows in tested.items()}
+    return pooled_score(said, context.truths).f1
+
+
+def _histograms(shown: Sequence[Image]) -> Figure:
     """A row an image: the picture, and its mean histogram with the kinds of bins in colour."""
     figure = Figure(figsize=(10.5, 1.5 * len(shown) + 0.6), layout="constrained")
     axes = figure.subplots(len(shown), 3, width_ratios=(1.1, 1.6, 2.6), squeeze=False)

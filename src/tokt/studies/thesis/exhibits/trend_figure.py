@@ -2,27 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
-from tokt.inference.policy.temporal_cues import HORIZON_S, STEADY_PER_S, TRENDS
+from tokt.features.common.errors import FrameError
+from tokt.inference.frame import Frame
+from tokt.inference.policy.assembly import StereoSetup
+from tokt.inference.policy.temporal_cues import (
+    GROWING,
+    HORIZON_S,
+    SHRINKING,
+    STEADY,
+    STEADY_PER_S,
+    TRENDS,
+    wholly_in_view,
+)
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import UNKNOWN, verdict_from_mask
+from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
-from tokt.studies.thesis.methods.held_out_texture import TOKT_TEXTURE
+from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Numbers, Plot, Table, known
+from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.methods.curves import Curves
+from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE
 from tokt.studies.thesis.methods.trend_scores import (
-    TrendAgainstDepth,
-    TrendScore,
     confusion,
+    contact_ratios,
     score,
     trend_against_depth,
 )
 
-from .curve_scores import agreement_with_distance
-from .trend_inputs import means_of_patches, means_of_stereo
-from .trend_plots import confusion_png, contact_png, trend_png
+from .curve_figures import agreement_with_distance
 
 KEY = "trend"
 TITLE = "Mean value over time: relative distance, trend and time to contact"
@@ -37,6 +54,12 @@ MIN_FRAMES = 12
 _AGREES, _PARTLY = 0.95, 0.7
 _FAR_OFF = 1.5
 _SPREAD = (10, 50, 90)
+_COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
+_COLOR_WORDS = ("growing: comes nearer", "steady", "shrinking: goes away", "none")
+_MARKS = "osD^v"
+
+Scores = dict[str, dict[str, Any]]
+Held = dict[str, pd.DataFrame]
 
 
 def trend_exhibit(context: StudyContext) -> Exhibit:
@@ -45,8 +68,8 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     if calibration is None:
         return _missing(f"a calibration of the two cameras: {context.calibration_words}")
     curves = context.curves
-    known = curves.distance_m.dropna().index
-    frames = [n for n in context.pairs if len(known) and known.min() <= n <= known.max()]
+    measured = curves.distance_m.dropna().index
+    frames = [n for n in context.pairs if len(measured) and measured.min() <= n <= measured.max()]
     if len(frames) < MIN_FRAMES:
         return _missing(f"{MIN_FRAMES} successive pairs with something that stereo sees")
     by_stereo, depth_m = means_of_stereo(context, calibration, frames)
@@ -55,30 +78,87 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     seen[DISPARITY] = by_stereo
     titles = {name: curves.methods[name].title for name in texture}
     titles[DISPARITY] = "tokt stereo"
-    held = {name: trend_against_depth(one, depth_m, SECONDS_A_FRAME) for name, one in seen.items()}
-    scores = {name: score(one) for name, one in held.items()}
     rates = {
-        (name, rate): score(trend_against_depth(one, depth_m, rate))
+        (name, rate): trend_against_depth(one, depth_m, rate)
         for name, one in seen.items()
-        for rate in OTHER_RATES_S
+        for rate in sorted((SECONDS_A_FRAME, *OTHER_RATES_S))
     }
-    rates |= {(name, SECONDS_A_FRAME): one for name, one in scores.items()}
-    ours = [name for name in (TOKT_TEXTURE, DISPARITY) if name in scores] or [DISPARITY]
+    held = {name: rates[name, SECONDS_A_FRAME] for name in seen}
+    scores = {name: score(one) for name, one in held.items()}
+    ours = [name for name in (TOKT_TEXTURE, DISPARITY) if name in scores]
     return Exhibit(
         KEY,
         TITLE,
         SECTION,
         words=_words(context, frames, texture),
-        claims=(_distance_claim(scores, titles), _sign_claim(scores, titles, ours),
-                _contact_claim(scores, titles)),
+        claims=(
+            _distance_claim(scores, titles),
+            _sign_claim(scores, titles, ours),
+            _contact_claim(held, titles),
+        ),
         tables=(_score_table(rates, titles), _confusion_table(held, titles), _frame_table(held)),
         plots=_plots(held, titles),
-        numbers=_numbers(scores, len(frames)),
-    )  # fmt: skip
+        numbers=_numbers(held, scores, len(frames)),
+    )
 
 
 def _missing(what: str) -> Exhibit:
     return Exhibit(KEY, TITLE, SECTION, missing=f"needs {what}")
+
+
+def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> pd.DataFrame:
+    """Means of a texture method's curve by frame, and whether what it saw is wholly in view.
+
+    A frame that it did not judge has no mean.
+    """
+    patches = curves.patches[name]
+    mean = curves.mean[name].where(curves.status[name] != UNKNOWN).reindex(frames)
+    whole = [
+        bool(np.isfinite(mean[number])) and number in patches and _whole(patches[number])
+        for number in frames
+    ]
+    return pd.DataFrame({"mean": mean, "whole": whole}, pd.Index(frames, name="frame"))
+
+
+def _whole(patches: NDArray[np.bool_]) -> bool:
+    """Whether the patches lie wholly in the picture, at any of the grid's sizes."""
+    height, width = GRID.rows * 27, GRID.cols * 36
+    return wholly_in_view(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
+
+
+def means_of_stereo(
+    context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
+) -> tuple[pd.DataFrame, dict[int, float]]:
+    """The runtime's own disparity over frames in their order.
+
+    Returns
+    -------
+    seen : DataFrame
+        As `trend_against_depth` takes it.
+    depth_m : dict of int to float
+        Median of the matched depths; nan where nothing was matched, or it could not be judged.
+    """
+    detector = DisparityDetector(calibration, GRID)
+    blind_m = StereoSetup(calibration).blind_m
+    seen, depth_m = dict.fromkeys(frames, (np.nan, False)), dict.fromkeys(frames, np.nan)
+    for number in context.progress(frames, len(frames), "trend: stereo"):
+        detection, matches = detector.observe(_pair(context, number))
+        if detection.mask is None:
+            continue
+        verdict = verdict_from_mask(detection.mask, "disparity", distance_m=detection.distance_m)
+        seen[number] = float(verdict.mean or 0.0), wholly_in_view(verdict, blind_m)
+        if matches is not None and matches.valid.any():
+            depth_m[number] = float(np.median(detector.depth_m(matches)[matches.valid]))
+    means = pd.DataFrame.from_dict(seen, orient="index", columns=["mean", "whole"])
+    return means.rename_axis("frame"), depth_m
+
+
+def _pair(context: StudyContext, number: int) -> Frame:
+    """A pair, without the pictures that cannot be read."""
+    try:
+        return Frame(number, float(number), context.left(number), context.right(number))
+    except FrameError:
+        return Frame(number, float(number), None, None)
 
 
 def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
@@ -106,24 +186,13 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
     )
 
 
-def _spread_words(ratios: Sequence[float]) -> str:
-    if not ratios:
-        return "never said"
-    low, middle, high = np.percentile(ratios, _SPREAD)
-    return f"{middle:.2f} (10 to 90 %: {low:.2f} to {high:.2f}; {len(ratios)} frames)"
-
-
-def _per_cent(value: float | None) -> str:
-    return "not known" if value is None else f"{100 * value:.0f} %"
-
-
-def _distance_claim(scores: dict[str, TrendScore], titles: dict[str, str]) -> Claim:
-    ranks = {name: one.rank_correlation for name, one in scores.items()}
-    known = [value for value in ranks.values() if value is not None]
-    if not known:
+def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
+    ranks = {name: one["rank_correlation"] for name, one in scores.items()}
+    given = [value for value in ranks.values() if value is not None]
+    if not given:
         agreement, why = ClaimAgreement.UNCOMPARABLE, "too few frames have a mean and a depth"
     else:
-        agreement = agreement_with_distance(-value for value in known)
+        agreement = agreement_with_distance(-value for value in given)
         why = {
             ClaimAgreement.YES: "every method's mean falls with depth, nearly without fail",
             ClaimAgreement.PARTLY: "the nearer, the larger, with exceptions: what is near is cut "
@@ -142,16 +211,17 @@ def _distance_claim(scores: dict[str, TrendScore], titles: dict[str, str]) -> Cl
     )
 
 
-def _sign_claim(
-    scores: dict[str, TrendScore], titles: dict[str, str], ours: Sequence[str]
-) -> Claim:
-    found = "; ".join(
-        f"{titles[name]} {_per_cent(one.agreement)} of {one.same + one.opposite} frames, "
-        f"{one.missed_approach} of an approach called steady or shrinking"
-        for name, one in scores.items()
-    )
-    worst = min((scores[name].agreement or 0.0 for name in ours), default=0.0)
-    if not any(one.same + one.opposite for one in scores.values()):
+def _sign_claim(scores: Scores, titles: Mapping[str, str], ours: Sequence[str]) -> Claim:
+    parts, signed = [], 0
+    for name, one in scores.items():
+        both, share = one["same_sign"] + one["opposite_sign"], one["sign_agreement"]
+        parts.append(
+            f"{titles[name]} {'not known' if share is None else f'{100 * share:.0f} %'} of {both} "
+            f"frames, {one['missed_approach']} of an approach called steady or shrinking"
+        )
+        signed += both
+    worst = min(scores[name]["sign_agreement"] or 0.0 for name in ours)
+    if not signed:
         agreement, why = ClaimAgreement.UNCOMPARABLE, "no frame has a sign in both"
     elif worst >= _AGREES:
         agreement, why = ClaimAgreement.YES, "the sign of the trend is that of the depth's change"
@@ -163,30 +233,37 @@ def _sign_claim(
     return Claim(
         "a growing mean is a thing that comes nearer",
         "the mean value tells whether the distance grows or shrinks (sections 5.2.1 and 7.2)",
-        f"sign of the trend against the sign of the depth's change, where both have one: {found}",
+        "sign of the trend against the sign of the depth's change, where both have one: "
+        + "; ".join(parts),
         agreement,
         why,
     )
 
 
-def _contact_claim(scores: dict[str, TrendScore], titles: dict[str, str]) -> Claim:
+def _contact_claim(held: Held, titles: Mapping[str, str]) -> Claim:
     found = "; ".join(
-        f"{titles[name]}: {_spread_words(one.ratios)}, with the edge ignored "
-        f"{_spread_words(one.unchecked_ratios)}"
-        for name, one in scores.items()
+        f"{titles[name]}: {_spread_words(contact_ratios(one))}, with the edge ignored "
+        f"{_spread_words(contact_ratios(one, unchecked=True))}"
+        for name, one in held.items()
     )
     return Claim(
         "time to contact",
         "the thesis has none",
         f"from expansion over from depth, median: {found}",
         ClaimAgreement.UNCOMPARABLE,
-        _contact_why(scores),
+        _contact_why(pd.concat([contact_ratios(one) for one in held.values()])),
     )
 
 
-def _contact_why(scores: dict[str, TrendScore]) -> str:
-    said = [ratio for one in scores.values() for ratio in one.ratios]
-    if not said:
+def _spread_words(ratios: pd.Series) -> str:
+    if ratios.empty:
+        return "never said"
+    low, middle, high = np.percentile(ratios, _SPREAD)
+    return f"{middle:.2f} (10 to 90 %: {low:.2f} to {high:.2f}; {len(ratios)} frames)"
+
+
+def _contact_why(said: pd.Series) -> str:
+    if said.empty:
         return "tokt's own; on these frames nothing is wholly in the picture for long enough"
     middle = float(np.median(said))
     if middle < 1 / _FAR_OFF:
@@ -200,30 +277,30 @@ def _contact_why(scores: dict[str, TrendScore]) -> str:
     return "tokt's own; the median is within a half of the same time"
 
 
-def _figures(one: TrendScore) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "frames asked": one.asked,
-        "trend said": one.said,
-        "same sign": one.same,
-        "opposite sign": one.opposite,
-        "sign agreement": None if one.agreement is None else round(one.agreement, 3),
-        "approach called steady or shrinking": one.missed_approach,
-    }
-    for words, ratios in (("", one.ratios), (", edge ignored", one.unchecked_ratios)):
-        row[f"contacts{words}"] = len(ratios)
-        for percent in _SPREAD:
-            value = round(float(np.percentile(ratios, percent)), 3) if ratios else None
-            row[f"contact ratio {percent} %{words}"] = value
-    return row
-
-
-def _score_table(rates: dict[tuple[str, float], TrendScore], titles: dict[str, str]) -> Table:
-    rows = [
-        {"mean of": titles[name], "s a frame": rate, **_figures(one)}
-        for (name, rate), one in sorted(
-            rates.items(), key=lambda item: (list(titles).index(item[0][0]), item[0][1])
-        )
-    ]
+def _score_table(
+    rates: Mapping[tuple[str, float], pd.DataFrame], titles: Mapping[str, str]
+) -> Table:
+    rows = []
+    for (name, rate), held in rates.items():
+        one = score(held)
+        agreement = one["sign_agreement"]
+        row: dict[str, Any] = {
+            "mean of": titles[name],
+            "s a frame": rate,
+            "frames asked": one["asked"],
+            "trend said": one["said"],
+            "same sign": one["same_sign"],
+            "opposite sign": one["opposite_sign"],
+            "sign agreement": None if agreement is None else round(agreement, 3),
+            "approach called steady or shrinking": one["missed_approach"],
+        }
+        for words, unchecked in (("", False), (", edge ignored", True)):
+            ratios = contact_ratios(held, unchecked)
+            row[f"contacts{words}"] = len(ratios)
+            for percent in _SPREAD:
+                value = None if ratios.empty else round(float(np.percentile(ratios, percent)), 3)
+                row[f"contact ratio {percent} %{words}"] = value
+        rows.append(row)
     caption = (
         "Trend against stereo depth. Asked: something is seen and the depth's change is known. "
         "Contact ratio: time to contact from expansion over that from depth, percentiles."
@@ -231,7 +308,7 @@ def _score_table(rates: dict[tuple[str, float], TrendScore], titles: dict[str, s
     return Table("trend_against_depth", caption, pd.DataFrame(rows))
 
 
-def _confusion_table(held: dict[str, list[TrendAgainstDepth]], titles: dict[str, str]) -> Table:
+def _confusion_table(held: Held, titles: Mapping[str, str]) -> Table:
     parts = []
     for name, one in held.items():
         counts = confusion(one)
@@ -246,73 +323,119 @@ def _confusion_table(held: dict[str, list[TrendAgainstDepth]], titles: dict[str,
     return Table("trend_confusion", caption, pd.concat(parts, ignore_index=True), title)
 
 
-def _frame_table(held: dict[str, list[TrendAgainstDepth]]) -> Table:
-    rows: dict[int, dict[str, Any]] = {}
-    for name, frames in held.items():
-        for one in frames:
-            row = rows.setdefault(
-                one.frame,
-                {
-                    "frame": one.frame,
-                    "depth_m": _rounded(one.depth_m),
-                    "by_depth": one.true,
-                    "contact_s_by_depth": _rounded(one.true_contact_s),
-                },
-            )
-            row[f"{name}_mean"] = _rounded(one.mean)
-            row[f"{name}_trend"] = one.said.trend
-            row[f"{name}_confidence"] = one.said.confidence
-            row[f"{name}_contact_s"] = one.said.contact_s
+def _frame_table(held: Held) -> Table:
+    first = next(iter(held.values()))
+    table = first[["depth_m", "by_depth", "contact_s_by_depth"]].round(3)
+    for name, one in held.items():
+        table[f"{name}_mean"] = one["mean"].round(3)
+        for column in ("trend", "confidence", "contact_s"):
+            table[f"{name}_{column}"] = one[column]
     caption = "Frame by frame; empty where it is not known or not said."
-    return Table("trend_frames", caption, pd.DataFrame(list(rows.values())), "Trend by frame")
+    return Table("trend_frames", caption, table.reset_index(), "Trend by frame")
 
 
-def _rounded(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else round(value, 3)
+def _numbers(held: Held, scores: Scores, frames: int) -> Numbers:
+    numbers: dict[str, Any] = {"frames": frames, "seconds_a_frame": SECONDS_A_FRAME}
+    for name, one in held.items():
+        numbers |= {f"{name}_{key}": value for key, value in scores[name].items()}
+        for words, unchecked in (("", False), ("_edge_ignored", True)):
+            ratios = contact_ratios(one, unchecked)
+            numbers[f"{name}_contacts{words}"] = len(ratios)
+            middle = None if ratios.empty else float(np.median(ratios))
+            numbers[f"{name}_contact_ratio_median{words}"] = middle
+    return known(numbers)
 
 
-def _numbers(scores: dict[str, TrendScore], frames: int) -> dict[str, float | int | str | bool]:
-    numbers: dict[str, float | int | str | bool] = {
-        "frames": frames,
-        "seconds_a_frame": SECONDS_A_FRAME,
-    }
-    for name, one in scores.items():
-        found = {
-            "asked": one.asked,
-            "said": one.said,
-            "same_sign": one.same,
-            "opposite_sign": one.opposite,
-            "sign_agreement": one.agreement,
-            "missed_approach": one.missed_approach,
-            "rank_correlation": one.rank_correlation,
-            "contacts": len(one.ratios),
-            "contact_ratio_median": float(np.median(one.ratios)) if one.ratios else None,
-            "contacts_edge_ignored": len(one.unchecked_ratios),
-            "contact_ratio_median_edge_ignored": (
-                float(np.median(one.unchecked_ratios)) if one.unchecked_ratios else None
-            ),
-        }
-        numbers |= {f"{name}_{key}": value for key, value in found.items() if value is not None}
-    return numbers
-
-
-def _plots(held: dict[str, list[TrendAgainstDepth]], titles: dict[str, str]) -> tuple[Plot, ...]:
+def _plots(held: Held, titles: Mapping[str, str]) -> tuple[Plot, ...]:
     return (
         Plot(
             "trend",
             "Above: median stereo depth, coloured by what it does. Below: the mean value of each "
             "method, coloured by the trend that is said of it; gray: none is said.",
-            trend_png(held, titles),
+            png_of(_trend_figure(held, titles)),
         ),
         Plot(
             "trend_confusion",
             "Frames by what the depth does and what is said.",
-            confusion_png({titles[name]: confusion(one) for name, one in held.items()}),
+            png_of(_confusion_figure({titles[name]: confusion(one) for name, one in held.items()})),
         ),
         Plot(
             "time_to_contact",
             "Time to contact from expansion against that from stereo depth. Filled: as it is "
             "said. Hollow: what would be said if the picture's edge did not matter.",
-            contact_png(held, titles),
+            png_of(_contact_figure(held, titles)),
         ),
     )
+
+
+def _trend_figure(held: Held, titles: Mapping[str, str]) -> Figure:
+    """Depth above, a row a method below, over the frame numbers."""
+    figure = Figure(figsize=(10.5, 2.6 + 1.7 * len(held)), layout="constrained")
+    ratios = [1.4, *[1.0] * len(held)]
+    depth, *axes = figure.subplots(1 + len(held), 1, sharex=True, height_ratios=ratios)
+    first = next(iter(held.values()))
+    _dots(depth, first.depth_m, first.by_depth)
+    depth.set_ylabel("depth, m")
+    for one, (name, frames) in zip(axes, held.items(), strict=True):
+        _dots(one, frames["mean"], frames.trend)
+        one.set_ylabel(f"{titles[name]}\nmean value", fontsize=8)
+    axes[-1].set_xlabel("frame")
+    handles = [
+        Line2D([], [], marker="o", ls="", color=color, label=words)
+        for color, words in zip(_COLORS.values(), _COLOR_WORDS, strict=True)
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    return figure
+
+
+def _dots(axes: Any, values: pd.Series, trends: pd.Series) -> None:
+    axes.plot(values.index, values, color="0.8", lw=0.8, zorder=1)
+    colors = [_COLORS[trend] for trend in trends]
+    axes.scatter(values.index, values, c=colors, s=14, linewidths=0, zorder=2)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_ylim(bottom=0)
+
+
+def _confusion_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
+    """A square of counts for each method; a row's colours are shares of the row."""
+    figure = Figure(figsize=(3.0 * len(tables) + 1.0, 3.0), layout="constrained")
+    axes = figure.subplots(1, len(tables), squeeze=False, sharey=True)[0]
+    for one, (title, table) in zip(axes, tables.items(), strict=True):
+        counts = table.to_numpy()
+        share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+        one.imshow(share, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+        for (row, column), value in np.ndenumerate(counts):
+            color = "white" if share[row, column] > 0.5 else "black"
+            one.text(column, row, str(value), ha="center", va="center", color=color)
+        one.set_xticks(range(len(table.columns)), table.columns, rotation=30, ha="right")
+        one.set_yticks(range(len(table.index)), table.index)
+        one.set_title(title, fontsize=10)
+        one.set_xlabel("said")
+    axes[0].set_ylabel("by depth")
+    return figure
+
+
+def _contact_figure(held: Held, titles: Mapping[str, str]) -> Figure:
+    """Both times to contact against each other, in seconds."""
+    figure = Figure(figsize=(9.6, 5.4), layout="constrained")
+    axes = figure.subplots()
+    every = []
+    for place, (name, frames) in enumerate(held.items()):
+        color, mark = f"C{place}", _MARKS[place % len(_MARKS)]
+        for column, words, face in (
+            ("unchecked_contact_s", "edge ignored", "none"),
+            ("contact_s", "said", color),
+        ):
+            both = frames[["contact_s_by_depth", column]].dropna().to_numpy()
+            every.append(both)
+            label = f"{titles[name]}, {words}: {len(both)}"
+            axes.plot(*both.T, mark, mfc=face, mec=color, ms=5, label=label)
+    seconds = np.concatenate(every)
+    ends = seconds.min(initial=1.0) * 0.8, seconds.max(initial=10.0) * 1.25
+    axes.plot(ends, ends, color="0.5", lw=0.8)
+    axes.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
+    axes.set(xlabel="time to contact by stereo depth, s", ylabel="time to contact by expansion, s")
+    axes.grid(alpha=0.25, which="both")
+    figure.legend(fontsize=8, loc="outside right upper", frameon=False)
+    return figure

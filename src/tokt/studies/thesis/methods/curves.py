@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -24,20 +24,22 @@ from tokt.training.fitting.presets import (
     settings_named,
 )
 
-from .held_out_texture import TOKT_TEXTURE, held_out_texture
-from .per_frame_methods import THESIS_DISPARITY, Extraction, FrameMethods, FrameResult, judge_frames
-from .sequence_methods import (
+from .frame_methods import (
     MEAN_DISPARITY,
     SIZE_CHANGE,
+    THESIS_DISPARITY,
     TOKT_MODEL,
     TOKT_STEREO,
+    FrameMethods,
+    FrameResult,
     SequenceTask,
+    judge_frames,
     judge_sequences,
 )
 from .superpixel_methods import SLIC, SuperpixelMethods
+from .texture_models import PRESET, TOKT_TEXTURE, held_out_texture
 
 THESIS, COMPARED, OURS = "the thesis's", "compared with", "tokt's"
-PRESET = "best"
 SLIC_TITLES = {f"slic_{name}": f"SLIC + {TITLES[name]}" for name in SLIC}
 
 
@@ -112,25 +114,6 @@ class Curves:
         return self.mean / self.mean.max().replace(0.0, 1.0)
 
 
-class _Gathered:
-    """Curves while they are put together."""
-
-    def __init__(self, numbers: Sequence[int]) -> None:
-        index = pd.Index(numbers, name="frame")
-        self.mean, self.status = pd.DataFrame(index=index), pd.DataFrame(index=index)
-        self.methods: dict[str, Method] = {}
-        self.left_out: list[str] = []
-
-    def add(
-        self, name: str, method: Method, mean: dict[int, float], status: dict[int, int]
-    ) -> None:
-        """A method's means and statuses by frame; of frames that are not there it knows none."""
-        self.mean[name] = pd.Series(mean, dtype=float).reindex(self.mean.index)
-        said = pd.Series(status, dtype="Int64").reindex(self.status.index)
-        self.status[name] = said.fillna(UNKNOWN).astype(int)
-        self.methods[name] = method
-
-
 def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -> Curves:
     """Judge every scored frame by every method.
 
@@ -139,133 +122,127 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
     (`held_out_texture`). SLIC and superpixel colours judge a sample of the frames.
     """
     settings = settings_named(PRESET) if inputs.obstacle_patches else None
-    sample = inputs.spread()
-    judged = _judge_frames(inputs, superpixel_methods, sample, settings)
-    readable = [one for one in judged if not one.fault]
-    gathered = _Gathered([one.number for one in readable])
-    _add_thesis(gathered, inputs, readable)
-    _add_slow(gathered, superpixel_methods, readable, sample)
-    patches = {name: {one.number: one.patches[name] for one in readable} for name in inputs.thesis}
-    if settings is None:
-        gathered.left_out.append("tokt's texture model: there are no labels to learn from")
-    else:
-        patches |= _add_texture(gathered, inputs, readable, settings)
-    distance = _add_runs(gathered, inputs)
+    sample, numbers = inputs.spread(), inputs.scored
+    judges = FrameMethods(
+        list(inputs.thesis.values()),
+        {number: superpixel_methods.of(number) for number in sample},
+        extractor_for(DEFAULT_EXTRACTOR, PRESET).spec if settings else None,
+        settings.changes if settings else (),
+        frozenset(inputs.obstacle_patches),
+    )
+    found = judge_frames(inputs.mission, numbers, judges, inputs.request.jobs)
+    judged = list(inputs.progress(found, len(numbers), "curves, frame by frame"))
+    gathered = _Gathered(inputs, [one for one in judged if not one.fault])
+    gathered.add_thesis()
+    gathered.add_slow(superpixel_methods, sample)
+    gathered.add_texture(settings)
+    distance_m = gathered.add_runs()
     return Curves(
         gathered.mean,
         gathered.status,
         gathered.methods,
-        patches,
-        pd.Series(distance, dtype=float).reindex(gathered.mean.index),
+        gathered.patches,
+        pd.Series(distance_m, dtype=float).reindex(gathered.mean.index),
         tuple(gathered.left_out),
         tuple(one.number for one in judged if one.fault),
     )
 
 
-def _judge_frames(
-    inputs: StudyInputs,
-    superpixel_methods: SuperpixelMethods,
-    sample: Sequence[int],
-    settings: TrainingSettings | None,
-) -> list[FrameResult]:
-    extraction = None
-    if settings is not None:
-        extraction = Extraction(extractor_for(DEFAULT_EXTRACTOR, PRESET).spec, settings.changes)
-    judges = FrameMethods(
-        list(inputs.thesis.values()),
-        {number: superpixel_methods.of(number) for number in sample},
-        extraction,
-        frozenset(inputs.obstacle_patches),
-    )
-    numbers = inputs.scored
-    found = judge_frames(inputs.mission, numbers, judges, inputs.request.jobs)
-    return list(inputs.progress(found, len(numbers), "curves, frame by frame"))
+class _Gathered:
+    """Curves while they are put together of the frames that could be read."""
 
+    def __init__(self, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
+        index = pd.Index([one.number for one in readable], name="frame")
+        self._inputs, self._readable = inputs, readable
+        self.mean, self.status = pd.DataFrame(index=index), pd.DataFrame(index=index)
+        self.methods: dict[str, Method] = {}
+        self.patches: dict[str, dict[int, NDArray[np.bool_]]] = {}
+        self.left_out: list[str] = []
 
-def _add_thesis(gathered: _Gathered, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
-    learnt = inputs.two_images
-    for name, model in inputs.thesis.items():
-        title, words = f"{model.title}", f"{model.title} as the thesis has it, {learnt}"
-        _add(gathered, name, Method(title, THESIS, words), readable)
-    if any(THESIS_DISPARITY in one.mean for one in readable):
+    def _add(
+        self, name: str, method: Method, mean: dict[int, float], status: dict[int, int]
+    ) -> None:
+        """A method's means and statuses by frame; of frames that are not there it knows none."""
+        self.mean[name] = pd.Series(mean, dtype=float).reindex(self.mean.index)
+        said = pd.Series(status, dtype="Int64").reindex(self.status.index)
+        self.status[name] = said.fillna(UNKNOWN).astype(int)
+        self.methods[name] = method
+
+    def _add_judged(self, name: str, method: Method) -> None:
+        """A method that judged the frames one by one."""
+        by_it = [one for one in self._readable if name in one.mean]
+        means = {one.number: one.mean[name] for one in by_it}
+        self._add(name, method, means, {one.number: one.status[name] for one in by_it})
+
+    def add_thesis(self) -> None:
+        """The thesis's texture models, and its disparity."""
+        for name, model in self._inputs.thesis.items():
+            words = f"{model.title} as the thesis has it, {self._inputs.two_images}"
+            self._add_judged(name, Method(model.title, THESIS, words))
+            self.patches[name] = {one.number: one.patches[name] for one in self._readable}
+        if any(THESIS_DISPARITY in one.mean for one in self._readable):
+            words = (
+                "the thesis's disparity pipeline (not rectified, stretched to 0..255, cropped by "
+                "200 px at either side); it learns nothing"
+            )
+            self._add_judged(THESIS_DISPARITY, Method("disparity", THESIS, words))
+        elif not self._inputs.pairs:
+            self.left_out.append("the thesis's disparity: the mission has no right frames")
+        else:
+            size = "x".join(map(str, THESIS_FRAME_SIZE))
+            self.left_out.append(f"the thesis's disparity: its numbers are for frames of {size}")
+
+    def add_slow(self, methods: SuperpixelMethods, sample: Sequence[int]) -> None:
+        """The methods on superpixels."""
+        for one in methods.of(sample[0]):
+            kind = THESIS if isinstance(one, SlicTexture) else COMPARED
+            words = (
+                f"{one.title} ({one.source}), {methods.words(one)}; on a sample of {len(sample)} "
+                "frames, as it is slow"
+            )
+            title = SLIC_TITLES.get(one.name, one.title)
+            self._add_judged(one.name, Method(title, kind, words, sampled=True))
+
+    def add_texture(self, settings: TrainingSettings | None) -> None:
+        """Our texture model, held out; without settings there is nothing to learn from."""
+        try:
+            if settings is None:
+                raise ToktError("there are no labels to learn from")
+            found = held_out_texture(self._inputs, self._readable, settings)
+        except ToktError as error:
+            self.left_out.append(f"tokt's texture model: {error}")
+            return
+        method = Method("tokt texture, held out", OURS, found.words)
+        self._add(TOKT_TEXTURE, method, found.mean, found.status)
+        self.patches[TOKT_TEXTURE] = found.patches
+
+    def add_runs(self) -> dict[int, float]:
+        """The methods that look at frames in their order; the distances that stereo measures."""
+        inputs, calibration = self._inputs, self._inputs.calibration
+        # The one that takes longest first, so that the others run beside it.
         words = (
-            "the thesis's disparity pipeline (not rectified, stretched to 0..255, cropped by 200 "
-            "px at either side); it learns nothing"
+            "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
         )
-        _add(gathered, THESIS_DISPARITY, Method("disparity", THESIS, words), readable)
-    elif not inputs.pairs:
-        gathered.left_out.append("the thesis's disparity: the mission has no right frames")
-    else:
-        size = "x".join(map(str, THESIS_FRAME_SIZE))
-        gathered.left_out.append(f"the thesis's disparity: its numbers are for frames of {size}")
+        methods = {SIZE_CHANGE: Method("growing keypoints", COMPARED, words)}
+        if calibration is None:
+            self.left_out.append(f"tokt's stereo, and thirds: {inputs.calibration_words}")
+        else:
+            methods |= _stereo_methods(inputs.calibration_words)
+        if inputs.request.model is not None:
+            methods[TOKT_MODEL] = _model_method(inputs)
+        path, bundle = inputs.mission.path, inputs.request.model
+        tasks = [SequenceTask(name, path, calibration, bundle) for name in methods]
+        runs = judge_sequences(tasks, inputs.request.jobs)
+        distance_m: dict[int, float] = {}
+        for one in inputs.progress(runs, len(tasks), "curves, in order of frames"):
+            self._add(one.method, methods[one.method], one.mean, one.status)
+            if one.method == TOKT_STEREO:
+                distance_m = one.distance_m
+        return distance_m
 
 
-def _add(gathered: _Gathered, name: str, method: Method, readable: Sequence[FrameResult]) -> None:
-    mean = {one.number: one.mean[name] for one in readable if name in one.mean}
-    status = {one.number: one.status[name] for one in readable if name in one.status}
-    gathered.add(name, method, mean, status)
-
-
-def _add_slow(
-    gathered: _Gathered,
-    superpixel_methods: SuperpixelMethods,
-    readable: Sequence[FrameResult],
-    sample: Sequence[int],
-) -> None:
-    for one in superpixel_methods.of(sample[0]):
-        kind = THESIS if isinstance(one, SlicTexture) else COMPARED
-        words = (
-            f"{one.title} ({one.source}), {superpixel_methods.words(one)}; on a sample of "
-            f"{len(sample)} frames, as it is slow"
-        )
-        title = SLIC_TITLES.get(one.name, one.title)
-        _add(gathered, one.name, Method(title, kind, words, sampled=True), readable)
-
-
-def _add_texture(
-    gathered: _Gathered,
-    inputs: StudyInputs,
-    readable: Sequence[FrameResult],
-    settings: TrainingSettings,
-) -> dict[str, dict[int, NDArray[np.bool_]]]:
-    try:
-        found = held_out_texture(inputs, readable, settings)
-    except ToktError as error:
-        gathered.left_out.append(f"tokt's texture model: {error}")
-        return {}
-    method = Method("tokt texture, held out", OURS, found.words)
-    gathered.add(TOKT_TEXTURE, method, found.mean, found.status)
-    return {TOKT_TEXTURE: found.patches}
-
-
-def _add_runs(gathered: _Gathered, inputs: StudyInputs) -> dict[int, float]:
-    """The methods that look at frames in their order; the distances that stereo measures."""
-    request, calibration = inputs.request, inputs.calibration
-    names = {SIZE_CHANGE: _size_change(), **_stereo_methods(inputs)}
-    if calibration is None:
-        gathered.left_out.append(f"tokt's stereo, and thirds: {inputs.calibration_words}")
-    if request.model is not None:
-        names[TOKT_MODEL] = _model_method(inputs)
-    # The one that takes longest first, so that the others run beside it.
-    tasks = [SequenceTask(name, inputs.mission.path, calibration, request.model) for name in names]
-    runs = judge_sequences(tasks, request.jobs)
-    found = {
-        one.method: one for one in inputs.progress(runs, len(tasks), "curves, in order of frames")
-    }
-    for name, method in names.items():
-        gathered.add(name, method, found[name].mean, found[name].status)
-    return found[TOKT_STEREO].distance_m if TOKT_STEREO in found else {}
-
-
-def _size_change() -> Method:
-    words = "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
-    return Method("growing keypoints", COMPARED, words)
-
-
-def _stereo_methods(inputs: StudyInputs) -> dict[str, Method]:
-    if inputs.calibration is None:
-        return {}
-    cameras = inputs.calibration_words
+def _stereo_methods(cameras: str) -> dict[str, Method]:
+    """By column; `cameras` says where the calibration is from."""
     thirds = (
         "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's rectified "
         f"disparity, with {cameras}; learns nothing"
@@ -291,10 +268,3 @@ def _model_method(inputs: StudyInputs) -> Method:
     elif not known:
         split = "it does not say what it learnt from, so it may not be held out"
     return Method(title, OURS, f"the model {bundle.label} as given; {split}")
-
-
-def without_sampled(curves: Curves) -> Curves:
-    """The same without the methods that judged a sample of the frames only."""
-    names = [name for name, method in curves.methods.items() if not method.sampled]
-    methods = {name: curves.methods[name] for name in names}
-    return replace(curves, mean=curves.mean[names], status=curves.status[names], methods=methods)

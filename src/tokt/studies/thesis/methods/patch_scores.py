@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class PatchTruth:
 
 @dataclass(frozen=True)
 class PatchScore:
-    """Counts of patches, and the figures that follow from them.
+    """Counts of patches, and the figures that follow from them; None where they are undefined.
 
     Parameters
     ----------
@@ -38,38 +39,38 @@ class PatchScore:
         Said and there, said but not there, there but not said, neither.
     """
 
-    hits: int
-    false: int
-    missed: int
-    quiet: int
+    hits: int = 0
+    false: int = 0
+    missed: int = 0
+    quiet: int = 0
 
     @property
     def precision(self) -> float | None:
-        """Of the patches said, the share that is there; None where none is said."""
+        """Of the patches said, the share that is there."""
         return _share(self.hits, self.hits + self.false)
 
     @property
     def recall(self) -> float | None:
-        """Of the patches there, the share that is said; None where none is there."""
+        """Of the patches there, the share that is said."""
         return _share(self.hits, self.hits + self.missed)
 
     @property
     def f1(self) -> float | None:
-        """Harmonic mean of precision and recall; None where nothing is there or said."""
+        """Harmonic mean of precision and recall."""
         return _share(2 * self.hits, 2 * self.hits + self.false + self.missed)
 
     @property
     def iou(self) -> float | None:
-        """Intersection over union of said and there; None where both are empty."""
+        """Intersection over union of said and there."""
         return _share(self.hits, self.hits + self.false + self.missed)
 
+    def figures(self) -> dict[str, float | None]:
+        """The four figures by name."""
+        return {name: getattr(self, name) for name in ("precision", "recall", "f1", "iou")}
+
     def __add__(self, other: PatchScore) -> PatchScore:
-        return PatchScore(
-            self.hits + other.hits,
-            self.false + other.false,
-            self.missed + other.missed,
-            self.quiet + other.quiet,
-        )
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return PatchScore(*(mine + theirs for mine, theirs in pairs))
 
 
 def _share(part: int, whole: int) -> float | None:
@@ -84,13 +85,15 @@ def score_patches(said: Flags, truth: PatchTruth) -> PatchScore:
     said : array of bool, shape (n_patches,)
     truth : PatchTruth
     """
-    there, sure = truth.obstacle, truth.sure
-    return PatchScore(
-        int((said & there & sure).sum()),
-        int((said & ~there & sure).sum()),
-        int((~said & there & sure).sum()),
-        int((~said & ~there & sure).sum()),
-    )
+    said, there = said[truth.sure], truth.obstacle[truth.sure]
+    counted = (said & there, said & ~there, ~said & there, ~said & ~there)
+    return PatchScore(*(int(one.sum()) for one in counted))
+
+
+def pooled_score(said: Mapping[int, Flags], truths: Mapping[int, PatchTruth]) -> PatchScore:
+    """Count the sure patches of the frames that both have."""
+    both = (score_patches(said[number], truths[number]) for number in truths if number in said)
+    return sum(both, PatchScore())
 
 
 def truth_by_labels(labels: NDArray[np.int8]) -> PatchTruth | None:

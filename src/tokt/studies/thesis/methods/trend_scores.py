@@ -10,10 +10,6 @@ r"""The trend of a mean value held against the change of a measured depth.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -28,7 +24,6 @@ from tokt.inference.policy.temporal_cues import (
     STEADY,
     STEADY_PER_S,
     TRENDS,
-    Trend,
     TrendEstimator,
 )
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
@@ -38,104 +33,47 @@ MOVING = (GROWING, SHRINKING)
 _MIN_RANKED = 5
 
 
-@dataclass(frozen=True)
-class FrameMean:
-    """One method's mean value of one frame.
-
-    Parameters
-    ----------
-    frame : int
-    mean : float or None
-        Of its 0/255 mask, 0..255; None where it did not judge.
-    whole : bool
-        Whether what it saw lies wholly in the picture.
-    """
-
-    frame: int
-    mean: float | None
-    whole: bool
-
-
-@dataclass(frozen=True)
-class TrendAgainstDepth:
-    """A frame's trend beside the change of its depth.
-
-    Parameters
-    ----------
-    frame : int
-    mean : float or None
-    said : Trend
-        As a datagram would have it.
-    unchecked_contact_s : float or None
-        The time to contact that would be said if the picture's edge did not matter.
-    depth_m : float
-        nan where it is not known.
-    true : str or None
-        What the mean would do by the depth alone: one of `TRENDS`; None where it is not known.
-    true_contact_s : float or None
-        Depth over its closing speed, where it falls.
-    """
-
-    frame: int
-    mean: float | None
-    said: Trend
-    unchecked_contact_s: float | None
-    depth_m: float
-    true: str | None
-    true_contact_s: float | None
-
-
-@dataclass(frozen=True)
-class Depth:
-    """Trend and time to contact of the last seconds of depth.
-
-    Parameters
-    ----------
-    trend : str
-        One of `TRENDS`.
-    contact_s : float or None
-    """
-
-    trend: str
-    contact_s: float | None
-
-
 def trend_against_depth(
-    seen: Sequence[FrameMean], depth_m: dict[int, float], seconds_a_frame: float
-) -> list[TrendAgainstDepth]:
+    seen: pd.DataFrame, depth_m: dict[int, float], seconds_a_frame: float
+) -> pd.DataFrame:
     """Follow a method's means, and hold each trend against the depth.
 
     Parameters
     ----------
-    seen : sequence of FrameMean
-        In the order of their frames.
+    seen : DataFrame
+        Index ``frame``, in order. ``mean``: of the method's 0/255 mask, 0..255, nan where it did
+        not judge; ``whole``: whether what it saw lies wholly in the picture.
     depth_m : dict of int to float
         By frame; nan where nothing was measured.
     seconds_a_frame : float
         From one frame number to the next.
+
+    Returns
+    -------
+    DataFrame
+        Index ``frame``. ``mean``, ``depth_m``; ``trend``, ``confidence``, ``contact_s`` as a
+        datagram would have them; ``unchecked_contact_s``, which would be said if the picture's
+        edge did not matter; ``by_depth`` and ``contact_s_by_depth``, what they would be by the
+        depth alone. What is not known or not said is missing.
     """
     sent, unchecked = TrendEstimator(), TrendEstimator()
-    times = np.array([one.frame * seconds_a_frame for one in seen])
-    depths = np.array([depth_m.get(one.frame, math.nan) for one in seen])
-    found = []
-    for place, one in enumerate(seen):
-        said = sent.add(float(times[place]), one.mean, one.whole)
-        known = depth_trend(times[: place + 1], depths[: place + 1])
-        found.append(
-            TrendAgainstDepth(
-                one.frame,
-                one.mean,
-                said,
-                unchecked.add(float(times[place]), one.mean, True).contact_s,
-                float(depths[place]),
-                None if known is None else known.trend,
-                None if known is None else known.contact_s,
-            )
-        )
-    return found
+    times = seen.index.to_numpy() * seconds_a_frame
+    depths = np.array([depth_m.get(number, np.nan) for number in seen.index])
+    rows = []
+    for place, (t_s, value, whole) in enumerate(zip(times, seen["mean"], seen.whole, strict=True)):
+        mean = float(value) if np.isfinite(value) else None
+        ignored = unchecked.add(float(t_s), mean, True).contact_s
+        true = depth_trend(times[: place + 1], depths[: place + 1]) or (None, None)
+        rows.append((*sent.add(float(t_s), mean, bool(whole)), ignored, *true))
+    numbers = ("confidence", "contact_s", "unchecked_contact_s", "contact_s_by_depth")
+    columns = ["trend", *numbers[:3], "by_depth", numbers[3]]
+    held = pd.DataFrame(rows, seen.index, columns, dtype=object)
+    return held.astype(dict.fromkeys(numbers, float)).assign(mean=seen["mean"], depth_m=depths)
 
 
-def depth_trend(times_s: NDArray[np.float64], depths_m: NDArray[np.float64]) -> Depth | None:
+def depth_trend(
+    times_s: NDArray[np.float64], depths_m: NDArray[np.float64]
+) -> tuple[str, float | None] | None:
     """How the depth changes at the last of some times, over the seconds that a trend looks at.
 
     Parameters
@@ -145,8 +83,12 @@ def depth_trend(times_s: NDArray[np.float64], depths_m: NDArray[np.float64]) -> 
 
     Returns
     -------
-    Depth or None
-        None where the last depth is not known, or too few before it are.
+    trend : str
+        What the mean would do: one of `TRENDS`.
+    contact_s : float or None
+        Depth over its closing speed, where it falls.
+
+    None where the last depth is not known, or too few before it are.
     """
     if not len(depths_m) or not np.isfinite(depths_m[-1]):
         return None
@@ -158,99 +100,71 @@ def depth_trend(times_s: NDArray[np.float64], depths_m: NDArray[np.float64]) -> 
     slope, now = float(line.slope), float(line.intercept)
     of_the_mean = -2 * slope / now
     if of_the_mean > STEADY_PER_S:
-        return Depth(GROWING, -now / slope)
-    if of_the_mean < -STEADY_PER_S:
-        return Depth(SHRINKING, None)
-    return Depth(STEADY, None)
+        return GROWING, -now / slope
+    return (SHRINKING if of_the_mean < -STEADY_PER_S else STEADY), None
 
 
-def confusion(held: Sequence[TrendAgainstDepth]) -> pd.DataFrame:
-    """Counts of frames whose depth's change is known: rows by depth, columns as said.
+def _asked(held: pd.DataFrame) -> pd.DataFrame:
+    """Frames in which something is seen (without, no trend is asked for) and the truth is known."""
+    return held[(held["mean"] > STATUS_MEAN_THRESHOLD) & held.by_depth.notna()]
 
-    Only frames in which something is seen: without, no trend is asked for.
-    """
-    asked = [one for one in held if _asked(one)]
+
+def confusion(held: pd.DataFrame) -> pd.DataFrame:
+    """Counts of the frames that are asked about: rows by depth, columns as said."""
     counts = pd.DataFrame(0, index=list(TRENDS), columns=[*TRENDS, NOT_SAID])
-    for one in asked:
-        counts.loc[one.true, one.said.trend or NOT_SAID] += 1
+    asked = _asked(held)
+    for true, said in zip(asked.by_depth, asked.trend, strict=True):
+        counts.loc[true, said or NOT_SAID] += 1
     return counts
 
 
-def _asked(one: TrendAgainstDepth) -> bool:
-    seen = one.mean is not None and one.mean > STATUS_MEAN_THRESHOLD
-    return seen and one.true is not None
+def score(held: pd.DataFrame) -> dict[str, float | int | None]:
+    """Sum the comparison up.
 
-
-@dataclass(frozen=True)
-class TrendScore:
-    """Scores of a trend against depth.
-
-    Parameters
-    ----------
-    asked : int
-        Frames in which something is seen and the depth's change is known.
-    said : int
-        Of these, frames with a trend.
-    same : int
-        Of the frames in which depth changes and the trend is growing or shrinking, those of the
-        same sign.
-    opposite : int
-        Of those, of the opposite sign.
+    Returns
+    -------
+    asked, said : int
+        Frames in which something is seen and the depth's change is known; those with a trend.
+    same_sign, opposite_sign : int
+        Of those in which depth changes and the trend is growing or shrinking.
+    sign_agreement : float or None
+        Share of the frames with a sign in both whose signs are the same.
     missed_approach : int
         Frames in which the thing comes nearer and *steady* or *shrinking* is said.
     rank_correlation : float or None
         Spearman's, of mean and depth: -1 would be a relative distance.
-    ratios : tuple of float
-        Time to contact from expansion over that of the depth, where both are known.
-    unchecked_ratios : tuple of float
-        The same if the picture's edge did not matter.
     """
-
-    asked: int
-    said: int
-    same: int
-    opposite: int
-    missed_approach: int
-    rank_correlation: float | None
-    ratios: tuple[float, ...]
-    unchecked_ratios: tuple[float, ...]
-
-    @property
-    def agreement(self) -> float | None:
-        """Share of the frames with a sign in both whose signs are the same."""
-        both = self.same + self.opposite
-        return self.same / both if both else None
+    asked = _asked(held)
+    signed = asked[asked.by_depth.isin(MOVING) & asked.trend.isin(MOVING)]
+    same = int((signed.by_depth == signed.trend).sum())
+    missed = (asked.by_depth == GROWING) & asked.trend.isin((STEADY, SHRINKING))
+    return {
+        "asked": len(asked),
+        "said": int(asked.trend.notna().sum()),
+        "same_sign": same,
+        "opposite_sign": len(signed) - same,
+        "sign_agreement": same / len(signed) if len(signed) else None,
+        "missed_approach": int(missed.sum()),
+        "rank_correlation": _ranks(held),
+    }
 
 
-def score(held: Sequence[TrendAgainstDepth]) -> TrendScore:
-    """Sum the comparison up."""
-    asked = [one for one in held if _asked(one)]
-    signed = [one for one in asked if one.true in MOVING and one.said.trend in MOVING]
-    same = sum(one.true == one.said.trend for one in signed)
-    missed = [one for one in asked if one.true == GROWING and one.said.trend in (STEADY, SHRINKING)]
-    return TrendScore(
-        len(asked),
-        sum(one.said.trend is not None for one in asked),
-        same,
-        len(signed) - same,
-        len(missed),
-        _ranks(held),
-        _ratios([(one.said.contact_s, one.true_contact_s) for one in held]),
-        _ratios([(one.unchecked_contact_s, one.true_contact_s) for one in held]),
-    )
-
-
-def _ranks(held: Sequence[TrendAgainstDepth]) -> float | None:
-    pairs = [
-        (one.mean, one.depth_m)
-        for one in held
-        if one.mean is not None and one.mean > STATUS_MEAN_THRESHOLD and np.isfinite(one.depth_m)
-    ]
-    if len(pairs) < _MIN_RANKED or len({mean for mean, _ in pairs}) < 2:
+def _ranks(held: pd.DataFrame) -> float | None:
+    both = held[(held["mean"] > STATUS_MEAN_THRESHOLD) & np.isfinite(held.depth_m)]
+    if len(both) < _MIN_RANKED or both["mean"].nunique() < 2:
         return None
-    means, depths = np.array(pairs).T
-    return float(spearmanr(means, depths).statistic)
+    return float(spearmanr(both["mean"], both.depth_m).statistic)
 
 
-def _ratios(contacts: Sequence[tuple[float | None, float | None]]) -> tuple[float, ...]:
-    return tuple(said / true for said, true in contacts if said is not None and true)
+def contact_ratios(held: pd.DataFrame, unchecked: bool = False) -> pd.Series:
+    """Time to contact from expansion over that of the depth, where both are known.
+
+    Parameters
+    ----------
+    held : DataFrame
+        As `trend_against_depth` gives it.
+    unchecked : bool
+        As if the picture's edge did not matter.
+    """
+    said = held.unchecked_contact_s if unchecked else held.contact_s
+    return (said / held.contact_s_by_depth).dropna()

@@ -1,8 +1,12 @@
-"""tokt's texture model over a mission, each frame judged by a model that never saw it.
+"""tokt's texture models for a mission: held out for its own frames, and of all its labels.
 
-Models learn from labelled blocks of frames and judge the others (`tokt.training.datasets.splits`):
-a frame that is labelled is judged by the model of the fold that tests it. A frame without labels is
-judged by the model whose training frames are farthest from it, if they are beyond the embargo.
+A frame of the mission is judged by a model that never saw it (`held_out_texture`): models learn
+from labelled blocks of frames and judge the others (`tokt.training.datasets.splits`). A frame that
+is labelled is judged by the model of the fold that tests it; one without labels by the model whose
+training frames are farthest from it, if they are beyond the embargo.
+
+A picture of somewhere else may be judged by a model that learnt from every labelled frame
+(`train_on_all_labels`), and what is only timed by one that learnt from all it may (`tokt_model`).
 """
 
 from __future__ import annotations
@@ -11,32 +15,60 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.extractor import Extractor
+from tokt.inference.frame_checks import frame_fault
 from tokt.inference.texture.detector import MofNRun, min_mask_patches
+from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.speed.models import (
+    LABEL_EVERY,
+    examples_from_labels,
+    examples_from_two_images,
+    fit_extractor_pair,
+)
 from tokt.studies.thesis.inputs import StudyInputs
 from tokt.training.datasets.dataset import DatasetVersion, build_dataset
 from tokt.training.datasets.mission_source import plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
-from tokt.training.fitting.classifier import decision_values, linear_model
+from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
 from tokt.training.fitting.cross_validation import Split, choose_hyperparameters, fit_rows
 from tokt.training.fitting.data_checks import check_blocks, check_features, inner_folds
-from tokt.training.fitting.presets import CHOSEN_ON, TrainingSettings
+from tokt.training.fitting.presets import (
+    CHOSEN_ON,
+    DEFAULT_EXTRACTOR,
+    Hyperparameters,
+    TrainingSettings,
+    extractor_for,
+    settings_named,
+)
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .per_frame_methods import FrameResult, mean_and_status
+from .frame_methods import FrameResult, mean_and_status
+from .patch_scores import Flags
 
 TOKT_TEXTURE = "tokt_texture"
+PRESET = "best"
 _MIN_BLOCKS = 10
 _WEAK_BLOCK_FRAMES = 5
+_MAX_FRAMES = 60
+"""Learnt from by `train_on_all_labels`, spread over the labelled ones: neighbours in time are near
+copies."""
+_PENALTY = 1.0
+"""C; not searched for, as the picture judged is no part of the mission."""
+
+Tables = Mapping[int, Sequence[NDArray[np.float64]]]
 
 
-@dataclass(frozen=True)
-class FoldModel:
+class FoldModel(NamedTuple):
     """Scores and frame rule of a model of one fold's training part.
 
     Parameters
@@ -119,29 +151,23 @@ def _dataset(
     return dataset, Split(FOLDS, EMBARGO_FRAMES * block // BLOCK_FRAMES)
 
 
-def _tables(
-    dataset: DatasetVersion, features: Mapping[int, Sequence[NDArray[np.float64]]], count: int
-) -> list[NDArray[np.float64]]:
+def _tables(dataset: DatasetVersion, features: Tables, count: int) -> list[NDArray[np.float64]]:
     """Features of the dataset's patches: of frames as they are, then as each change makes them."""
     patches = dataset.patches
     cells = (patches.row * dataset.grid.cols + patches.col).to_numpy()
-    tables = [np.empty((len(patches), features[number][0].shape[1])) for number in [_any(features)]]
-    tables += [np.empty_like(tables[0]) for _ in range(count - 1)]
+    dim = next(iter(features.values()))[0].shape[1]
+    tables = [np.empty((len(patches), dim)) for _ in range(count)]
     for key, rows in patches.groupby("frame").indices.items():
         for table, described in zip(tables, features[int(str(key))], strict=True):
             table[rows] = described[cells[rows]]
     return tables
 
 
-def _any(features: Mapping[int, object]) -> int:
-    return next(iter(features))
-
-
 def _learn(
     inputs: StudyInputs,
     dataset: DatasetVersion,
     split: Split,
-    features: Mapping[int, Sequence[NDArray[np.float64]]],
+    features: Tables,
     settings: TrainingSettings,
 ) -> list[FoldModel]:
     """For each fold a model of its training part, and what it says of the frames it judges."""
@@ -238,3 +264,101 @@ def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) ->
         f"training part; a frame without labels is judged by the fold whose training frames are "
         f"farthest from it.{own_choice}"
     )
+
+
+@dataclass(frozen=True)
+class AllLabelsTexture:
+    """A texture model and what it learnt from.
+
+    Parameters
+    ----------
+    words : str
+    """
+
+    words: str
+    _extractor: Extractor
+    _model: LinearModel
+
+    def judge(self, frame: NDArray[np.uint8]) -> Flags | str:
+        """Obstacle patches, bool (n_patches,), or why the frame cannot be judged."""
+        fault = frame_fault(frame)
+        if fault:
+            return str(fault)
+        values = self._model.decision_values(self._extractor.describe(frame, GRID))
+        return self._model.obstacle_patches(values)
+
+
+def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabelsTexture:
+    """Learn from the mission's labelled frames.
+
+    Parameters
+    ----------
+    inputs : StudyInputs
+    near : int, optional
+        A frame from which to stay away by more than the embargo.
+
+    Raises
+    ------
+    ToktError
+        If the labels do not show both obstacles and clear water.
+    """
+    numbers = [
+        number
+        for number in inputs.obstacle_patches
+        if near is None or abs(number - near) > EMBARGO_FRAMES
+    ]
+    chosen = evenly_spaced(numbers, _MAX_FRAMES)
+    settings = settings_named(PRESET)
+    extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
+    rows, targets = [], []
+    for number, frame in inputs.decoded(chosen):
+        truth = inputs.patch_truth(number)
+        if truth is not None:
+            rows.append(extractor.describe(frame, GRID)[truth.sure])
+            targets.append(truth.obstacle[truth.sure].astype(np.int64))
+    known = np.concatenate(targets) if targets else np.zeros(0, np.int64)
+    if len(np.unique(known)) < 2:
+        raise ToktError("there are no labels of both obstacles and clear water to learn from")
+    pipeline = fit_classifier(np.vstack(rows), known, Hyperparameters(_PENALTY), settings)
+    model = linear_model(pipeline, ("ocean", "obstacle"), (False, True))
+    left_out = f", none within {EMBARGO_FRAMES} of frame {near}" if near is not None else ""
+    words = (
+        f"learnt from {len(rows)} labelled frames spread over the mission{left_out} (the features "
+        f"of preset {PRESET}, C = {_PENALTY:g}, no search)"
+    )
+    return AllLabelsTexture(words, extractor, model)
+
+
+@dataclass(frozen=True)
+class ToktModel:
+    """A texture model that learnt from all it may.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    words : str
+        What it learnt from. Its figures on frames of the mission would not be held out.
+    """
+
+    bundle: Bundle
+    words: str
+
+
+def tokt_model(inputs: StudyInputs) -> ToktModel:
+    """The bundle of the request; otherwise the preset ``best`` on the mission's labels.
+
+    Without labels it learns from the thesis's kind of images, an early frame and a texture.
+    """
+    if inputs.request.model is not None:
+        bundle = read_bundle(str(inputs.request.model))
+        return ToktModel(bundle, f"the model {bundle.label} as given")
+    examples = None
+    if inputs.labels:
+        try:
+            examples = examples_from_labels(inputs.mission, inputs.labels, inputs.taxonomy)
+        except ToktError as error:
+            inputs.say(f"no model from every {LABEL_EVERY}th labelled frame: {error}")
+    examples = examples or examples_from_two_images(inputs.mission)
+    extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
+    models = fit_extractor_pair(PRESET, extractor, examples, inputs.any_left())
+    return ToktModel(models.bundle, f"the features of preset {PRESET}, {examples.words}")
