@@ -1,4 +1,4 @@
-"""Learning curves: models of a part of the training blocks, scored on held-out folds.
+"""Learning curves: models of a part of the training blocks, scored on held-out folds; in words.
 
 Nothing is chosen anew: each fold keeps the settings that its own training part chose.
 """
@@ -23,9 +23,7 @@ from tokt.training.fitting.classifier import decision_values, linear_model
 from tokt.training.fitting.cross_validation import fit_rows
 from tokt.training.fitting.presets import Hyperparameters, TrainingSettings
 
-from .bootstrap import block_numbers, drawn_blocks, interval, summed
-from .comparison_metric import ComparisonMetric
-from .learning_words import learning_words
+from .bootstrap import ComparisonMetric, block_numbers, drawn_blocks, interval, summed
 from .predictions import ModelPredictions
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
@@ -33,6 +31,7 @@ REPEATS = 3
 _MAX_VALUES = 600_000  # rows times features of one fit: about 0.1 s
 _MAX_STRETCHES = 16
 _Counts = NDArray[np.float64]
+_SMALL = 0.01  # a gain that is not worth a day of labelling
 
 
 @dataclass(frozen=True)
@@ -369,3 +368,78 @@ def _how(setting: _Setting) -> str:
         f"fold had chosen them. All {same}: this says nothing of what labels of another dive would "
         "bring."
     )
+
+
+def learning_words(result: dict[str, Any]) -> list[str]:
+    """What a learning curve says, a sentence each.
+
+    Parameters
+    ----------
+    result : dict
+        As `learning_curve` gives it.
+    """
+    return [*_gain_words(result), *_label_words(result), *_stretch_words(result)]
+
+
+def _bounds_words(row: dict[str, Any]) -> str:
+    if row["low"] is None:
+        return ""
+    return f" (95 % interval {row['low']:+.3f} to {row['high']:+.3f})"
+
+
+def _gain_words(result: dict[str, Any]) -> list[str]:
+    """The verdict rests on what the last blocks brought: the first ones always help."""
+    half, last = result["gains"]
+    title = result["measure_title"]
+    if last["low"] is None:
+        verdict = "Too few blocks to say whether more labels would help"
+    elif last["low"] > 0:
+        verdict = "More labels of this kind would probably still help"
+    elif last["high"] < _SMALL:
+        verdict = "More labels of this kind would hardly help"
+    else:
+        verdict = "Cannot tell whether more labels of this kind would help"
+    return [
+        f"{verdict}: from three quarters of the blocks to all, {title} changed by "
+        f"{last['difference']:+.3f}{_bounds_words(last)}, from half to all by "
+        f"{half['difference']:+.3f}{_bounds_words(half)}."
+    ]
+
+
+def _label_words(result: dict[str, Any]) -> list[str]:
+    rows = [row for row in result["by_label"] if row["n"]]
+    worst = max(rows, key=lambda row: row["wrong"][-1])
+    half = [point["fraction"] for point in result["points"]].index(0.5)
+    gains = {row["label"]: row["wrong"][half] - row["wrong"][-1] for row in rows}
+    most = max(gains, key=lambda label: gains[label])
+    said = (
+        f"By class: {worst['label']} is judged wrong most often ({worst['wrong'][-1]:.1%} of "
+        f"{worst['n']} patches)"
+    )
+    if gains[most] > 0:
+        said += (
+            f"; the second half of the blocks helped {most} most (its share judged wrong fell by "
+            f"{100 * gains[most]:.1f} percentage points)"
+        )
+    return [f"{said}."]
+
+
+def _stretch_words(result: dict[str, Any]) -> list[str]:
+    rows = result["stretches"]
+    if not rows:
+        return []
+    best, least = rows[0], rows[-1]
+    words = [
+        f"By stretch: frames {best['frames']} of {best['mission']} ({best['obstacle']} obstacle "
+        f"patches) helped the other blocks most: with them {result['measure_title']} is "
+        f"{best['help']:+.3f} from what it is without{_bounds_words(best)}."
+    ]
+    if best["low"] is None or best["low"] <= 0:
+        words.append(f"Of {len(rows)} stretches none helps beyond doubt; their order may be luck.")
+    if least["high"] is not None and least["high"] < 0:
+        words.append(
+            f"Learning from frames {least['frames']} of {least['mission']} made the other blocks "
+            f"worse by {-least['help']:.3f}{_bounds_words(least)}: they look unlike the rest, or "
+            "their labels are worth a second look."
+        )
+    return words

@@ -45,8 +45,7 @@ from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 
 from .classifier import decision_values
-from .cross_validation import Split, Tables, choose_hyperparameters, fit_rows
-from .data_checks import check_features
+from .cross_validation import Split, Tables, check_features, choose_hyperparameters, fit_rows
 from .presets import DEFAULT_EXTRACTOR, PRESETS, TrainingSettings, extractor_for, settings_named
 
 PRESET = "best"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -14,23 +15,52 @@ from tokt.features.extractors.extractor import build_extractor
 from tokt.models.registry.registry import RegisteredVersion, Registry
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import feature_key
-from tokt.training.fitting.cross_validation import Split
-from tokt.training.fitting.data_checks import check_blocks, inner_folds
+from tokt.training.fitting.cross_validation import Split, check_blocks, inner_folds
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, train
 from tokt.training.parallel import mapped, software
 
-from .budget import Budget
 from .mlflow_runs import SearchRuns
-from .nested import HOW, honest_score
 from .score import BlockConfusion
-from .selection_rule import RULE, Rank, ranked, winner
+from .selection_rule import HOW, RULE, Rank, honest_score, ranked, winner
 from .space import Space, Trial
 from .state import Finished, SearchState, opened_state, read_finished, write_json
 from .trial import TrialOutcome, TrialTask, outer_training_rows, part_of, run_task
 
 _TRAINING = Path(__file__).parents[1]
 _SCORED_BY = (".", "datasets", "evaluation", "fitting", "search")
+_UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A limit on the trials begun in one run; None for no limit.
+
+    Parameters
+    ----------
+    seconds : float or None
+    trials : int or None
+    """
+
+    seconds: float | None = None
+    trials: int | None = None
+
+
+def budget_from(text: str | None) -> Budget:
+    """Read ``30m``, ``2h``, ``90s`` (time) or ``12`` (trials).
+
+    Raises
+    ------
+    ToktError
+        If it is neither.
+    """
+    if text is None:
+        return Budget()
+    match = re.fullmatch(r"(\d{1,9})([smh]?)", text.strip(), re.ASCII)
+    if match is None or int(match[1]) == 0:
+        raise ToktError(f"budget {text!r}: write a time as 30m, 2h or 90s, or a number of trials")
+    number, unit = int(match[1]), match[2]
+    return Budget(seconds=number * _UNITS[unit]) if unit else Budget(trials=number)
 
 
 @dataclass(frozen=True)

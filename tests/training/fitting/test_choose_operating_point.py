@@ -13,8 +13,12 @@ from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import OBSTACLE, MofNRule, MofNState
 from tokt.training.datasets.dataset import open_dataset
-from tokt.training.evaluation.frame_figures import frame_figures
-from tokt.training.evaluation.frame_scores import FrameScores, FrameTable, frame_table
+from tokt.training.evaluation.frame_scores import (
+    FrameScores,
+    FrameTable,
+    frame_figures,
+    frame_table,
+)
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget, choose_frame_rule
 from tokt.training.fitting.exceedance_model import fit_exceedance_model, upper_bound
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 from tokt.training.evaluation.pictures import figure_png
 
-from .pair_depths import DepthRow
-from .summary import gaps_of
+from .pair_depths import DepthRow, gaps_of
 
 COLUMNS = tuple(DepthRow.__dataclass_fields__)
 _DPI = 110
