@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from tokt.features.common.machine import machine
 from tokt.features.frames.image_file import decode_image
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.policy.policy import judge_image
-from tokt.models.bundle.bundle import Bundle
 from tokt.training.fitting.presets import PRESETS
 
 from .errors import errors_by_stretch, words_on_stretches, worst_errors
@@ -176,16 +174,6 @@ def _pictures(compared: ComparedModels) -> tuple[list[NDArray[np.uint8]], str]:
     return [decode_image(png, "golden frame") for png in golden], what
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
-
-
 def measure_times(compared: ComparedModels) -> dict[str, Any]:
     """Time from a decoded frame to its verdict.
 
@@ -202,25 +190,25 @@ def measure_times(compared: ComparedModels) -> dict[str, Any]:
     pictures, what = _pictures(compared)
     rounds = -(-_MIN_TIMED // len(pictures))
     spent: dict[str, list[float]] = {bundle.label: [] for bundle in bundles}
-    with _one_thread():
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
         for bundle in bundles:
             judge_image(bundle, pictures[0])
         for turn in range(rounds * len(pictures)):
-            for bundle in _turned(bundles, turn):
+            first = turn % len(bundles)
+            for bundle in (*bundles[first:], *bundles[:first]):
                 begun = time.perf_counter()
                 judge_image(bundle, pictures[turn % len(pictures)])
                 spent[bundle.label].append(1000 * (time.perf_counter() - begun))
+    finally:
+        cv2.setNumThreads(threads)
     return {
         "how": f"{what}, decoded frame to verdict, one thread, models taking turns",
         "kernels": KERNELS.name,
         "cpu": machine()["cpu"],
         "models": {label: _summary(values) for label, values in spent.items()},
     }
-
-
-def _turned(bundles: Sequence[Bundle], turn: int) -> list[Bundle]:
-    start = turn % len(bundles)
-    return [*bundles[start:], *bundles[:start]]
 
 
 def _summary(values: list[float]) -> dict[str, float]:

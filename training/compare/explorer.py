@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tokt.models.operating_point import MofNRule
 
-from .frames import OBSTACLE_FRAME, OCEAN, sequences
+from .frames import OBSTACLE_FRAME, OCEAN
 from .predictions import ComparedModels, ModelPredictions
 
 _STEPS = 250  # with the three that are added, a rank among them fits a byte
@@ -76,7 +76,7 @@ def explorer_data(compared: ComparedModels) -> dict[str, Any]:
             "start": rows.start,
             "stop": rows.stop,
         }
-        for rows in sequences(compared.series)
+        for rows in compared.series.sequences()
     ]
     return {
         "obstacle": int(compared.truth.sum()),

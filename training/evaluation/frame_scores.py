@@ -50,13 +50,13 @@ class FrameTable:
     def __len__(self) -> int:
         return len(self.keys)
 
-    def names(self, chosen: NDArray[np.bool_]) -> list[str]:
-        """``mission:frame`` of some frames; with the camera where it is not the left one."""
-        rows = self.keys[chosen][KEYS].itertuples(index=False, name=None)
-        return [
-            f"{mission}:{frame}" if camera == "left" else f"{mission}:{camera}:{frame}"
-            for mission, camera, frame in rows
-        ]
+
+def frame_names(frames: pd.DataFrame) -> list[str]:
+    """``mission:frame`` of rows with `KEYS`; with the camera where it is not the left one."""
+    return [
+        f"{mission}:{frame}" if camera == "left" else f"{mission}:{camera}:{frame}"
+        for mission, camera, frame in frames[KEYS].itertuples(index=False, name=None)
+    ]
 
 
 def frame_table(dataset: DatasetVersion) -> FrameTable:
@@ -222,10 +222,10 @@ def frame_figures(
     return {
         "ocean_frames": int(ocean.sum()),
         "false_status": int((ocean & said).sum()),
-        "false_status_frames": frames.names(ocean & said),
+        "false_status_frames": frame_names(frames.keys[ocean & said]),
         "obstacle_frames": int(obstacle.sum()),
         "detected": int((obstacle & said).sum()),
-        "missed_frames": frames.names(obstacle & ~said),
+        "missed_frames": frame_names(frames.keys[obstacle & ~said]),
         "first_obstacle_frame": _first(frames, obstacle),
         "first_detection": _first(frames, np.append(three[2:], [False, False])[: len(frames)]),
         "latency_frames": max(rule.latency_frames for rule in rules),

@@ -24,7 +24,7 @@ from .mlflow_runs import SearchRuns
 from .score import BlockConfusion
 from .selection_rule import HOW, RULE, Rank, honest_score, ranked, winner
 from .space import Space, Trial
-from .state import Finished, SearchState, opened_state, read_finished, write_json
+from .state import SearchState, opened_state, read_finished, write_json
 from .trial import TrialOutcome, TrialTask, outer_training_rows, part_of, run_task
 
 _TRAINING = Path(__file__).parents[1]
@@ -97,22 +97,6 @@ class SearchRequest:
     dask: str | None = None
 
 
-@dataclass(frozen=True)
-class Searched:
-    """Result of a run of a search.
-
-    Parameters
-    ----------
-    result : dict
-        JSON; also kept as ``result.json``.
-    version : RegisteredVersion
-        The winner.
-    """
-
-    result: dict[str, Any]
-    version: RegisteredVersion
-
-
 def _code_hash() -> str:
     """Of the training code: a score of other code is not taken for one of this."""
     digest = hashlib.sha256()
@@ -135,10 +119,17 @@ def _question(request: SearchRequest) -> dict[str, Any]:
     }
 
 
-def search(request: SearchRequest, registry: Registry, progress: Callable[..., Any]) -> Searched:
+def search(
+    request: SearchRequest, registry: Registry, progress: Callable[..., Any]
+) -> dict[str, Any]:
     """Run what is left of a search, as far as the budget goes, and register the winner so far.
 
     The rule (`RULE`) is on disk and in the registry before the first trial is run.
+
+    Returns
+    -------
+    dict
+        JSON; also kept as ``result.json``.
 
     Raises
     ------
@@ -199,7 +190,7 @@ class _Search:
         seconds = request.budget.seconds
         self._not_after = None if seconds is None else time.time() + seconds
 
-    def run(self) -> Searched:
+    def run(self) -> dict[str, Any]:
         """Trials, then the winner by the rule, then its model."""
         whole = self._trials(self._request.space.trials)
         if not whole:
@@ -225,7 +216,7 @@ class _Search:
             figures["honest_score"] = honest["score"]
         tried = f"{len(whole)} of {len(self._request.space.trials)}"
         self._runs.report(figures, {"tokt.tried": tried, "tokt.winner": best.trial.name})
-        return Searched(result, version)
+        return result
 
     def _task(self, trial: Trial, outer_fold: int | None, limited: bool) -> TrialTask:
         request = self._request
@@ -261,17 +252,15 @@ class _Search:
             begun, left = left[:allowed], left[allowed:]
             tasks = [self._task(trial, None, number > 0) for number, trial in enumerate(begun)]
             for outcome in self._run(tasks, "trials"):
-                self._take(outcome, kept)
-                allowed -= outcome.fault is None
+                trial = outcome.task.trial
+                if outcome.finished is not None:
+                    self._runs.log(trial, outcome.finished)
+                    kept[trial] = outcome.finished
+                if outcome.fault is None:
+                    allowed -= 1
+                else:
+                    self._faults[trial.name] = outcome.fault
         return {trial: done.tally for trial, done in kept.items() if done is not None}
-
-    def _take(self, outcome: TrialOutcome, kept: dict[Trial, Finished | None]) -> None:
-        trial = outcome.task.trial
-        if outcome.fault is not None:
-            self._faults[trial.name] = outcome.fault
-        if outcome.finished is not None:
-            self._runs.log(trial, outcome.finished)
-            kept[trial] = outcome.finished
 
     def _honest(self, whole: Mapping[Trial, BlockConfusion]) -> dict[str, Any] | None:
         """The nested figure, asked for now or measured before; None while trials of it are left."""

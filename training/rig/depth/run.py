@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from tokt.inference.verdict import OBSTACLE
 from tokt.models.operating_point import frame_step
 from tokt.training.evaluation.pictures import CONTRAST_METHOD
 
-from .cloud import FARTHEST_M, PointCloud, cloud_of, ply_bytes
+from .cloud import FARTHEST_M, cloud_of, ply_bytes
 from .curve import curve_csv, curve_png
 from .pair_depths import DepthRow, measure_depths, summary
 from .picture import DepthPicture
@@ -105,17 +105,22 @@ def run_depth(
         nothing to make a cloud of. A pair that cannot be judged is a row that says why.
     """
     source = _source(mission, out, request)
+    ply, farthest_m = request.ply, request.farthest_m
     settings = (calibration, DEFAULT_GRID, request.matcher, request.scale)
     detector = DisparityDetector(*settings)
     frames = progress(source, len(source.numbers), "depth")
-    rows = {row.frame: row for row in measure_depths(detector, frames, request.rate)}
+    measured = list(measure_depths(detector, frames, request.rate))
+    rows = {row.frame: row for row in measured}
     step = frame_step({*mission.frames(LEFT), *mission.frames(RIGHT)})
-    found = summary(list(rows.values()), step)
-    atomic.write_text(out / "depth.csv", curve_csv(list(rows.values())))
-    atomic.write_bytes(out / "depth.png", curve_png(list(rows.values()), found, mission.name, step))
+    found = summary(measured, step)
+    atomic.write_text(out / "depth.csv", curve_csv(measured))
+    atomic.write_bytes(out / "depth.png", curve_png(measured, found, mission.name, step))
     # The rows are what a run would say; what is looked at has every pixel matched.
     views = PairRematcher(mission, DisparityDetector(*settings, step=1))
-    drawn = [rows[number] for number in _to_draw(rows, found, request)]
+    drawn = [rows[number] for number in _to_draw(measured, found, request)]
+    chosen = request.ply_frame
+    if chosen is None and found["nearest"]:
+        chosen = found["nearest"]["frame"]
     about = {
         "mission": mission.name,
         "matcher": request.matcher,
@@ -123,17 +128,16 @@ def run_depth(
         "rate": request.rate,
         **found,
         "pictures": views.draw(out / PICTURES_FOLDER, drawn, progress) if drawn else [],
-        "ply": _cloud(rows, found, request, views),
-        "rows": [row.to_json() for row in rows.values()],
+        "ply": views.write_cloud(ply, rows[chosen], farthest_m)
+        if ply and chosen is not None
+        else None,
+        "rows": [asdict(row) for row in measured],
     }
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
-    if request.ply is not None and about["ply"] is None:
-        number = _cloud_frame(found, request)
-        where = "any frame" if number is None else f"frame {number}"
-        raise ToktError(
-            f"no point cloud: nothing in {where} was matched within {request.farthest_m:g} m"
-        )
+    if ply is not None and about["ply"] is None:
+        where = "any frame" if chosen is None else f"frame {chosen}"
+        raise ToktError(f"no point cloud: nothing in {where} was matched within {farthest_m:g} m")
     return about
 
 
@@ -173,31 +177,16 @@ def _refuse_unwritable(folder: Path, option: str) -> None:
 
 
 def _to_draw(
-    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest
+    rows: Sequence[DepthRow], found: dict[str, Any], request: DepthRequest
 ) -> Sequence[int]:
     if request.pictures is not None:
         return sorted(set(request.pictures))
     if request.frames is not None:
-        return list(rows)
-    deep = [row.frame for row in rows.values() if row.status == OBSTACLE and row.median_m]
+        return [row.frame for row in rows]
+    deep = [row.frame for row in rows if row.status == OBSTACLE and row.median_m]
     every = max(1, -(-len(deep) // (SPREAD_PICTURES - 1)))
     nearest = {found["nearest"]["frame"]} if found["nearest"] else set()
     return sorted({*deep[::every], *nearest})
-
-
-def _cloud(
-    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest, views: PairRematcher
-) -> dict[str, Any] | None:
-    number = _cloud_frame(found, request)
-    if request.ply is None or number is None:
-        return None
-    return views.write_cloud(request.ply, rows[number], request.farthest_m)
-
-
-def _cloud_frame(found: dict[str, Any], request: DepthRequest) -> int | None:
-    if request.ply_frame is not None or not found["nearest"]:
-        return request.ply_frame
-    return int(found["nearest"]["frame"])
 
 
 class PairRematcher:
@@ -245,24 +234,20 @@ class PairRematcher:
         cloud = cloud_of(self._detector.rectifier, matches, left, farthest_m)
         if not len(cloud.points_m):
             return None
-        atomic.write_bytes(file, ply_bytes(cloud.points_m, cloud.colors, self._comments(row)))
-        return {"file": str(file), "frame": row.frame, **_counts(cloud)}
-
-    def _comments(self, row: DepthRow) -> list[str]:
-        return [
+        comments = [
             f"mission {self._mission.name}, frame {row.frame}",
             "metres in the left camera's axes: x right, y down, z forward",
             f"colours: left frame, {CONTRAST_METHOD}",
         ]
-
-
-def _counts(cloud: PointCloud) -> dict[str, int]:
-    return {
-        "points": len(cloud.points_m),
-        "matched": cloud.matched,
-        "out_of_range": cloud.out_of_range,
-        "outliers": cloud.outliers,
-    }
+        atomic.write_bytes(file, ply_bytes(cloud.points_m, cloud.colors, comments))
+        return {
+            "file": str(file),
+            "frame": row.frame,
+            "points": len(cloud.points_m),
+            "matched": cloud.matched,
+            "out_of_range": cloud.out_of_range,
+            "outliers": cloud.outliers,
+        }
 
 
 def _color_ends(rows: Sequence[DepthRow]) -> tuple[float, float]:
