@@ -6,6 +6,7 @@ Nothing is chosen anew: each fold keeps the settings that its own training part 
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -31,6 +32,8 @@ REPEATS = 3
 _MAX_VALUES = 600_000  # rows times features of one fit: about 0.1 s
 _MAX_STRETCHES = 16
 _Counts = NDArray[np.float64]
+_Fit = tuple[tuple[Any, ...], int, NDArray[np.int64]]
+"""What a fit belongs to, its fold, and the blocks that it learns from."""
 _SMALL = 0.01  # a gain that is not worth a day of labelling
 
 
@@ -154,25 +157,15 @@ def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> NDArray[n
     return np.array([*needed, *(number for number in order.tolist() if number not in needed)])
 
 
-@dataclass(frozen=True)
-class _FitTask:
-    """One fit: a fold, the blocks it learns from, and what it belongs to."""
-
-    fold: int
-    blocks: NDArray[np.int64]
-    key: tuple[str, float, int]
-
-
-def _curve_tasks(setting: _Setting) -> list[_FitTask]:
+def _curve_fits(setting: _Setting) -> Iterator[_Fit]:
+    """By fraction and repeat."""
     rng = np.random.default_rng(0)
-    tasks = []
     for index, fold in enumerate(setting.folds):
         orders = [_order(setting, fold, rng) for _ in range(REPEATS)]
         for fraction in FRACTIONS:
             for repeat, order in enumerate(orders[: 1 if fraction == 1 else REPEATS]):
                 kept = max(len(np.unique(setting.targets)), round(fraction * len(order)))
-                tasks.append(_FitTask(index, order[:kept], ("curve", fraction, repeat)))
-    return tasks
+                yield (fraction, repeat), index, order[:kept]
 
 
 def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
@@ -183,8 +176,8 @@ def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
     return list(np.array_split(np.arange(len(setting.names)), count))
 
 
-def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> list[_FitTask]:
-    tasks = []
+def _fits_without(setting: _Setting, stretches: list[NDArray[np.int64]]) -> Iterator[_Fit]:
+    """By number of the stretch that is left out."""
     for number, left_out in enumerate(stretches):
         for index, fold in enumerate(setting.folds):
             there = np.unique(setting.block[fold.train])
@@ -192,15 +185,7 @@ def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> lis
             known = setting.targets[fold.train][np.isin(setting.block[fold.train], rest)]
             lacking = len(np.unique(known)) < len(np.unique(setting.targets))
             if len(rest) < len(there) and not lacking:
-                tasks.append(_FitTask(index, rest, ("without", number, 0)))
-    return tasks
-
-
-def _run(
-    setting: _Setting, tasks: list[_FitTask], progress: Callable[..., Any]
-) -> Iterator[tuple[_FitTask, NDArray[np.int64]]]:
-    for task in progress(tasks, len(tasks), "learning curve"):
-        yield task, setting.predict(task.fold, task.blocks)
+                yield (number,), index, rest
 
 
 def _wrong_by_label(
@@ -252,19 +237,15 @@ def learning_curve(
     """
     setting = _set_up(predictions, dataset, workspace, progress)
     stretches = _stretches(setting)
-    tasks = _curve_tasks(setting) + _without_tasks(setting, stretches)
-    curve = {
-        (fraction, repeat): np.zeros(len(setting.targets), np.int64)
-        for fraction in FRACTIONS
-        for repeat in range(1 if fraction == 1 else REPEATS)
-    }
-    without: dict[int, dict[int, NDArray[np.int64]]] = {}
-    for task, predicted in _run(setting, tasks, progress):
-        kind, part, repeat = task.key
-        if kind == "curve":
-            curve[part, repeat][setting.folds[task.fold].test] = predicted
+    fits = [*_curve_fits(setting), *_fits_without(setting, stretches)]
+    curve: dict[Any, NDArray[np.int64]] = defaultdict(lambda: np.zeros_like(setting.targets))
+    without: dict[int, dict[int, NDArray[np.int64]]] = defaultdict(dict)
+    for key, fold, blocks in progress(fits, len(fits), "learning curve"):
+        predicted = setting.predict(fold, blocks)
+        if len(key) == 2:
+            curve[key][setting.folds[fold].test] = predicted
         else:
-            without.setdefault(int(part), {})[task.fold] = predicted
+            without[key[0]][fold] = predicted
     draws = drawn_blocks(len(setting.names))
     rows = np.arange(len(setting.targets))
     counts = {key: setting.counts(predicted, rows) for key, predicted in curve.items()}
