@@ -1,12 +1,13 @@
-"""Confidence intervals by a block bootstrap: blocks of frames are drawn with replacement.
+"""Metrics from counts that add up over blocks of frames, and intervals by a block bootstrap.
 
-Patches of one block stand or fall together, so blocks are what is independent. A figure of a draw
-follows from counts that add up over blocks; with two models the same blocks are drawn for both (a
+Patches of one block stand or fall together, so blocks are what is independent, and drawn. A figure
+of a draw follows from its blocks' counts; with two models the same blocks are drawn for both (a
 paired block bootstrap).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -206,3 +207,61 @@ def compare_f1(
     verdict = "better" if low > 0 else "worse" if high < 0 else "cannot tell"
     difference = float(whole[0] - whole[1])
     return Difference(float(whole[0]), float(whole[1]), difference, low, high, len(names), verdict)
+
+
+@dataclass(frozen=True)
+class ComparisonMetric:
+    """F1 of the obstacles, or the mean F1 of several classes.
+
+    Parameters
+    ----------
+    classes : int
+        Macro-F1 of so many classes; 0 for F1 of the obstacles.
+    """
+
+    classes: int = 0
+
+    @classmethod
+    def of(cls, obstacle: Sequence[bool]) -> ComparisonMetric:
+        """Of classes, each an obstacle or not: F1 has a meaning for two on two sides alone."""
+        return cls(
+            0 if len(obstacle) == 2 and any(obstacle) and not all(obstacle) else len(obstacle)
+        )
+
+    @property
+    def name(self) -> str:
+        """As figures of merit are called in JSON."""
+        return "macro_f1" if self.classes else "f1"
+
+    @property
+    def title(self) -> str:
+        """As people call it."""
+        return "macro-F1" if self.classes else "F1"
+
+    def counts(
+        self,
+        targets: NDArray[np.int64],
+        predicted: NDArray[np.int64],
+        truth: NDArray[np.bool_],
+        said: NDArray[np.bool_],
+        block: NDArray[np.int64],
+        blocks: int,
+    ) -> NDArray[np.float64]:
+        """Counts of each block.
+
+        Parameters
+        ----------
+        targets, predicted : arrays of int, shape (n_patches,)
+            Index of the class that is labelled, and that the model says.
+        truth, said : arrays of bool, shape (n_patches,)
+            Whether these classes are obstacles.
+        block : array of int, shape (n_patches,)
+        blocks : int
+        """
+        if self.classes:
+            return class_counts(targets, predicted, self.classes, block, blocks)
+        return obstacle_counts(truth, said, block, blocks)
+
+    def figure(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The figure, from summed counts."""
+        return macro_f1(counts) if self.classes else f1(counts)

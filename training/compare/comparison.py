@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+import time
+from base64 import b64encode
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from tokt import __version__
 from tokt.features.common.errors import ToktError
+from tokt.features.common.machine import machine
+from tokt.features.frames.image_file import decode_image
+from tokt.features.kernels.dispatch import KERNELS
+from tokt.inference.policy.policy import judge_image
+from tokt.models.operating_point import MofNRule
 from tokt.training.fitting.presets import PRESETS
 
 from .errors import errors_by_stretch, words_on_stretches, worst_errors
-from .explorer import explorer_data
+from .frames import OBSTACLE_FRAME, OCEAN
 from .learning import learning_curve
 from .pairs import compare_pairs, main_measure
-from .predictions import HELD_OUT, ComparedModels, ModelPredictions
-from .timing import measure_times
+from .predictions import HELD_OUT, MISSION, ComparedModels, ModelPredictions
 
 FORMAT_VERSION = 1
+_TIMED_FRAMES = 10
+_MIN_TIMED = 30
+_STEPS = 250  # with the three that are added, a rank among them fits a byte
+_TAIL = 0.005  # of the obstacles' scores on either side; the slider's ends
 
 
 def _model(
@@ -149,4 +163,138 @@ def compare_models(
         "errors": worst_errors(compared),
         "learning_curve": _learning(compared, asked_for or ranked, workspace, progress),
         "explorer": explorer_data(compared) if compared.has_frames and compared.two_sided else None,
+    }
+
+
+def _pictures(compared: ComparedModels) -> tuple[list[NDArray[np.uint8]], str]:
+    """Some frames for all models alike."""
+    if compared.mode == MISSION and compared.read_frame is not None:
+        table = compared.series.table
+        rows = np.unique(np.linspace(0, len(table) - 1, _TIMED_FRAMES).round().astype(int))
+        keys = table.loc[rows, ["mission", "camera", "frame"]].itertuples(index=False, name=None)
+        return [compared.read_frame(*key) for key in keys], f"{len(rows)} frames of the mission"
+    golden = compared.models[0].bundle.content.golden.frames
+    what = "1 golden frame" if len(golden) == 1 else f"{len(golden)} golden frames"
+    return [decode_image(png, "golden frame") for png in golden], what
+
+
+def measure_times(compared: ComparedModels) -> dict[str, Any]:
+    """Time from a decoded frame to its verdict.
+
+    Models take turns frame by frame, each beginning as often as the others, so that whatever else
+    the machine does falls on all alike.
+
+    Returns
+    -------
+    dict
+        how (in words), kernels, cpu, and models: {label: {median_ms, low_ms, high_ms, runs}} with
+        the 10th and the 90th percentile.
+    """
+    bundles = [predictions.bundle for predictions in compared.models]
+    pictures, what = _pictures(compared)
+    rounds = -(-_MIN_TIMED // len(pictures))
+    spent: dict[str, list[float]] = {bundle.label: [] for bundle in bundles}
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        for bundle in bundles:
+            judge_image(bundle, pictures[0])
+        for turn in range(rounds * len(pictures)):
+            first = turn % len(bundles)
+            for bundle in (*bundles[first:], *bundles[:first]):
+                begun = time.perf_counter()
+                judge_image(bundle, pictures[turn % len(pictures)])
+                spent[bundle.label].append(1000 * (time.perf_counter() - begun))
+    finally:
+        cv2.setNumThreads(threads)
+    return {
+        "how": f"{what}, decoded frame to verdict, one thread, models taking turns",
+        "kernels": KERNELS.name,
+        "cpu": machine()["cpu"],
+        "models": {label: _summary(values) for label, values in spent.items()},
+    }
+
+
+def _summary(values: list[float]) -> dict[str, float]:
+    low, median, high = np.percentile(values, [10, 50, 90])
+    return {
+        "median_ms": float(median),
+        "low_ms": float(low),
+        "high_ms": float(high),
+        "runs": len(values),
+    }
+
+
+def _thresholds(
+    score: NDArray[np.float64], truth: NDArray[np.bool_], rule: MofNRule
+) -> NDArray[np.float64]:
+    """The slider's steps, with 0 and the rule's margins among them.
+
+    Close together around 0 and wide apart further out (evenly in asinh): some features give
+    decision values in the hundreds, and what is decided is decided near 0.
+    """
+    looked_at = score[truth] if truth.any() else score
+    low, high = np.quantile(looked_at, [_TAIL, 1 - _TAIL])
+    scale = max(float(np.median(np.abs(looked_at))), 1e-6)
+    first, last = np.arcsinh(
+        [min(low, -0.2 * scale) / scale, max(high, 1.5 * rule.margin, scale) / scale]
+    )
+    steps = scale * np.sinh(np.linspace(float(first), float(last), _STEPS))
+    now = [] if rule.instant_margin is None else [rule.instant_margin]
+    return np.unique([*(float(f"{step:.4g}") for step in steps), 0.0, rule.margin, *now])
+
+
+def _of_model(compared: ComparedModels, predictions: ModelPredictions) -> dict[str, Any]:
+    thresholds = _thresholds(predictions.score, compared.truth, predictions.rule)
+    sides = [np.sort(predictions.score[side]) for side in (compared.truth, ~compared.truth)]
+    hit, false = (
+        (len(side) - np.searchsorted(side, thresholds, side="right")).tolist() for side in sides
+    )
+    # A score exceeds thresholds[k] exactly where its rank exceeds k: nothing is rounded.
+    ranks = np.searchsorted(thresholds, predictions.on_grid, side="left").astype(np.uint8)
+    return {
+        "thresholds": thresholds.tolist(),
+        "true_positive": hit,
+        "false_positive": false,
+        "rule": predictions.rule.to_json(),
+        "white": predictions.white,
+        "patches": ranks.shape[1],
+        "ranks": b64encode(ranks.tobytes()).decode("ascii"),
+        "judged": predictions.judged.tolist(),
+    }
+
+
+def explorer_data(compared: ComparedModels) -> dict[str, Any]:
+    """Counts and ranks from which the page finds every figure for any of its thresholds.
+
+    Returns
+    -------
+    dict
+        obstacle, clear (patches), frames {number, ocean, obstacle, gap}, sequences {name, start,
+        stop}, and models {label: {thresholds, true_positive, false_positive, rule, white, patches,
+        ranks, judged}}: patches above each threshold, and for every patch of every frame (bytes
+        in base64, `patches` a frame, row by row of the grid) how many thresholds its score
+        exceeds, 0 where it has none. `white` is the fewest patches that a status takes.
+    """
+    table = compared.series.table
+    named = [
+        {
+            "name": str(table.mission[rows.start])
+            + ("" if table.camera[rows.start] == "left" else f" ({table.camera[rows.start]})"),
+            "start": rows.start,
+            "stop": rows.stop,
+        }
+        for rows in compared.series.sequences()
+    ]
+    return {
+        "obstacle": int(compared.truth.sum()),
+        "clear": int((~compared.truth).sum()),
+        "frames": {
+            "number": table.frame.tolist(),
+            "ocean": compared.series.kind(OCEAN).tolist(),
+            "obstacle": compared.series.kind(OBSTACLE_FRAME).tolist(),
+            "gap": compared.series.gaps.tolist(),
+        },
+        "sequences": named,
+        "models": {c.label: _of_model(compared, c) for c in compared.models},
     }

@@ -118,27 +118,19 @@ def worst_errors(compared: ComparedModels) -> list[dict[str, Any]]:
         for item in compared.models:
             for row in _worst(compared, item, kind, count):
                 chosen.setdefault((kind, row), []).append(item.label)
-    found = []
-    for (kind, row), of in chosen.items():
-        patch = compared.patches.iloc[row]
-        found.append(
-            {
-                "kind": kind,
-                "of": of,
-                "mission": str(patch.mission),
-                "camera": str(patch.camera),
-                "frame": int(patch.frame),
-                "row": int(patch.row),
-                "col": int(patch.col),
-                "label": str(patch.label),
-                "scores": {item.label: _finite(item.score[row]) for item in compared.models},
-                "said": {
-                    item.label: item.classes[int(item.predicted[row])] for item in compared.models
-                },
-            }
-        )
-    return found
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    patches = compared.patches.iloc[[row for _, row in chosen]].drop(columns="group")
+    return [
+        {
+            "kind": kind,
+            "of": of,
+            **patch,
+            "scores": {
+                item.label: float(item.score[row]) if np.isfinite(item.score[row]) else None
+                for item in compared.models
+            },
+            "said": {
+                item.label: item.classes[int(item.predicted[row])] for item in compared.models
+            },
+        }
+        for ((kind, row), of), patch in zip(chosen.items(), patches.to_dict("records"), strict=True)
+    ]

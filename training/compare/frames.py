@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,8 @@ from tokt.models.operating_point import (
     missed_before,
 )
 from tokt.training.evaluation.evaluate import first_detection
+from tokt.training.evaluation.frame_scores import KEYS, frame_names
 
-KEYS = ["mission", "camera", "frame"]
 OCEAN, OBSTACLE_FRAME, NEITHER = "ocean", "obstacle", "neither"
 
 
@@ -68,14 +68,9 @@ class FrameSeries:
         """Which frames are of a kind."""
         return np.asarray(self.table.kind == name)
 
-    def names(self, chosen: NDArray[np.bool_]) -> list[str]:
-        """``mission:frame`` of some frames, with the camera where it is not the left one."""
-        return [
-            f"{row.mission}:{row.frame}"
-            if row.camera == "left"
-            else f"{row.mission}:{row.camera}:{row.frame}"
-            for row in self.table[chosen].itertuples(index=False)
-        ]
+    def sequences(self) -> list[slice]:
+        """Rows of each dive and camera."""
+        return [slice(a, b) for a, b in pairwise([*self.starts.tolist(), len(self.table)])]
 
 
 def kind_of_frame(labels_clear: NDArray[np.bool_], whole: bool) -> str:
@@ -137,36 +132,18 @@ def statuses(
     """
     found = np.full(len(scores), UNKNOWN)
     fold = series.table.fold.to_numpy() if len(rules) > 1 else np.zeros(len(scores), int)
-    for index, rule in enumerate(rules):
-        mine = fold == index
-        found[mine] = np.array(_followed(series, scores, judged, rule, white), np.int64)[mine]
-    return found
-
-
-def _followed(
-    series: FrameSeries,
-    scores: NDArray[np.float64],
-    judged: NDArray[np.bool_],
-    rule: MofNRule,
-    white: int,
-) -> list[int]:
-    found = []
-    for rows in sequences(series):
+    for (index, rule), rows in product(enumerate(rules), series.sequences()):
         state = MofNState(rule)
-        places = zip(series.gaps[rows].tolist(), scores[rows], judged[rows], strict=True)
-        for gap, of_frame, good in places:
-            state.skip(gap)
-            found.append(state.add(of_frame if good else None, white))
+        for row in range(rows.start, rows.stop):
+            state.skip(int(series.gaps[row]))
+            status = state.add(scores[row] if judged[row] else None, white)
+            if fold[row] == index:
+                found[row] = status
     return found
 
 
 def _first(frames: NDArray[np.int64], chosen: NDArray[np.bool_]) -> int | None:
     return int(frames[chosen][0]) if chosen.any() else None
-
-
-def sequences(series: FrameSeries) -> list[slice]:
-    """Rows of each dive and camera."""
-    return [slice(a, b) for a, b in pairwise([*series.starts.tolist(), len(series.table)])]
 
 
 def frame_figures(series: FrameSeries, status: NDArray[np.int64]) -> dict[str, Any]:
@@ -182,7 +159,7 @@ def frame_figures(series: FrameSeries, status: NDArray[np.int64]) -> dict[str, A
     ocean, obstacle = series.kind(OCEAN), series.kind(OBSTACLE_FRAME)
     said = status == OBSTACLE
     first = []
-    for rows in sequences(series):
+    for rows in series.sequences():
         numbers = series.table.frame.to_numpy()[rows]
         labelled = _first(numbers, obstacle[rows])
         gaps = series.gaps[rows].tolist()
@@ -201,7 +178,7 @@ def frame_figures(series: FrameSeries, status: NDArray[np.int64]) -> dict[str, A
         "n": len(status),
         "ocean_frames": int(ocean.sum()),
         "false_status": int((said & ocean).sum()),
-        "false_status_frames": series.names(said & ocean),
+        "false_status_frames": frame_names(series.table[said & ocean]),
         "obstacle_frames": int(obstacle.sum()),
         "detected": int((said & obstacle).sum()),
         "unknown": int((status == UNKNOWN).sum()),

@@ -17,8 +17,9 @@ from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import DatasetVersion, list_datasets
+from tokt.training.evaluation.frame_scores import KEYS
 
-from .frames import KEYS, FrameSeries, kind_of_frame, on_grid
+from .frames import FrameSeries, kind_of_frame, on_grid
 from .predictions import HELD_OUT, ComparedModels, ModelPredictions, error_margins
 
 _PLACE = [*KEYS, "row", "col"]

@@ -1,4 +1,4 @@
-"""Learning curves: models of a part of the training blocks, scored on held-out folds.
+"""Learning curves: models of a part of the training blocks, scored on held-out folds; in words.
 
 Nothing is chosen anew: each fold keeps the settings that its own training part chose.
 """
@@ -6,6 +6,7 @@ Nothing is chosen anew: each fold keeps the settings that its own training part 
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,9 +24,7 @@ from tokt.training.fitting.classifier import decision_values, linear_model
 from tokt.training.fitting.cross_validation import fit_rows
 from tokt.training.fitting.presets import Hyperparameters, TrainingSettings
 
-from .bootstrap import block_numbers, drawn_blocks, interval, summed
-from .comparison_metric import ComparisonMetric
-from .learning_words import learning_words
+from .bootstrap import ComparisonMetric, block_numbers, drawn_blocks, interval, summed
 from .predictions import ModelPredictions
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
@@ -33,6 +32,9 @@ REPEATS = 3
 _MAX_VALUES = 600_000  # rows times features of one fit: about 0.1 s
 _MAX_STRETCHES = 16
 _Counts = NDArray[np.float64]
+_Fit = tuple[tuple[Any, ...], int, NDArray[np.int64]]
+"""What a fit belongs to, its fold, and the blocks that it learns from."""
+_SMALL = 0.01  # a gain that is not worth a day of labelling
 
 
 @dataclass(frozen=True)
@@ -155,25 +157,15 @@ def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> NDArray[n
     return np.array([*needed, *(number for number in order.tolist() if number not in needed)])
 
 
-@dataclass(frozen=True)
-class _FitTask:
-    """One fit: a fold, the blocks it learns from, and what it belongs to."""
-
-    fold: int
-    blocks: NDArray[np.int64]
-    key: tuple[str, float, int]
-
-
-def _curve_tasks(setting: _Setting) -> list[_FitTask]:
+def _curve_fits(setting: _Setting) -> Iterator[_Fit]:
+    """By fraction and repeat."""
     rng = np.random.default_rng(0)
-    tasks = []
     for index, fold in enumerate(setting.folds):
         orders = [_order(setting, fold, rng) for _ in range(REPEATS)]
         for fraction in FRACTIONS:
             for repeat, order in enumerate(orders[: 1 if fraction == 1 else REPEATS]):
                 kept = max(len(np.unique(setting.targets)), round(fraction * len(order)))
-                tasks.append(_FitTask(index, order[:kept], ("curve", fraction, repeat)))
-    return tasks
+                yield (fraction, repeat), index, order[:kept]
 
 
 def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
@@ -184,8 +176,8 @@ def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
     return list(np.array_split(np.arange(len(setting.names)), count))
 
 
-def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> list[_FitTask]:
-    tasks = []
+def _fits_without(setting: _Setting, stretches: list[NDArray[np.int64]]) -> Iterator[_Fit]:
+    """By number of the stretch that is left out."""
     for number, left_out in enumerate(stretches):
         for index, fold in enumerate(setting.folds):
             there = np.unique(setting.block[fold.train])
@@ -193,15 +185,7 @@ def _without_tasks(setting: _Setting, stretches: list[NDArray[np.int64]]) -> lis
             known = setting.targets[fold.train][np.isin(setting.block[fold.train], rest)]
             lacking = len(np.unique(known)) < len(np.unique(setting.targets))
             if len(rest) < len(there) and not lacking:
-                tasks.append(_FitTask(index, rest, ("without", number, 0)))
-    return tasks
-
-
-def _run(
-    setting: _Setting, tasks: list[_FitTask], progress: Callable[..., Any]
-) -> Iterator[tuple[_FitTask, NDArray[np.int64]]]:
-    for task in progress(tasks, len(tasks), "learning curve"):
-        yield task, setting.predict(task.fold, task.blocks)
+                yield (number,), index, rest
 
 
 def _wrong_by_label(
@@ -253,19 +237,15 @@ def learning_curve(
     """
     setting = _set_up(predictions, dataset, workspace, progress)
     stretches = _stretches(setting)
-    tasks = _curve_tasks(setting) + _without_tasks(setting, stretches)
-    curve = {
-        (fraction, repeat): np.zeros(len(setting.targets), np.int64)
-        for fraction in FRACTIONS
-        for repeat in range(1 if fraction == 1 else REPEATS)
-    }
-    without: dict[int, dict[int, NDArray[np.int64]]] = {}
-    for task, predicted in _run(setting, tasks, progress):
-        kind, part, repeat = task.key
-        if kind == "curve":
-            curve[part, repeat][setting.folds[task.fold].test] = predicted
+    fits = [*_curve_fits(setting), *_fits_without(setting, stretches)]
+    curve: dict[Any, NDArray[np.int64]] = defaultdict(lambda: np.zeros_like(setting.targets))
+    without: dict[int, dict[int, NDArray[np.int64]]] = defaultdict(dict)
+    for key, fold, blocks in progress(fits, len(fits), "learning curve"):
+        predicted = setting.predict(fold, blocks)
+        if len(key) == 2:
+            curve[key][setting.folds[fold].test] = predicted
         else:
-            without.setdefault(int(part), {})[task.fold] = predicted
+            without[key[0]][fold] = predicted
     draws = drawn_blocks(len(setting.names))
     rows = np.arange(len(setting.targets))
     counts = {key: setting.counts(predicted, rows) for key, predicted in curve.items()}
@@ -369,3 +349,78 @@ def _how(setting: _Setting) -> str:
         f"fold had chosen them. All {same}: this says nothing of what labels of another dive would "
         "bring."
     )
+
+
+def learning_words(result: dict[str, Any]) -> list[str]:
+    """What a learning curve says, a sentence each.
+
+    Parameters
+    ----------
+    result : dict
+        As `learning_curve` gives it.
+    """
+    return [*_gain_words(result), *_label_words(result), *_stretch_words(result)]
+
+
+def _bounds_words(row: dict[str, Any]) -> str:
+    if row["low"] is None:
+        return ""
+    return f" (95 % interval {row['low']:+.3f} to {row['high']:+.3f})"
+
+
+def _gain_words(result: dict[str, Any]) -> list[str]:
+    """The verdict rests on what the last blocks brought: the first ones always help."""
+    half, last = result["gains"]
+    title = result["measure_title"]
+    if last["low"] is None:
+        verdict = "Too few blocks to say whether more labels would help"
+    elif last["low"] > 0:
+        verdict = "More labels of this kind would probably still help"
+    elif last["high"] < _SMALL:
+        verdict = "More labels of this kind would hardly help"
+    else:
+        verdict = "Cannot tell whether more labels of this kind would help"
+    return [
+        f"{verdict}: from three quarters of the blocks to all, {title} changed by "
+        f"{last['difference']:+.3f}{_bounds_words(last)}, from half to all by "
+        f"{half['difference']:+.3f}{_bounds_words(half)}."
+    ]
+
+
+def _label_words(result: dict[str, Any]) -> list[str]:
+    rows = [row for row in result["by_label"] if row["n"]]
+    worst = max(rows, key=lambda row: row["wrong"][-1])
+    half = [point["fraction"] for point in result["points"]].index(0.5)
+    gains = {row["label"]: row["wrong"][half] - row["wrong"][-1] for row in rows}
+    most = max(gains, key=lambda label: gains[label])
+    said = (
+        f"By class: {worst['label']} is judged wrong most often ({worst['wrong'][-1]:.1%} of "
+        f"{worst['n']} patches)"
+    )
+    if gains[most] > 0:
+        said += (
+            f"; the second half of the blocks helped {most} most (its share judged wrong fell by "
+            f"{100 * gains[most]:.1f} percentage points)"
+        )
+    return [f"{said}."]
+
+
+def _stretch_words(result: dict[str, Any]) -> list[str]:
+    rows = result["stretches"]
+    if not rows:
+        return []
+    best, least = rows[0], rows[-1]
+    words = [
+        f"By stretch: frames {best['frames']} of {best['mission']} ({best['obstacle']} obstacle "
+        f"patches) helped the other blocks most: with them {result['measure_title']} is "
+        f"{best['help']:+.3f} from what it is without{_bounds_words(best)}."
+    ]
+    if best["low"] is None or best["low"] <= 0:
+        words.append(f"Of {len(rows)} stretches none helps beyond doubt; their order may be luck.")
+    if least["high"] is not None and least["high"] < 0:
+        words.append(
+            f"Learning from frames {least['frames']} of {least['mission']} made the other blocks "
+            f"worse by {-least['help']:.3f}{_bounds_words(least)}: they look unlike the rest, or "
+            "their labels are worth a second look."
+        )
+    return words

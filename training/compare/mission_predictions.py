@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,9 @@ from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
 from tokt.training.evaluation.evaluate import mission_in_training
+from tokt.training.evaluation.frame_scores import KEYS
 
-from .frames import KEYS, FrameSeries, kind_of_frame
+from .frames import FrameSeries, kind_of_frame
 from .predictions import MISSION, ComparedModels, ModelPredictions, error_margins
 
 
@@ -71,33 +71,22 @@ def check_unseen(
         )
 
 
-@dataclass(frozen=True)
-class _Scores:
-    """A model's decision values of whole frames, and which of these the runtime would judge."""
-
-    frames: Sequence[int]
-    values: NDArray[np.float64]
-    judged: NDArray[np.bool_]
-    white: int
-
-
 def _score(
-    bundles: Sequence[Bundle],
-    mission: Mission,
-    frames: Sequence[int],
-    progress: Callable[..., Any],
-) -> list[_Scores]:
+    bundles: Sequence[Bundle], images: Iterable[NDArray[np.uint8]]
+) -> tuple[list[list[NDArray[np.float64]]], list[list[bool]], int]:
+    """Each model's decision values of whole frames, and whether the runtime would judge these.
+
+    And the patches that it takes to bring a mask's mean over the thesis's limit.
+    """
     values: list[list[NDArray[np.float64]]] = [[] for _ in bundles]
     judged: list[list[bool]] = [[] for _ in bundles]
-    for number in progress(frames, len(frames), "scoring"):
-        image = mission.read(number, LEFT)
+    for image in images:
         for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True):
             found = judge_image(bundle, image).decision_values
             its_judged.append(found is not None)
             its_values.append(bundle.decision_values(image) if found is None else found)
-    white = min_mask_patches(bundles[0].grid, *bundles[0].grid.resized(*image.shape[:2]))
-    pairs = zip(values, judged, strict=True)
-    return [_Scores(frames, np.stack(a), np.array(b, bool), white) for a, b in pairs]
+    grid = bundles[0].grid
+    return values, judged, min_mask_patches(grid, *grid.resized(*image.shape[:2]))
 
 
 def _patches(records: Sequence[LabelRecord]) -> pd.DataFrame:
@@ -124,13 +113,17 @@ def _frames(
 
 
 def _predictions(
-    bundle: Bundle, patches: pd.DataFrame, truth: NDArray[np.bool_], scores: _Scores
+    bundle: Bundle,
+    patches: pd.DataFrame,
+    truth: NDArray[np.bool_],
+    places: NDArray[np.int64],
+    of_frames: Sequence[NDArray[np.float64]],
+    judged: Sequence[bool],
+    white: int,
 ) -> ModelPredictions:
-    place = {number: index for index, number in enumerate(scores.frames)}
-    frame = patches.frame.map(place).to_numpy()
+    """A model on the patches of a table; `places` is each one's frame among those scored."""
     cell = (patches.row * bundle.grid.cols + patches.col).to_numpy()
-    values = scores.values[frame, cell]
-    model = bundle.model
+    values, model = np.stack(of_frames)[places, cell], bundle.model
     labels = patches.label.tolist()
     if model.classes == (CLEAR, OBSTACLE_CLASS):
         labels = [OBSTACLE_CLASS if side else CLEAR for side in truth]
@@ -144,9 +137,9 @@ def _predictions(
         classes=classes,
         error_margin=error_margins(model, values, targets),
         score=model.obstacle_score(values),
-        on_grid=np.stack([model.obstacle_score(frame) for frame in scores.values]),
-        white=scores.white,
-        judged=scores.judged,
+        on_grid=np.stack([model.obstacle_score(frame) for frame in of_frames]),
+        white=white,
+        judged=np.array(judged, bool),
         fold_rules=None,
         split=str(bundle.content.metrics.get("split", "")),
     )
@@ -191,15 +184,17 @@ def predict_mission(
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     name = sure[0].mission
     table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
-    scores = _score(bundles, mission, numbers, progress)
+    images = (mission.read(n, LEFT) for n in progress(numbers, len(numbers), "scoring"))
+    values, judged, white = _score(bundles, images)
+    places = np.searchsorted(numbers, patches.frame.to_numpy())
     return ComparedModels(
         mode=MISSION,
         what=f"mission {mission.name}, frames {format_frames(numbers)}",
         patches=patches,
         truth=truth,
         models=[
-            _predictions(bundle, patches, truth, mine)
-            for bundle, mine in zip(bundles, scores, strict=True)
+            _predictions(bundle, patches, truth, places, its_values, its_judged, white)
+            for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True)
         ],
         series=FrameSeries.of(table, frame_step(mission.frames(LEFT))),
         read_frame=lambda _, camera, frame: mission.read(frame, camera),

@@ -1,56 +1,37 @@
-"""The comparison as one HTML file that needs no other, and no network."""
+"""The comparison as one HTML file that needs no other, and as a run of MLflow."""
 
 from __future__ import annotations
 
-from importlib import resources
+import json
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-import jinja2
-from markupsafe import Markup
+import cv2
+import mlflow
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from tokt.training.evaluation import plots as shared_plots
+from tokt.features.frames.grid import Grid
+from tokt.labels.page.state.enhance import enhanced
+from tokt.models.registry.registry import Registry, local_uri, tracking_uri
+from tokt.training.evaluation.pictures import jpeg_uri
+from tokt.training.evaluation.plots import confusion, data_uri, precision_recall
+from tokt.training.evaluation.report import report_page
 
-from . import plots
-from .gallery import pictures
+from .errors import FALSE_ALARM, MISS
 from .predictions import ComparedModels
 
-
-def _text(name: str) -> str:
-    return resources.files(__package__).joinpath(name).read_text("utf-8")
-
-
-def _figure(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
-
-
-def _signed(value: float | None) -> str:
-    return "–" if value is None else f"{value:+.3f}"
-
-
-def _plots(compared: ComparedModels, result: dict[str, Any]) -> dict[str, Any]:
-    curve = result["learning_curve"]
-    ranked = compared.two_sided and compared.truth.any() and not compared.truth.all()
-    curves = {item.label: (compared.truth, item.score) for item in compared.models}
-    return {
-        "statuses": shared_plots.data_uri(plots.statuses_along(compared))
-        if compared.has_frames
-        else None,
-        "errors": shared_plots.data_uri(plots.errors_along(result))
-        if result["stretches"]
-        else None,
-        "precision_recall": shared_plots.data_uri(shared_plots.precision_recall(curves))
-        if ranked
-        else None,
-        "confusion": [
-            (model["model"], shared_plots.data_uri(shared_plots.confusion(table)))
-            for model in result["models"]
-            for table in [model["patch"]["confusion"]]
-            if len(table["classes"]) > 2
-        ],
-        "learning": None
-        if "missing" in curve
-        else shared_plots.data_uri(plots.learning_curve(curve)),
-    }
+_STATUS_COLORS = ("#b9c0c7", "#e8eef3", "#d1495b")  # unknown, clear, obstacle
+_KIND_COLORS = ("#ffffff", "#9ecae1", "#2f5d50")  # neither, ocean, obstacle
+_MISS_COLOR, _ALARM_COLOR = "#2c6fbb", "#e07b39"
+_AROUND = 1.5  # patches on each side of a pictured one
+_WIDTH = 260  # pixels of a picture
+_OUTLINE_BGR = (40, 200, 255)
+RUN_NAME = "compare"
+FOLDER = "compare"
 
 
 def report_html(compared: ComparedModels, result: dict[str, Any]) -> str:
@@ -62,21 +43,204 @@ def report_html(compared: ComparedModels, result: dict[str, Any]) -> str:
     result : dict
         As `compare_models` gives it; embedded in the page as it is.
     """
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters.update(figure=_figure, signed=_signed)
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     sizes: dict[str, int] = {}
     for model in result["models"]:
         for name, row in model["patch"]["per_class"].items():
             sizes.setdefault(name, row["n"])
-    return environment.from_string(_text("report.html")).render(
+    return report_page(
+        __package__,
         r=result,
-        # Our own files, with no end of a style or script in them.
-        css=Markup(_text("report.css")),
-        js=Markup(_text("explorer.js")),
         plots=_plots(compared, result),
-        pictures=pictures(compared, result["errors"]),
-        class_names=list(sizes),
+        pictures=_pictures(compared, result["errors"]),
         two_sided=compared.two_sided,
         class_sizes=sizes,
     )
+
+
+def _plots(compared: ComparedModels, result: dict[str, Any]) -> dict[str, Any]:
+    """The figures that there is something to draw in."""
+    curve, truth = result["learning_curve"], compared.truth
+    figures: dict[str, Figure] = {}
+    if compared.has_frames:
+        figures["statuses"] = _statuses_along(compared)
+    if result["stretches"]:
+        figures["errors"] = _errors_along(result)
+    if compared.two_sided and truth.any() and not truth.all():
+        curves = {item.label: (truth, item.score) for item in compared.models}
+        figures["precision_recall"] = precision_recall(curves)
+    if "missing" not in curve:
+        figures["learning"] = _learning_curve(curve)
+    tables = {model["model"]: model["patch"]["confusion"] for model in result["models"]}
+    return {
+        **{name: data_uri(figure) for name, figure in figures.items()},
+        "confusion": [
+            (label, data_uri(confusion(table)))
+            for label, table in tables.items()
+            if len(table["classes"]) > 2
+        ],
+    }
+
+
+def _statuses_along(compared: ComparedModels) -> Figure:
+    """What each frame is labelled, and each model's status of it, in the order of the dive."""
+    rows = [compared.series.table.kind.map({"neither": 0, "ocean": 1, "obstacle": 2}).to_numpy()]
+    names = ["labels"]
+    for predictions in compared.models:
+        rows.append(compared.status(predictions) + 1)
+        names.append(predictions.label)
+    figure = Figure(figsize=(10.5, 0.7 + 0.42 * len(rows)), layout="constrained")
+    for index, axes in enumerate(figure.subplots(len(rows), 1, sharex=True)):
+        colors = _STATUS_COLORS if index else _KIND_COLORS
+        axes.imshow(
+            rows[index][None],
+            aspect="auto",
+            cmap=ListedColormap(colors),
+            vmin=0,
+            vmax=2,
+            interpolation="nearest",
+        )
+        axes.set_yticks([0], [names[index]])
+        for gap in np.flatnonzero(compared.series.gaps):
+            axes.axvline(gap - 0.5, color="k", lw=0.8, ls=":")
+        for start in compared.series.starts[1:]:
+            axes.axvline(start - 0.5, color="k", lw=1.2)
+    frames = compared.series.table.frame.to_numpy()
+    ticks = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), 14)).astype(int))
+    axes.set_xticks(ticks, [str(frames[tick]) for tick in ticks])
+    axes.set_xlabel("frame (dotted: a gap in the frame numbers)")
+    return figure
+
+
+def _errors_along(result: dict[str, Any]) -> Figure:
+    """Misses and false alarms of each model by stretch of the dive."""
+    rows, labels = result["stretches"], [model["model"] for model in result["models"]]
+    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
+    axes = figure.subplots()
+    width = 0.8 / len(labels)
+    for number, label in enumerate(labels):
+        place = np.arange(len(rows)) - 0.4 + width * (number + 0.5)
+        misses = np.array([row["models"][label][MISS] for row in rows])
+        alarms = np.array([row["models"][label][FALSE_ALARM] for row in rows])
+        shade = 1 - 0.6 * number / len(labels)
+        axes.bar(place, misses, width * 0.92, color=_MISS_COLOR, alpha=shade)
+        axes.bar(place, -alarms, width * 0.92, color=_ALARM_COLOR, alpha=shade)
+    axes.axhline(0, color="k", lw=0.8)
+    names = [row["frames"] if len(row["frames"]) < 12 else f"{row['frames'][:10]}…" for row in rows]
+    axes.set_xticks(range(len(rows)), names, rotation=40, ha="right", fontsize=8)
+    axes.set_ylabel("false alarms | missed patches")
+    axes.set_title(
+        f"bars of a stretch from left to right: {', '.join(labels)}", fontsize=9, loc="left"
+    )
+    axes.yaxis.set_major_formatter(lambda value, _: f"{abs(value):g}")
+    return figure
+
+
+def _learning_curve(curve: dict[str, Any]) -> Figure:
+    """The figure against the share of training blocks; bars from the least to the most."""
+    points = curve["points"]
+    blocks = [point["blocks"] for point in points]
+    mean = np.array([point["mean"] for point in points])
+    reach = [
+        mean - [point["least"] for point in points],
+        np.array([point["most"] for point in points]) - mean,
+    ]
+    figure = Figure(figsize=(5.2, 3.6), layout="constrained")
+    axes = figure.subplots()
+    axes.errorbar(blocks, mean, yerr=reach, marker="o", capsize=4, color=_MISS_COLOR)
+    axes.set(xlabel="training blocks (mean over folds)", ylabel=curve["measure_title"])
+    axes.set_xlim(0, None)
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def _surroundings(image: NDArray[np.uint8], grid: Grid, row: int, col: int) -> NDArray[np.uint8]:
+    """A patch with what is around it, outlined."""
+    height, width = image.shape[:2]
+    resized = grid.resized(height, width)
+    box = grid.boxes(*resized)[row * grid.cols + col].astype(float)
+    y0, y1 = box[:2] * height / resized[0]
+    x0, x1 = box[2:] * width / resized[1]
+    dy, dx = _AROUND * (y1 - y0), _AROUND * (x1 - x0)
+    # A patch at the edge keeps as much around it, on its other side.
+    top = round(min(max(0.0, y0 - dy), max(0.0, height - (y1 - y0) - 2 * dy)))
+    left = round(min(max(0.0, x0 - dx), max(0.0, width - (x1 - x0) - 2 * dx)))
+    cut = image[top : round(top + (y1 - y0) + 2 * dy), left : round(left + (x1 - x0) + 2 * dx)]
+    scale = _WIDTH / cut.shape[1]
+    size = (_WIDTH, max(1, round(cut.shape[0] * scale)))
+    view = cv2.resize(cut, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    if view.ndim == 2:
+        view = cv2.cvtColor(view, cv2.COLOR_GRAY2BGR)
+    corners = [(x - left, y - top) for x, y in ((x0, y0), (x1, y1))]
+    first, last = ((round(x * scale), round(y * scale)) for x, y in corners)
+    cv2.rectangle(view, first, last, _OUTLINE_BGR, 2)
+    return np.asarray(view, np.uint8)
+
+
+def _pictures(compared: ComparedModels, errors: Sequence[dict[str, Any]]) -> list[str | None]:
+    """A JPEG data URI for each error; None where the frame is not at hand."""
+    if compared.read_frame is None:
+        return [None] * len(errors)
+    grid = compared.models[0].bundle.grid
+    found: dict[tuple[str, str, int], NDArray[np.uint8]] = {}
+    uris: list[str | None] = []
+    for error in errors:
+        key = error["mission"], error["camera"], error["frame"]
+        if not compared.has_frames:  # a patch has no surroundings, and no dark water to see through
+            uris.append(jpeg_uri(compared.read_frame(*key)))
+            continue
+        if key not in found:
+            found = {key: enhanced(compared.read_frame(*key))}
+        uris.append(jpeg_uri(_surroundings(found[key], grid, error["row"], error["col"]), 80))
+    return uris
+
+
+def _metrics(result: dict[str, Any]) -> dict[str, float]:
+    """The headline figures of each model, by the model's name."""
+    found: dict[str, float] = {}
+    for model in result["models"]:
+        figures = {
+            **{name: model["patch"][name] for name in ("f1", "precision", "recall", "macro_f1")},
+            "average_precision": model["patch"]["average_precision"],
+            "time_ms": model["time"]["median_ms"],
+            "bundle_bytes": model["bundle_bytes"],
+        }
+        for name in ("false_status", "detected") if model["frames"] else ():
+            figures[name] = model["frames"][name]
+        for name, value in figures.items():
+            if value is not None:
+                found[f"{model['model']}/{name}"] = float(value)
+    return found
+
+
+def log_comparison(result: dict[str, Any], html: str, registry: Registry) -> str:
+    """Log figures, report and JSON; return the run's id.
+
+    Raises
+    ------
+    ToktError
+        If the registry cannot be reached or written.
+    """
+    labels = [model["model"] for model in result["models"]]
+    experiment = registry.experiment_id()
+    with (
+        registry.reported(),
+        mlflow.start_run(experiment_id=experiment, run_name=RUN_NAME) as run,
+    ):
+        mlflow.set_tags(
+            {
+                "kind": "compare",
+                "models": ", ".join(labels),
+                **{f"model_{number}": label for number, label in enumerate(labels, 1)},
+                "mode": result["mode"],
+                "compared_on": result["what"],
+            }
+        )
+        mlflow.log_metrics(_metrics(result))
+        mlflow.log_text(html, f"{FOLDER}/report.html")
+        mlflow.log_text(json.dumps(result, allow_nan=False), f"{FOLDER}/comparison.json")
+        return str(run.info.run_id)
+
+
+def has_registry(workspace: Path) -> bool:
+    """Whether there is somewhere to log to that a comparison need not make first."""
+    return tracking_uri(workspace) != local_uri(workspace) or (workspace / "mlflow.db").is_file()

@@ -133,12 +133,10 @@ def _tasks(
     """The dataset's frames, each with the rows of its patches."""
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     keys = ["mission", "camera", "frame"]
+    folder, columns = dataset.path.resolve() / "frames", frames[[*keys, "file", "digest"]]
     stored = {
-        key: (dataset.path.resolve() / "frames" / file, digest)
-        for *key_parts, file, digest in frames[[*keys, "file", "digest"]].itertuples(
-            index=False, name=None
-        )
-        for key in [tuple(key_parts)]
+        tuple(key): (folder / file, digest)
+        for *key, file, digest in columns.itertuples(index=False, name=None)
     }
     groups = patches.groupby(keys, sort=False).indices
     cells = (patches.row * grid.cols + patches.col).to_numpy()

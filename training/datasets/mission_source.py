@@ -170,33 +170,27 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     """
     if not folder.is_dir():
         raise ToktError(f"folder of patches {folder} does not exist")
-    sources: list[FrameSource] = []
-    rows: list[tuple[str, str, int, int, int, str]] = []
     mission = folder.resolve().name
-    for child in sorted(path for path in folder.iterdir() if path.is_dir()):
-        images = sorted(p for p in child.iterdir() if p.suffix.lower() in SUFFIXES)
-        if not images:
-            continue
-        taxonomy.check_label(child.name)
-        for image in images:
-            number = len(sources) + 1
-            sources.append(
-                FrameSource(
-                    mission, "left", number, f"{mission}#{number:07d}", partial(_load, image)
-                )
-            )
-            rows.append((mission, "left", number, 0, 0, child.name))
-    if not sources:
+    images = sorted(path for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES)
+    if not images:
         raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
+    rows = []
+    for number, image in enumerate(images, 1):
+        rows.append((mission, "left", number, 0, 0, image.parent.name))
     table = pd.DataFrame(rows, columns=_COLUMNS)
+    for label in table.label.unique():
+        taxonomy.check_label(label)
     sure = table[table.label != UNSURE]
-    kept = set(sure.frame)
+    sources = [
+        FrameSource(mission, "left", n, f"{mission}#{n:07d}", partial(_load, images[n - 1]))
+        for n in sure.frame
+    ]
     return DatasetPlan(
         name,
         task,
         Grid(1, 1, None),
         taxonomy,
-        [s for s in sources if s.frame in kept],
+        sources,
         sure,
         len(table) - len(sure),
         None,

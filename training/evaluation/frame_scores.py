@@ -1,15 +1,17 @@
-"""The frames of a dataset, and one number a frame from the scores of its patches."""
+"""The frames of a dataset: one number each from its patches' scores, and statuses by a rule."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from tokt.inference.texture.detector import min_mask_patches
-from tokt.models.operating_point import MAX_WINDOW, frame_step, missed_before
+from tokt.models.operating_point import MAX_WINDOW, MofNRule, frame_step, missed_before
 from tokt.training.datasets.dataset import DatasetVersion
 
 KEYS = ["mission", "camera", "frame"]
@@ -30,7 +32,7 @@ class FrameTable:
     ocean : array of bool, shape (n_frames,)
         Every patch is labelled, as clear. Never so in a dataset of single patches, whose
         "frames" are patches.
-    least_white : array of int, shape (n_frames,)
+    min_mask_patches : array of int, shape (n_frames,)
         Patches it takes to bring the mask's mean over the thesis's limit: 1, but for grids
         of very small patches.
     place : array of int, shape (n_frames,)
@@ -48,13 +50,13 @@ class FrameTable:
     def __len__(self) -> int:
         return len(self.keys)
 
-    def names(self, chosen: NDArray[np.bool_]) -> list[str]:
-        """``mission:frame`` of some frames; with the camera where it is not the left one."""
-        rows = self.keys[chosen][KEYS].itertuples(index=False, name=None)
-        return [
-            f"{mission}:{frame}" if camera == "left" else f"{mission}:{camera}:{frame}"
-            for mission, camera, frame in rows
-        ]
+
+def frame_names(frames: pd.DataFrame) -> list[str]:
+    """``mission:frame`` of rows with `KEYS`; with the camera where it is not the left one."""
+    return [
+        f"{mission}:{frame}" if camera == "left" else f"{mission}:{camera}:{frame}"
+        for mission, camera, frame in frames[KEYS].itertuples(index=False, name=None)
+    ]
 
 
 def frame_table(dataset: DatasetVersion) -> FrameTable:
@@ -177,3 +179,75 @@ def windowed(
     line[at] = values
     last = np.stack([line[at - back] for back in range(window)])
     return np.asarray(np.sort(last, axis=0)[window - hits])
+
+
+def frame_figures(
+    dataset: DatasetVersion,
+    score: NDArray[np.float64],
+    fold: NDArray[np.int64],
+    rules: Sequence[MofNRule],
+) -> dict[str, Any]:
+    """False statuses and detections, each frame judged by its fold's rule.
+
+    An *ocean frame* has every patch labelled, all of them clear. An *obstacle frame* has a patch
+    labelled as an obstacle. Frames with neither are not judged, but count among the last frames
+    of a k-of-n rule.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    score : array of float64, shape (n_patches,)
+        `LinearModel.obstacle_score`; not looked at where the fold is -1.
+    fold : array of int, shape (n_patches,)
+        The fold a patch was tested in; -1 for none.
+    rules : sequence of MofNRule
+        One a fold.
+
+    Returns
+    -------
+    dict
+        ocean_frames, false_status, obstacle_frames, detected (counts); false_status_frames,
+        missed_frames (obstacle frames without the status; ``mission:frame``); by mission,
+        first_obstacle_frame and first_detection (the first of three frames in a row with the
+        status, or None); latency_frames (the most that a fold's rule adds).
+    """
+    frames = frame_table(dataset)
+    tested = fold >= 0
+    of_frame = np.full(len(frames), -1)
+    of_frame[frames.of_patch[tested]] = fold[tested]
+    said = _statuses(FrameScores.of(frames, dataset, score, tested), of_frame, rules)
+    judged = of_frame >= 0
+    ocean, obstacle = frames.ocean & judged, (frames.obstacles > 0) & judged
+    three = windowed(said[:, None].astype(np.float64), frames.place, 3, 3)[:, 0] == 1
+    return {
+        "ocean_frames": int(ocean.sum()),
+        "false_status": int((ocean & said).sum()),
+        "false_status_frames": frame_names(frames.keys[ocean & said]),
+        "obstacle_frames": int(obstacle.sum()),
+        "detected": int((obstacle & said).sum()),
+        "missed_frames": frame_names(frames.keys[obstacle & ~said]),
+        "first_obstacle_frame": _first(frames, obstacle),
+        "first_detection": _first(frames, np.append(three[2:], [False, False])[: len(frames)]),
+        "latency_frames": max(rule.latency_frames for rule in rules),
+    }
+
+
+def _statuses(
+    scores: FrameScores, of_frame: NDArray[np.int64], rules: Sequence[MofNRule]
+) -> NDArray[np.bool_]:
+    """Whether each frame's status is obstacle by its fold's rule."""
+    said = np.zeros(len(scores.frames), bool)
+    for index, rule in enumerate(rules):
+        # At a fold's first frames the last ones are of another fold's model.
+        found = scores.statistic(rule.min_patches, rule.m, rule.n) > rule.margin
+        if rule.instant_margin is not None:
+            found |= scores.statistic(1, 1, 1) > rule.instant_margin
+        said[of_frame == index] = found[of_frame == index]
+    return said
+
+
+def _first(frames: FrameTable, chosen: NDArray[np.bool_]) -> dict[str, int | None]:
+    """The first chosen frame of each mission, of whichever camera."""
+    marked = frames.keys[KEYS].assign(number=frames.keys.frame.where(chosen))
+    first = marked.groupby("mission").number.min()
+    return {str(name): None if np.isnan(at) else int(at) for name, at in first.items()}

@@ -195,7 +195,12 @@ def _candidate(
         paths.append((1, 1, 1))
     rate = target.rate / len(paths)
     quiet = [quiet_scores.statistic(*path)[ocean] for path in paths]
-    tails = [fit_exceedance_model(*_finite(one, blocks), rate) for one in quiet]
+    # Without the frames that have too few last ones.
+    enough = [np.isfinite(one) for one in quiet]
+    tails = [
+        fit_exceedance_model(one[some], blocks[some], rate)
+        for one, some in zip(quiet, enough, strict=True)
+    ]
     margins = [
         _margin(one, tail, rate, target.confidence) for one, tail in zip(quiet, tails, strict=True)
     ]
@@ -210,16 +215,8 @@ def _candidate(
         blocks,
         _any_above(seen, limits),
         seen[0] > 0,
-        all(np.isfinite(one).any() for one in quiet),
+        all(some.any() for some in enough),
     )
-
-
-def _finite(
-    statistic: NDArray[np.float64], blocks: NDArray[np.object_]
-) -> tuple[NDArray[np.float64], NDArray[np.object_]]:
-    """Without the frames that have too few last ones."""
-    finite = np.isfinite(statistic)
-    return statistic[finite], blocks[finite]
 
 
 def _margin(

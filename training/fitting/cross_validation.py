@@ -1,4 +1,7 @@
-"""Cross-validation over blocks of frames, with every choice made inside the training part."""
+"""Cross-validation over blocks of frames, with every choice made inside the training part.
+
+Before it, what cannot be learnt from or tested is refused; after it come the figures.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +14,18 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.splits import Fold, blocked_folds
-from tokt.training.evaluation.frame_figures import frame_figures
+from tokt.training.evaluation.frame_scores import frame_figures
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.parallel import mapped
 
 from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_frame_rule
 from .classifier import decision_values, fit_classifier, linear_model
-from .data_checks import check_features, inner_folds
 from .presets import Hyperparameters, TrainingSettings
 
 Tables = Sequence[NDArray[np.float64]]
@@ -305,3 +308,89 @@ def held_out_metrics(
         "fold_rules": [rule.to_json() for rule in held_out.rules],
         "patches_tested": int(tested.sum()),
     }
+
+
+def check_blocks(dataset: DatasetVersion, n_folds: int, embargo_frames: int) -> None:
+    """Raise ToktError unless the dataset can be cross-validated, choices inside each fold too."""
+    patches, targets = dataset.patches, dataset.targets()
+    for fold in blocked_folds(patches, targets, n_folds, embargo_frames):
+        part = patches.iloc[fold.train]
+        blocked_folds(part, targets[fold.train], inner_folds(n_folds), embargo_frames)
+
+
+def inner_folds(n_folds: int) -> int:
+    """Folds of the cross-validation inside the training part of one of `n_folds` folds."""
+    return max(2, n_folds - 1)
+
+
+def check_features(dataset: DatasetVersion, features: NDArray[np.float64]) -> None:
+    """Raise ToktError unless there is something to learn from in the features.
+
+    A feature that is the same everywhere is harmless; the scaler leaves it at 0.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    features : array of float64, shape (n_patches, dim)
+    """
+    sound = np.isfinite(features).all(axis=1)
+    if not sound.all():
+        mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][
+            ["mission", "camera", "frame", "row", "col"]
+        ]
+        raise ToktError(
+            f"dataset {dataset.label}: the extractor gives {int((~sound).sum())} patches a feature "
+            f"that is not a finite number; the first is mission {mission}, {camera} frame {frame}, "
+            f"row {row}, col {col}"
+        )
+    if not np.ptp(features, axis=0).any():
+        raise ToktError(
+            f"dataset {dataset.label}: all patches have the same features, so nothing can be "
+            "learnt; are its frames blank?"
+        )
+
+
+def robustness_figures(
+    dataset: DatasetVersion,
+    held_out: HeldOutPredictions,
+    model: LinearModel,
+    learnt: tuple[str, ...],
+) -> dict[str, Any]:
+    """Figures on augmented frames beside those on the frames as they are.
+
+    Each fold's model scores the augmented frames of its test part.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    held_out : HeldOutPredictions
+        With `stressed`.
+    model : LinearModel
+        Says what decision values mean.
+    learnt : tuple of str
+        The augmentations that the models learnt from, on other frames.
+
+    Returns
+    -------
+    dict
+        By augmentation: f1, fall (of F1, against the frames as they are), false_status,
+        ocean_frames, detected, obstacle_frames (at the folds' rules), and learnt.
+    """
+    tested = held_out.fold >= 0
+    truth = np.asarray(model.obstacle, bool)[dataset.targets()[tested]]
+    plain = obstacle_metrics(truth, model.obstacle_score(held_out.values[tested]))["f1"]
+    found = {}
+    for name, values in held_out.stressed.items():
+        score = model.obstacle_score(values)
+        f1 = obstacle_metrics(truth, score[tested])["f1"]
+        frames = frame_figures(dataset, score, held_out.fold, held_out.rules)
+        found[name] = {
+            "f1": f1,
+            "fall": None if f1 is None or plain is None else plain - f1,
+            **{key: frames[key] for key in _COUNTS},
+            "learnt": name in learnt,
+        }
+    return found
+
+
+_COUNTS = ("false_status", "ocean_frames", "detected", "obstacle_frames")

@@ -101,16 +101,6 @@ class _Windows:
     def __len__(self) -> int:
         return len(self.first)
 
-    def chosen(self, which: NDArray[np.bool_]) -> _Windows:
-        """Some of them."""
-        return _Windows(
-            self.mission[which],
-            self.number[which],
-            self.first[which],
-            self.last[which],
-            self.near[:, :, which],
-        )
-
 
 def _windows(
     frames: pd.DataFrame, patches: NDArray[np.int64], length: int, embargo: int
@@ -140,11 +130,10 @@ def _windows(
         same = mission == mission[start]
         near[index, 0, same] = start + np.searchsorted(own, numbers[same] - embargo)
         near[index, 1, same] = start + np.searchsorted(own, numbers[same] + length + embargo)
-    windows = _Windows(mission, numbers, np.arange(len(frames)), last, near)
     before = np.append(0, np.cumsum(patches))
-    inside = before[windows.last] - before[windows.first]
     outside = before[-1] - (before[near[:, 1]] - before[near[:, 0]]).sum(axis=0)
-    return windows.chosen(filled & (outside >= inside))
+    first = np.flatnonzero(filled & (outside >= before[last] - before[:-1]))
+    return _Windows(mission[first], numbers[first], first, last[first], near[:, :, first])
 
 
 def _stretches(windows: _Windows, apart: int) -> int:

@@ -45,8 +45,7 @@ from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 
 from .classifier import decision_values
-from .cross_validation import Split, Tables, choose_hyperparameters, fit_rows
-from .data_checks import check_features
+from .cross_validation import Split, Tables, check_features, choose_hyperparameters, fit_rows
 from .presets import DEFAULT_EXTRACTOR, PRESETS, TrainingSettings, extractor_for, settings_named
 
 PRESET = "best"
@@ -253,7 +252,8 @@ def _judge(
         model = fit_rows(features, targets, believed, choice, settings, augmented)
         second[fold.test] = decision_values(model, features[fold.test])
     mean = (before + label_margins(second, targets)) / 2
-    return mean, _best_other((first + second) / 2, targets)
+    _, others = _own_and_others((first + second) / 2, targets)
+    return mean, others.argmax(axis=1)
 
 
 def label_margins(values: NDArray[np.float64], targets: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -265,20 +265,20 @@ def label_margins(values: NDArray[np.float64], targets: NDArray[np.int64]) -> ND
         One output: above 0 for class 1. Several: one a class.
     targets : array of int, shape (n,)
     """
-    if values.shape[1] == 1:
-        return np.where(targets == 1, values[:, 0], -values[:, 0])
+    own, others = _own_and_others(values, targets)
+    return np.asarray(own - others.max(axis=1), np.float64)
+
+
+def _own_and_others(
+    values: NDArray[np.float64], targets: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The value of each label's class, and those of all classes with -inf in its place."""
+    two = values.shape[1] == 1
+    others = np.column_stack([np.zeros(len(values)), values]) if two else values.copy()
     rows = np.arange(len(targets))
-    others = values.copy()
+    own = others[rows, targets]
     others[rows, targets] = -np.inf
-    return np.asarray(values[rows, targets] - others.max(axis=1), np.float64)
-
-
-def _best_other(values: NDArray[np.float64], targets: NDArray[np.int64]) -> NDArray[np.int64]:
-    if values.shape[1] == 1:
-        return np.asarray(1 - targets, np.int64)
-    others = values.copy()
-    others[np.arange(len(targets)), targets] = -np.inf
-    return np.asarray(others.argmax(axis=1), np.int64)
+    return own, others
 
 
 def believable(
@@ -302,7 +302,8 @@ def _doubted(
     names = _suggestions(dataset)
     classes = dataset.classes()
     chosen = dataset.patches.iloc[order]
-    neighbours = _Neighbours(dataset, chosen)
+    near = dataset.patches.merge(chosen[_CELL[:3]].drop_duplicates(), on=_CELL[:3])
+    labels = near.set_index(_CELL).label.to_dict()
     patches = []
     for row, place in zip(chosen.itertuples(index=False), order.tolist(), strict=True):
         suggested, margin = names[decided[place]], float(margins[place])
@@ -314,7 +315,7 @@ def _doubted(
                 str(row.label),
                 suggested,
                 round(margin, 4),
-                reason + neighbours.words(row, suggested),
+                reason + _neighbours_words(labels, row, suggested),
             )
         )
     return patches
@@ -329,24 +330,15 @@ def _suggestions(dataset: DatasetVersion) -> tuple[str, ...]:
     return tuple(names[side == OBSTACLE] for side in dataset.classes())
 
 
-class _Neighbours:
-    """Labels of the patches around a patch."""
-
-    def __init__(self, dataset: DatasetVersion, chosen: pd.DataFrame) -> None:
-        frames = ["mission", "camera", "frame"]
-        near = dataset.patches.merge(chosen[frames].drop_duplicates(), on=frames)
-        cells = near[_CELL].itertuples(index=False, name=None)
-        self._labels = dict(zip(cells, near.label, strict=True))
-
-    def words(self, row: Any, suggested: str) -> str:
-        around = [
-            self._labels.get((row.mission, row.camera, row.frame, row.row + down, row.col + right))
-            for down in (-1, 0, 1)
-            for right in (-1, 0, 1)
-            if (down, right) != (0, 0)
-        ]
-        labelled = [label for label in around if label is not None]
-        same = sum(label == suggested for label in labelled)
-        if not labelled:
-            return ""
-        return f"; {same} of {len(labelled)} labelled neighbours are {suggested}"
+def _neighbours_words(labels: dict[Any, str], row: Any, suggested: str) -> str:
+    """How many of the patches around a patch have the suggested label."""
+    cells = (
+        (row.mission, row.camera, row.frame, row.row + down, row.col + right)
+        for down in (-1, 0, 1)
+        for right in (-1, 0, 1)
+        if (down, right) != (0, 0)
+    )
+    around = [labels[cell] for cell in cells if cell in labels]
+    if not around:
+        return ""
+    return f"; {around.count(suggested)} of {len(around)} labelled neighbours are {suggested}"

@@ -92,10 +92,6 @@ def _trained_frames(trained: Trained) -> dict[str, str]:
     return {str(name): format_frames(numbers.tolist()) for name, numbers in frames}
 
 
-def _frame_counts(dataset: DatasetVersion) -> dict[str, int]:
-    return {str(name): int(n) for name, n in dataset.frames.mission.value_counts().items()}
-
-
 def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
     request, model = trained.request, trained.model
     dataset = request.dataset
@@ -116,7 +112,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
             "dataset": dataset.label,
             "dataset_hash": dataset.hash,
             "dataset_sources": "; ".join(dataset.info["sources"]),
-            "missions": _frame_counts(dataset),
+            "missions": dataset.frames.mission.value_counts().to_dict(),
             "label_counts": dataset.info["labels"],
             "trained_frames": _trained_frames(trained),
             "preset": request.settings.preset,

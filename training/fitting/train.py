@@ -34,15 +34,17 @@ from .classifier import converged, decision_values, fit_classifier, linear_model
 from .cross_validation import (
     HeldOutPredictions,
     Split,
+    check_blocks,
+    check_features,
     choose_hyperparameters,
     cross_validate,
     fit_rows,
     held_out_metrics,
+    inner_folds,
+    robustness_figures,
 )
-from .data_checks import check_blocks, check_features, inner_folds
 from .drift_limits import training_distribution
 from .presets import CHOSEN_ON, Hyperparameters, TrainingSettings
-from .robustness import robustness_figures
 
 _MIN_BLOCK_FRAMES = 5
 _WEAK = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -14,23 +15,52 @@ from tokt.features.extractors.extractor import build_extractor
 from tokt.models.registry.registry import RegisteredVersion, Registry
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import feature_key
-from tokt.training.fitting.cross_validation import Split
-from tokt.training.fitting.data_checks import check_blocks, inner_folds
+from tokt.training.fitting.cross_validation import Split, check_blocks, inner_folds
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, train
 from tokt.training.parallel import mapped, software
 
-from .budget import Budget
 from .mlflow_runs import SearchRuns
-from .nested import HOW, honest_score
 from .score import BlockConfusion
-from .selection_rule import RULE, Rank, ranked, winner
+from .selection_rule import HOW, RULE, Rank, honest_score, ranked, winner
 from .space import Space, Trial
-from .state import Finished, SearchState, opened_state, read_finished, write_json
+from .state import SearchState, opened_state, read_finished, write_json
 from .trial import TrialOutcome, TrialTask, outer_training_rows, part_of, run_task
 
 _TRAINING = Path(__file__).parents[1]
 _SCORED_BY = (".", "datasets", "evaluation", "fitting", "search")
+_UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A limit on the trials begun in one run; None for no limit.
+
+    Parameters
+    ----------
+    seconds : float or None
+    trials : int or None
+    """
+
+    seconds: float | None = None
+    trials: int | None = None
+
+
+def budget_from(text: str | None) -> Budget:
+    """Read ``30m``, ``2h``, ``90s`` (time) or ``12`` (trials).
+
+    Raises
+    ------
+    ToktError
+        If it is neither.
+    """
+    if text is None:
+        return Budget()
+    match = re.fullmatch(r"(\d{1,9})([smh]?)", text.strip(), re.ASCII)
+    if match is None or int(match[1]) == 0:
+        raise ToktError(f"budget {text!r}: write a time as 30m, 2h or 90s, or a number of trials")
+    number, unit = int(match[1]), match[2]
+    return Budget(seconds=number * _UNITS[unit]) if unit else Budget(trials=number)
 
 
 @dataclass(frozen=True)
@@ -67,22 +97,6 @@ class SearchRequest:
     dask: str | None = None
 
 
-@dataclass(frozen=True)
-class Searched:
-    """Result of a run of a search.
-
-    Parameters
-    ----------
-    result : dict
-        JSON; also kept as ``result.json``.
-    version : RegisteredVersion
-        The winner.
-    """
-
-    result: dict[str, Any]
-    version: RegisteredVersion
-
-
 def _code_hash() -> str:
     """Of the training code: a score of other code is not taken for one of this."""
     digest = hashlib.sha256()
@@ -105,10 +119,17 @@ def _question(request: SearchRequest) -> dict[str, Any]:
     }
 
 
-def search(request: SearchRequest, registry: Registry, progress: Callable[..., Any]) -> Searched:
+def search(
+    request: SearchRequest, registry: Registry, progress: Callable[..., Any]
+) -> dict[str, Any]:
     """Run what is left of a search, as far as the budget goes, and register the winner so far.
 
     The rule (`RULE`) is on disk and in the registry before the first trial is run.
+
+    Returns
+    -------
+    dict
+        JSON; also kept as ``result.json``.
 
     Raises
     ------
@@ -169,7 +190,7 @@ class _Search:
         seconds = request.budget.seconds
         self._not_after = None if seconds is None else time.time() + seconds
 
-    def run(self) -> Searched:
+    def run(self) -> dict[str, Any]:
         """Trials, then the winner by the rule, then its model."""
         whole = self._trials(self._request.space.trials)
         if not whole:
@@ -195,7 +216,7 @@ class _Search:
             figures["honest_score"] = honest["score"]
         tried = f"{len(whole)} of {len(self._request.space.trials)}"
         self._runs.report(figures, {"tokt.tried": tried, "tokt.winner": best.trial.name})
-        return Searched(result, version)
+        return result
 
     def _task(self, trial: Trial, outer_fold: int | None, limited: bool) -> TrialTask:
         request = self._request
@@ -231,17 +252,15 @@ class _Search:
             begun, left = left[:allowed], left[allowed:]
             tasks = [self._task(trial, None, number > 0) for number, trial in enumerate(begun)]
             for outcome in self._run(tasks, "trials"):
-                self._take(outcome, kept)
-                allowed -= outcome.fault is None
+                trial = outcome.task.trial
+                if outcome.finished is not None:
+                    self._runs.log(trial, outcome.finished)
+                    kept[trial] = outcome.finished
+                if outcome.fault is None:
+                    allowed -= 1
+                else:
+                    self._faults[trial.name] = outcome.fault
         return {trial: done.tally for trial, done in kept.items() if done is not None}
-
-    def _take(self, outcome: TrialOutcome, kept: dict[Trial, Finished | None]) -> None:
-        trial = outcome.task.trial
-        if outcome.fault is not None:
-            self._faults[trial.name] = outcome.fault
-        if outcome.finished is not None:
-            self._runs.log(trial, outcome.finished)
-            kept[trial] = outcome.finished
 
     def _honest(self, whole: Mapping[Trial, BlockConfusion]) -> dict[str, Any] | None:
         """The nested figure, asked for now or measured before; None while trials of it are left."""

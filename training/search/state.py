@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tokt.features.common import atomic
 from tokt.features.common.atomic import locked
@@ -35,6 +35,7 @@ from .score import BlockConfusion
 
 STATE_FORMAT = 1
 _KEY_CHARS = 16
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -75,18 +76,25 @@ def read_finished(path: Path) -> Finished | None:
     ToktError
         If it is damaged or of a newer format.
     """
+    return _read(path, _finished, "delete it, or search with --fresh")
+
+
+def _finished(value: dict[str, Any]) -> Finished:
+    choices = tuple(Hyperparameters(float(penalty), weight) for penalty, weight in value["choices"])
+    return Finished(BlockConfusion.from_json(value["tally"]), choices, float(value["seconds"]))
+
+
+def _read(path: Path, parsed: Callable[[dict[str, Any]], _T], remedy: str) -> _T | None:
+    """What `parsed` makes of a JSON file of this format, or None where there is none."""
     try:
         value = json.loads(path.read_text("utf-8"))
         if value["format"] > STATE_FORMAT:
             raise ToktError(f"{path} was written by a newer tokt")
-        choices = tuple(
-            Hyperparameters(float(penalty), weight) for penalty, weight in value["choices"]
-        )
-        return Finished(BlockConfusion.from_json(value["tally"]), choices, float(value["seconds"]))
+        return parsed(value)
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError):
-        raise ToktError(f"{path} is damaged; delete it, or search with --fresh") from None
+        raise ToktError(f"{path} is damaged; {remedy}") from None
 
 
 @dataclass(frozen=True)
@@ -157,25 +165,13 @@ def opened_state(
 
 def _number(folder: Path, question: Mapping[str, Any], fresh: bool) -> int:
     """The number of the search that goes on, or of one that begins."""
-    header = _read_header(folder / "search.json")
-    if header is not None and not fresh:
-        return int(header["number"])
+    file, remedy = folder / "search.json", "delete its folder to search anew"
+    earlier = _read(file, lambda header: int(header["number"]), remedy)
+    if earlier is not None and not fresh:
+        return earlier
     for part in (folder / "trials", folder / "nested"):
         if part.exists():
             shutil.rmtree(part)
-    number = int(header["number"]) + 1 if header else 1
-    value = {"format": STATE_FORMAT, "number": number, "question": question}
-    write_json(folder / "search.json", value)
+    number = 1 + (earlier or 0)
+    write_json(file, {"format": STATE_FORMAT, "number": number, "question": question})
     return number
-
-
-def _read_header(path: Path) -> dict[str, Any] | None:
-    try:
-        header: dict[str, Any] = json.loads(path.read_text("utf-8"))
-        if header["format"] > STATE_FORMAT:
-            raise ToktError(f"{path} was written by a newer tokt")
-        return {**header, "number": int(header["number"])}
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError):
-        raise ToktError(f"{path} is damaged; delete its folder to search anew") from None

@@ -17,8 +17,7 @@ from tokt.features.common.errors import ToktError
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import blocked_folds
-from tokt.training.fitting.cross_validation import Split, cross_validate
-from tokt.training.fitting.data_checks import inner_folds
+from tokt.training.fitting.cross_validation import Split, cross_validate, inner_folds
 from tokt.training.fitting.presets import TrainingSettings
 
 from .score import tally

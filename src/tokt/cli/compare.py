@@ -68,8 +68,7 @@ def compare(
     from tokt.models.registry.registry import Registry
     from tokt.training.compare.comparison import compare_models
     from tokt.training.compare.held_out_predictions import read_held_out
-    from tokt.training.compare.mlflow_run import has_registry, log_comparison
-    from tokt.training.compare.report import report_html
+    from tokt.training.compare.report import has_registry, log_comparison, report_html
 
     if mission is None and (labels or frames or taxonomy):
         raise ToktError("--labels, --frames and --taxonomy go with --mission")

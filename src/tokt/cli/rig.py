@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
     from tokt.inference.stereo.calibration import StereoCalibration
     from tokt.training.rig.calibrate.checkerboard import BoardCalibration
-    from tokt.training.rig.calibrate.self_calibration import SelfCalibration
-    from tokt.training.rig.calibrate.starting_rig import StartingRig
+    from tokt.training.rig.calibrate.self_calibration import SelfCalibration, StartingRig
 
 NOT_GOOD = 1
 """Exit code of --check for a calibration that is shifted or unusable."""
@@ -123,7 +122,7 @@ def _start(
     mission: Path, baseline: float | None, focal: float | None, start: Path | None, free: str | None
 ) -> StartingRig:
     from tokt.features.frames.mission import open_mission
-    from tokt.training.rig.calibrate.starting_rig import (
+    from tokt.training.rig.calibrate.self_calibration import (
         BASELINE_MM,
         parse_free,
         plain_start,

@@ -271,8 +271,7 @@ def search(
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.dataset import open_dataset
     from tokt.training.fitting.cross_validation import Split
-    from tokt.training.search.budget import budget_from
-    from tokt.training.search.search import SearchRequest
+    from tokt.training.search.search import SearchRequest, budget_from
     from tokt.training.search.search import search as search_task
     from tokt.training.search.space import BUILT_IN, read_space
 

@@ -18,9 +18,8 @@ import pytest
 from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
-from tokt.training.compare.bootstrap import drawn_blocks
-from tokt.training.compare.comparison_metric import ComparisonMetric
-from tokt.training.compare.explorer import explorer_data
+from tokt.training.compare.bootstrap import ComparisonMetric, drawn_blocks
+from tokt.training.compare.comparison import explorer_data
 from tokt.training.compare.frames import FrameSeries, frame_figures, statuses
 from tokt.training.compare.held_out_predictions import check_different, read_held_out
 from tokt.training.compare.learning import _helped, _Setting

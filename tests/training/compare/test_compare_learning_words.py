@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tokt.training.compare.learning_words import learning_words
+from tokt.training.compare.learning import learning_words
 
 
 def _curve(low: float | None, high: float | None) -> dict[str, Any]:

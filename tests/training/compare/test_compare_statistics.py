@@ -8,6 +8,7 @@ from sklearn.metrics import average_precision_score, f1_score
 
 from tokt.training.compare.bootstrap import (
     MAX_BLOCKS,
+    ComparisonMetric,
     average_precision,
     block_numbers,
     drawn_blocks,
@@ -19,8 +20,7 @@ from tokt.training.compare.bootstrap import (
     spread_of_ap,
     summed,
 )
-from tokt.training.compare.comparison_metric import ComparisonMetric
-from tokt.training.compare.permutation_test import holm, permutation_test
+from tokt.training.compare.pairs import holm, permutation_test
 
 
 def _blocks(seed: int, n_blocks: int, each: int = 60):

@@ -13,8 +13,13 @@ from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import OBSTACLE, MofNRule, MofNState
 from tokt.training.datasets.dataset import open_dataset
-from tokt.training.evaluation.frame_figures import frame_figures
-from tokt.training.evaluation.frame_scores import FrameScores, FrameTable, frame_table
+from tokt.training.evaluation.frame_scores import (
+    FrameScores,
+    FrameTable,
+    frame_figures,
+    frame_names,
+    frame_table,
+)
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget, choose_frame_rule
 from tokt.training.fitting.exceedance_model import fit_exceedance_model, upper_bound
 
@@ -159,7 +164,7 @@ def test_frames_of_a_dataset(dataset, frames, tiny_truth):
     assert numbers == list(range(1, 41))
     assert frames.ocean.tolist() == [not tiny_truth.cells(n) for n in numbers]
     assert (np.diff(frames.place) == 1).all() and (frames.min_mask_patches == 1).all()
-    assert frames.names(frames.keys.frame.to_numpy() == 7) == ["tiny:7"]
+    assert frame_names(frames.keys[frames.keys.frame == 7]) == ["tiny:7"]
 
 
 def test_statistic_is_the_mth_largest_score_of_a_frame(dataset, frames, score):
@@ -339,4 +344,4 @@ def test_missions_and_cameras_are_runs_of_their_own(frames, dataset, monkeypatch
     assert len(found) == 120
     starts = np.flatnonzero(np.diff(found.place) > 1) + 1
     assert starts.tolist() == [40, 80] and (np.diff(found.place)[starts - 1] >= 60).all()
-    assert found.names(found.keys.frame.to_numpy() == 9) == ["tiny:9", "tiny:right:9", "wreck:9"]
+    assert frame_names(found.keys[found.keys.frame == 9]) == ["tiny:9", "tiny:right:9", "wreck:9"]

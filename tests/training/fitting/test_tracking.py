@@ -13,7 +13,7 @@ from mlflow.utils.validation import _validate_metric_name
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
-from tokt.training.evaluation.frame_figures import frame_figures
+from tokt.training.evaluation.frame_scores import frame_figures
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.fitting import tracking
 

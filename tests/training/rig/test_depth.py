@@ -20,11 +20,9 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.rectify import Rectifier
-from tokt.training.rig.depth.cloud import outliers
-from tokt.training.rig.depth.pair_depths import DepthRow
+from tokt.training.rig.depth.cloud import VERTEX, outliers, ply_bytes
+from tokt.training.rig.depth.pair_depths import DepthRow, detected_span, steadiness, summary
 from tokt.training.rig.depth.picture import DepthPicture
-from tokt.training.rig.depth.ply import VERTEX, ply_bytes
-from tokt.training.rig.depth.summary import detected_span, steadiness, summary
 
 pytestmark = pytest.mark.xdist_group("depth")  # what they share is made once
 

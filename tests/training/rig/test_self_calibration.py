@@ -12,17 +12,22 @@ from scipy.optimize import least_squares
 
 from tokt.features.common.errors import ToktError
 from tokt.training.rig.calibrate.adjustment import LOSS_PX, Path, Problem
-from tokt.training.rig.calibrate.initialization import epipolar_px, fit_epipolar, triangulate
-from tokt.training.rig.calibrate.matching import FrameMatches
+from tokt.training.rig.calibrate.matching import FrameMatches, Tracks, build_tracks
 from tokt.training.rig.calibrate.parameter_uncertainty import (
     FIXED,
     NOT_FIXED,
     ParameterUncertainty,
     parameter_uncertainty,
 )
-from tokt.training.rig.calibrate.rig_fit import PRIORS, RigFit, fit_rig
+from tokt.training.rig.calibrate.rig_fit import (
+    PRIORS,
+    RigFit,
+    epipolar_px,
+    fit_epipolar,
+    fit_rig,
+    triangulate,
+)
 from tokt.training.rig.calibrate.rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
-from tokt.training.rig.calibrate.tracks import Tracks, build_tracks
 from tokt.training.rig.calibrate.vertical_error import (
     GOOD,
     SHIFTED,

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.sparse import bsr_array, csc_array, csr_array
 
+from .matching import Tracks
 from .rig_model import Rig
-from .tracks import Tracks
 
 Float = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -76,10 +76,7 @@ class VerticalError:
     def _only(self, chosen: NDArray[np.bool_]) -> dict[str, Any] | None:
         if not chosen.any():
             return None
-        part = VerticalError(
-            self.row_px[chosen], self.disparity_px[chosen], self.at[chosen], self.frame_size
-        )
-        return part.figures()
+        return replace(self, row_px=self.row_px[chosen]).figures()
 
 
 def vertical_error(
@@ -156,7 +153,7 @@ def check_calibration(
     """Say whether a calibration is good, shifted by some rows, or unusable for these frames."""
     error = vertical_error(calibration, matches)
     trim = float(np.median(error.row_px))
-    trimmed = VerticalError(error.row_px - trim, error.disparity_px, error.at, error.frame_size)
+    trimmed = replace(error, row_px=error.row_px - trim)
     behind = float((error.disparity_px < 0).mean())
     if behind > _MAX_BEHIND:
         state, reason = UNUSABLE, (

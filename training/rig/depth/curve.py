@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 from tokt.training.evaluation.pictures import figure_png
 
-from .pair_depths import DepthRow
-from .summary import gaps_of
+from .pair_depths import DepthRow, gaps_of
 
-COLUMNS = tuple(DepthRow.__dataclass_fields__)
 _DPI = 110
+_DEPTHS = ("distance_m", "median_m", "far_m")
 _DEPTH, _SPREAD, _NEAR, _VALID = "#1f4e79", "#9dc3e6", "#d1603d", "#4a8f4a"
 _FINE: dict[str, Any] = {"ms": 4, "lw": 1.2}
 _PERCENT_TICKS = (0, 0.01, 0.1, 1, 10, 100)
@@ -27,24 +24,14 @@ _UNKNOWN_COLOR, _GAP_COLOR = "#e8b339", "#c0392b"
 
 def curve_csv(rows: Sequence[DepthRow]) -> str:
     """A line for each row, with the columns of `DepthRow`; empty where there is no value."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(row.to_json() for row in rows)
-    return text.getvalue()
+    return str(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
 
 
-def _series(rows: Sequence[DepthRow], name: str) -> NDArray[np.float64]:
-    """One column, nan where it is empty."""
-    return np.array([np.nan if (v := getattr(row, name)) is None else v for row in rows], float)
-
-
-def _broken(
-    frames: NDArray[np.int64], values: NDArray[np.float64], step: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """With nan where frame numbers are missing, so that no line crosses a gap."""
-    at = np.flatnonzero(np.diff(frames) > step) + 1
-    return np.insert(frames.astype(float), at, np.nan), np.insert(values, at, np.nan)
+def _broken(rows: Sequence[DepthRow], step: int) -> pd.DataFrame:
+    """The rows' numbers, with nan where frames are missing, so that no line crosses a gap."""
+    table = pd.DataFrame(rows)[["frame", "status", *_DEPTHS, "valid_fraction"]].astype(float)
+    at = np.flatnonzero(np.diff(table.frame) > step) + 1
+    return pd.DataFrame({name: np.insert(table[name], at, np.nan) for name in table})
 
 
 def curve_png(
@@ -69,9 +56,9 @@ def curve_png(
     """
     figure = Figure(figsize=(11, 6.2), dpi=_DPI, layout="constrained")
     depth, valid = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))
-    frames = np.array([row.frame for row in rows])
-    _draw_depth(depth, rows, frames, step)
-    _draw_valid(valid, rows, frames, step)
+    table = _broken(rows, step)
+    _draw_depth(depth, table)
+    _draw_valid(valid, table)
     _mark(depth, found)
     for axes in (depth, valid):
         _shade(axes, rows, found, step)
@@ -83,31 +70,24 @@ def curve_png(
     return figure_png(figure)
 
 
-def _draw_depth(axes: Any, rows: Sequence[DepthRow], frames: NDArray[np.int64], step: int) -> None:
-    seen = np.array([row.status == OBSTACLE for row in rows])
-    near, middle, far = (
-        np.where(seen, _series(rows, name), np.nan) for name in ("distance_m", "median_m", "far_m")
-    )
-    at, lower = _broken(frames, near, step)
-    spread = _broken(frames, far, step)[1]
-    axes.fill_between(at, lower, spread, color=_SPREAD, alpha=0.5, lw=0, label="near to far end")
+def _draw_depth(axes: Any, table: pd.DataFrame) -> None:
+    at, seen = table.frame, table.status == OBSTACLE
+    near, middle, far = (table[name].where(seen) for name in _DEPTHS)
+    axes.fill_between(at, near, far, color=_SPREAD, alpha=0.5, lw=0, label="near to far end")
     # A single frame between two gaps is no line: it needs its dot.
-    axes.plot(
-        at, _broken(frames, middle, step)[1], ".-", color=_DEPTH, label="median depth", **_FINE
-    )
-    axes.plot(at, lower, ".-", color=_NEAR, label="near end (distance_m)", **_FINE)
-    stray = np.where(seen, np.nan, _series(rows, "median_m"))
-    if np.isfinite(stray).any():
-        axes.plot(frames, stray, "x", color="0.55", ms=4, label="too few matches for an obstacle")
+    axes.plot(at, middle, ".-", color=_DEPTH, label="median depth", **_FINE)
+    axes.plot(at, near, ".-", color=_NEAR, label="near end (distance_m)", **_FINE)
+    stray = table.median_m.where(~seen)
+    if stray.notna().any():
+        axes.plot(at, stray, "x", color="0.55", ms=4, label="too few matches for an obstacle")
     axes.set_ylim(bottom=0)
     axes.set_ylabel("depth, m")
-    if not np.isfinite([*middle, *stray]).any():
+    if table.median_m.isna().all():
         axes.text(0.5, 0.5, "nothing was matched", transform=axes.transAxes, ha="center")
 
 
-def _draw_valid(axes: Any, rows: Sequence[DepthRow], frames: NDArray[np.int64], step: int) -> None:
-    at, part = _broken(frames, _series(rows, "valid_fraction") * 100, step)
-    axes.plot(at, part, ".-", color=_VALID, ms=3, lw=1.2)
+def _draw_valid(axes: Any, table: pd.DataFrame) -> None:
+    axes.plot(table.frame, table.valid_fraction * 100, ".-", color=_VALID, ms=3, lw=1.2)
     axes.set_yscale("symlog", linthresh=0.01)
     axes.set_yticks(_PERCENT_TICKS, [f"{tick:g}" for tick in _PERCENT_TICKS])
     axes.set_yticks([], minor=True)

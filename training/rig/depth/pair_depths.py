@@ -1,20 +1,25 @@
-"""Depths of stereo pairs in their order, by the runtime's own disparity detector."""
+"""Depths of stereo pairs in their order, by the runtime's own detector, and their summary."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from tokt.features.frames.mission import format_frames
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
-from tokt.inference.verdict import UNKNOWN, Detection
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
 
 FAR_PERCENTILE = 95.0
+IN_A_ROW = 3
+"""Frames with an obstacle, one after the other, that make a detection."""
+MEASURES = ("median_m", "distance_m")
 
 
 @dataclass(frozen=True)
@@ -50,10 +55,6 @@ class DepthRow:
     contact_s: float | None = None
     row_trim_px: float = 0.0
     health: str = "ok"
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return asdict(self)
 
 
 class _KeepsMatches:
@@ -120,4 +121,146 @@ def _depths(detector: DisparityDetector, matches: Matches | None, status: int) -
     return {
         "median_m": float(np.median(depths)),
         "far_m": float(np.percentile(depths, FAR_PERCENTILE)),
+    }
+
+
+def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
+    """Figures over all frames.
+
+    Parameters
+    ----------
+    rows : sequence of DepthRow
+        In the order of their frames.
+    step : int
+        From one frame number of the mission to the next.
+
+    Returns
+    -------
+    dict
+        frames, obstacle, clear, unknown (counts); first_detection (the first of three frames in
+        a row with an obstacle, or None); detected (first and last frame of the detected span, or
+        None); gaps (frames within that span without an obstacle's depth: count and list); nearest
+        (the frame of the least distance among all with an obstacle); of each measure of depth its
+        `steadiness` over that span; clear_valid_fraction (mean and max over clear frames, and
+        those of them with any match).
+    """
+    span = detected_span(rows, step)
+    seen = [row for row in rows if row.status == OBSTACLE and row.median_m is not None]
+    inside = [row for row in seen if span and span[0] <= row.frame <= span[1]]
+    gaps = gaps_of(rows, span)
+    return {
+        "frames": len(rows),
+        **{
+            name: sum(row.status == status for row in rows)
+            for name, status in (("obstacle", OBSTACLE), ("clear", CLEAR), ("unknown", UNKNOWN))
+        },
+        "first_detection": span[0] if span else None,
+        "detected": list(span) if span else None,
+        "gaps": {"count": len(gaps), "frames": format_frames(gaps)},
+        "nearest": nearest(seen),
+        **{measure: steadiness(inside, measure, step) for measure in MEASURES},
+        "clear_valid_fraction": _clear_fractions(rows),
+    }
+
+
+def gaps_of(rows: Sequence[DepthRow], span: Sequence[int] | None) -> list[int]:
+    """Frames of the span that show no obstacle's depth: of a few stray matches there is none."""
+    if span is None:
+        return []
+    inside = [row for row in rows if span[0] <= row.frame <= span[1]]
+    return [row.frame for row in inside if row.status != OBSTACLE or row.median_m is None]
+
+
+def nearest(rows: Sequence[DepthRow]) -> dict[str, Any] | None:
+    """Frame, distance_m and median_m of the row with the least distance; None without any."""
+    known = [(row.distance_m, row) for row in rows if row.distance_m is not None]
+    if not known:
+        return None
+    _, row = min(known, key=lambda item: item[0])
+    return {"frame": row.frame, "distance_m": row.distance_m, "median_m": row.median_m}
+
+
+def detected_span(rows: Sequence[DepthRow], step: int = 1) -> tuple[int, int] | None:
+    """First and last frame of all runs of at least `IN_A_ROW` frames with an obstacle."""
+    run: list[int] = []
+    found: list[int] = []
+    for row in rows:
+        if row.status != OBSTACLE or (run and row.frame != run[-1] + step):
+            run = []
+        if row.status == OBSTACLE:
+            run.append(row.frame)
+            found += run if len(run) >= IN_A_ROW else []
+    return (found[0], found[-1]) if found else None
+
+
+def steadiness(rows: Sequence[DepthRow], measure: str, step: int = 1) -> dict[str, Any] | None:
+    """How steadily a depth falls to the nearest frame and rises after it.
+
+    Parameters
+    ----------
+    rows : sequence of DepthRow
+        Those with an obstacle in the detected span.
+    measure : {"median_m", "distance_m"}
+    step : int
+        As for `summary`.
+
+    Returns
+    -------
+    dict or None
+        nearest_frame, nearest_m; monotone; not_falling and not_rising (frames that break it,
+        before and after the nearest); jitter_m: median, max and at_frame of how far a frame's depth
+        is from the mean of the one before and the one after; second_difference_m: the same of
+        twice that, the change from one step of depth to the next, which a vehicle that brakes has
+        as well. None without any depth.
+    """
+    known = [
+        (row.frame, float(value)) for row in rows if (value := getattr(row, measure)) is not None
+    ]
+    if not known:
+        return None
+    turn, nearest_m = min(known, key=lambda item: item[1])
+    not_falling = [b[0] for a, b in pairwise(known) if b[0] <= turn and b[1] >= a[1]]
+    not_rising = [b[0] for a, b in pairwise(known) if a[0] >= turn and b[1] <= a[1]]
+    return {
+        "nearest_frame": turn,
+        "nearest_m": nearest_m,
+        "monotone": not not_falling and not not_rising,
+        "not_falling": format_frames(not_falling),
+        "not_rising": format_frames(not_rising),
+        "jitter_m": _bends(known, step, 0.5),
+        "second_difference_m": _bends(known, step, 1.0),
+    }
+
+
+def _bends(known: Sequence[tuple[int, float]], step: int, factor: float) -> dict[str, Any] | None:
+    """Second differences over three successive frames, times `factor`."""
+    seconds = [
+        (factor * abs(a[1] - 2 * b[1] + c[1]), b[0])
+        for a, b, c in zip(known, known[1:], known[2:], strict=False)
+        if c[0] - b[0] == b[0] - a[0] == step
+    ]
+    if not seconds:
+        return None
+    worst, at = max(seconds)
+    return {
+        "median": float(np.median([value for value, _ in seconds])),
+        "max": worst,
+        "at_frame": at,
+        "count": len(seconds),
+    }
+
+
+def _clear_fractions(rows: Sequence[DepthRow]) -> dict[str, Any] | None:
+    """Of frames without an obstacle: a match too small for a status is one all the same."""
+    clear = [
+        (row.valid_fraction, row.frame)
+        for row in rows
+        if row.status == CLEAR and row.valid_fraction is not None
+    ]
+    if not clear:
+        return None
+    return {
+        "mean": float(np.mean([fraction for fraction, _ in clear])),
+        "max": max(clear)[0],
+        "frames_above_0": format_frames(frame for fraction, frame in clear if fraction),
     }

@@ -4,33 +4,40 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.matching import Matches
 from tokt.inference.verdict import OBSTACLE
 from tokt.models.operating_point import frame_step
+from tokt.training.evaluation.pictures import CONTRAST_METHOD
 
-from .cloud import FARTHEST_M
+from .cloud import FARTHEST_M, cloud_of, ply_bytes
 from .curve import curve_csv, curve_png
-from .pair_depths import DepthRow, measure_depths
-from .rematching import PairRematcher
-from .summary import summary
+from .pair_depths import DepthRow, measure_depths, summary
+from .picture import DepthPicture
 
 SPREAD_PICTURES = 12
 """So many frames are drawn when none was chosen."""
 PICTURES_FOLDER = "frames"
-
 Progress = Callable[..., Any]
+_COLOR_ENDS_M = (1.0, 10.0)
+"""Of the colour bar where nothing was matched."""
+_MIN_RATIO = 2.0
+"""Far end of the colour bar over its near end: below, it would show the noise."""
 
 
 @dataclass(frozen=True)
@@ -98,17 +105,22 @@ def run_depth(
         nothing to make a cloud of. A pair that cannot be judged is a row that says why.
     """
     source = _source(mission, out, request)
+    ply, farthest_m = request.ply, request.farthest_m
     settings = (calibration, DEFAULT_GRID, request.matcher, request.scale)
     detector = DisparityDetector(*settings)
     frames = progress(source, len(source.numbers), "depth")
-    rows = {row.frame: row for row in measure_depths(detector, frames, request.rate)}
+    measured = list(measure_depths(detector, frames, request.rate))
+    rows = {row.frame: row for row in measured}
     step = frame_step({*mission.frames(LEFT), *mission.frames(RIGHT)})
-    found = summary(list(rows.values()), step)
-    atomic.write_text(out / "depth.csv", curve_csv(list(rows.values())))
-    atomic.write_bytes(out / "depth.png", curve_png(list(rows.values()), found, mission.name, step))
+    found = summary(measured, step)
+    atomic.write_text(out / "depth.csv", curve_csv(measured))
+    atomic.write_bytes(out / "depth.png", curve_png(measured, found, mission.name, step))
     # The rows are what a run would say; what is looked at has every pixel matched.
     views = PairRematcher(mission, DisparityDetector(*settings, step=1))
-    drawn = [rows[number] for number in _to_draw(rows, found, request)]
+    drawn = [rows[number] for number in _to_draw(measured, found, request)]
+    chosen = request.ply_frame
+    if chosen is None and found["nearest"]:
+        chosen = found["nearest"]["frame"]
     about = {
         "mission": mission.name,
         "matcher": request.matcher,
@@ -116,17 +128,16 @@ def run_depth(
         "rate": request.rate,
         **found,
         "pictures": views.draw(out / PICTURES_FOLDER, drawn, progress) if drawn else [],
-        "ply": _cloud(rows, found, request, views),
-        "rows": [row.to_json() for row in rows.values()],
+        "ply": views.write_cloud(ply, rows[chosen], farthest_m)
+        if ply and chosen is not None
+        else None,
+        "rows": [asdict(row) for row in measured],
     }
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
-    if request.ply is not None and about["ply"] is None:
-        number = _cloud_frame(found, request)
-        where = "any frame" if number is None else f"frame {number}"
-        raise ToktError(
-            f"no point cloud: nothing in {where} was matched within {request.farthest_m:g} m"
-        )
+    if ply is not None and about["ply"] is None:
+        where = "any frame" if chosen is None else f"frame {chosen}"
+        raise ToktError(f"no point cloud: nothing in {where} was matched within {farthest_m:g} m")
     return about
 
 
@@ -166,28 +177,83 @@ def _refuse_unwritable(folder: Path, option: str) -> None:
 
 
 def _to_draw(
-    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest
+    rows: Sequence[DepthRow], found: dict[str, Any], request: DepthRequest
 ) -> Sequence[int]:
     if request.pictures is not None:
         return sorted(set(request.pictures))
     if request.frames is not None:
-        return list(rows)
-    deep = [row.frame for row in rows.values() if row.status == OBSTACLE and row.median_m]
+        return [row.frame for row in rows]
+    deep = [row.frame for row in rows if row.status == OBSTACLE and row.median_m]
     every = max(1, -(-len(deep) // (SPREAD_PICTURES - 1)))
     nearest = {found["nearest"]["frame"]} if found["nearest"] else set()
     return sorted({*deep[::every], *nearest})
 
 
-def _cloud(
-    rows: dict[int, DepthRow], found: dict[str, Any], request: DepthRequest, views: PairRematcher
-) -> dict[str, Any] | None:
-    number = _cloud_frame(found, request)
-    if request.ply is None or number is None:
-        return None
-    return views.write_cloud(request.ply, rows[number], request.farthest_m)
+class PairRematcher:
+    """Matches some pairs again: those of a whole mission do not fit into memory.
+
+    Parameters
+    ----------
+    mission : Mission
+    detector : DisparityDetector
+    """
+
+    def __init__(self, mission: Mission, detector: DisparityDetector) -> None:
+        self._mission = mission
+        self._detector = detector
+
+    def again(self, row: DepthRow) -> tuple[NDArray[np.uint8] | None, Matches | None]:
+        """The left frame of a row, and its matches as they were; None for what there was not."""
+        try:
+            left = self._mission.read(row.frame, LEFT)
+        except FrameError:
+            return None, None
+        if row.valid_fraction is None:
+            return left, None
+        right = self._mission.read(row.frame, RIGHT)
+        return left, self._detector.match(left, right, row_shift_px=row.row_trim_px)
+
+    def draw(
+        self, folder: Path, rows: Sequence[DepthRow], progress: Callable[..., Iterable[DepthRow]]
+    ) -> list[str]:
+        """Write a picture ``depth_N.png`` of each row that has a left frame; return their names."""
+        artist = DepthPicture(self._detector.rectifier, *_color_ends(rows))
+        names = []
+        for row in progress(rows, len(rows), "pictures"):
+            left, matches = self.again(row)
+            if left is not None:
+                names.append(f"depth_{row.frame}.png")
+                atomic.write_bytes(folder / names[-1], artist.png(row, left, matches))
+        return names
+
+    def write_cloud(self, file: Path, row: DepthRow, farthest_m: float) -> dict[str, Any] | None:
+        """Write the point cloud of a row; what it holds, or None if no point is left for one."""
+        left, matches = self.again(row)
+        if left is None or matches is None:
+            return None
+        cloud = cloud_of(self._detector.rectifier, matches, left, farthest_m)
+        if not len(cloud.points_m):
+            return None
+        comments = [
+            f"mission {self._mission.name}, frame {row.frame}",
+            "metres in the left camera's axes: x right, y down, z forward",
+            f"colours: left frame, {CONTRAST_METHOD}",
+        ]
+        atomic.write_bytes(file, ply_bytes(cloud.points_m, cloud.colors, comments))
+        return {
+            "file": str(file),
+            "frame": row.frame,
+            "points": len(cloud.points_m),
+            "matched": cloud.matched,
+            "out_of_range": cloud.out_of_range,
+            "outliers": cloud.outliers,
+        }
 
 
-def _cloud_frame(found: dict[str, Any], request: DepthRequest) -> int | None:
-    if request.ply_frame is not None or not found["nearest"]:
-        return request.ply_frame
-    return int(found["nearest"]["frame"])
+def _color_ends(rows: Sequence[DepthRow]) -> tuple[float, float]:
+    """The depths of all that is drawn: one scale for all pictures, so that they compare."""
+    near = [row.distance_m for row in rows if row.distance_m is not None]
+    far = [row.far_m for row in rows if row.far_m is not None]
+    if not near or not far:
+        return _COLOR_ENDS_M
+    return min(near), max(max(far), _MIN_RATIO * min(near))

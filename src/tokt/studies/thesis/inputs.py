@@ -25,8 +25,7 @@ from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
-from tokt.training.rig.calibrate.self_calibration import self_calibrate
-from tokt.training.rig.calibrate.starting_rig import BASELINE_MM, plain_start
+from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
 
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
 SAMPLE = 12

@@ -39,18 +39,16 @@ from tokt.training.datasets.dataset import DatasetVersion, build_dataset
 from tokt.training.datasets.mission_source import plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
-from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
-from tokt.training.fitting.cross_validation import Split, choose_hyperparameters, fit_rows
-from tokt.training.fitting.data_checks import check_blocks, check_features, inner_folds
-from tokt.training.fitting.presets import (
-    CHOSEN_ON,
-    DEFAULT_EXTRACTOR,
-    Hyperparameters,
-    TrainingSettings,
-    extractor_for,
-    settings_named,
+from tokt.training.fitting.classifier import decision_values, linear_model
+from tokt.training.fitting.cross_validation import (
+    Split,
+    check_blocks,
+    check_features,
+    choose_hyperparameters,
+    fit_rows,
+    inner_folds,
 )
-from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+from tokt.training.fitting.presets import CHOSEN_ON, TrainingSettings
 
 from .frame_methods import FrameResult, mean_and_status
 from .patch_scores import Flags
