@@ -30,11 +30,16 @@ from tokt.models.bundle.bundle import (
     with_signature,
 )
 from tokt.models.bundle.signature import Signature, signature_from_bytes, signed_message
-from tokt.models.signing.private_key import SigningKey, read_signing_key, write_key_pair
-from tokt.models.signing.public_key import PublicKey, read_public_key
+from tokt.models.signing.keys import (
+    PublicKey,
+    SigningKey,
+    read_public_key,
+    read_signing_key,
+    write_key_pair,
+)
+from tokt.models.store.health import store_summary
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
-from tokt.models.store.summary import store_summary
 
 # Made once, by the key whose seed is the bytes 0 to 31; they stand for files on ships.
 PUBLIC_KEY = bytes.fromhex("03a107bff3ce10be1d70dd18e74bc09967e4d6309ba50d5f1ddc8664125531b8")
@@ -598,7 +603,7 @@ sys.modules["cryptography"] = None
 from pathlib import Path
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import read_bundle
-from tokt.models.signing.private_key import write_key_pair
+from tokt.models.signing.keys import write_key_pair
 from tokt.models.store.store import Store
 store, bundle, new = Store(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3])
 assert read_bundle(bundle).signature is not None

@@ -162,7 +162,7 @@ def states(store: Store) -> dict[str, str]:
 def test_doctor_on_keys_and_the_last_good_copy(
     store: Store, signed: dict[str, Bundle], bundles: dict[str, Bundle], key_files: dict[str, Path]
 ) -> None:
-    from tokt.models.signing.public_key import read_public_key
+    from tokt.models.signing.keys import read_public_key
 
     store.deploy(bundles["a"])
     assert states(store)["store keys"].startswith("ok: none")

@@ -22,8 +22,8 @@ from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.store.health import store_summary
 from tokt.models.store.store import Store
-from tokt.models.store.summary import store_summary
 
 
 def story(store: Store) -> list[str]:

@@ -20,10 +20,10 @@ import pytest
 
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import Bundle
-from tokt.models.signing.private_key import SigningKey
+from tokt.models.signing.keys import SigningKey
+from tokt.models.store.health import store_summary
 from tokt.models.store.last_good import load_running, remember_good
 from tokt.models.store.store import Store
-from tokt.models.store.summary import store_summary
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs fork")
 
@@ -33,7 +33,7 @@ from pathlib import Path
 import cv2
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.last_good import remember_good
-from tokt.models.signing.public_key import read_public_key
+from tokt.models.signing.keys import read_public_key
 from tokt.models.store.store import Store
 
 cv2.setNumThreads(1)

@@ -133,8 +133,8 @@ def store(
 
     With one of the options, change the keys first.
     """
+    from tokt.models.store.health import store_summary
     from tokt.models.store.store import Store
-    from tokt.models.store.summary import store_summary
 
     if [trust is not None, distrust is not None, accept_unsigned].count(True) > 1:
         raise ToktError("give one of --trust, --distrust and --accept-unsigned at a time")
@@ -152,7 +152,7 @@ def _change_keys(
     store: Store, trust: Path | None, distrust: str | None, accept_unsigned: bool, reason: str
 ) -> KeyEvent | None:
     if trust is not None:
-        from tokt.models.signing.public_key import read_public_key
+        from tokt.models.signing.keys import read_public_key
 
         return store.trust(read_public_key(trust), trust.stem, reason, notice=say)
     if distrust is not None:

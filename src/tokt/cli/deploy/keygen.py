@@ -14,7 +14,7 @@ from tokt.cli.output import print_json, say
 from tokt.features.common.errors import ToktError
 
 if TYPE_CHECKING:
-    from tokt.models.signing.private_key import SigningKey
+    from tokt.models.signing.keys import SigningKey
 
 PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
 
@@ -39,7 +39,7 @@ def keygen(
     json: JsonOption = False,
 ) -> None:
     """Generate a key pair: the private key signs bundles, stores trust the public one."""
-    from tokt.models.signing.private_key import write_key_pair
+    from tokt.models.signing.keys import write_key_pair
 
     pair = write_key_pair(name, _passphrase("for the new key", new=True) if passphrase else "")
     if pair.exposed:
@@ -55,7 +55,7 @@ def keygen(
 
 def signing_key(path: Path) -> SigningKey:
     """The private key in a file; its passphrase is asked for if it has one."""
-    from tokt.models.signing.private_key import read_signing_key
+    from tokt.models.signing.keys import read_signing_key
 
     return read_signing_key(path, lambda: _passphrase(f"of {path}", new=False))
 
