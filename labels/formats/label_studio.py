@@ -71,7 +71,13 @@ def write_label_studio(
                     _annotation(n, mine, frame.size)
                     for n, mine in enumerate(people, annotations + 1)
                 ],
-                "predictions": [_prediction(mine, frame.size) for mine in models],
+                "predictions": [
+                    {
+                        "model_version": mine[0][0].model_version,
+                        "result": _result(mine, frame.size),
+                    }
+                    for mine in models
+                ],
             }
         )
         annotations += len(people)
@@ -101,10 +107,6 @@ def _annotation(number: int, mine: Placed, size: Size) -> dict[str, Any]:
         "ground_truth": mine[0][0].source != HUMAN,
         "result": _result(mine, size),
     }
-
-
-def _prediction(mine: Placed, size: Size) -> dict[str, Any]:
-    return {"model_version": mine[0][0].model_version, "result": _result(mine, size)}
 
 
 def _result(mine: Placed, size: Size) -> list[dict[str, Any]]:

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import groupby
 from typing import Any
 
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
-from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.labels.taxonomy import UNSURE
 
 from .box_attributes import changed_by_hand, from_attributes
 from .boxes import Box, Size, patch_box, patches_in_box
@@ -86,8 +85,7 @@ def frames_of(
             f"labels of missions {', '.join(missions)}: {what} is written for one; choose it by"
             " --mission NAME"
         )
-    grouped = groupby(chosen, lambda record: FrameKey(record.camera, record.frame))
-    return [(key, list(mine)) for key, mine in grouped]
+    return [(key, list(mine)) for key, mine in groupby(chosen, _key)]
 
 
 def _add(
@@ -188,7 +186,7 @@ def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
     """
     counts = Counter(names)
     found = {name: options.classes.get(name, name) for name in counts}
-    known = known_labels(options.taxonomy)
+    known = (*options.taxonomy.names, UNSURE)
     unknown = [name for name, ours in found.items() if ours and ours not in known]
     unknown += [name for name, ours in found.items() if not ours and name not in options.classes]
     if unknown:
@@ -199,12 +197,6 @@ def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
             " (--map THEIRS= leaves it out) or add it to the taxonomy"
         )
     return found
-
-
-@lru_cache(maxsize=8)
-def known_labels(taxonomy: Taxonomy) -> tuple[str, ...]:
-    """The classes' names and ``unsure``."""
-    return (*taxonomy.names, UNSURE)
 
 
 class _LabelCollector:

@@ -320,7 +320,8 @@ def distribution_bytes(distribution: Distribution) -> bytes:
     return _npz(**{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in values})
 
 
-def _classes_json(model: LinearModel) -> list[dict[str, Any]]:
+def classes_json(model: LinearModel) -> list[dict[str, Any]]:
+    """The classes as a manifest and a model card's recipe have them."""
     pairs = zip(model.classes, model.obstacle, strict=True)
     return [{"name": name, "obstacle": obstacle} for name, obstacle in pairs]
 
@@ -342,7 +343,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
         "version": content.version,
         "extractor": dict(content.extractor_spec),
         "grid": content.grid.to_json(),
-        "classes": _classes_json(model),
+        "classes": classes_json(model),
         "operating_point": content.operating_point.to_json(),
         "provenance": dict(content.provenance),
         "metrics": dict(content.metrics),

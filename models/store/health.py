@@ -1,4 +1,4 @@
-"""What a deploy store holds and whether it is sound, for `tokt store` and `tokt doctor`."""
+"""The contents of a deploy store and its health, for `tokt store` and `tokt doctor`."""
 
 from __future__ import annotations
 
