@@ -85,9 +85,7 @@ def render(folder: Path, dive: int) -> Path:
 
 
 @pytest.fixture(scope="module")
-def chain(
-    run_tokt: Callable[..., Any], trained: Path, tmp_path_factory: pytest.TempPathFactory
-) -> SimpleNamespace:
+def chain(run_tokt, trained, tmp_path_factory):
     """Label import, dataset, training: a workspace whose taxonomy file has the own class."""
     folder = tmp_path_factory.mktemp("own_class")
     workspace = folder / ".tokt"

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import os
 import re
 import shutil
-import subprocess
-import sys
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.waiting import MAX_S
-from tokt.features.common.canonical import json_sha256
+from tests.calls import run_python
+from tests.models.parts import pack, rehash, unpack
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
@@ -119,12 +115,9 @@ def rewritten(change: Callable[[dict[str, bytes]], None]) -> Callable[[World], N
     """The bundle with other members; their hashes are made to fit where `change` says so."""
 
     def spoil(world: World) -> None:
-        with zipfile.ZipFile(world.bundle) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
+        members = unpack(world.bundle.read_bytes())
         change(members)
-        with zipfile.ZipFile(world.bundle, "w") as archive:
-            for name, data in members.items():
-                archive.writestr(name, data)
+        world.bundle.write_bytes(pack(members))
 
     return spoil
 
@@ -146,11 +139,7 @@ def golden_mismatch(members: dict[str, bytes]) -> None:
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     members["weights.npz"] = buffer.getvalue()
-    manifest = json.loads(members["manifest.json"])
-    del manifest["manifest_sha256"]
-    manifest["members"]["weights.npz"] = hashlib.sha256(buffer.getvalue()).hexdigest()
-    manifest["manifest_sha256"] = json_sha256(manifest)
-    members["manifest.json"] = json.dumps(manifest).encode()
+    members.update(unpack(rehash(members)))
 
 
 def store_without_model(world: World) -> None:
@@ -369,13 +358,7 @@ def test_the_same_through_a_real_process(case, world):
     spoil, command, message = CASES[case]
     spoil(world)
     before = listing(world.folder)
-    ran = subprocess.run(
-        [sys.executable, "-m", "tokt", *map(str, command)],
-        cwd=world.folder,
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-    )
+    ran = run_python("-m", "tokt", *command, folder=world.folder)
     check(ran.returncode, ran.stdout, ran.stderr, message)
     assert listing(world.folder) == before
 
@@ -404,13 +387,7 @@ def test_a_folder_that_may_not_be_written(world, run_tokt, monkeypatch):
 def test_a_missing_extra_is_named(module, command, world):
     """On the ship's PC, with the slim install, a training command says what to install."""
     program = f"import sys; sys.modules[{module!r}] = None; from tokt.cli import main; main()"
-    ran = subprocess.run(
-        [sys.executable, "-c", program, *map(str, command)],
-        cwd=world.folder,
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-    )
+    ran = run_python("-c", program, *command, folder=world.folder)
     check(ran.returncode, ran.stdout, ran.stderr, r"needs .*: install tokt\[train\]")
 
 
@@ -422,7 +399,7 @@ def test_a_file_is_deployed_without_any_extra(world):
         f"import sys; sys.modules.update(dict.fromkeys({blocked!r}));"
         "from tokt.cli import main; main()"
     )
-    command = [sys.executable, "-c", program, "deploy", "m.tokt", "store", "--json"]
-    ran = subprocess.run(command, cwd=world.folder, capture_output=True, text=True, timeout=MAX_S)
+    command = ("deploy", "m.tokt", "store", "--json")
+    ran = run_python("-c", program, *command, folder=world.folder)
     assert ran.returncode == 0, ran.stderr
     assert json.loads(ran.stdout)["name"] == "tiny-lbp"

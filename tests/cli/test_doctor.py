@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.waiting import MAX_S
+from tests.calls import refuses, run_python
 from tokt.cli.installation import missing_packages
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
 from tokt.features.common.sqlite_copy import copy_database
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.health import compared, kernel_findings
@@ -48,15 +47,7 @@ def by_name(out: str) -> dict[str, dict[str, Any]]:
 
 def start(*arguments: object, folder: Path, **environment: str) -> Any:
     """The command in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "tokt", "doctor", *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-        check=False,
-    )
+    return run_python("-m", "tokt", "doctor", *arguments, folder=folder, **environment)
 
 
 @pytest.fixture
@@ -108,10 +99,8 @@ def test_mlflow_is_not_imported_without_a_registry(tmp_path):
         "import sys; from tokt.cli import app; app(['doctor'], standalone_mode=False);"
         "print([name for name in ('mlflow', 'sklearn', 'pandas') if name in sys.modules])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
+    done = run_python("-c", program, folder=tmp_path)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "[]")
 
 
 def test_a_label_store_in_use_keeps_its_bytes(labelled, run_tokt):
@@ -163,15 +152,7 @@ def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path):
         "import sys; sys.modules.update(dict.fromkeys(('skimage', 'skimage.feature', 'mahotas')));"
         "from tokt.cli import main; sys.argv = ['tokt', 'doctor', '--json']; main()"
     )
-    environment = {**os.environ, "TOKT_KERNELS": ""}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_python("-c", program, folder=tmp_path, TOKT_KERNELS="")
     assert (done.returncode, done.stderr) == (0, "")
     library = by_name(done.stdout)["library kernels"]
     assert library["state"] == "note" and "not on this machine" in library["text"]
@@ -301,9 +282,7 @@ def test_a_registry_without_mlflow_is_a_note(labelled):
         "import sys; sys.modules['mlflow'] = None; from tokt.cli import main;"
         "sys.argv = ['tokt', 'doctor', '--json', '--workspace', '.']; main()"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=labelled, capture_output=True, text=True, check=False
-    )
+    done = run_python("-c", program, folder=labelled)
     assert (done.returncode, done.stderr) == (0, "")
     registry = by_name(done.stdout)["registry"]
     assert registry["state"] == "note" and "tokt[train]" in registry["text"]
@@ -342,8 +321,7 @@ def test_a_database_that_never_rests_is_said(tmp_path, monkeypatch):
     (tmp_path / "a.db").write_bytes(b"")
     times = iter(range(100))
     monkeypatch.setattr("tokt.features.common.sqlite_copy._state", lambda source: next(times))
-    with pytest.raises(ToktError, match="is being written to"):
-        copy_database(tmp_path / "a.db", tmp_path / "copy.db")
+    refuses("is being written to", copy_database, tmp_path / "a.db", tmp_path / "copy.db")
 
 
 def test_missing_packages():
