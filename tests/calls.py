@@ -42,7 +42,7 @@ def call_tokt(*arguments: object, program: Callable[[], None] = main) -> Ran:
 
 
 def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: Any) -> str:
-    """Call something that must raise a ToktError of one line with `words` (any, if empty); that line."""
+    """Call what must raise a ToktError of one line with `words` in it, or with any; that line."""
     with pytest.raises(ToktError, match=words or None) as caught:
         call(*arguments, **options)
     line = str(caught.value)

@@ -101,8 +101,7 @@ def chain(run_tokt, trained, tmp_path_factory):
     learnt, other = render(folder / "learnt", 1), render(folder / "other", 2)
     tokt("labels", "import", learnt / "labels.csv", "--grid", GRID)
     dataset = tokt(
-        *("dataset", "build", "own", "--task", "classes", *BLOCK),
-        *("--mission", learnt),
+        *("dataset", "build", "own", "--task", "classes", *BLOCK), *("--mission", learnt)
     )
     model = tokt("train", "own", "--name", "own", *TRAIN)
     return SimpleNamespace(

@@ -291,11 +291,7 @@ CASES = {
         for name, spoil, message in (
             ("missing", lambda w: w.bundle.unlink(), r"bundle m.tokt: No such file"),
             ("empty", bundle_bytes(lambda data: b""), r"truncated|not a tokt bundle"),
-            (
-                "truncated",
-                bundle_bytes(lambda data: data[:9999]),
-                r"truncated|not a tokt bundle",
-            ),
+            ("truncated", bundle_bytes(lambda data: data[:9999]), r"truncated|not a tokt bundle"),
             ("edited", rewritten(edit_card), r"card.md in the bundle has been edited"),
             ("newer", rewritten(newer_format), r"format 99 is newer than this tokt reads"),
             ("golden", rewritten(golden_mismatch), r"golden frame 0 gives decision values"),

@@ -59,10 +59,7 @@ def test_an_action_is_written_with_who_when_and_which_model(store: LabelStore) -
     changes = (_change("reef", model_version="lbp/3"), _change("ocean", col=1, frame=2))
     done = store.apply(_action("k", *changes, blind=True))
     assert done == ActionResult("k", 1, 2, 2, (), False, (("left", 1), ("left", 2)), "paint")
-    expected = [
-        _said("reef", model_version="lbp/3"),
-        replace(_said("ocean", col=1), frame=2),
-    ]
+    expected = [_said("reef", model_version="lbp/3"), replace(_said("ocean", col=1), frame=2)]
     assert store.current() == expected
     assert list(store.rows_after(1, "dive", GRID)) == [
         (2, "left", 2, 0, 1, "ocean", "ann", "human", None, True)

@@ -144,10 +144,7 @@ def test_an_interrupted_add_leaves_nothing(store: LabelStore) -> None:
 @pytest.mark.parametrize("statement", ["UPDATE events SET label = 'sand'", "DELETE FROM events"])
 def test_events_cannot_be_changed_or_deleted(store: LabelStore, statement: str) -> None:
     store.add([_record("ocean")])
-    with (
-        sqlite3.connect(store.path) as other,
-        pytest.raises(sqlite3.IntegrityError, match="never"),
-    ):
+    with sqlite3.connect(store.path) as other, pytest.raises(sqlite3.IntegrityError, match="never"):
         other.execute(statement)
     assert store.current() == [_record("ocean")]
 

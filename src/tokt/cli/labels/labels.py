@@ -11,6 +11,7 @@ import typer
 from tokt.cli.options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
 from tokt.cli.output import print_json, progress, say
 from tokt.features.common.errors import ToktError
+from tokt.labels.formats import CSV, NAMES
 
 from .label_audit import audit_labels
 
@@ -40,7 +41,7 @@ FormatOption = Annotated[
     str | None,
     typer.Option(
         "--format",
-        metavar="csv|viame|coco|labelstudio|patches",
+        metavar="|".join(NAMES),
         help="Default: by ending and content; required to export a .json.",
     ),
 ]
@@ -165,7 +166,7 @@ def export_labels(
 ) -> None:
     """Write the labels in force to a file, sorted by patch."""
     from tokt.features.frames.grid import Grid
-    from tokt.labels.formats.formats import CSV, FORMATS, format_named, format_to_write
+    from tokt.labels.formats.formats import FORMATS, format_named, format_to_write
     from tokt.labels.formats.options import WriteOptions
     from tokt.labels.taxonomy import load_taxonomy
 
