@@ -136,6 +136,8 @@ def agreement_of_counts(
     unknown = sorted(used - {*taxonomy.names, UNSURE})
     labels = [name for name in (*taxonomy.names, *unknown, UNSURE) if name in used]
     sure = Counter({pair: n for pair, n in pairs.items() if UNSURE not in pair})
+    of_sure_a = Counter({pair: n for pair, n in pairs.items() if pair[0] != UNSURE})
+    obstacles = {name for name in taxonomy.names if taxonomy.is_obstacle(name)}
     return Agreement(
         n_a=n_a,
         n_b=n_b,
@@ -148,8 +150,8 @@ def agreement_of_counts(
         labels=labels,
         unknown=unknown,
         confusion=[[pairs[of_a, of_b] for of_b in labels] for of_a in labels],
-        per_class={name: _on_class(_is_one(pairs, name)) for name in labels},
-        obstacle=None if unknown else _on_class(_is_obstacle(pairs, taxonomy)),
+        per_class={name: _agreement_on({name}, pairs) for name in labels},
+        obstacle=None if unknown else _agreement_on(obstacles, of_sure_a),
     )
 
 
@@ -185,25 +187,11 @@ def _share_equal(pairs: Counter[tuple[str, str]]) -> float | None:
     return equal / pairs.total() if pairs else None
 
 
-def _is_one(pairs: Counter[tuple[str, str]], name: str) -> Counter[tuple[bool, bool]]:
-    found: Counter[tuple[bool, bool]] = Counter()
-    for (of_a, of_b), n in pairs.items():
-        found[of_a == name, of_b == name] += n
-    return found
-
-
-def _is_obstacle(pairs: Counter[tuple[str, str]], taxonomy: Taxonomy) -> Counter[tuple[bool, bool]]:
-    found: Counter[tuple[bool, bool]] = Counter()
-    for (of_a, of_b), n in pairs.items():
-        if of_a != UNSURE:
-            b_says = of_b != UNSURE and taxonomy.is_obstacle(of_b)
-            found[taxonomy.is_obstacle(of_a), b_says] += n
-    return found
-
-
-def _on_class(pairs: Counter[tuple[bool, bool]]) -> ClassAgreement:
-    n_both = pairs[True, True]
-    n_a, n_b = n_both + pairs[True, False], n_both + pairs[False, True]
+def _agreement_on(names: set[str], pairs: Counter[tuple[str, str]]) -> ClassAgreement:
+    """Agreement on whether a patch is of one of these classes."""
+    n_a = sum(n for (of_a, _), n in pairs.items() if of_a in names)
+    n_b = sum(n for (_, of_b), n in pairs.items() if of_b in names)
+    n_both = sum(n for pair, n in pairs.items() if names.issuperset(pair))
     return ClassAgreement(
         n_a=n_a,
         n_b=n_b,

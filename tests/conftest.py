@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import csv
-import io
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -31,8 +29,8 @@ from _pytest.mark.expression import Expression
 from hypothesis import settings
 from numpy.typing import NDArray
 
+from tests.calls import Ran, call_tokt
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
-from tokt.cli import main
 from tokt.features.frames.grid import Grid
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.datasets.dataset import DatasetPlan, DatasetVersion, FrameSource, build_dataset
@@ -189,28 +187,6 @@ def own_tiny(tiny: TinyMission, tmp_path: Path) -> TinyMission:
     """A copy of the tiny mission that a test may change."""
     shutil.copytree(tiny.path, tmp_path / "tiny")
     return TinyMission(tmp_path / "tiny", tmp_path / "tiny" / "labels.csv")
-
-
-@dataclass(frozen=True)
-class Ran:
-    """How a command ended."""
-
-    code: int
-    out: str
-    err: str
-
-
-def call_tokt(*arguments: object, program: Callable[[], None] = main) -> Ran:
-    """Run the command line in this process."""
-    out, err, before = io.StringIO(), io.StringIO(), sys.argv
-    sys.argv = ["tokt", *map(str, arguments)]
-    try:
-        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as ended:
-            program()
-    finally:
-        sys.argv = before
-    code = ended.value.code
-    return Ran(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
 
 
 @pytest.fixture(scope="session")

@@ -85,9 +85,7 @@ def render(folder: Path, dive: int) -> Path:
 
 
 @pytest.fixture(scope="module")
-def chain(
-    run_tokt: Callable[..., Any], trained: Path, tmp_path_factory: pytest.TempPathFactory
-) -> SimpleNamespace:
+def chain(run_tokt, trained, tmp_path_factory):
     """Label import, dataset, training: a workspace whose taxonomy file has the own class."""
     folder = tmp_path_factory.mktemp("own_class")
     workspace = folder / ".tokt"
@@ -103,8 +101,7 @@ def chain(
     learnt, other = render(folder / "learnt", 1), render(folder / "other", 2)
     tokt("labels", "import", learnt / "labels.csv", "--grid", GRID)
     dataset = tokt(
-        *("dataset", "build", "own", "--task", "classes", *BLOCK),
-        *("--mission", learnt),
+        *("dataset", "build", "own", "--task", "classes", *BLOCK), *("--mission", learnt)
     )
     model = tokt("train", "own", "--name", "own", *TRAIN)
     return SimpleNamespace(

@@ -23,10 +23,11 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.atomic import write_text
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
-from tokt.labels.formats.label_csv import AUDIT_COLUMNS, COLUMNS
+
+from .label_csv import AUDIT_COLUMNS, COLUMNS
+from .text_file import save_text
 
 FOLDER = "audits"
 
@@ -110,7 +111,7 @@ def write_audit(workspace: Path, audit: Audit) -> Path:
     """
     file = workspace / FOLDER / f"{audit.name}.json"
     value = {"format": FORMAT, **asdict(audit), "grid": audit.grid.to_json()}
-    _write(file, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    save_text(file, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     return file
 
 
@@ -175,11 +176,4 @@ def write_audit_csv(file: Path, audit: Audit) -> None:
     for patch in audit.patches:
         row = {**asdict(patch), "grid": str(audit.grid), "margin": f"{patch.margin:.4f}"}
         writer.writerow(row[name] for name in names)
-    _write(file, out.getvalue())
-
-
-def _write(file: Path, text: str) -> None:
-    try:
-        write_text(file, text)
-    except OSError as error:
-        raise ToktError(f"cannot write {file}: {error.strerror or error}") from None
+    save_text(file, out.getvalue())

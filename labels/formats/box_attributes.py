@@ -30,34 +30,28 @@ _LARGEST = 10**300  # what a float can hold, with room to calculate
 
 def to_attributes(record: LabelRecord) -> dict[str, str | int]:
     """All that a record says."""
-    attributes: dict[str, str | int] = {
-        _MARK: FORMAT,
-        f"{_PREFIX}mission": record.mission,
-        f"{_PREFIX}camera": record.camera,
-        f"{_PREFIX}frame": record.frame,
-        f"{_PREFIX}grid": str(record.grid),
-        f"{_PREFIX}row": record.row,
-        f"{_PREFIX}col": record.col,
-        f"{_PREFIX}label": label_of(record),
-        f"{_PREFIX}annotator": record.annotator,
-        f"{_PREFIX}time": record.time,
-    }
-    if record.source != HUMAN:
-        attributes[f"{_PREFIX}source"] = record.source
-    if record.model_version is not None:
-        attributes[f"{_PREFIX}model_version"] = record.model_version
-    return attributes
+    said = {**vars(record), "grid": str(record.grid), "label": label_of(record)}
+    if record.source == HUMAN:
+        del said["source"]
+    if record.model_version is None:
+        del said["model_version"]
+    return {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
 
 
-def from_attributes(attributes: Mapping[str, Any]) -> LabelRecord | None:
+def from_attributes(attributes: Any) -> LabelRecord | None:
     """The record that attributes carry, as it was written; None where they carry none.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Anything else carries none.
 
     Raises
     ------
     ToktError
         If they are ours but not whole, or of a newer format.
     """
-    if _MARK not in attributes:
+    if not isinstance(attributes, Mapping) or _MARK not in attributes:
         return None
     version = whole(attributes[_MARK], _MARK)
     if not 1 <= version <= FORMAT:

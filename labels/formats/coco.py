@@ -7,7 +7,6 @@ https://cocodataset.org/#format-data
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,10 +18,9 @@ from tokt.labels.taxonomy import Taxonomy
 
 from .box_attributes import to_attributes, whole
 from .boxes import Box, Size
-from .boxes_to_labels import FoundBox, boxes_to_labels
-from .labels_to_boxes import FrameLabels, labels_to_boxes
+from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import finite, listed, parse_json, read_utf8, save_text, table, text_in
+from .text_file import finite, naming, of_kind, read_json, save_json
 
 TITLE = "COCO"
 
@@ -64,7 +62,7 @@ def write_coco(path: Path, records: Iterable[LabelRecord], options: WriteOptions
         "categories": categories,
         "annotations": annotations,
     }
-    save_text(path, json.dumps(document, ensure_ascii=False, separators=(",", ":")) + "\n")
+    save_json(path, document)
     return ExportResult(len(annotations), lost)
 
 
@@ -112,37 +110,27 @@ def read_coco(path: Path, options: ReadOptions) -> ImportResult:
     ToktError
         If the file is no COCO detection file, or `boxes_to_labels` refuses its boxes.
     """
-    try:
-        document = table(parse_json(read_utf8(path), path), "the file")
+    content, who = read_json(path), options.who(path)
+    remarks: Remarks = Counter()
+    with naming(path):
+        document = of_kind(content, dict, "the file")
         images = _by_id(document, "images")
         names = {
-            key: text_in(category.get("name"), f"category {key}: name")
+            key: of_kind(category.get("name"), str, f"category {key}: name")
             for key, category in _by_id(document, "categories").items()
         }
-        remarks: Remarks = Counter()
-        boxes = [
-            found
-            for n, annotation in enumerate(listed(document.get("annotations"), "annotations"), 1)
-            if (
-                found := _found(
-                    annotation, f"annotation {n}", images, names, options.who(path), remarks
-                )
-            )
-        ]
-        return boxes_to_labels(boxes, options, remarks)
-    except ToktError as error:
-        raise ToktError(_named(path, error)) from None
-
-
-def _named(path: Path, error: ToktError) -> str:
-    text = str(error)
-    return text if str(path) in text else f"{path}: {text}"
+        annotations = of_kind(document.get("annotations"), list, "annotations")
+        found = (
+            _found(annotation, f"annotation {n}", images, names, who, remarks)
+            for n, annotation in enumerate(annotations, 1)
+        )
+        return boxes_to_labels([box for box in found if box], options, remarks)
 
 
 def _by_id(document: dict[str, Any], name: str) -> dict[int, dict[str, Any]]:
     found: dict[int, dict[str, Any]] = {}
-    for n, value in enumerate(listed(document.get(name), name), 1):
-        entry = table(value, f"{name} {n}")
+    for n, value in enumerate(of_kind(document.get(name), list, name), 1):
+        entry = of_kind(value, dict, f"{name} {n}")
         key = whole(entry.get("id"), f"{name} {n}: id")
         if key in found:
             raise ToktError(f"{name} {n}: id {key} is there twice")
@@ -158,7 +146,7 @@ def _found(
     annotator: str,
     remarks: Remarks,
 ) -> FoundBox | None:
-    annotation = table(value, where)
+    annotation = of_kind(value, dict, where)
     if annotation.get("iscrowd"):
         remarks["annotation", "left out: of a crowd"] += 1
         return None
@@ -175,23 +163,19 @@ def _found(
     score = finite(annotation.get("score", 1.0), f"{where}: score")
     return FoundBox(
         where,
-        text_in(image.get("file_name"), f"{where}: file_name of its image"),
+        of_kind(image.get("file_name"), str, f"{where}: file_name of its image"),
         _box(annotation["bbox"], where),
         name,
         annotator,
-        _attributes(annotation),
+        annotation.get("attributes"),
         size=_size(image, where),
         model_version=annotator if score < 1 else None,
     )
 
 
-def _attributes(annotation: dict[str, Any]) -> dict[str, Any]:
-    attributes = annotation.get("attributes")
-    return attributes if isinstance(attributes, dict) else {}
-
-
 def _box(value: Any, where: str) -> Box:
-    sides = [finite(side, f"{where}: bbox") for side in listed(value, f"{where}: bbox")]
+    listed = of_kind(value, list, f"{where}: bbox")
+    sides = [finite(side, f"{where}: bbox") for side in listed]
     if len(sides) != 4:
         raise ToktError(f"{where}: bbox has {len(sides)} numbers, not 4")
     left, top, width, height = sides

@@ -11,13 +11,12 @@ from pathlib import Path
 from tokt.features.common.errors import ToktError
 from tokt.labels.record import LabelRecord
 
-from . import coco, label_studio, patch_folder, viame_csv
+from . import COCO, CSV, LABEL_STUDIO, PATCHES, VIAME, coco, label_studio, patch_folder, viame_csv
 from .label_csv import COLUMNS, read_label_csv, write_label_csv
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, lines
-from .text_file import parse_json, read_utf8
+from .text_file import read_json, read_utf8
 
 _ENDINGS = "{}: label files end in .csv or .json, folders of patches have no ending"
-CSV, VIAME, COCO, LABEL_STUDIO, PATCHES = "csv", "viame", "coco", "labelstudio", "patches"
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ def _kind_of_csv(text: str) -> str:
 
 
 def _kind_of_json(path: Path) -> str:
-    value = parse_json(read_utf8(path), path)
+    value = read_json(path)
     if isinstance(value, dict) and "images" in value:
         return COCO
     if isinstance(value, list) or (isinstance(value, dict) and "data" in value):

@@ -9,11 +9,12 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from tokt.features.common.atomic import write_text
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from tokt.labels.taxonomy import Taxonomy
+
+from .text_file import read_utf8, save_text
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
 MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version")
@@ -55,15 +56,7 @@ def read_label_csv(
         For wrong columns, an unknown class, a patch outside the grid, a number that is none, a
         patch that the same annotator labels twice, or one that is settled twice.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise ToktError(f"label file {path} does not exist") from None
-    except OSError as error:
-        raise ToktError(f"label file {path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise ToktError(f"{path} is not a label file: it is not UTF-8 text") from None
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    reader = csv.reader(io.StringIO(read_utf8(path), newline=""), strict=True)
     rows = _RowReader(taxonomy, annotator or path.stem, grid)
     try:
         header = next(reader, [])
@@ -111,10 +104,7 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([getattr(record, name) for name in columns] for record in chosen)
-    try:
-        write_text(path, out.getvalue())
-    except OSError as error:
-        raise ToktError(f"cannot write {path}: {error.strerror or error}") from None
+    save_text(path, out.getvalue())
     return len(chosen)
 
 

@@ -12,7 +12,6 @@ https://labelstud.io/guide/task_format, https://labelstud.io/tags/rectanglelabel
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -27,8 +26,7 @@ from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_text
 
 from .box_attributes import to_attributes, whole
 from .boxes import Box, Size
-from .boxes_to_labels import FoundBox, boxes_to_labels
-from .labels_to_boxes import FrameLabels, labels_to_boxes
+from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
 from .options import (
     ExportResult,
     ImportResult,
@@ -38,7 +36,7 @@ from .options import (
     label_of,
     mission_images,
 )
-from .text_file import finite, listed, parse_json, read_utf8, save_text, table, text_in
+from .text_file import finite, naming, of_kind, read_json, save_json
 
 TITLE = "Label Studio"
 
@@ -73,11 +71,17 @@ def write_label_studio(
                     _annotation(n, mine, frame.size)
                     for n, mine in enumerate(people, annotations + 1)
                 ],
-                "predictions": [_prediction(mine, frame.size) for mine in models],
+                "predictions": [
+                    {
+                        "model_version": mine[0][0].model_version,
+                        "result": _result(mine, frame.size),
+                    }
+                    for mine in models
+                ],
             }
         )
         annotations += len(people)
-    save_text(path, json.dumps(tasks, ensure_ascii=False, separators=(",", ":")) + "\n")
+    save_json(path, tasks)
     return ExportResult(sum(len(frame.labels) for frame in frames), lost)
 
 
@@ -103,10 +107,6 @@ def _annotation(number: int, mine: Placed, size: Size) -> dict[str, Any]:
         "ground_truth": mine[0][0].source != HUMAN,
         "result": _result(mine, size),
     }
-
-
-def _prediction(mine: Placed, size: Size) -> dict[str, Any]:
-    return {"model_version": mine[0][0].model_version, "result": _result(mine, size)}
 
 
 def _result(mine: Placed, size: Size) -> list[dict[str, Any]]:
@@ -154,40 +154,36 @@ def read_label_studio(path: Path, options: ReadOptions) -> ImportResult:
     ToktError
         If the file is no such export, or `boxes_to_labels` refuses its boxes.
     """
-    try:
-        value = parse_json(read_utf8(path), path)
-        tasks = value if isinstance(value, list) else [value]
-        remarks: Remarks = Counter()
+    value, who = read_json(path), options.who(path)
+    tasks = value if isinstance(value, list) else [value]
+    remarks: Remarks = Counter()
+    with naming(path):
         boxes = [
-            box
-            for n, task in enumerate(tasks, 1)
-            for box in _task(task, f"task {n}", options.who(path), remarks)
+            box for n, task in enumerate(tasks, 1) for box in _task(task, f"task {n}", who, remarks)
         ]
         return boxes_to_labels(boxes, options, remarks)
-    except ToktError as error:
-        text = str(error)
-        raise ToktError(text if str(path) in text else f"{path}: {text}") from None
 
 
 def _task(value: Any, where: str, annotator: str, remarks: Remarks) -> Iterator[FoundBox]:
-    task = table(value, where)
+    task = of_kind(value, dict, where)
     if "data" not in task:
         raise ToktError(f"{where} has no data; export from Label Studio in the format JSON")
-    image = _image(table(task["data"], f"{where}: data"))
+    image = _image(of_kind(task["data"], dict, f"{where}: data"))
     said = task.get("annotations", task.get("completions")) or []
-    for n, value in enumerate(listed(said, f"{where}: annotations"), 1):
+    for n, value in enumerate(of_kind(said, list, f"{where}: annotations"), 1):
         place = f"{where} annotation {n}"
-        annotation = table(value, place)
+        annotation = of_kind(value, dict, place)
         if annotation.get("was_cancelled"):
             remarks["annotation", "left out: cancelled"] += 1
             continue
         who = _Said(image, _annotator(annotation) or annotator, _time(annotation, place))
         yield from _results(annotation, place, who, remarks)
-    for n, value in enumerate(listed(task.get("predictions") or [], f"{where}: predictions"), 1):
+    guessed = task.get("predictions") or []
+    for n, value in enumerate(of_kind(guessed, list, f"{where}: predictions"), 1):
         place = f"{where} prediction {n}"
-        prediction = table(value, place)
+        prediction = of_kind(value, dict, place)
         version = prediction.get("model_version") or _UNNAMED_MODEL
-        version = text_in(version, f"{place}: model_version")
+        version = of_kind(version, str, f"{place}: model_version")
         who = _Said(image, version, model_version=version)
         yield from _results(prediction, place, who, remarks)
 
@@ -212,13 +208,13 @@ def _annotator(annotation: dict[str, Any]) -> str | None:
 def _time(annotation: dict[str, Any], where: str) -> str | None:
     if annotation.get("created_at") is None:
         return None
-    return utc_text(text_in(annotation["created_at"], f"{where}: created_at"))
+    return utc_text(of_kind(annotation["created_at"], str, f"{where}: created_at"))
 
 
 def _results(said: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> Iterator[FoundBox]:
-    for n, value in enumerate(listed(said.get("result"), f"{where}: result"), 1):
+    for n, value in enumerate(of_kind(said.get("result"), list, f"{where}: result"), 1):
         place = f"{where} result {n}"
-        result = table(value, place)
+        result = of_kind(value, dict, place)
         if result.get("type") != _KIND:
             kind = ascii(result.get("type"))[:40]
             remarks["result", f"left out: of type {kind}, not a labelled box"] += 1
@@ -229,8 +225,8 @@ def _results(said: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> 
 
 
 def _found(result: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> FoundBox | None:
-    value = table(result.get("value"), f"{where}: value")
-    names = listed(value.get(_KIND) or [], f"{where}: {_KIND}")
+    value = of_kind(result.get("value"), dict, f"{where}: value")
+    names = of_kind(value.get(_KIND) or [], list, f"{where}: {_KIND}")
     if not names or finite(value.get("rotation") or 0, f"{where}: rotation"):
         remarks["box", "left out: turned, or without class"] += 1
         return None
@@ -241,14 +237,13 @@ def _found(result: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> 
         finite(value.get(side), f"{where}: {side}") for side in ("x", "y", "width", "height")
     )
     across, down = size.width / 100, size.height / 100
-    meta = result.get("meta")
     return FoundBox(
         where,
         who.image,
         Box(x * across, y * down, (x + width) * across, (y + height) * down),
-        text_in(names[0], f"{where}: {_KIND}"),
+        of_kind(names[0], str, f"{where}: {_KIND}"),
         who.annotator,
-        meta if isinstance(meta, dict) else {},
+        result.get("meta"),
         size=size,
         time=who.time,
         model_version=who.model_version,

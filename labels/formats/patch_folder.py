@@ -27,9 +27,8 @@ from tokt.features.frames.image_file import SUFFIXES
 from tokt.labels.record import SETTLED, LabelRecord
 
 from .box_attributes import changed_by_hand, from_attributes, to_attributes
-from .boxes_to_labels import class_names
 from .images import FrameKey, MissionImages
-from .labels_to_boxes import frames_of
+from .labels_and_boxes import class_names, frames_of
 from .options import (
     ExportResult,
     ImportResult,
@@ -40,7 +39,7 @@ from .options import (
     lines,
     mission_images,
 )
-from .text_file import parse_json, read_utf8, table
+from .text_file import naming, of_kind, read_json
 
 TITLE = "folder of patches"
 
@@ -161,7 +160,7 @@ def read_patch_folder(path: Path, options: ReadOptions) -> ImportResult:
         If there is no manifest, a sub-folder is no class, or a patch is there twice.
     """
     manifest = _manifest(path)
-    try:
+    with naming(path):
         found, unknown = _found(path, manifest)
         classes = class_names(found.values(), options)
         remarks: Remarks = Counter()
@@ -177,8 +176,6 @@ def read_patch_folder(path: Path, options: ReadOptions) -> ImportResult:
             for name, was in found.items()
             if classes[was]
         ]
-    except ToktError as error:
-        raise ToktError(f"{path}: {error}") from None
     if not records:
         raise ToktError(f"{path} has no patches of {MANIFEST} in it")
     return ImportResult(records, lines(remarks))
@@ -192,27 +189,23 @@ def _manifest(path: Path) -> dict[str, LabelRecord]:
             f"{path} has no {MANIFEST}: patches that tokt did not write belong to no frame"
             " (train on them by tokt dataset build NAME --patches DIR)"
         )
-    value = parse_json(read_utf8(file), file)
-    try:
-        manifest = table(value, "the manifest")
+    value = read_json(file)
+    with naming(file):
+        manifest = of_kind(value, dict, "the manifest")
         if manifest.get("format") != FORMAT:
             raise ToktError(
                 f"format {ascii(manifest.get('format'))[:40]}; this tokt reads {FORMAT}"
             )
         return {
             name: _listed_patch(name, entry)
-            for name, entry in table(manifest.get("patches"), "patches").items()
+            for name, entry in of_kind(manifest.get("patches"), dict, "patches").items()
         }
-    except ToktError as error:
-        raise ToktError(f"{file}: {error}") from None
 
 
 def _listed_patch(name: str, value: Any) -> LabelRecord:
-    entry = table(value, f"patch {name!r}")
-    try:
+    entry = of_kind(value, dict, f"patch {name!r}")
+    with naming(f"patch {name!r}"):
         record = from_attributes(entry)
-    except ToktError as error:
-        raise ToktError(f"patch {name!r}: {error}") from None
     if record is None:
         raise ToktError(f"patch {name!r} is of no frame")
     return record

@@ -4,11 +4,25 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tokt.features.common.atomic import write_text
 from tokt.features.common.errors import ToktError
+
+T = TypeVar("T")
+_KINDS: dict[type, str] = {list: "a list", dict: "an object", str: "text"}
+
+
+@contextmanager
+def naming(where: object) -> Iterator[None]:
+    """Say where it is, such as in which file, before what a ToktError says is wrong there."""
+    try:
+        yield
+    except ToktError as error:
+        raise ToktError(f"{where}: {error}") from None
 
 
 def read_utf8(path: Path) -> str:
@@ -29,10 +43,10 @@ def read_utf8(path: Path) -> str:
         raise ToktError(f"{path} is not a label file: it is not UTF-8 text") from None
 
 
-def parse_json(text: str, path: Path) -> Any:
-    """The value of a JSON text; ToktError if it is none."""
+def read_json(path: Path) -> Any:
+    """The value of a JSON file; ToktError as `read_utf8`, or if it is no JSON."""
     try:
-        return json.loads(text)
+        return json.loads(read_utf8(path))
     except json.JSONDecodeError as error:
         raise ToktError(f"{path} line {error.lineno}: not JSON: {error.msg}") from None
     except (ValueError, RecursionError) as error:  # a number of 5,000 digits, 10,000 brackets
@@ -45,6 +59,11 @@ def save_text(path: Path, text: str) -> None:
         write_text(path, text)
     except OSError as error:
         raise ToktError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def save_json(path: Path, value: Any) -> None:
+    """Write a value as JSON without blanks, as `save_text` writes."""
+    save_text(path, json.dumps(value, ensure_ascii=False, separators=(",", ":")) + "\n")
 
 
 def finite(value: Any, what: str) -> float:
@@ -65,22 +84,8 @@ def finite(value: Any, what: str) -> float:
     raise ToktError(f"{what} {ascii(value)[:40]} is not a number")
 
 
-def listed(value: Any, what: str) -> list[Any]:
-    """A JSON list; ToktError if it is none."""
-    if not isinstance(value, list):
-        raise ToktError(f"{what} is not a list")
-    return value
-
-
-def table(value: Any, what: str) -> dict[str, Any]:
-    """A JSON object; ToktError if it is none."""
-    if not isinstance(value, dict):
-        raise ToktError(f"{what} is not an object")
-    return value
-
-
-def text_in(value: Any, what: str) -> str:
-    """A JSON text; ToktError if it is none."""
-    if not isinstance(value, str):
-        raise ToktError(f"{what} is not text")
+def of_kind(value: Any, kind: type[T], what: str) -> T:
+    """A JSON list, object (dict) or text (str); ToktError if it is another kind of value."""
+    if not isinstance(value, kind):
+        raise ToktError(f"{what} is not {_KINDS[kind]}")
     return value

@@ -28,10 +28,9 @@ from tokt.labels.record import MODEL, LabelRecord
 
 from .box_attributes import to_attributes, whole
 from .boxes import Box, Size
-from .boxes_to_labels import FoundBox, boxes_to_labels
-from .labels_to_boxes import FrameLabels, labels_to_boxes
+from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import finite, read_utf8, save_text
+from .text_file import finite, naming, read_utf8, save_text
 
 TITLE = "VIAME CSV"
 
@@ -123,10 +122,8 @@ def read_viame_csv(path: Path, options: ReadOptions) -> ImportResult:
                 remarks.update({_SHAPES for cell in row if _SHAPE.match(cell)})
     except (ToktError, csv.Error) as error:
         raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
-    try:
+    with naming(path):
         return boxes_to_labels(boxes, options, remarks)
-    except ToktError as error:
-        raise ToktError(f"{path}: {error}") from None
 
 
 def _found(row: list[str], where: str, annotator: str) -> FoundBox:

@@ -275,16 +275,8 @@ class ActionLog:
         below = None
         if result["changed"]:
             below, tops = tops.undo, _Tops(number, None)
-        self._add(
-            *(number, action.key, history, action.kind, action.time),
-            source=action.source,
-            blind=action.blind,
-            reverses=None,
-            first=number,
-            below=below,
-            tops=tops,
-            result=result,
-        )
+        said = (action.kind, action.time, action.source, action.blind)
+        self._add(number, action.key, history, *said, below=below, tops=tops, result=result)
         return _applied(action.key, number, result, repeated=False)
 
     def reverse(
@@ -301,31 +293,14 @@ class ActionLog:
         node = self._node(tops.undo if way == UNDO else tops.redo)
         if node is None:
             # Written all the same: the same key must not undo something done later.
-            self._add(
-                *(number, key, history, way, time),
-                source=HUMAN,
-                blind=False,
-                reverses=None,
-                first=number,
-                below=None,
-                tops=tops,
-                result={},
-            )
+            self._add(number, key, history, way, time, below=None, tops=tops, result={})
             return None
         if target not in (None, node.key):
             raise ToktError(f"something else was done since: {way} would act on {node.kind!r}")
         result = self._write(number, self._inverse(node, history, time), node.kind)
         below, tops = _moved(way, number, node, tops, bool(result["changed"]))
-        self._add(
-            *(number, key, history, way, time),
-            source=node.source,
-            blind=bool(node.blind),
-            reverses=node.id,
-            first=node.first,
-            below=below,
-            tops=tops,
-            result=result,
-        )
+        said = (way, time, node.source, bool(node.blind), node)
+        self._add(number, key, history, *said, below=below, tops=tops, result=result)
         return _applied(key, number, result, repeated=False)
 
     def heads(self, history: UndoHistory) -> tuple[ActionHead | None, ActionHead | None]:
@@ -356,17 +331,17 @@ class ActionLog:
         history: UndoHistory,
         kind: str,
         time: str,
+        source: str = HUMAN,
+        blind: bool = False,
+        reverses: _Node | None = None,
         *,
-        source: str,
-        blind: bool,
-        reverses: int | None,
-        first: int,
         below: int | None,
         tops: _Tops,
         result: dict[str, Any],
     ) -> None:
         row = (number, key, *_texts(history), kind, time, source, blind)
-        links = (reverses, first, below, *tops)
+        links = (reverses.id, reverses.first) if reverses else (None, number)
+        links = (*links, below, *tops)
         self._connection.execute(_ADD_ACTION, (*row, *links, json.dumps(result)))
 
     def _write(self, action: int, steps: Iterable[_Step], kind: str) -> dict[str, Any]:

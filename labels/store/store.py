@@ -453,11 +453,15 @@ class LabelStore:
 
     def _open(self) -> None:
         self._connection.execute("PRAGMA synchronous = FULL")
-        if self._is_older():
+        if not self._is_ours() or format_of(self._connection) < FORMAT:
             # Two processes may come here at once; the second one finds it done.
             with self._transaction():
                 if not self._is_ours():
-                    self._create()
+                    if self._one("SELECT COUNT(*) FROM sqlite_master"):
+                        raise ToktError(
+                            f"{self.path} is not a label store but another kind of database"
+                        )
+                    create(self._connection)
                 upgrade(self._connection)
         version = format_of(self._connection)
         if version > FORMAT:
@@ -469,14 +473,6 @@ class LabelStore:
 
     def _is_ours(self) -> bool:
         return bool(self._one("PRAGMA application_id") == APPLICATION_ID)
-
-    def _is_older(self) -> bool:
-        return not self._is_ours() or format_of(self._connection) < FORMAT
-
-    def _create(self) -> None:
-        if self._one("SELECT COUNT(*) FROM sqlite_master"):
-            raise ToktError(f"{self.path} is not a label store but another kind of database")
-        create(self._connection)
 
     def _use_write_ahead_log(self) -> None:
         # SQLite does not wait for others here, whatever its time-out. Where the file system

@@ -110,6 +110,10 @@ _MANIFEST_KEYS = {
     "manifest_sha256",
 }
 _SINCE_2 = {"operating_point"}
+_DISTRIBUTED = {
+    **dict.fromkeys(("edges", "typical", "factor"), np.float64),
+    **dict.fromkeys(("counts", "window_frames", "windows", "stretches"), np.int64),
+}
 
 
 @dataclass(frozen=True)
@@ -312,18 +316,12 @@ def lineage_bytes(trained_on: NDArray[np.uint64]) -> bytes:
 
 def distribution_bytes(distribution: Distribution) -> bytes:
     """The ``distribution.npz`` member."""
-    return _npz(
-        edges=distribution.edges,
-        counts=distribution.counts,
-        typical=distribution.typical,
-        factor=np.array(distribution.factor, np.float64),
-        window_frames=np.array(distribution.window_frames, np.int64),
-        windows=np.array(distribution.windows, np.int64),
-        stretches=np.array(distribution.stretches, np.int64),
-    )
+    values = vars(distribution).items()
+    return _npz(**{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in values})
 
 
-def _classes_json(model: LinearModel) -> list[dict[str, Any]]:
+def classes_json(model: LinearModel) -> list[dict[str, Any]]:
+    """The classes as a manifest and a model card's recipe have them."""
     pairs = zip(model.classes, model.obstacle, strict=True)
     return [{"name": name, "obstacle": obstacle} for name, obstacle in pairs]
 
@@ -345,7 +343,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
         "version": content.version,
         "extractor": dict(content.extractor_spec),
         "grid": content.grid.to_json(),
-        "classes": _classes_json(model),
+        "classes": classes_json(model),
         "operating_point": content.operating_point.to_json(),
         "provenance": dict(content.provenance),
         "metrics": dict(content.metrics),
@@ -486,20 +484,12 @@ def lineage_from_bytes(data: bytes, where: str) -> NDArray[np.uint64]:
 
 def distribution_from_bytes(data: bytes, where: str) -> Distribution:
     """Read a ``distribution.npz`` member. Raises ToktError if it is none."""
-    whole = ("window_frames", "windows", "stretches")
-    floats = dict.fromkeys(("edges", "typical", "factor"), np.float64)
-    kinds = {**floats, **dict.fromkeys(("counts", *whole), np.int64)}
-    arrays = _arrays(data, kinds, where, _DISTRIBUTION)
+    arrays = _arrays(data, _DISTRIBUTED, where, _DISTRIBUTION)
+    numbers = ("factor", "window_frames", "windows", "stretches")
     try:
-        if any(arrays[name].ndim for name in ("factor", *whole)):
+        if any(arrays[name].ndim for name in numbers):
             raise ValueError("a number is an array")
-        return Distribution(
-            arrays["edges"],
-            arrays["counts"],
-            arrays["typical"],
-            float(arrays["factor"]),
-            *(int(arrays[name]) for name in whole),
-        )
+        return Distribution(**{**arrays, **{name: arrays[name].item() for name in numbers}})
     except (TypeError, ValueError) as error:
         fault = _brief(error)
         raise ToktError(f"{where}: {_DISTRIBUTION} does not fit together ({fault})") from None
@@ -587,7 +577,7 @@ def _check_content(
     manifest: dict[str, Any], members: dict[str, bytes], where: str
 ) -> BundleContent:
     """Act two, second half: every value has the shape and the bounds it must have."""
-    kinds = {"weights": np.float64, "bias": np.float64, "thresholds": np.float64}
+    kinds = dict.fromkeys(("weights", "bias", "thresholds"), np.float64)
     arrays = _arrays(members["weights.npz"], kinds, where, "weights.npz")
     trained_on = lineage_from_bytes(members["lineage.npz"], where)
     golden = golden_from_bytes(members["golden.npz"], where)
@@ -668,16 +658,11 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
         extractor = build_extractor(content.extractor_spec)
     except ToktError as error:
         raise ToktError(f"{where}: {_brief(error)}") from None
+    takes = f"{where}: the model takes {content.model.dim} features"
     if extractor.dim != content.model.dim:
-        raise ToktError(
-            f"{where}: the model takes {content.model.dim} features, its extractor gives "
-            f"{extractor.dim}"
-        )
+        raise ToktError(f"{takes}, its extractor gives {extractor.dim}")
     if content.distribution is not None and content.distribution.dim != content.model.dim:
-        raise ToktError(
-            f"{where}: the model takes {content.model.dim} features, its distribution has "
-            f"{content.distribution.dim}"
-        )
+        raise ToktError(f"{takes}, its distribution has {content.distribution.dim}")
     bundle = Bundle(content, extractor, hashlib.sha256(data).hexdigest(), data, signature)
     if golden:
         _check_golden(bundle, where)

@@ -60,10 +60,6 @@ def _lines(values: Mapping[str, Any]) -> str:
     )
 
 
-def _data(provenance: Mapping[str, Any]) -> str:
-    return _lines({key: provenance.get(key) for key in _OF_DATA})
-
-
 def _sight(recipe: Mapping[str, Any]) -> str:
     grid = recipe["grid"]
     classes = ", ".join(
@@ -187,7 +183,7 @@ Not for:
 
 ## Data
 
-{_data(provenance)}
+{_lines({key: provenance.get(key) for key in _OF_DATA})}
 
 ## How it sees
 

@@ -11,7 +11,7 @@ import numpy as np
 from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import OperatingPoint
 
-from .bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
+from .bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes, classes_json
 from .card import model_card
 
 PROVENANCE_KEY = "obstacle_flags"
@@ -90,13 +90,12 @@ def _left(metrics: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_card(content: BundleContent) -> BundleContent:
-    pairs = zip(content.model.classes, content.model.obstacle, strict=True)
     recipe = {
         "extractor": content.extractor_spec,
         "extractor_name": content.provenance.get("extractor_name"),
         "dim": content.model.dim,
         "grid": content.grid.to_json(),
-        "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
+        "classes": classes_json(content.model),
         "thresholds": content.model.thresholds.tolist(),
         "metrics": content.metrics,
         "operating_point": content.operating_point.to_json(),

@@ -18,7 +18,7 @@ from typing import Any
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import signed_parts
 
-from .public_key import PUBLIC_KEY_BYTES, PublicKey
+from .keys import PUBLIC_KEY_BYTES, PublicKey
 
 FORMAT_VERSION = 1
 TRUST, DISTRUST, ACCEPT_UNSIGNED = "trust", "distrust", "accept unsigned"

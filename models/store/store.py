@@ -40,7 +40,7 @@ from tokt.features.common import atomic
 from tokt.features.common.atomic import locked
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
-from tokt.models.signing.public_key import PublicKey
+from tokt.models.signing.keys import PublicKey
 from tokt.models.signing.trusted_keys import (
     ACCEPT_UNSIGNED,
     DISTRUST,
@@ -95,31 +95,20 @@ class Store:
     ----------
     path : Path
         Its folder; made by the first command that writes.
+
+    Attributes
+    ----------
+    last_good_file : Path
+        The bundle the runtime ran last; see `tokt.models.store.last_good`.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-
-    @property
-    def _active_file(self) -> Path:
-        return self.path / "active"
-
-    @property
-    def _copy_file(self) -> Path:
-        return self.path / "active.copy"
-
-    @property
-    def _history_file(self) -> Path:
-        return self.path / "history.jsonl"
-
-    @property
-    def _keys_file(self) -> Path:
-        return self.path / "keys.json"
-
-    @property
-    def last_good_file(self) -> Path:
-        """The bundle the runtime ran last; see `tokt.models.store.last_good`."""
-        return self.path / "last_good.tokt"
+        self.last_good_file = self.path / "last_good.tokt"
+        self._active_file = self.path / "active"
+        self._copy_file = self.path / "active.copy"
+        self._history_file = self.path / "history.jsonl"
+        self._keys_file = self.path / "keys.json"
 
     def bundle_file(self, sha256: str) -> Path:
         """The file a bundle is kept in."""
@@ -332,7 +321,6 @@ class Store:
                 atomic.fsync_folder(target.parent.parent)
                 if target.read_bytes() != bundle.data:
                     raise ToktError(f"bundle {target}: what was written there cannot be read back")
-            self._set_aside(reading, notice)
             return self._activate(bundle, "deploy", reason, reading, signed_by, notice)
 
     def check_file(self, path: Path) -> None:
@@ -358,12 +346,6 @@ class Store:
                 yield
         except OSError as error:
             raise ToktError(f"store {self.path}: {error.strerror or error}") from None
-
-    def _set_aside(self, reading: Reading, notice: Notice) -> None:
-        if reading.pointer_damage:
-            self._keep(self._active_file, notice)
-        if reading.history_damage:
-            self._keep(self._history_file, notice)
 
     def _keep(self, file: Path, notice: Notice) -> None:
         """Keep a damaged file under another name.
@@ -402,7 +384,6 @@ class Store:
             goal = self._goal(reading, to)
             bundle = self.runnable(goal.sha256)
             signed_by = self.trusted_keys().check(bundle.data, f"model {bundle.label}")
-            self._set_aside(reading, notice)
             return self._activate(bundle, "rollback", reason, reading, signed_by, notice)
 
     def _goal(self, reading: Reading, to: str) -> Activation:
@@ -431,6 +412,10 @@ class Store:
         signed_by: str,
         notice: Notice,
     ) -> Activation:
+        if reading.pointer_damage:
+            self._keep(self._active_file, notice)
+        if reading.history_damage:
+            self._keep(self._history_file, notice)
         entry = Activation(
             number=reading.last_number + 1,
             action=action,

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import os
 import re
 import shutil
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tokt.features.common.canonical import json_sha256
+from tests.calls import run_python
+from tests.models.parts import pack, rehash, unpack
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
@@ -116,12 +115,9 @@ def rewritten(change: Callable[[dict[str, bytes]], None]) -> Callable[[World], N
     """The bundle with other members; their hashes are made to fit where `change` says so."""
 
     def spoil(world: World) -> None:
-        with zipfile.ZipFile(world.bundle) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
+        members = unpack(world.bundle.read_bytes())
         change(members)
-        with zipfile.ZipFile(world.bundle, "w") as archive:
-            for name, data in members.items():
-                archive.writestr(name, data)
+        world.bundle.write_bytes(pack(members))
 
     return spoil
 
@@ -143,11 +139,7 @@ def golden_mismatch(members: dict[str, bytes]) -> None:
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     members["weights.npz"] = buffer.getvalue()
-    manifest = json.loads(members["manifest.json"])
-    del manifest["manifest_sha256"]
-    manifest["members"]["weights.npz"] = hashlib.sha256(buffer.getvalue()).hexdigest()
-    manifest["manifest_sha256"] = json_sha256(manifest)
-    members["manifest.json"] = json.dumps(manifest).encode()
+    members.update(unpack(rehash(members)))
 
 
 def store_without_model(world: World) -> None:
@@ -299,11 +291,7 @@ CASES = {
         for name, spoil, message in (
             ("missing", lambda w: w.bundle.unlink(), r"bundle m.tokt: No such file"),
             ("empty", bundle_bytes(lambda data: b""), r"truncated|not a tokt bundle"),
-            (
-                "truncated",
-                bundle_bytes(lambda data: data[:9999]),
-                r"truncated|not a tokt bundle",
-            ),
+            ("truncated", bundle_bytes(lambda data: data[:9999]), r"truncated|not a tokt bundle"),
             ("edited", rewritten(edit_card), r"card.md in the bundle has been edited"),
             ("newer", rewritten(newer_format), r"format 99 is newer than this tokt reads"),
             ("golden", rewritten(golden_mismatch), r"golden frame 0 gives decision values"),
@@ -366,7 +354,7 @@ def test_the_same_through_a_real_process(case, world, tokt_without):
     spoil, command, message = CASES[case]
     spoil(world)
     before = listing(world.folder)
-    ran = tokt_without((), world.folder, *command)
+    ran = run_python("-m", "tokt", *command, folder=world.folder)
     check(ran.returncode, ran.stdout, ran.stderr, message)
     assert listing(world.folder) == before
 
@@ -394,7 +382,8 @@ def test_a_folder_that_may_not_be_written(world, run_tokt, monkeypatch):
 @pytest.mark.process
 def test_a_missing_extra_is_named(module, command, world, tokt_without):
     """On the ship's PC, with the slim install, a training command says what to install."""
-    ran = tokt_without((module,), world.folder, *command)
+    program = f"import sys; sys.modules[{module!r}] = None; from tokt.cli import main; main()"
+    ran = run_python("-c", program, *command, folder=world.folder)
     check(ran.returncode, ran.stdout, ran.stderr, r"needs .*: install tokt\[train\]")
 
 
@@ -402,6 +391,11 @@ def test_a_missing_extra_is_named(module, command, world, tokt_without):
 def test_a_file_is_deployed_without_any_extra(world, tokt_without):
     """The way aboard: bundle file and store need neither MLflow nor pandas nor scikit-learn."""
     blocked = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib")
-    ran = tokt_without(blocked, world.folder, "deploy", "m.tokt", "store", "--json")
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({blocked!r}));"
+        "from tokt.cli import main; main()"
+    )
+    command = ("deploy", "m.tokt", "store", "--json")
+    ran = run_python("-c", program, *command, folder=world.folder)
     assert ran.returncode == 0, ran.stderr
     assert json.loads(ran.stdout)["name"] == "tiny-lbp"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,20 @@ from typing import Any
 import pytest
 
 import tokt
+from tests.calls import run_python
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
 TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib", "pyarrow")
+
+
+def tokt_aboard(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command line where no training tool can be imported."""
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({TRAINING_TOOLS!r}));"
+        "from tokt.cli import main; main()"
+    )
+    return run_python("-c", program, *arguments, folder=folder)
 
 
 def test_version(run_tokt: Callable[..., Any]) -> None:
@@ -55,9 +66,7 @@ def test_the_store_says_where_its_model_comes_from(
 
 
 @pytest.mark.parametrize("damaged", ["bundle", "active", "history.jsonl"])
-def test_a_damaged_store_shows_what_is_left(
-    damaged: str, tiny_bundle: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_a_damaged_store_shows_what_is_left(damaged, tiny_bundle, tmp_path, run_tokt):
     store = Store(tmp_path / "store")
     for _ in range(2):
         entry = store.deploy(read_bundle(tiny_bundle))
@@ -83,9 +92,7 @@ def test_a_damaged_store_shows_what_is_left(
 
 
 @pytest.mark.parametrize("command", ["store", "rollback"])
-def test_a_store_that_is_not_there(
-    command: str, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_a_store_that_is_not_there(command, tmp_path, run_tokt):
     ran = run_tokt(command, tmp_path / "none")
     assert (ran.code, ran.out) == (2, "")
     assert ran.err == f"tokt: error: store {tmp_path / 'none'} does not exist\n"

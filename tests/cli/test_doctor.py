@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.calls import refuses, run_python
 from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
 from tokt.features.common.sqlite_copy import copy_database
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.health import compared, kernel_findings
@@ -43,6 +43,11 @@ def by_name(out: str) -> dict[str, dict[str, Any]]:
     found = {item["name"]: item for item in value["findings"]}
     assert len(found) == len(value["findings"])
     return found
+
+
+def start(*arguments: object, folder: Path, **environment: str) -> Any:
+    """The command in a process of its own."""
+    return run_python("-m", "tokt", "doctor", *arguments, folder=folder, **environment)
 
 
 @pytest.fixture
@@ -104,10 +109,8 @@ def test_mlflow_is_not_imported_without_a_registry(tmp_path):
         "import sys; from tokt.cli import app; app(['doctor'], standalone_mode=False);"
         "print([name for name in ('mlflow', 'sklearn', 'pandas') if name in sys.modules])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
+    done = run_python("-c", program, folder=tmp_path)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "[]")
 
 
 def test_a_label_store_in_use_keeps_its_bytes(labelled, doctor):
@@ -153,9 +156,12 @@ def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path, tokt_w
 
 
 @pytest.mark.process
-def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path, tokt_without):
-    libraries = ("skimage", "skimage.feature", "mahotas")
-    done = tokt_without(libraries, tmp_path, "doctor", "--json", TOKT_KERNELS="")
+def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path):
+    program = (
+        "import sys; sys.modules.update(dict.fromkeys(('skimage', 'skimage.feature', 'mahotas')));"
+        "from tokt.cli import main; sys.argv = ['tokt', 'doctor', '--json']; main()"
+    )
+    done = run_python("-c", program, folder=tmp_path, TOKT_KERNELS="")
     assert (done.returncode, done.stderr) == (0, "")
     library = by_name(done.stdout)["library kernels"]
     assert library["state"] == "note" and "not on this machine" in library["text"]
@@ -269,8 +275,12 @@ def test_databases_of_other_programs_and_versions(labelled, doctor):
 
 
 @pytest.mark.process
-def test_a_registry_without_mlflow_is_a_note(labelled, tokt_without):
-    done = tokt_without(("mlflow",), labelled, "doctor", "--json", "--workspace", ".")
+def test_a_registry_without_mlflow_is_a_note(labelled):
+    program = (
+        "import sys; sys.modules['mlflow'] = None; from tokt.cli import main;"
+        "sys.argv = ['tokt', 'doctor', '--json', '--workspace', '.']; main()"
+    )
+    done = run_python("-c", program, folder=labelled)
     assert (done.returncode, done.stderr) == (0, "")
     registry = by_name(done.stdout)["registry"]
     assert registry["state"] == "note" and "tokt[train]" in registry["text"]
@@ -308,8 +318,7 @@ def test_a_database_that_never_rests_is_said(tmp_path, monkeypatch):
     (tmp_path / "a.db").write_bytes(b"")
     times = iter(range(100))
     monkeypatch.setattr("tokt.features.common.sqlite_copy._state", lambda source: next(times))
-    with pytest.raises(ToktError, match="is being written to"):
-        copy_database(tmp_path / "a.db", tmp_path / "copy.db")
+    refuses("is being written to", copy_database, tmp_path / "a.db", tmp_path / "copy.db")
 
 
 def test_missing_packages():

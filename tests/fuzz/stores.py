@@ -14,10 +14,10 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
-from tokt.models.signing.private_key import SigningKey
+from tokt.models.signing.keys import SigningKey
+from tokt.models.store.health import store_summary
 from tokt.models.store.last_good import load_running, remember_good
 from tokt.models.store.store import Store
-from tokt.models.store.summary import store_summary
 
 from .bundles import check_usable, small_bundles
 from .case import Files, Kind, line_fault

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from tokt.cli import main
+from tests.calls import Ran, call_tokt
 
 HEADER = "mission,camera,frame,row,col,label\n"
 ANN = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 6 else 'ocean'}\n" for n in range(10))
@@ -23,33 +20,23 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def _tokt(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def _tokt(folder: Path, *words: str) -> Ran:
     """In this process, which has imported everything; test_bad_input starts real ones."""
-    out, err = io.StringIO(), io.StringIO()
-    with (
-        contextlib.chdir(folder),
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-        pytest.MonkeyPatch.context() as patch,
-        pytest.raises(SystemExit) as ended,
-    ):
-        patch.setattr(sys, "argv", ["tokt", "labels", *words])
-        main()
-    code = ended.value.code if isinstance(ended.value.code, int) else 0
-    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
+    with contextlib.chdir(folder):
+        return call_tokt("labels", *words)
 
 
 def _good(folder: Path, *words: str) -> str:
     ran = _tokt(folder, *words)
-    assert ran.returncode == 0, ran.stderr
-    return ran.stdout
+    assert ran.code == 0, ran.err
+    return ran.out
 
 
 def _refused(folder: Path, *words: str) -> str:
     ran = _tokt(folder, *words)
-    assert ran.returncode == 2 and ran.stdout == ""
-    assert ran.stderr.startswith("tokt: error: ") and ran.stderr.count("\n") == 1
-    return ran.stderr
+    assert ran.code == 2 and ran.out == ""
+    assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+    return ran.err
 
 
 def test_import_stats_export(folder: Path) -> None:

@@ -32,13 +32,7 @@ def test_merge_of_several_annotators() -> None:
     ]
     eve = replace(_record("sand", col=9), annotator="eve")
     merged = merge_annotators([eve, *bob, *ann])
-    assert [said.label for said in merged.records] == [
-        "ocean",
-        "unsure",
-        "ocean",
-        "unsure",
-        "sand",
-    ]
+    assert [said.label for said in merged.records] == ["ocean", "unsure", "ocean", "unsure", "sand"]
     assert merged.conflicts == [Cell("dive", "left", 1, GRID, 0, 1)]
     assert merged.records[0].annotator == "ann+bob"
     assert merged.records[0].time == late

@@ -14,7 +14,7 @@ from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
-from tokt.models.signing.private_key import SigningKey, read_signing_key, write_key_pair
+from tokt.models.signing.keys import SigningKey, read_signing_key, write_key_pair
 from tokt.models.store.store import Store
 
 TWO = (("ocean", False), ("other", True))

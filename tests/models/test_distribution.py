@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-import json
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tests.models.signing.test_signature import members_of, zipped
+from tests.calls import refuses
+from tests.models.parts import pack, rehash, unpack
 from tests.tiers import scaled
-from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import (
     BundleContent,
@@ -70,9 +68,7 @@ def exact_ks(one: list[float], other: list[float]) -> float:
 
 @settings(max_examples=scaled(150))
 @given(trained=VALUES, seen=VALUES)
-def test_the_distance_is_the_exact_one_but_for_what_the_bins_resolve(
-    trained: list[float], seen: list[float]
-) -> None:
+def test_the_distance_is_the_exact_one_but_for_what_the_bins_resolve(trained, seen):
     edges = quantile_edges(np.array(trained))
     assert (np.diff(edges) >= 0).all()
     found = ks_distances(
@@ -133,19 +129,6 @@ def test_other_obstacle_flags_keep_it(make_content: Callable[..., BundleContent]
     assert "Input drift" in found.content.card and "90 windows" in found.content.card
 
 
-def packed(members: dict[str, bytes], version: int = 3) -> bytes:
-    """A bundle whose hashes all fit."""
-    manifest = {**json.loads(members["manifest.json"]), "format_version": version}
-    del manifest["manifest_sha256"]
-    manifest["members"] = {
-        name: hashlib.sha256(data).hexdigest()
-        for name, data in members.items()
-        if name != "manifest.json"
-    }
-    manifest["manifest_sha256"] = json_sha256(manifest)
-    return zipped(list({**members, "manifest.json": json.dumps(manifest).encode()}.items()))
-
-
 def changed(**edit: Any) -> bytes:
     """The member with some arrays replaced or (None) left out."""
     with np.load(io.BytesIO(distribution_bytes(distribution()))) as archive:
@@ -197,27 +180,24 @@ WRONG: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("edit", WRONG, ids=lambda edit: f"{edit}"[:40])
-def test_a_damaged_one_is_refused(
-    make_content: Callable[..., BundleContent], edit: dict[str, Any]
-) -> None:
+def test_a_damaged_one_is_refused(make_content, edit):
+    refuses(r"^x: distribution\.npz ", distribution_from_bytes, changed(**edit), "x")
+    members = unpack(bundle_bytes(replace(make_content(), distribution=GOOD)))
+    assert bundle_from_bytes(rehash(members), "x").distribution is not None
     with pytest.raises(ToktError, match=r"^x: distribution\.npz "):
-        distribution_from_bytes(changed(**edit), "x")
-    members = members_of(bundle_bytes(replace(make_content(), distribution=GOOD)))
-    assert bundle_from_bytes(packed(members), "x").distribution is not None
-    with pytest.raises(ToktError, match=r"^x: distribution\.npz "):
-        bundle_from_bytes(packed({**members, "distribution.npz": changed(**edit)}), "x")
+        bundle_from_bytes(rehash({**members, "distribution.npz": changed(**edit)}), "x")
 
 
 def test_it_must_fit_the_model_and_the_format(make_content: Callable[..., BundleContent]) -> None:
     other = bundle_bytes(replace(make_content(), distribution=distribution(13)))
-    with pytest.raises(ToktError, match="takes 12 features, its distribution has 13"):
-        bundle_from_bytes(other, "x")
-    members = members_of(bundle_bytes(replace(make_content(), distribution=GOOD)))
-    with pytest.raises(ToktError, match="unknown or missing members"):
-        bundle_from_bytes(packed(members, version=2), "x")
+    refuses("takes 12 features, its distribution has 13", bundle_from_bytes, other, "x")
+    members = unpack(bundle_bytes(replace(make_content(), distribution=GOOD)))
+    refuses(
+        "unknown or missing members", bundle_from_bytes, rehash(members, {"format_version": 2}), "x"
+    )
     with pytest.raises(ToktError, match="has been edited"):
         edited = {**members, "distribution.npz": changed(factor=np.array(3.0))}
-        bundle_from_bytes(zipped(list(edited.items())), "x")
+        bundle_from_bytes(pack(edited), "x")
 
 
 def test_the_card_says_what_is_known(make_content: Callable[..., BundleContent]) -> None:

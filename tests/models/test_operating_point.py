@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import (
     CLEAR,
@@ -59,9 +60,7 @@ def _status_by_definition(rule: MofNRule, frames: list[list[float] | None], whit
 
 
 @given(RULES, FRAMES, st.sampled_from([1, 1, 2]))
-def test_the_states_are_those_of_the_definition(
-    rule: MofNRule, frames: list[list[float] | None], white: int
-) -> None:
+def test_the_states_are_those_of_the_definition(rule, frames, white):
     state = MofNState(rule)
 
     statuses = [state.add(None if scores is None else np.array(scores), white) for scores in frames]
@@ -71,12 +70,7 @@ def test_the_states_are_those_of_the_definition(
 
 
 @given(RULES, FRAMES, st.integers(0, 8), FRAMES)
-def test_a_gap_is_as_many_frames_that_were_not_judged(
-    rule: MofNRule,
-    before: list[list[float] | None],
-    gap: int,
-    after: list[list[float] | None],
-) -> None:
+def test_a_gap_is_as_many_frames_that_were_not_judged(rule, before, gap, after):
     skipped, added = MofNState(rule), MofNState(rule)
     for scores in before:
         _added(skipped, scores), _added(added, scores)
@@ -90,9 +84,7 @@ def test_a_gap_is_as_many_frames_that_were_not_judged(
 
 
 @given(RULES, st.lists(st.tuples(SCORES, st.booleans()), max_size=20))
-def test_frames_not_judged_turn_no_obstacle_that_was_seen_into_clear(
-    rule: MofNRule, frames: list[tuple[list[float], bool]]
-) -> None:
+def test_frames_not_judged_turn_no_obstacle_that_was_seen_into_clear(rule, frames):
     """Each frame: its scores, and whether it could be judged."""
     full, partly = MofNState(rule), MofNState(rule)
     seen: list[NDArray[np.bool_]] = []
@@ -170,8 +162,7 @@ def test_an_operating_point_is_the_same_after_json(rule: MofNRule) -> None:
     ],
 )
 def test_a_rule_out_of_bounds_is_refused_in_words(wrong: dict[str, object]) -> None:
-    with pytest.raises(ToktError, match="frame rule"):
-        MofNRule.from_json({**MofNRule().to_json(), **wrong})
+    refuses("frame rule", MofNRule.from_json, {**MofNRule().to_json(), **wrong})
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,7 @@ import subprocess
 import sys
 import tempfile
 import venv
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -51,13 +49,7 @@ def slim_python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return python
 
 
-def test_plain_install_runs_a_bundle(
-    slim_python: Path,
-    workspace: Path,
-    tiny: Any,
-    run_tokt: Callable[..., Any],
-    tmp_path: Path,
-) -> None:
+def test_plain_install_runs_a_bundle(slim_python, workspace, tiny, run_tokt, tmp_path):
     present = _run(
         slim_python,
         "-c",

@@ -117,9 +117,7 @@ def _lines(log: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
 
 
-def test_every_module_is_imported_from_the_wheel(
-    installed: Installed, packed: dict[str, bytes]
-) -> None:
+def test_every_module_is_imported_from_the_wheel(installed, packed):
     files = [name for name in packed if name.endswith(".py")]
     modules = [re.sub(r"(/__init__)?\.py$", "", name).replace("/", ".") for name in files]
     program = """
@@ -135,9 +133,7 @@ print(json.dumps([importlib.util.find_spec(name).origin for name in json.load(sy
 
 
 @on_posix
-def test_the_page_serves_every_file_and_no_other_is_asked_for(
-    start: Callable[..., Started], product: dict[str, Path], tiny: Any, tmp_path: Path
-) -> None:
+def test_the_page_serves_every_file_and_no_other_is_asked_for(start, product, tiny, tmp_path):
     server = start("label", tiny.path, "--no-browser", "--port", 0, "--workspace", tmp_path / "w")
     found = server.until(lambda: re.search(r"http://\S+", server.said()))
     (index,) = (path for path in product if path.endswith("/static/index.html"))
@@ -169,18 +165,14 @@ def test_the_page_serves_every_file_and_no_other_is_asked_for(
 
 
 @on_posix
-def test_a_watched_run_ends_with_its_mission(
-    start: Callable[..., Started], tiny: Any, tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_a_watched_run_ends_with_its_mission(start, tiny, tiny_bundle, tmp_path):
     log = tmp_path / "log.jsonl"
     start("run", "--watchdog", "--bundle", tiny_bundle, "--source", tiny.path, "--log", log).end()
     assert [line["frame"] for line in _lines(log)] == open_mission(tiny.path).frames()
 
 
 @on_posix
-def test_a_watched_run_that_is_killed_is_back(
-    start: Callable[..., Started], tiny: Any, tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_a_watched_run_that_is_killed_is_back(start, tiny, tiny_bundle, tmp_path):
     log, rated = tmp_path / "log.jsonl", ("--source", tiny.path, "--rate", 10)
     dog = start("run", "--watchdog", "--bundle", tiny_bundle, *rated, "--log", log)
     dog.until(lambda: _lines(log))
@@ -192,9 +184,7 @@ def test_a_watched_run_that_is_killed_is_back(
 
 
 @on_posix
-def test_a_run_goes_over_to_a_store_s_next_model(
-    start: Callable[..., Started], tiny: Any, tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_a_run_goes_over_to_a_store_s_next_model(start, tiny, tiny_bundle, tmp_path):
     first, store, log = read_bundle(tiny_bundle), Store(tmp_path / "store"), tmp_path / "log.jsonl"
     second = bundle_from_bytes(bundle_bytes(replace(first.content, version="2")), "2")
     store.deploy(first)
@@ -215,9 +205,7 @@ def test_a_run_goes_over_to_a_store_s_next_model(
 
 
 @on_posix
-def test_a_camera_s_process_sends_its_pictures(
-    installed: Installed, start: Callable[..., Started], tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_a_camera_s_process_sends_its_pictures(installed, start, tiny_bundle, tmp_path):
     pytest.importorskip("harvesters")
     genicam = pytest.importorskip("genicam")  # brings a producer with simulated cameras
     log, rig = tmp_path / "log.jsonl", ("--source", "genicam:0", "--camera-rate", 20)

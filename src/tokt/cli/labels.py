@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tokt.features.common.errors import ToktError
+from tokt.labels.formats import CSV, NAMES
 
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
 from .output import print_json, progress, say, stop_on_signal
@@ -41,7 +42,7 @@ FormatOption = Annotated[
     str | None,
     typer.Option(
         "--format",
-        metavar="csv|viame|coco|labelstudio|patches",
+        metavar="|".join(NAMES),
         help="Default: by ending and content; required to export a .json.",
     ),
 ]
@@ -311,7 +312,7 @@ def export_labels(
 ) -> None:
     """Write the labels in force to a file, sorted by patch."""
     from tokt.features.frames.grid import Grid
-    from tokt.labels.formats.formats import CSV, FORMATS, format_named, format_to_write
+    from tokt.labels.formats.formats import FORMATS, format_named, format_to_write
     from tokt.labels.formats.options import WriteOptions
     from tokt.labels.taxonomy import load_taxonomy
 

@@ -20,7 +20,7 @@ from .output import print_json, say
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
-    from tokt.models.signing.private_key import SigningKey
+    from tokt.models.signing.keys import SigningKey
     from tokt.models.signing.trusted_keys import KeyEvent
     from tokt.models.store.store import Store
 
@@ -191,7 +191,7 @@ def keygen(
     json: JsonOption = False,
 ) -> None:
     """Generate a key pair: the private key signs bundles, stores trust the public one."""
-    from tokt.models.signing.private_key import write_key_pair
+    from tokt.models.signing.keys import write_key_pair
 
     pair = write_key_pair(name, _passphrase("for the new key", new=True) if passphrase else "")
     if pair.exposed:
@@ -207,7 +207,7 @@ def keygen(
 
 def signing_key(path: Path) -> SigningKey:
     """The private key in a file; its passphrase is asked for if it has one."""
-    from tokt.models.signing.private_key import read_signing_key
+    from tokt.models.signing.keys import read_signing_key
 
     return read_signing_key(path, lambda: _passphrase(f"of {path}", new=False))
 
@@ -330,8 +330,8 @@ def store(
 
     With one of the options, change the keys first.
     """
+    from tokt.models.store.health import store_summary
     from tokt.models.store.store import Store
-    from tokt.models.store.summary import store_summary
 
     if [trust is not None, distrust is not None, accept_unsigned].count(True) > 1:
         raise ToktError("give one of --trust, --distrust and --accept-unsigned at a time")
@@ -349,7 +349,7 @@ def _change_keys(
     store: Store, trust: Path | None, distrust: str | None, accept_unsigned: bool, reason: str
 ) -> KeyEvent | None:
     if trust is not None:
-        from tokt.models.signing.public_key import read_public_key
+        from tokt.models.signing.keys import read_public_key
 
         return store.trust(read_public_key(trust), trust.stem, reason, notice=say)
     if distrust is not None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
+from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_text
 from tokt.labels.taxonomy import Taxonomy
@@ -13,6 +17,11 @@ FRAMES = (3, 7, 20)
 HEIGHT, WIDTH = 137, 181
 GRIDS = (Grid(), Grid(3, 4, 120), Grid(2, 2, None))
 TIME = "2016-04-20T10:00:00Z"
+
+SLOW = settings(
+    max_examples=scaled(25),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 
 
 def said(label: str = "reef", row: int = 0, col: int = 0, **more) -> LabelRecord:
@@ -115,3 +124,85 @@ def _places(value: object):
         yield value, key
         if isinstance(part, dict | list):
             yield from _places(part)
+
+
+# --- files of other tools
+
+# What DIVE writes: 2x2 patches of the 10x10 grid are 36.2 px wide and 26.9 px high here (the
+# resized frame is 360x272, so a patch is 18.1 x 13.6 px of the 181x137 frame).
+DIVE = """# 1: Detection or Track-id,2: Video or Image Identifier,3: Unique Frame Identifier
+# metadata,"exported_by: ""dive:python\""",fps: 5
+0,dive_L_3.png,0,0,0,37,28,1,-1,fish,1,(atr) depth 12.0,(poly) 0 0 37 0 37 28
+1,dive_L_7.png,1,100,100,104,104,1,-1,fish,1
+2,dive_L_20.png,2,0,0,37,14,0.4,-1,rock,0.1,fish,0.4
+"""
+
+
+def foreign_coco() -> dict[str, Any]:
+    """A file of another tool, of pictures of twice our frames' size."""
+    image = {"width": 362, "height": 274}
+    return {
+        "images": [
+            {"id": 1, "file_name": "some/where/Left/dive_L_3.png", **image},
+            {"id": 2, "file_name": "dive_R_20.png", **image},
+        ],
+        "categories": [{"id": 5, "name": "fish"}, {"id": 7, "name": "reef"}],
+        "annotations": [
+            # Patches are 36.2 x 27.2 of 362x274 here: two, and a third by less than half.
+            {
+                "id": 1,
+                "image_id": 1,
+                "category_id": 7,
+                "bbox": [0, 0, 89, 27],
+                "segmentation": [[1]],
+            },
+            {"id": 2, "image_id": 2, "category_id": 5, "bbox": [36, 27, 37, 28], "score": 0.7},
+            {"id": 3, "image_id": 2, "category_id": 7, "bbox": [0, 0, 90, 28], "iscrowd": 1},
+            {"id": 4, "image_id": 2, "category_id": 7},
+        ],
+    }
+
+
+def _box(label: str, x: float, y: float, width: float, height: float) -> dict[str, Any]:
+    return {
+        "id": "Dx_aB91ISN",
+        "type": "rectanglelabels",
+        "from_name": "tag",
+        "to_name": "img",
+        "original_width": 1810,
+        "original_height": 1370,
+        "image_rotation": 0,
+        "value": {
+            "x": x, "y": y, "width": width, "height": height,
+            "rotation": 0, "rectanglelabels": [label],
+        },
+    }  # fmt: skip
+
+
+def foreign_label_studio() -> list[dict[str, Any]]:
+    """A project that two people labelled, and a model."""
+    turned = _box("reef", 0, 0, 10, 10)
+    turned["value"]["rotation"] = 30
+    return [
+        {
+            "id": 1,
+            "data": {"img": "/data/upload/3/0a1b2c3d-dive_L_3.png", "note": "deep"},
+            "annotations": [
+                {
+                    "id": 1001,
+                    "completed_by": {"email": "eva@example.org", "id": 7},
+                    "created_at": "2021-03-09T22:16:08.728353Z",
+                    "result": [_box("reef", 0, 0, 20, 10), turned, {"type": "choices"}],
+                },
+                {"completed_by": 10, "result": [_box("sand", 0, 0, 10, 10)]},
+                {"was_cancelled": True, "result": [_box("sand", 50, 50, 10, 10)]},
+            ],
+            "predictions": [
+                {"model_version": "model 1", "result": [_box("ocean", 90, 90, 10, 10)]}
+            ],
+        },
+        {
+            "data": {"img": "https://example.org/Right/dive_R_7.png?d=Right/dive_R_7.png"},
+            "completions": [{"result": [_box("reef", 0, 0, 10, 10)]}],
+        },
+    ]

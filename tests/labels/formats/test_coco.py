@@ -6,72 +6,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from tests.tiers import scaled
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.features.frames.grid import Grid
 from tokt.labels.formats.coco import read_coco, write_coco
 from tokt.labels.formats.options import ReadOptions, WriteOptions
-from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 
-from .examples import damaged, said, some_records, with_odd_values
-
-SLOW = settings(
-    max_examples=scaled(25), suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-
-
-def _foreign() -> dict[str, Any]:
-    """A file of another tool, of pictures of twice our frames' size."""
-    image = {"width": 362, "height": 274}
-    return {
-        "images": [
-            {"id": 1, "file_name": "some/where/Left/dive_L_3.png", **image},
-            {"id": 2, "file_name": "dive_R_20.png", **image},
-        ],
-        "categories": [{"id": 5, "name": "fish"}, {"id": 7, "name": "reef"}],
-        "annotations": [
-            # Patches are 36.2 x 27.2 of 362x274 here: two, and a third by less than half.
-            {
-                "id": 1,
-                "image_id": 1,
-                "category_id": 7,
-                "bbox": [0, 0, 89, 27],
-                "segmentation": [[1]],
-            },
-            {"id": 2, "image_id": 2, "category_id": 5, "bbox": [36, 27, 37, 28], "score": 0.7},
-            {"id": 3, "image_id": 2, "category_id": 7, "bbox": [0, 0, 90, 28], "iscrowd": 1},
-            {"id": 4, "image_id": 2, "category_id": 7},
-        ],
-    }
+from .examples import foreign_coco, said
 
 
 def _file(folder: Path, value: Any) -> Path:
     path = folder / "boxes.json"
     path.write_text(value if isinstance(value, str) else json.dumps(value), encoding="utf-8")
     return path
-
-
-@SLOW
-@given(some_records(), st.booleans())
-def test_own_files_come_back_whole(
-    tmp_path: Path,
-    reading: ReadOptions,
-    writing: WriteOptions,
-    some: list[LabelRecord],
-    with_frames: bool,
-) -> None:
-    written = write_coco(tmp_path / "out.json", some, writing)
-    assert (written.labels, written.lost) == (len(some), [])
-    options = reading if with_frames else replace(reading, images=None)
-    read = read_coco(tmp_path / "out.json", options)
-    assert set(read.records) == set(some) and len(read.records) == len(some)
-    assert read.lost == []
-    sources = [record.source for record in read.records]
-    assert sources == sorted(sources, key=lambda source: source == "settled")
 
 
 def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
@@ -97,7 +45,7 @@ def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
 
 def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
     options = replace(reading, classes={"fish": "other"})
-    read = read_coco(_file(tmp_path, _foreign()), options)
+    read = read_coco(_file(tmp_path, foreign_coco()), options)
     found = {(r.camera, r.frame, r.row, r.col, r.label, r.source) for r in read.records}
     assert found == {
         ("left", 3, 0, 0, "reef", "human"),
@@ -112,24 +60,21 @@ def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
         "1 annotation with an outline: only its box is read",
         "1 box of a model: suggestions, not labels",
     ]
-    coarse = read_coco(_file(tmp_path, _foreign()), replace(options, grid=Grid(20, 20)))
+    coarse = read_coco(_file(tmp_path, foreign_coco()), replace(options, grid=Grid(20, 20)))
     assert sum(record.source == "human" for record in coarse.records) == 2 * 5
 
 
 def test_half_of_a_patch_is_enough(tmp_path: Path, reading: ReadOptions) -> None:
-    value = _foreign()
+    value = foreign_coco()
     half, less = [0, 0, 36.2, 13.6001], [0, 0, 36.2, 13.5]
     value["annotations"] = [{"id": 1, "image_id": 1, "category_id": 7, "bbox": half}]
     assert len(read_coco(_file(tmp_path, value), reading).records) == 1
     value["annotations"] = [{"id": 1, "image_id": 1, "category_id": 7, "bbox": less}]
-    with pytest.raises(ToktError, match="1 box left out: covering no patch by half"):
-        read_coco(_file(tmp_path, value), reading)
+    refuses("1 box left out: covering no patch by half", read_coco, _file(tmp_path, value), reading)
 
 
-def test_boxes_on_frames_of_another_mission_are_counted(
-    tmp_path: Path, reading: ReadOptions
-) -> None:
-    value = _foreign()
+def test_boxes_on_frames_of_another_mission_are_counted(tmp_path, reading):
+    value = foreign_coco()
     value["images"][1]["file_name"] = "wreck_20.png"
     read = read_coco(_file(tmp_path, value), replace(reading, classes={"fish": "other"}))
     assert "1 box left out: on 1 image not of the mission, such as 'wreck_20.png'" in read.lost
@@ -138,9 +83,7 @@ def test_boxes_on_frames_of_another_mission_are_counted(
     assert max(map(len, read.lost)) < 200
 
 
-def test_a_label_corrected_elsewhere_and_a_box_drawn_over(
-    tmp_path: Path, reading: ReadOptions, writing: WriteOptions
-) -> None:
+def test_a_label_corrected_elsewhere_and_a_box_drawn_over(tmp_path, reading, writing):
     write_coco(tmp_path / "out.json", [said("reef", 0, 0), said("reef", 0, 1)], writing)
     document = json.loads((tmp_path / "out.json").read_text())
     ids = {entry["name"]: entry["id"] for entry in document["categories"]}
@@ -177,12 +120,12 @@ def test_a_label_corrected_elsewhere_and_a_box_drawn_over(
     ],
 )
 def test_mistakes_are_one_line(tmp_path: Path, reading: ReadOptions, change, message: str) -> None:
-    value = _foreign()
+    value = foreign_coco()
     change(value)
     path = _file(tmp_path, value)
-    with pytest.raises(ToktError, match=message) as caught:
-        read_coco(path, replace(reading, classes={"fish": "other"}))
-    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    assert str(path) in refuses(
+        message, read_coco, path, replace(reading, classes={"fish": "other"})
+    )
 
 
 @pytest.mark.parametrize(
@@ -196,30 +139,7 @@ def test_mistakes_are_one_line(tmp_path: Path, reading: ReadOptions, change, mes
     ],
 )
 def test_files_that_are_none(tmp_path: Path, reading: ReadOptions, text: str, message: str) -> None:
-    with pytest.raises(ToktError, match=message):
-        read_coco(_file(tmp_path, text), reading)
+    refuses(message, read_coco, _file(tmp_path, text), reading)
     (tmp_path / "utf16.json").write_text("{}", encoding="utf-16")
-    with pytest.raises(ToktError, match="not UTF-8"):
-        read_coco(tmp_path / "utf16.json", reading)
-    with pytest.raises(ToktError, match="does not exist"):
-        read_coco(tmp_path / "none.json", reading)
-
-
-@SLOW
-@given(st.data())
-def test_damaged_files_are_refused_or_read(
-    tmp_path: Path, reading: ReadOptions, writing: WriteOptions, data: st.DataObject
-) -> None:
-    write_coco(tmp_path / "out.json", [said("sand", 1, 2), said("reef", annotator="7")], writing)
-    if data.draw(st.booleans()):
-        (tmp_path / "bad.json").write_bytes(
-            data.draw(damaged((tmp_path / "out.json").read_bytes()))
-        )
-    else:
-        own = json.loads((tmp_path / "out.json").read_text())
-        changed = data.draw(with_odd_values(data.draw(st.sampled_from([own, _foreign()]))))
-        (tmp_path / "bad.json").write_text(json.dumps(changed))
-    try:
-        read_coco(tmp_path / "bad.json", replace(reading, classes={"fish": "other"}))
-    except ToktError as error:
-        assert "\n" not in str(error)
+    refuses("not UTF-8", read_coco, tmp_path / "utf16.json", reading)
+    refuses("does not exist", read_coco, tmp_path / "none.json", reading)

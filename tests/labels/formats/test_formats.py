@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
@@ -17,7 +18,6 @@ from tokt.labels.formats.box_attributes import to_attributes
 from tokt.labels.formats.boxes import Box, Size, patch_box, patches_in_box
 from tokt.labels.formats.formats import FORMATS, format_named, format_to_read, format_to_write
 from tokt.labels.formats.images import FrameKey, MissionImages
-from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.record import LabelRecord
 
 from .examples import said
@@ -55,29 +55,22 @@ def test_what_is_no_label_file(tmp_path: Path) -> None:
         ("x.json", "neither COCO .* nor Label Studio"),
         ("y.json", "not JSON"),
     ):
-        with pytest.raises(ToktError, match=message):
-            format_to_read(tmp_path / name)
-    with pytest.raises(ToktError, match="no label format 'yolo'; there are csv, viame, coco"):
-        format_named("yolo")
-    with pytest.raises(ToktError, match="--format coco or --format labelstudio"):
-        format_to_write(tmp_path / "new.json")
+        refuses(message, format_to_read, tmp_path / name)
+    refuses("no label format 'yolo'; there are csv, viame, coco", format_named, "yolo")
+    refuses("--format coco or --format labelstudio", format_to_write, tmp_path / "new.json")
     assert format_to_write(tmp_path / "new.csv") == "csv"
     assert format_to_write(tmp_path / "patches") == "patches"
 
 
 @given(data=st.binary(max_size=200), suffix=st.sampled_from([".csv", ".json"]))
-def test_any_bytes_are_refused_or_told(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, suffix: str
-) -> None:
+def test_any_bytes_are_refused_or_told(tmp_path_factory, data, suffix):
     path = tmp_path_factory.getbasetemp() / f"any{suffix}"
     path.write_bytes(data)
     with suppress(ToktError):
         assert format_to_read(path) in FORMATS
 
 
-def test_csv_says_what_six_columns_lose(
-    tmp_path: Path, reading: ReadOptions, writing: WriteOptions
-) -> None:
+def test_csv_says_what_six_columns_lose(tmp_path, reading, writing):
     some = [said(), said("sand", 1, 1, model_version="net/3")]
     written = FORMATS["csv"].write(tmp_path / "six.csv", some, writing)
     assert written.lost == [
@@ -150,9 +143,7 @@ def test_boxes_of_the_thesis_grid() -> None:
     st.integers(100, 3000),
     st.tuples(*[st.floats(-50, 150)] * 4),
 )
-def test_a_box_takes_the_patches_it_covers_by_half(
-    grid: Grid, height: int, width: int, percent: tuple[float, float, float, float]
-) -> None:
+def test_a_box_takes_the_patches_it_covers_by_half(grid, height, width, percent):
     size = Size(height, width)
     x0, y0, x1, y1 = percent
     box = Box(x0 * width / 100, y0 * height / 100, x1 * width / 100, y1 * height / 100)

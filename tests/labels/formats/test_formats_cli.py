@@ -36,9 +36,7 @@ def labels(tmp_path: Path, dive: Path, run_tokt: Callable[..., Any]) -> Callable
 @pytest.mark.parametrize(
     ("file", "name"), [("out.json", "coco"), ("out.json", "labelstudio"), ("out.csv", "csv")]
 )
-def test_there_and_back(
-    labels: Callable[..., Any], tmp_path: Path, dive: Path, file: str, name: str
-) -> None:
+def test_there_and_back(labels, tmp_path, dive, file, name):
     more = ("--full",) if name == "csv" else ("--mission-dir", dive)
     ran = labels("export", file, "--format", name, *more)
     assert ran.code == 0, ran.err
@@ -52,9 +50,7 @@ def test_there_and_back(
         assert set(store.current()) == set(RECORDS)
 
 
-def test_the_missions_folder_chooses_the_mission_of_a_csv_too(
-    labels: Callable[..., Any], tmp_path: Path, dive: Path
-) -> None:
+def test_the_missions_folder_chooses_the_mission_of_a_csv_too(labels, tmp_path, dive):
     with LabelStore(tmp_path / ".tokt" / "labels.db") as store:
         store.add([replace(said(), mission="another")])
     for more, n in ((), 4), (("--mission-dir", dive), 3):
@@ -97,9 +93,7 @@ def test_foreign_file(labels: Callable[..., Any], tmp_path: Path, dive: Path) ->
     assert ran.code == 2 and "not of the form THEIRS=OURS" in ran.err
 
 
-def test_settlements_are_left_out_of_six_columns_and_named(
-    labels: Callable[..., Any], tmp_path: Path, dive: Path
-) -> None:
+def test_settlements_are_left_out_of_six_columns_and_named(labels, tmp_path, dive):
     with LabelStore(tmp_path / ".tokt" / "labels.db") as store:
         store.add([said("sand", 1, 3, camera="right", annotator="ann", source="settled")])
     ran = labels("export", "six.csv", "--annotator", "ann")
@@ -111,9 +105,7 @@ def test_settlements_are_left_out_of_six_columns_and_named(
         assert [record.annotator for record in store.settled()] == ["ann"]
 
 
-def test_agreement_of_files_of_other_formats(
-    labels: Callable[..., Any], tmp_path: Path, dive: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_agreement_of_files_of_other_formats(labels, tmp_path, dive, run_tokt):
     for who in ("ann", "bob"):
         options = ("--format", "coco", "--mission-dir", dive, "--annotator", who)
         assert labels("export", f"{who}.json", *options).code == 0

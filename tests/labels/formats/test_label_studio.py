@@ -1,93 +1,22 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from tests.tiers import scaled
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.labels.formats.label_studio import read_label_studio, write_label_studio
 from tokt.labels.formats.options import ReadOptions, WriteOptions
-from tokt.labels.record import LabelRecord
 
-from .examples import damaged, said, some_records, with_odd_values
-
-SLOW = settings(
-    max_examples=scaled(25), suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-
-
-def _box(label: str, x: float, y: float, width: float, height: float) -> dict[str, Any]:
-    return {
-        "id": "Dx_aB91ISN",
-        "type": "rectanglelabels",
-        "from_name": "tag",
-        "to_name": "img",
-        "original_width": 1810,
-        "original_height": 1370,
-        "image_rotation": 0,
-        "value": {
-            "x": x, "y": y, "width": width, "height": height,
-            "rotation": 0, "rectanglelabels": [label],
-        },
-    }  # fmt: skip
-
-
-def _foreign() -> list[dict[str, Any]]:
-    """A project that two people labelled, and a model."""
-    turned = _box("reef", 0, 0, 10, 10)
-    turned["value"]["rotation"] = 30
-    return [
-        {
-            "id": 1,
-            "data": {"img": "/data/upload/3/0a1b2c3d-dive_L_3.png", "note": "deep"},
-            "annotations": [
-                {
-                    "id": 1001,
-                    "completed_by": {"email": "eva@example.org", "id": 7},
-                    "created_at": "2021-03-09T22:16:08.728353Z",
-                    "result": [_box("reef", 0, 0, 20, 10), turned, {"type": "choices"}],
-                },
-                {"completed_by": 10, "result": [_box("sand", 0, 0, 10, 10)]},
-                {"was_cancelled": True, "result": [_box("sand", 50, 50, 10, 10)]},
-            ],
-            "predictions": [
-                {"model_version": "model 1", "result": [_box("ocean", 90, 90, 10, 10)]}
-            ],
-        },
-        {
-            "data": {"img": "https://example.org/Right/dive_R_7.png?d=Right/dive_R_7.png"},
-            "completions": [{"result": [_box("reef", 0, 0, 10, 10)]}],
-        },
-    ]
+from .examples import foreign_label_studio, said
 
 
 def _file(folder: Path, value: Any) -> Path:
     path = folder / "project.json"
     path.write_text(value if isinstance(value, str) else json.dumps(value), encoding="utf-8")
     return path
-
-
-@SLOW
-@given(some_records(), st.booleans())
-def test_own_files_come_back_whole(
-    tmp_path: Path,
-    reading: ReadOptions,
-    writing: WriteOptions,
-    some: list[LabelRecord],
-    with_frames: bool,
-) -> None:
-    written = write_label_studio(tmp_path / "out.json", some, writing)
-    assert (written.labels, written.lost) == (len(some), [])
-    options = reading if with_frames else replace(reading, images=None)
-    read = read_label_studio(tmp_path / "out.json", options)
-    assert set(read.records) == set(some) and len(read.records) == len(some)
-    assert read.lost == []
 
 
 def test_what_label_studio_sees(tmp_path: Path, writing: WriteOptions) -> None:
@@ -122,7 +51,7 @@ def test_what_label_studio_sees(tmp_path: Path, writing: WriteOptions) -> None:
 
 
 def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
-    read = read_label_studio(_file(tmp_path, _foreign()), reading)
+    read = read_label_studio(_file(tmp_path, foreign_label_studio()), reading)
     found = [(r.annotator, r.camera, r.frame, r.row, r.col, r.label) for r in read.records]
     assert found == [
         ("eva@example.org", "left", 3, 0, 0, "reef"),
@@ -142,7 +71,7 @@ def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
 
 
 def test_one_task_alone_and_a_box_with_two_classes(tmp_path: Path, reading: ReadOptions) -> None:
-    task = _foreign()[1]
+    task = foreign_label_studio()[1]
     task["completions"][0]["result"][0]["value"]["rectanglelabels"] = ["reef", "sand"]
     read = read_label_studio(_file(tmp_path, task), reading)
     assert [record.label for record in read.records] == ["reef"]
@@ -175,30 +104,7 @@ def _result(value: list[dict[str, Any]]) -> dict[str, Any]:
     ],
 )
 def test_mistakes_are_one_line(tmp_path: Path, reading: ReadOptions, change, message: str) -> None:
-    value = _foreign()
+    value = foreign_label_studio()
     change(value)
     path = _file(tmp_path, value)
-    with pytest.raises(ToktError, match=message) as caught:
-        read_label_studio(path, reading)
-    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
-
-
-@SLOW
-@given(st.data())
-def test_damaged_files_are_refused_or_read(
-    tmp_path: Path, reading: ReadOptions, writing: WriteOptions, data: st.DataObject
-) -> None:
-    some = [said("sand", 1, 2), said(source="model", annotator="7", model_version="net/3")]
-    write_label_studio(tmp_path / "out.json", some, writing)
-    if data.draw(st.booleans()):
-        (tmp_path / "bad.json").write_bytes(
-            data.draw(damaged((tmp_path / "out.json").read_bytes()))
-        )
-    else:
-        own = json.loads((tmp_path / "out.json").read_text())
-        changed = data.draw(with_odd_values(data.draw(st.sampled_from([own, _foreign()]))))
-        (tmp_path / "bad.json").write_text(json.dumps(changed))
-    try:
-        read_label_studio(tmp_path / "bad.json", reading)
-    except ToktError as error:
-        assert "\n" not in str(error)
+    assert str(path) in refuses(message, read_label_studio, path, reading)

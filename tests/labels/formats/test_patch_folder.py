@@ -8,9 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Lbp
@@ -19,14 +20,11 @@ from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.formats.patch_folder import MANIFEST, read_patch_folder, write_patch_folder
-from tokt.labels.record import LabelRecord
 from tokt.training.datasets.mission_source import plan_from_patch_folder
 
-from .examples import TAXONOMY, damaged, said, some_records, with_odd_values
+from .examples import SLOW, TAXONOMY, damaged, said, some_records, with_odd_values
 
-QUICK = settings(
-    max_examples=scaled(12), suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+QUICK = settings(SLOW, max_examples=scaled(12))
 CELLS = [said("sand", 1, 2), said("reef", 9, 9), said("unsure", camera="right", frame=20)]
 
 
@@ -39,12 +37,7 @@ def folder(tmp_path: Path, writing: WriteOptions) -> Path:
 
 @QUICK
 @given(some_records(grids=(Grid(3, 4, 120),)))
-def test_a_folder_comes_back_whole(
-    tmp_path_factory: pytest.TempPathFactory,
-    reading: ReadOptions,
-    writing: WriteOptions,
-    some: list[LabelRecord],
-) -> None:
+def test_a_folder_comes_back_whole(tmp_path_factory, reading, writing, some):
     path = tmp_path_factory.mktemp("out") / "patches"
     one_a_patch = list({record.cell: record for record in some}.values())
     assert write_patch_folder(path, one_a_patch, writing).lost == []
@@ -84,9 +77,7 @@ def test_a_patch_moved_to_another_class_is_relabelled(folder: Path, reading: Rea
     assert sorted(record.annotator for record in by_bob) == ["ann", "ann", "bob"]
 
 
-def test_a_suggestion_that_was_moved_is_a_label_by_hand(
-    tmp_path: Path, reading: ReadOptions, writing: WriteOptions
-) -> None:
+def test_a_suggestion_that_was_moved_is_a_label_by_hand(tmp_path, reading, writing):
     record = said(source="model", annotator="net", model_version="net/3")
     write_patch_folder(tmp_path / "sorted", [record], writing)
     assert read_patch_folder(tmp_path / "sorted", reading).records == [record]
@@ -110,8 +101,7 @@ def test_other_images_and_gone_ones_are_counted(folder: Path, reading: ReadOptio
 
 def test_unknown_folders_and_patches_in_two(folder: Path, reading: ReadOptions) -> None:
     (folder / "sand").rename(folder / "fish")
-    with pytest.raises(ToktError, match=r"unknown class 'fish' \(1\).* --map THEIRS=OURS"):
-        read_patch_folder(folder, reading)
+    refuses(r"unknown class 'fish' \(1\).* --map THEIRS=OURS", read_patch_folder, folder, reading)
     read = read_patch_folder(folder, replace(reading, classes={"fish": "other"}))
     assert sorted(record.label or "" for record in read.records) == ["other", "reef", "unsure"]
     read = read_patch_folder(folder, replace(reading, classes={"fish": ""}))
@@ -119,18 +109,13 @@ def test_unknown_folders_and_patches_in_two(folder: Path, reading: ReadOptions) 
     assert read.lost == ["1 patch left out by --map: class 'fish'"]
     (folder / "sand").mkdir()
     (folder / "sand" / "dive_left_000003_r01_c02.png").write_bytes(b"")
-    with pytest.raises(ToktError, match=r"c02\.png is in fish and in sand"):
-        read_patch_folder(folder, reading)
+    refuses(r"c02\.png is in fish and in sand", read_patch_folder, folder, reading)
 
 
-def test_nothing_is_written_over_and_nothing_half(
-    tmp_path: Path, folder: Path, writing: WriteOptions
-) -> None:
+def test_nothing_is_written_over_and_nothing_half(tmp_path, folder, writing):
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(ToktError, match="is there already"):
-        write_patch_folder(folder, CELLS, writing)
-    with pytest.raises(ToktError, match="is there already"):
-        write_patch_folder(folder / MANIFEST, CELLS, writing)
+    refuses("is there already", write_patch_folder, folder, CELLS, writing)
+    refuses("is there already", write_patch_folder, folder / MANIFEST, CELLS, writing)
     for wrong, message in (
         ([*CELLS, said("ocean", 9, 9, annotator="bob")], "by ann and by bob.*--annotator"),
         (
@@ -140,8 +125,7 @@ def test_nothing_is_written_over_and_nothing_half(
         ([*CELLS, replace(said(), mission="wreck")], "missions dive, wreck"),
         ([said(frame=4)], "no patch could be written; 1 label left out: .* has no such frames"),
     ):
-        with pytest.raises(ToktError, match=message):
-            write_patch_folder(tmp_path / "new", wrong, writing)
+        refuses(message, write_patch_folder, tmp_path / "new", wrong, writing)
     with pytest.raises(ToktError, match="--mission-dir DIR"):
         write_patch_folder(tmp_path / "new", CELLS, WriteOptions(TAXONOMY))
     with pytest.raises(ToktError, match=r"cannot write .*(File exists|Not a directory)"):
@@ -158,9 +142,7 @@ def test_nothing_is_written_over_and_nothing_half(
     assert write_patch_folder(tmp_path / "empty", CELLS, writing).labels == 3
 
 
-def test_a_settlement_is_written_and_its_opinions_are_not(
-    tmp_path: Path, reading: ReadOptions, writing: WriteOptions
-) -> None:
+def test_a_settlement_is_written_and_its_opinions_are_not(tmp_path, reading, writing):
     opinions = [said("reef"), said("sand", annotator="bob")]
     settled = said("sand", annotator="eva", source="settled")
     written = write_patch_folder(tmp_path / "out", [*opinions, settled], writing)
@@ -191,15 +173,12 @@ def test_folders_without_our_manifest(tmp_path: Path, reading: ReadOptions) -> N
         ('{"format": 1, "patches": {"a.png": {"tokt_format": 1}}}', "no tokt_mission"),
     ):
         (tmp_path / MANIFEST).write_text(text)
-        with pytest.raises(ToktError, match=message):
-            read_patch_folder(tmp_path, reading)
+        refuses(message, read_patch_folder, tmp_path, reading)
 
 
 @QUICK
 @given(st.data())
-def test_damaged_manifests_are_refused_or_read(
-    folder: Path, reading: ReadOptions, data: st.DataObject
-) -> None:
+def test_damaged_manifests_are_refused_or_read(folder, reading, data):
     kept = folder.parent / "kept.json"
     if not kept.exists():
         kept.write_bytes((folder / MANIFEST).read_bytes())

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.calls import refuses, run_python
 from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import SETTLED, LabelRecord
 from tokt.labels.store.actions import Action, ActionHead, ActionResult, Change, Conflict
@@ -59,10 +59,7 @@ def test_an_action_is_written_with_who_when_and_which_model(store: LabelStore) -
     changes = (_change("reef", model_version="lbp/3"), _change("ocean", col=1, frame=2))
     done = store.apply(_action("k", *changes, blind=True))
     assert done == ActionResult("k", 1, 2, 2, (), False, (("left", 1), ("left", 2)), "paint")
-    expected = [
-        _said("reef", model_version="lbp/3"),
-        replace(_said("ocean", col=1), frame=2),
-    ]
+    expected = [_said("reef", model_version="lbp/3"), replace(_said("ocean", col=1), frame=2)]
     assert store.current() == expected
     assert list(store.rows_after(1, "dive", GRID)) == [
         (2, "left", 2, 0, 1, "ocean", "ann", "human", None, True)
@@ -168,12 +165,10 @@ def test_histories_are_kept_apart_by_annotator_mission_and_grid(store: LabelStor
 def test_undo_of_something_else_than_meant_is_refused(store: LabelStore) -> None:
     store.apply(_action("k1", _change("reef")))
     store.apply(_action("k2", _change("sand", "reef"), kind="accept"))
-    with pytest.raises(ToktError, match=r"something else was done since.*accept"):
-        _undo(store, "u", target="k1")
+    refuses(r"something else was done since.*accept", _undo, store, "u", target="k1")
     assert _labels(store) == {0: "sand"}
     _undo(store, "u", target="k2")
-    with pytest.raises(ToktError, match="something else"):
-        _redo(store, "r", target="k1")
+    refuses("something else", _redo, store, "r", target="k1")
 
 
 def test_undo_does_not_overwrite_what_was_imported_since(store: LabelStore) -> None:
@@ -209,10 +204,8 @@ def test_what_is_sent_twice_counts_once(store: LabelStore) -> None:
     assert _redo(store, "r") == replace(redone, repeated=True)
     assert _labels(store) == {0: "reef", 4: "ocean"}
     for taken in (_action("u"), _action("k", who="ben"), replace(_action("k"), grid=Grid(5, 5))):
-        with pytest.raises(ToktError, match="taken by another"):
-            store.apply(taken)
-    with pytest.raises(ToktError, match="taken by another"):
-        _redo(store, "u")
+        refuses("taken by another", store.apply, taken)
+    refuses("taken by another", _redo, store, "u")
 
 
 @pytest.mark.parametrize(
@@ -229,14 +222,11 @@ def test_what_is_sent_twice_counts_once(store: LabelStore) -> None:
     ],
 )
 def test_actions_that_cannot_be(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(ToktError, match=message):
-        replace(_action("k", _change("reef")), **changes)
+    refuses(message, replace, _action("k", _change("reef")), **changes)
 
 
 @pytest.mark.parametrize("chunk", [1, 2, 3, 100])
-def test_events_are_read_in_pieces(
-    store: LabelStore, monkeypatch: pytest.MonkeyPatch, chunk: int
-) -> None:
+def test_events_are_read_in_pieces(store, monkeypatch, chunk):
     monkeypatch.setattr("tokt.labels.store.store._CHUNK", chunk)
     for n in range(3):
         store.apply(_action(f"k{n}", _change("reef", col=n), _change("sand", frame=n + 2)))
@@ -248,9 +238,7 @@ def test_events_are_read_in_pieces(
     assert store.last_event() == 12
 
 
-def test_events_written_while_reading_are_read_too(
-    store: LabelStore, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_events_written_while_reading_are_read_too(store, monkeypatch):
     monkeypatch.setattr("tokt.labels.store.store._CHUNK", 1)
     store.add([_said("reef"), _said("reef", col=1)])
     reading = store.rows_after(0, "dive", GRID)
@@ -441,9 +429,7 @@ print(done.repeated, done.changed)
 @pytest.mark.skipif(os.name == "nt", reason="needs RLIMIT_FSIZE")
 def test_a_full_disk_is_noticed_and_nothing_half_written(tmp_path: Path) -> None:
     path = tmp_path / "labels.db"
-    ran = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(path)], capture_output=True, text=True, timeout=MAX_S
-    )
+    ran = run_python("-c", FULL_DISK, path)
     assert (ran.returncode, ran.stderr) == (0, "")
     *faults, after = ran.stdout.splitlines()
     assert after == "False 1"
@@ -457,10 +443,8 @@ def test_a_store_that_may_only_be_read_says_so(store: LabelStore) -> None:
     store.apply(_action("k", _change("reef")))
     store.check_writable()
     store._connection.execute("PRAGMA query_only = TRUE")
-    with pytest.raises(ToktError, match="readonly"):
-        store.check_writable()
-    with pytest.raises(ToktError, match="readonly"):
-        store.apply(_action("k2", _change("sand", "reef")))
+    refuses("readonly", store.check_writable)
+    refuses("readonly", store.apply, _action("k2", _change("sand", "reef")))
     assert _labels(store) == {0: "reef"}
 
 
@@ -484,7 +468,6 @@ def test_a_read_only_file_says_so(in_use: bool) -> None:
     # Not pytest's folder: root's child becomes nobody, who could not even enter that.
     with tempfile.TemporaryDirectory() as name:
         folder, path = Path(name), Path(name) / "labels.db"
-        command = [sys.executable, "-c", READ_ONLY, str(path)]
         with LabelStore(path) as store:
             store.apply(_action("k", _change("reef")))
             modes = {folder: (0o777, 0o555)}
@@ -494,11 +477,11 @@ def test_a_read_only_file_says_so(in_use: bool) -> None:
                 store.close()
             for file, (everybody, _) in modes.items():
                 file.chmod(everybody)
-            ran = subprocess.run(command, capture_output=True, text=True, timeout=MAX_S)
+            ran = run_python("-c", READ_ONLY, path)
             assert (ran.stdout, ran.stderr) == ("", "")
             for file, (_, reading) in modes.items():
                 file.chmod(reading)
-            ran = subprocess.run(command, capture_output=True, text=True, timeout=MAX_S)
+            ran = run_python("-c", READ_ONLY, path)
             folder.chmod(0o755)
         assert (ran.returncode, ran.stderr) == (0, "")
         assert ran.stdout.startswith(f"label store {path}: ")

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store import known_missions
@@ -44,8 +45,7 @@ def _refused(workspace: Path, path: Path, old: Path) -> None:
     )
     before = (workspace / FILE_NAME).read_bytes()
     for refuse in (note_mission, check_mission):
-        with pytest.raises(ToktError, match=f"^{re.escape(said)}$"):
-            refuse(workspace, open_mission(path))
+        refuses(f"^{re.escape(said)}$", refuse, workspace, open_mission(path))
     assert (workspace / FILE_NAME).read_bytes() == before
 
 
@@ -111,9 +111,7 @@ def test_nothing_is_written_where_nothing_changed(tmp_path: Path) -> None:
     assert (tmp_path / FILE_NAME).stat().st_mtime == 1
 
 
-def test_few_files_of_a_long_mission_are_opened(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_few_files_of_a_long_mission_are_opened(tmp_path, monkeypatch):
     folder = tmp_path / "dive"
     folder.mkdir()
     for frame in range(2_000):
@@ -161,8 +159,8 @@ def test_a_newer_format(tmp_path: Path) -> None:
     text = json.dumps({"format": 2, "dives": []})
     (tmp_path / FILE_NAME).write_text(text)
     for read in (note_mission, check_mission):
-        with pytest.raises(ToktError, match=r"missions.json has format 2, newer .*update tokt$"):
-            read(tmp_path, open_mission(path))
+        newer = r"missions.json has format 2, newer .*update tokt$"
+        refuses(newer, read, tmp_path, open_mission(path))
     assert (tmp_path / FILE_NAME).read_text() == text
 
 
@@ -191,15 +189,12 @@ def test_damage(tmp_path: Path, text: str) -> None:
     path = _dive(tmp_path / "dive", 1)
     (tmp_path / FILE_NAME).write_bytes(text.encode("latin-1"))
     for read in (note_mission, check_mission):
-        with pytest.raises(ToktError, match=r"missions.json is damaged; "):
-            read(tmp_path, open_mission(path))
+        refuses(r"missions.json is damaged; ", read, tmp_path, open_mission(path))
     assert (tmp_path / FILE_NAME).read_bytes() == text.encode("latin-1")
 
 
 @given(st.integers(0, len(GOOD) - 1), st.characters(codec="ascii"))
-def test_one_wrong_character(
-    tmp_path_factory: pytest.TempPathFactory, place: int, character: str
-) -> None:
+def test_one_wrong_character(tmp_path_factory, place, character):
     folder = tmp_path_factory.getbasetemp()
     file = folder / "book" / FILE_NAME
     file.parent.mkdir(exist_ok=True)
@@ -213,8 +208,7 @@ def test_one_wrong_character(
 def test_a_workspace_that_cannot_be_written(tmp_path: Path) -> None:
     path = _dive(tmp_path / "dive", 1)
     (tmp_path / "workspace").touch()
-    with pytest.raises(ToktError, match=r"missions.json: "):
-        _note(tmp_path / "workspace", path)
+    refuses(r"missions.json: ", _note, tmp_path / "workspace", path)
 
 
 def test_label_notes_a_mission_and_refuses_another(run_tokt: Any, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.labels.formats.label_csv import read_label_csv, write_label_csv
@@ -58,9 +59,7 @@ def test_a_settlement_stands_beside_the_opinions(store: LabelStore) -> None:
         (_settled(None, "dora"), False),
     ],
 )
-def test_anything_newer_that_people_say_opens_the_question_again(
-    store: LabelStore, newer: LabelRecord, holds: bool
-) -> None:
+def test_anything_newer_that_people_say_opens_the_question_again(store, newer, holds):
     store.add([_settled("reef")])
     store.add([newer])
     assert store.settled() == ([_settled("reef")] if holds else [])
@@ -91,9 +90,7 @@ def test_importing_a_settlement_twice_changes_nothing(store: LabelStore) -> None
     assert store.add([replace(_settled("reef"), time="2016-04-21T10:00:00Z")]) == 1
 
 
-def test_a_full_file_carries_settlements_to_another_store(
-    store: LabelStore, tmp_path: Path
-) -> None:
+def test_a_full_file_carries_settlements_to_another_store(store, tmp_path):
     # "ann" sorts before "ben": were the rows in order of annotators, ben's would reopen it.
     store.add([_settled("reef", "ann", model_version="lbp/1"), _said("sand", "ben", col=1)])
     full = store.current_and_settled()
@@ -118,13 +115,10 @@ def test_a_patch_that_a_file_settles_twice(tmp_path: Path) -> None:
     write_label_csv(path, [_said("reef", "ann"), _settled("reef")], full=True)
     assert len(read_label_csv(path, TAXONOMY)) == 2
     write_label_csv(path, [_settled("reef"), _settled("ocean", "ben")], full=True)
-    with pytest.raises(ToktError, match=r"line 3: .* is settled on line 2 already"):
-        read_label_csv(path, TAXONOMY)
+    refuses(r"line 3: .* is settled on line 2 already", read_label_csv, path, TAXONOMY)
 
 
-def test_a_dataset_takes_what_is_settled(
-    store: LabelStore, tmp_path: Path, make_frames: Path
-) -> None:
+def test_a_dataset_takes_what_is_settled(store, tmp_path, make_frames):
     store.add([_said("reef", "ann", col=1), _said("ocean", "ben", col=1), _settled("reef")])
     records = store.current_and_settled(grid=DEFAULT_GRID)
     write_label_csv(tmp_path / "full.csv", records, full=True)

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now, utc_text
 from tokt.labels.store.health import label_store_finding
@@ -144,10 +144,7 @@ def test_an_interrupted_add_leaves_nothing(store: LabelStore) -> None:
 @pytest.mark.parametrize("statement", ["UPDATE events SET label = 'sand'", "DELETE FROM events"])
 def test_events_cannot_be_changed_or_deleted(store: LabelStore, statement: str) -> None:
     store.add([_record("ocean")])
-    with (
-        sqlite3.connect(store.path) as other,
-        pytest.raises(sqlite3.IntegrityError, match="never"),
-    ):
+    with sqlite3.connect(store.path) as other, pytest.raises(sqlite3.IntegrityError, match="never"):
         other.execute(statement)
     assert store.current() == [_record("ocean")]
 
@@ -220,9 +217,7 @@ def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays
     assert upgraded == new
 
 
-def test_an_interrupted_upgrade_leaves_yesterdays_file(
-    yesterdays: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_upgrade_leaves_yesterdays_file(yesterdays, monkeypatch):
     def killed(connection: sqlite3.Connection) -> None:
         upgrade(connection)
         raise KeyboardInterrupt
@@ -274,32 +269,27 @@ def test_doctor_leaves_a_format_1_file_as_it_is(yesterdays: Path) -> None:
 def test_a_newer_format_is_refused_and_left_alone(store: LabelStore) -> None:
     store._connection.execute("PRAGMA user_version = 3")
     store.close()
-    with pytest.raises(ToktError, match="format 3, newer"):
-        LabelStore(store.path)
+    refuses("format 3, newer", LabelStore, store.path)
 
 
 def test_other_files_are_refused_and_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "labels.db"
     path.write_text("mission,camera\n" * 100)
-    with pytest.raises(ToktError, match="not a database"):
-        LabelStore(path)
+    refuses("not a database", LabelStore, path)
     assert path.read_text() == "mission,camera\n" * 100
     foreign = tmp_path / "mlflow.db"
     with sqlite3.connect(foreign) as other:
         other.execute("CREATE TABLE runs (id)")
     other.close()
     before = foreign.read_bytes()
-    with pytest.raises(ToktError, match="another kind of database"):
-        LabelStore(foreign)
+    refuses("another kind of database", LabelStore, foreign)
     assert foreign.read_bytes() == before
     (tmp_path / "file").touch()
-    with pytest.raises(ToktError, match="label store"):
-        LabelStore(tmp_path / "file" / "labels.db")
+    refuses("label store", LabelStore, tmp_path / "file" / "labels.db")
 
 
 def test_reading_where_there_is_no_store_makes_none(tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match="no label store"):
-        LabelStore(tmp_path / "a" / "labels.db", create=False)
+    refuses("no label store", LabelStore, tmp_path / "a" / "labels.db", create=False)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -344,9 +334,7 @@ def _import_loop(file: Path, workspace: Path, name: str, count: int) -> subproce
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
 @pytest.mark.process
-def test_sigkill_at_any_moment_loses_no_acknowledged_import(
-    tmp_path: Path, label_file: Path
-) -> None:
+def test_sigkill_at_any_moment_loses_no_acknowledged_import(tmp_path, label_file):
     chance = random.Random(42)
     acknowledged: set[str] = set()
     for trial in range(6):
@@ -389,9 +377,7 @@ def test_sigkill_while_the_store_is_made(tmp_path: Path, label_file: Path) -> No
 
 
 @pytest.mark.process
-def test_processes_import_at_once_into_a_store_neither_has_made(
-    tmp_path: Path, label_file: Path
-) -> None:
+def test_processes_import_at_once_into_a_store_neither_has_made(tmp_path, label_file):
     children = [_import_loop(label_file, tmp_path / "ws", name, 8) for name in "abc"]
     for child in children:
         output, _ = child.communicate(timeout=MAX_S)
@@ -444,8 +430,7 @@ def test_threads_read_while_one_waits_for_another_process_to_write(store: LabelS
     ],
 )
 def test_records_that_cannot_be(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(ToktError, match=message):
-        replace(_record("ocean"), **changes)
+    refuses(message, replace, _record("ocean"), **changes)
 
 
 def test_utc_text_keeps_the_moment() -> None:

@@ -31,10 +31,7 @@ RECIPE: dict[str, Any] = {
     "dim": 12,
     "grid": {"rows": 1, "cols": 1, "width": None},
     "thresholds": [0.25],
-    "classes": [
-        {"name": "ocean", "obstacle": False},
-        {"name": "tower", "obstacle": True},
-    ],
+    "classes": [{"name": "ocean", "obstacle": False}, {"name": "tower", "obstacle": True}],
     "metrics": {
         "split": "five folds by blocks of 20 frames",
         "patch": {

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -56,9 +55,7 @@ def three(make_content: Callable[..., BundleContent]) -> Bundle:
     return bundle_from_bytes(bundle_bytes(content), "three")
 
 
-def test_deployed_with_another_taxonomy(
-    three: Bundle, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_deployed_with_another_taxonomy(three, tmp_path, run_tokt):
     file, store = tmp_path / "three.tokt", tmp_path / "store"
     file.write_bytes(three.data)
     flags = write_taxonomy(tmp_path / "dive.toml", ocean=False, sand=True, tower=True, kelp=True)
@@ -94,9 +91,7 @@ def test_deployed_with_another_taxonomy(
     assert "dive.toml" in run_tokt("store", store).out
 
 
-def test_exported_with_its_own_flags_it_is_the_same_file(
-    three: Bundle, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_exported_with_its_own_flags_it_is_the_same_file(three, tmp_path, run_tokt):
     file, out = tmp_path / "three.tokt", tmp_path / "out.tokt"
     file.write_bytes(three.data)
     flags = write_taxonomy(tmp_path / "same.toml", ocean=False, sand=False, tower=True)
@@ -106,9 +101,7 @@ def test_exported_with_its_own_flags_it_is_the_same_file(
     assert read_bundle(out).operating_point.rule == three.operating_point.rule
 
 
-def test_flags_that_cannot_be_are_one_line(
-    three: Bundle, make_content: Callable[..., BundleContent], tmp_path: Path, run_tokt: Any
-) -> None:
+def test_flags_that_cannot_be_are_one_line(three, make_content, tmp_path, run_tokt):
     two = bundle_from_bytes(bundle_bytes(make_content(5)), "two")
     with pytest.raises(ToktError, match="fixed when it was trained"):
         override_obstacle_classes(two, {"ocean": True, "other": False}, "t.toml", "0")

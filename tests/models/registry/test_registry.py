@@ -11,6 +11,7 @@ import mlflow
 import numpy as np
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import bundle_from_bytes, read_bundle
@@ -32,8 +33,7 @@ def test_by_default_all_is_kept_in_the_workspace(trained):
 def test_a_new_registry_is_empty_and_whole(tmp_path):
     registry = Registry(tmp_path / "fresh" / ".tokt", create=True)
     assert registry.versions() == []
-    with pytest.raises(ToktError, match="there are: none yet"):
-        registry.find("anything")
+    refuses("there are: none yet", registry.find, "anything")
 
 
 def test_what_a_run_holds(trained):
@@ -142,8 +142,7 @@ def test_a_recipe_of_version_1_is_read_and_one_of_tomorrow_is_not(trained, tiny_
         np.testing.assert_array_equal(bundle.model.weights, read_bundle(tiny_bundle).model.weights)
         for version in (0, 4, "2", None):
             file.write_text(json.dumps({**recipe, "recipe_version": version}), "utf-8")
-            with pytest.raises(ToktError, match="another generation of tokt"):
-                registry.bundle("tiny-lbp")
+            refuses("another generation of tokt", registry.bundle, "tiny-lbp")
     finally:
         file.write_text(now, "utf-8")
 
@@ -191,8 +190,7 @@ def test_references_to_nothing(trained, reference, message):
 
 @pytest.mark.parametrize("alias", ["latest", "v3", "a b", "", "-x", "a/b"])
 def test_what_cannot_be_an_alias(trained, alias):
-    with pytest.raises(ToktError, match="cannot be an alias"):
-        Registry(trained).set_alias("tiny-lbp", alias)
+    refuses("cannot be an alias", Registry(trained).set_alias, "tiny-lbp", alias)
 
 
 def test_a_model_that_tokt_did_not_train_is_said(workspace):
@@ -201,8 +199,7 @@ def test_a_model_that_tokt_did_not_train_is_said(workspace):
     with mlflow.start_run(experiment_id=experiment) as run:
         pass
     registry.register("foreign", "models:/tiny-lbp/1", run.info.run_id, _model_id(registry), {})
-    with pytest.raises(ToktError, match="was it trained by tokt"):
-        registry.bundle("foreign")
+    refuses("was it trained by tokt", registry.bundle, "foreign")
 
 
 def test_a_model_whose_files_are_gone_is_said(workspace, trained, tmp_path):
@@ -210,16 +207,14 @@ def test_a_model_whose_files_are_gone_is_said(workspace, trained, tmp_path):
     hidden = trained / "mlartifacts"
     moved = hidden.rename(tmp_path / "mlartifacts")
     try:
-        with pytest.raises(ToktError, match="missing from its run"):
-            Registry(workspace).bundle("tiny-lbp")
+        refuses("missing from its run", Registry(workspace).bundle, "tiny-lbp")
     finally:
         moved.rename(hidden)
 
 
 def test_a_database_that_is_none_is_said(tmp_path):
     (tmp_path / "mlflow.db").write_bytes(b"this is no database" * 100)
-    with pytest.raises(ToktError, match="the model registry at sqlite"):
-        Registry(tmp_path).versions()
+    refuses("the model registry at sqlite", lambda: Registry(tmp_path).versions())
 
 
 def test_nothing_is_left_in_the_temporary_folder(trained, tmp_path, monkeypatch):
@@ -249,8 +244,7 @@ def test_a_folder_name_that_mlflow_cannot_use_is_said(tmp_path, run_tokt):
 
 
 def test_reading_makes_no_registry(tmp_path):
-    with pytest.raises(ToktError, match="no model has been trained"):
-        Registry(tmp_path)
+    refuses("no model has been trained", Registry, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.calls import run_python
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.store.health import store_findings
 from tokt.models.store.last_good import remember_good
@@ -39,9 +38,7 @@ def words(ran: Any) -> str:
     return str(ran.err)
 
 
-def test_from_a_key_to_a_signed_model_and_back(
-    files: dict[str, Path], store: Store, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_from_a_key_to_a_signed_model_and_back(files, store, tmp_path, run_tokt):
     made = json.loads(run_tokt("keygen", tmp_path / "boat", "--json").out)
     key, public = tmp_path / "boat.key", tmp_path / "boat.pub"
     assert (made["private"], made["public"]) == (str(key), str(public))
@@ -85,12 +82,7 @@ def test_from_a_key_to_a_signed_model_and_back(
     assert run_tokt("deploy", files["c"], store.path).code == 0
 
 
-def test_a_passphrase_comes_from_the_environment(
-    files: dict[str, Path],
-    tmp_path: Path,
-    run_tokt: Callable[..., Any],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_passphrase_comes_from_the_environment(files, tmp_path, run_tokt, monkeypatch):
     export = ("export", files["a"], "-o", tmp_path / "x.tokt", "--sign", tmp_path / "k.key")
     assert "a passphrase is needed" in words(run_tokt("keygen", tmp_path / "k", "--passphrase"))
     monkeypatch.setenv("TOKT_KEY_PASSPHRASE", "hav")
@@ -102,9 +94,7 @@ def test_a_passphrase_comes_from_the_environment(
     assert "a passphrase is needed" in words(run_tokt(*export))
 
 
-def test_what_to_carry_to_a_pc_without_a_network_works_there(
-    files: dict[str, Path], store: Store, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_what_to_carry_to_a_pc_without_a_network_works_there(files, store, tmp_path, run_tokt):
     """Follow the printed lines to the letter, where no training tool is installed."""
     ran = run_tokt("deploy", files["b"], store.path, "--reason", "dive 12")
     assert ran.code == 0 and "for a PC without a network" in ran.out
@@ -120,9 +110,7 @@ def test_what_to_carry_to_a_pc_without_a_network_works_there(
     assert [command.split()[1] for command in commands] == ["deploy", "doctor", "rollback"]
     for command in commands[:2]:
         typed = [word.replace("STORE", "aboard") for word in command.split()[1:]]
-        done = subprocess.run(
-            [sys.executable, "-c", SLIM, *typed], cwd=stick, capture_output=True, text=True
-        )
+        done = run_python("-c", SLIM, *typed, folder=stick)
         assert done.returncode == 0, done.stderr
     assert Store(stick / "aboard").active().sha256 == sha256
     typed = [word.replace("STORE", str(stick / "aboard")) for word in commands[2].split()[1:]]
@@ -137,18 +125,14 @@ def test_what_to_carry_to_a_pc_without_a_network_works_there(
         ("--reason", "why"),
     ],
 )
-def test_options_of_store_that_do_not_go_together(
-    arguments: tuple[str, ...], store: Store, run_tokt: Callable[..., Any]
-) -> None:
+def test_options_of_store_that_do_not_go_together(arguments, store, run_tokt):
     store.path.mkdir(parents=True)
     assert "--trust, --distrust" in words(run_tokt("store", store.path, *arguments))
     assert not list(store.path.iterdir())
 
 
 @pytest.mark.parametrize("option", [("--distrust", "12345678"), ("--accept-unsigned",)])
-def test_keys_of_a_store_that_is_not_there(
-    option: tuple[str, ...], store: Store, run_tokt: Callable[..., Any]
-) -> None:
+def test_keys_of_a_store_that_is_not_there(option, store, run_tokt):
     assert "does not exist" in words(run_tokt("store", store.path, *option))
     assert not store.path.exists()
 
@@ -159,10 +143,8 @@ def states(store: Store) -> dict[str, str]:
     }
 
 
-def test_doctor_on_keys_and_the_last_good_copy(
-    store: Store, signed: dict[str, Bundle], bundles: dict[str, Bundle], key_files: dict[str, Path]
-) -> None:
-    from tokt.models.signing.public_key import read_public_key
+def test_doctor_on_keys_and_the_last_good_copy(store, signed, bundles, key_files):
+    from tokt.models.signing.keys import read_public_key
 
     store.deploy(bundles["a"])
     assert states(store)["store keys"].startswith("ok: none")

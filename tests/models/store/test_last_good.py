@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.waiting import MAX_S
+from tests.calls import refuses, run_python
+from tests.models.parts import pack, rehash, unpack
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
-from tokt.models.signing.private_key import SigningKey
 from tokt.models.store.check_active import main
+from tokt.models.store.health import store_summary
 from tokt.models.store.last_good import load_running, remember_good
 from tokt.models.store.store import Store
-from tokt.models.store.summary import store_summary
 
 
 @pytest.fixture
@@ -49,17 +46,14 @@ def test_a_sound_store_runs_its_active_model_without_a_note(store: Store) -> Non
     assert runs(store) == ("c/3", ""), "the copy is not asked for"
 
 
-def test_a_damaged_active_bundle_runs_from_the_copy(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_a_damaged_active_bundle_runs_from_the_copy(store, bundles):
     damage(store, bundles["c"])
     label, notes = runs(store)
     assert label == "c/3"
     assert "the active model (c/3) is refused: bundle" in notes
     assert "not the one that was deployed" in notes
     assert f"the last good copy runs instead: c/3, sha256 {bundles['c'].sha256[:12]}" in notes
-    with pytest.raises(ToktError, match="not the one that was deployed"):
-        store.active()
+    refuses("not the one that was deployed", store.active)
     assert store_summary(store)["starts_with"]["label"] == "c/3"
 
 
@@ -72,14 +66,10 @@ def test_then_the_earlier_ones_newest_first(store: Store, bundles: dict[str, Bun
     assert label == "a/1" and notes.count("is refused") == 2
     assert "the earlier model (a/1) runs instead" in notes
     damage(store, bundles["a"])
-    with pytest.raises(ToktError) as caught:
-        load_running(store)
-    assert str(caught.value).count("is refused") == 3 and "\n" not in str(caught.value)
+    assert refuses("", load_running, store).count("is refused") == 3
 
 
-def test_the_copy_of_what_ran_last_comes_before_what_never_ran(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_the_copy_of_what_ran_last_comes_before_what_never_ran(store, bundles):
     remember_good(store, bundles["a"])
     damage(store, bundles["c"])
     assert runs(store)[0] == "a/1"
@@ -98,9 +88,7 @@ def test_a_damaged_copy_is_passed_over(store: Store, bundles: dict[str, Bundle])
 
 
 @pytest.mark.parametrize("to", ["", "1"])
-def test_never_a_model_that_was_rolled_back_from(
-    store: Store, bundles: dict[str, Bundle], to: str
-) -> None:
+def test_never_a_model_that_was_rolled_back_from(store, bundles, to):
     """The runtime was off, so that its copy is still of the model rolled back from."""
     store.rollback("it steered into the tower", to)
     damage(store, bundles["b"])
@@ -109,8 +97,7 @@ def test_never_a_model_that_was_rolled_back_from(
     if not to:
         assert "it was rolled back from" in notes
     damage(store, bundles["a"])
-    with pytest.raises(ToktError, match="it was rolled back from"):
-        load_running(store)
+    refuses("it was rolled back from", load_running, store)
     store.deploy(bundles["c"], "it was the lamp")
     damage(store, bundles["c"])
     assert runs(store)[0] == "c/3", "a person took it again"
@@ -124,13 +111,10 @@ def test_nor_one_that_an_undo_would_reach_again(store: Store, bundles: dict[str,
     damage(store, bundles["c"])
     assert runs(store)[0] == "b/2"
     damage(store, bundles["b"])
-    with pytest.raises(ToktError, match="it was rolled back from"):
-        load_running(store)
+    refuses("it was rolled back from", load_running, store)
     damage(store)
     store.last_good_file.unlink()
-    with pytest.raises(ToktError) as caught:
-        load_running(store)
-    assert "a/1" not in str(caught.value), "not even tried"
+    assert "a/1" not in refuses("", load_running, store), "not even tried"
 
 
 def test_nor_one_left_by_a_jump(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -138,20 +122,16 @@ def test_nor_one_left_by_a_jump(store: Store, bundles: dict[str, Bundle]) -> Non
     for name in "bc":
         remember_good(store, bundles[name])
         damage(store, bundles["a"])
-        with pytest.raises(ToktError, match="it was rolled back from"):
-            load_running(store)
+        refuses("it was rolled back from", load_running, store)
         store.bundle_file(bundles["a"].sha256).write_bytes(bundles["a"].data)
     store.rollback(to="2")
     remember_good(store, bundles["a"])
     damage(store, bundles["b"])
-    with pytest.raises(ToktError, match="it was rolled back from"):
-        load_running(store)
+    refuses("it was rolled back from", load_running, store)
 
 
 @pytest.mark.parametrize("text", [b"", b"\x00" * 300, b"{"])
-def test_a_damaged_pointer_is_read_from_its_copy(
-    store: Store, bundles: dict[str, Bundle], text: bytes
-) -> None:
+def test_a_damaged_pointer_is_read_from_its_copy(store, bundles, text):
     store.rollback()
     (store.path / "active").write_bytes(text)
     label, notes = runs(store)
@@ -160,9 +140,7 @@ def test_a_damaged_pointer_is_read_from_its_copy(
     assert "the model that was active by the history (b/2) runs instead" in notes
 
 
-def test_a_damaged_pointer_and_a_history_without_the_rollback(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_a_damaged_pointer_and_a_history_without_the_rollback(store, bundles):
     """Killed before the line was added, then the pointer damaged: the copy knows of it."""
     history = (store.path / "history.jsonl").read_bytes()
     store.rollback("c is bad")
@@ -175,9 +153,7 @@ def test_a_damaged_pointer_and_a_history_without_the_rollback(
     assert runs(store)[0] == "c/3", "three faults at once: the history alone says so"
 
 
-def test_a_damaged_pointer_and_the_line_of_the_rollback_torn(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_a_damaged_pointer_and_the_line_of_the_rollback_torn(store, bundles):
     """Power lost while the line was written: the copy says what the line said, or nothing does."""
     store.rollback("c is bad")
     history = (store.path / "history.jsonl").read_bytes()
@@ -186,8 +162,7 @@ def test_a_damaged_pointer_and_the_line_of_the_rollback_torn(
         (store.path / "active").write_bytes(b"")
         assert runs(store)[0] == "b/2"
     (store.path / "active.copy").write_bytes(b"")
-    with pytest.raises(ToktError, match="history line 4 is damaged"):
-        load_running(store)
+    refuses("history line 4 is damaged", load_running, store)
 
 
 def test_a_lost_pointer(store: Store) -> None:
@@ -197,31 +172,24 @@ def test_a_lost_pointer(store: Store) -> None:
     (store.path / "active.copy").unlink()
     assert runs(store)[0] == "c/3"
     (store.path / "history.jsonl").unlink()
-    with pytest.raises(ToktError, match="no active model"):
-        load_running(store)
+    refuses("no active model", load_running, store)
 
 
-def test_a_first_deployment_that_was_killed_has_activated_nothing(
-    store: Store, tmp_path: Path
-) -> None:
+def test_a_first_deployment_that_was_killed_has_activated_nothing(store, tmp_path):
     new = Store(tmp_path / "new")
     new.path.mkdir()
     (new.path / "active.copy").write_text(json.dumps({**store.history()[0].to_json(), "number": 1}))
-    with pytest.raises(ToktError, match="no active model"):
-        load_running(new)
+    refuses("no active model", load_running, new)
 
 
-def test_what_a_damaged_history_does_not_say_is_not_taken(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_what_a_damaged_history_does_not_say_is_not_taken(store, bundles):
     """Line 2 might have said anything, so that a is not known to be one to go back to."""
     file = store.path / "history.jsonl"
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(lines[0] + b"?\n" + lines[2])
     remember_good(store, bundles["a"])
     damage(store, bundles["c"])
-    with pytest.raises(ToktError, match="not one of the models to go back to"):
-        load_running(store)
+    refuses("not one of the models to go back to", load_running, store)
 
 
 def test_a_history_whose_lines_are_out_of_order_is_not_gone_back_in(store: Store) -> None:
@@ -230,8 +198,7 @@ def test_a_history_whose_lines_are_out_of_order_is_not_gone_back_in(store: Store
     history.write_text("".join(reversed(lines)))
     for name in ("active", "active.copy"):
         (store.path / name).write_text("{")
-    with pytest.raises(ToktError, match="lines are not in their order"):
-        load_running(store)
+    refuses("lines are not in their order", load_running, store)
     assert store_summary(store)["starts_with"] is None
 
 
@@ -239,13 +206,10 @@ def test_a_history_of_a_newer_tokt(store: Store, bundles: dict[str, Bundle]) -> 
     with (store.path / "history.jsonl").open("a") as handle:
         handle.write('{"format_version": 9}\n')
     damage(store, bundles["c"])
-    with pytest.raises(ToktError, match=r"not the one that was deployed.*newer tokt"):
-        load_running(store)
+    refuses(r"not the one that was deployed.*newer tokt", load_running, store)
 
 
-def test_a_bundle_that_is_sound_but_was_never_deployed_here(
-    store: Store, bundles: dict[str, Bundle], make_content: Callable[..., object]
-) -> None:
+def test_a_bundle_that_is_sound_but_was_never_deployed_here(store, bundles, make_content):
     from tokt.models.bundle.bundle import bundle_bytes
 
     stranger = bundle_from_bytes(bundle_bytes(make_content(9)), "stranger")  # type: ignore[arg-type]
@@ -255,13 +219,10 @@ def test_a_bundle_that_is_sound_but_was_never_deployed_here(
     assert label == "b/2" and "not one of the models to go back to" in notes
 
 
-def test_every_one_needs_the_signature_asked_for_now(
-    store: Store, signed: dict[str, Bundle], keys: dict[str, SigningKey]
-) -> None:
+def test_every_one_needs_the_signature_asked_for_now(store, signed, keys):
     store.trust(keys["boat"].public, "boat")
-    with pytest.raises(ToktError) as caught:
-        load_running(store)
-    assert str(caught.value).count("not signed") >= 3  # the middle of a long message is cut
+    # The middle of a long message is cut.
+    assert refuses("", load_running, store).count("not signed") >= 3
     for name in "bc":
         store.deploy(signed[name])
         remember_good(store, signed[name])
@@ -269,13 +230,10 @@ def test_every_one_needs_the_signature_asked_for_now(
     assert runs(store)[0] == "c/3"
     store.trust(keys["other"].public, "other")
     store.distrust(keys["boat"].public.id)
-    with pytest.raises(ToktError, match=r"last_good\.tokt.* does not trust"):
-        load_running(store)
+    refuses(r"last_good\.tokt.* does not trust", load_running, store)
 
 
-def test_a_store_that_cannot_be_written_is_told_not_raised(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_a_store_that_cannot_be_written_is_told_not_raised(store, bundles):
     store.last_good_file.unlink()
     store.last_good_file.mkdir()
     words = remember_good(store, bundles["c"])
@@ -283,9 +241,7 @@ def test_a_store_that_cannot_be_written_is_told_not_raised(
     assert not list(store.path.glob(".partial-*"))
 
 
-def test_what_is_there_already_is_not_written_again(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_what_is_there_already_is_not_written_again(store, bundles):
     before = store.last_good_file.stat()
     assert remember_good(store, bundles["c"]) == ""
     assert store.last_good_file.stat().st_ino == before.st_ino
@@ -294,19 +250,8 @@ def test_what_is_there_already_is_not_written_again(
 # --- the check beside a running runtime
 
 
-def check(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "tokt.models.store.check_active", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def test_a_process_checks_the_active_bundle(
-    store: Store, bundles: dict[str, Bundle], capsys: pytest.CaptureFixture[str]
-) -> None:
-    done = check(store.path)
+def test_a_process_checks_the_active_bundle(store, bundles, capsys):
+    done = run_python("-m", "tokt.models.store.check_active", store.path)
     c = bundles["c"]
     assert (done.returncode, done.stderr, done.stdout.count("\n")) == (0, "", 1)
     assert json.loads(done.stdout) == {"sha256": c.sha256, "label": "c/3", "fault": ""}
@@ -317,8 +262,7 @@ def test_a_process_checks_the_active_bundle(
     found = json.loads(capsys.readouterr().out)
     assert (found["sha256"], found["label"]) == (c.sha256, "c/3")
     assert "not the one that was deployed" in found["fault"]
-    with pytest.raises(ToktError, match="not the one that was deployed"):
-        store.runnable(c.sha256, golden=False)
+    refuses("not the one that was deployed", store.runnable, c.sha256, golden=False)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a named pipe to hang on")
@@ -330,9 +274,8 @@ later = faulthandler.dump_traceback_later
 faulthandler.dump_traceback_later = lambda seconds, exit: later(0.1, exit=exit)
 runpy.run_module("tokt.models.store.check_active", run_name="__main__")
 """
-    command = [sys.executable, "-c", program, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, timeout=MAX_S, check=False)
-    assert (done.returncode, done.stdout) == (1, b"")
+    done = run_python("-c", program, tmp_path)
+    assert (done.returncode, done.stdout) == (1, "")
 
 
 @pytest.mark.parametrize("arguments", [(), ("none",), ("none", "more")])
@@ -342,21 +285,10 @@ def test_nothing_to_check(arguments: tuple[str, ...], tmp_path: Path) -> None:
 
 def test_golden_false_leaves_out_nothing_else(bundles: dict[str, Bundle]) -> None:
     """Another model's golden values pass without their step; an edited byte does not."""
-    import hashlib
-
-    from tests.models.signing.test_signature import members_of, zipped
-    from tokt.features.common.canonical import json_sha256
-
-    members = members_of(bundles["a"].data)
-    members["golden.npz"] = members_of(bundles["b"].data)["golden.npz"]
+    members = unpack(bundles["a"].data)
+    members["golden.npz"] = unpack(bundles["b"].data)["golden.npz"]
     with pytest.raises(ToktError, match=r"golden\.npz in the bundle has been edited"):
-        bundle_from_bytes(zipped(list(members.items())), "a", golden=False)
-    manifest = json.loads(members["manifest.json"])
-    manifest["members"]["golden.npz"] = hashlib.sha256(members["golden.npz"]).hexdigest()
-    del manifest["manifest_sha256"]
-    manifest["manifest_sha256"] = json_sha256(manifest)
-    members["manifest.json"] = json.dumps(manifest).encode()
-    data = zipped(list(members.items()))
-    with pytest.raises(ToktError, match="golden frame 0 gives decision values that differ"):
-        bundle_from_bytes(data, "a")
+        bundle_from_bytes(pack(members), "a", golden=False)
+    data = rehash(members)
+    refuses("golden frame 0 gives decision values that differ", bundle_from_bytes, data, "a")
     assert bundle_from_bytes(data, "a", golden=False).label == "a/1"

@@ -6,7 +6,7 @@ import random
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.store.health import store_summary
 from tokt.models.store.store import Store
-from tokt.models.store.summary import store_summary
 
 
 def story(store: Store) -> list[str]:
@@ -53,8 +53,7 @@ def test_deploy_and_roll_back(store: Store, bundles: dict[str, Bundle]) -> None:
     back = store.rollback("too many false alarms")
     assert (back.number, back.action, back.label) == (3, "rollback", "a/1")
     assert store.active().sha256 == bundles["a"].sha256
-    with pytest.raises(ToktError, match="no earlier model"):
-        store.rollback()
+    refuses("no earlier model", store.rollback)
     assert story(store) == ["deploy a", "deploy b", "rollback a"]
     check_consistent(store)
 
@@ -100,9 +99,7 @@ def test_history_content(store: Store, bundles: dict[str, Bundle]) -> None:
         ("a b a b <3 < ", "b"),
     ],
 )
-def test_rollback_goes_to_what_was_active(
-    store: Store, bundles: dict[str, Bundle], steps: str, active: str
-) -> None:
+def test_rollback_goes_to_what_was_active(store, bundles, steps, active):
     for step in steps.split():
         if step.startswith("<"):
             store.rollback(to=step[1:])
@@ -120,18 +117,15 @@ def test_no_earlier_model(store: Store, bundles: dict[str, Bundle], steps: str) 
         else:
             store.deploy(bundles[step])
     before = story(store)
-    with pytest.raises(ToktError, match="no earlier model"):
-        store.rollback()
+    refuses("no earlier model", store.rollback)
     assert story(store) == before
     check_consistent(store)
 
 
 def test_no_store_and_an_empty_one(store: Store) -> None:
-    with pytest.raises(ToktError, match="does not exist"):
-        store.active()
+    refuses("does not exist", store.active)
     for action in (lambda: store_summary(store), store.rollback):
-        with pytest.raises(ToktError, match=r"store .*store does not exist"):
-            action()
+        refuses(r"store .*store does not exist", action)
     assert not store.path.exists()
     store.path.mkdir(parents=True)
     nothing = {
@@ -141,13 +135,10 @@ def test_no_store_and_an_empty_one(store: Store) -> None:
         "warnings": [],
     }
     assert store_summary(store) == nothing
-    with pytest.raises(ToktError, match="no earlier model"):
-        store.rollback()
+    refuses("no earlier model", store.rollback)
     assert not list(store.path.iterdir())
-    with pytest.raises(ToktError, match="no active model"):
-        store.active()
-    with pytest.raises(ToktError, match="no earlier model"):
-        store.rollback()
+    refuses("no active model", store.active)
+    refuses("no earlier model", store.rollback)
 
 
 def test_a_store_that_is_a_file(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -162,34 +153,27 @@ def test_a_store_that_is_a_file(store: Store, bundles: dict[str, Bundle]) -> Non
         lambda: store.deploy(bundles["a"]),
     ]
     for action in actions:
-        with pytest.raises(ToktError):
-            action()
-    with pytest.raises(ToktError, match="is not a folder"):
-        store.active()
+        refuses("", action)
+    refuses("is not a folder", store.active)
     assert store.path.read_text() == "not a folder"
 
 
-def test_a_damaged_version_is_refused_and_made_good(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_a_damaged_version_is_refused_and_made_good(store, bundles):
     for name in "ab":
         store.deploy(bundles[name])
     file = bundle_file(store, bundles["a"])
     edits = [file.read_bytes()[:-1], bundles["c"].data, b""]
     for edit in edits:
         file.write_bytes(edit)
-        with pytest.raises(ToktError, match="not the one that was deployed"):
-            store.rollback()
+        refuses("not the one that was deployed", store.rollback)
         assert store.active().name == "b"
     file.unlink()
-    with pytest.raises(ToktError, match="No such file"):
-        store.rollback()
+    refuses("No such file", store.rollback)
     file.write_bytes(b"damaged")
     store.deploy(bundles["a"])
     assert store.active().name == "a"
     bundle_file(store, bundles["a"]).write_bytes(b"damaged again")
-    with pytest.raises(ToktError, match="not the one that was deployed"):
-        store.active()
+    refuses("not the one that was deployed", store.active)
     assert store.rollback().name == "b"
     check_consistent(store)
 
@@ -226,8 +210,7 @@ def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]
     damaged = "\n".join([lines[0][:-9], lines[1]]) + "\n"
     file.write_text(damaged)
     for action in (store.history, store.rollback):
-        with pytest.raises(ToktError, match="history line 1 is damaged"):
-            action()
+        refuses("history line 1 is damaged", action)
     assert store.active().name == "b"
     found = store_summary(store)
     assert [entry["name"] for entry in found["history"]] == ["b"]
@@ -255,8 +238,7 @@ def test_no_rollback_across_a_lost_line(store: Store, bundles: dict[str, Bundle]
         store.deploy(bundles["a"])
     assert [entry.number for entry in store.history()] == [1, 3, 4]
     assert store.rollback().name == "c"
-    with pytest.raises(ToktError, match="no earlier model"):  # it was b, not a
-        store.rollback()
+    refuses("no earlier model", store.rollback)  # it was b, not a
 
 
 def test_nor_across_a_second_lost_line(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -270,8 +252,7 @@ def test_nor_across_a_second_lost_line(store: Store, bundles: dict[str, Bundle])
     file.write_bytes(file.read_bytes()[:-20])
     (store.path / "active").write_bytes(b"?")
     assert store.deploy(bundles["b"], notice=str).number == 5
-    with pytest.raises(ToktError, match="no earlier model"):  # it was a, not c
-        store.rollback()
+    refuses("no earlier model", store.rollback)  # it was a, not c
 
 
 def test_history_lost(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -324,8 +305,7 @@ def test_damaged_pointer(store: Store, bundles: dict[str, Bundle], text: str) ->
     store.path.mkdir(parents=True)
     (store.path / "active").write_text(text)
     for action in (store.active, store.history, store.rollback):
-        with pytest.raises(ToktError, match="the active pointer is damaged"):
-            action()
+        refuses("the active pointer is damaged", action)
     assert (store.path / "active").read_text() == text
     assert "active pointer is damaged" in store_summary(store)["warnings"][0]
     notices: list[str] = []
@@ -360,19 +340,16 @@ def test_pointer_and_last_line_damaged(store: Store, bundles: dict[str, Bundle])
         entry = store.deploy(bundles["c"])
     assert entry.number == 3 and story(store) == ["deploy a", "deploy c"]
     assert len(list(store.path.glob("*.damaged-*"))) == 2
-    with pytest.raises(ToktError, match="no earlier model"):
-        store.rollback()
+    refuses("no earlier model", store.rollback)
 
 
 def test_pointer_that_is_not_text_or_not_a_file(store: Store) -> None:
     store.path.mkdir(parents=True)
     (store.path / "active").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ToktError, match="active pointer"):
-        store.active()
+    refuses("active pointer", store.active)
     (store.path / "active").unlink()
     (store.path / "active").mkdir()
-    with pytest.raises(ToktError, match="active pointer"):
-        store.active()
+    refuses("active pointer", store.active)
 
 
 def test_newer_format(store: Store, bundles: dict[str, Bundle]) -> None:
@@ -381,8 +358,7 @@ def test_newer_format(store: Store, bundles: dict[str, Bundle]) -> None:
     history = (store.path / "history.jsonl").read_text()
     (store.path / "history.jsonl").write_text(history + newer + "\n")
     for action in (store.history, store.rollback, lambda: store.deploy(bundles["b"])):
-        with pytest.raises(ToktError, match="history line 2 was written by a newer tokt"):
-            action()
+        refuses("history line 2 was written by a newer tokt", action)
     (store.path / "active").write_text(newer)
     later: list[Callable[[], Any]] = [
         store.active,
@@ -390,12 +366,10 @@ def test_newer_format(store: Store, bundles: dict[str, Bundle]) -> None:
         lambda: store.deploy(bundles["b"]),
     ]
     for action in later:
-        with pytest.raises(ToktError, match="newer tokt"):
-            action()
+        refuses("newer tokt", action)
     assert (store.path / "history.jsonl").read_text() == history + newer + "\n"
     (store.path / "active").write_text("{")
-    with pytest.raises(ToktError, match="newer tokt"):
-        store.deploy(bundles["b"])
+    refuses("newer tokt", store.deploy, bundles["b"])
     assert (store.path / "active").read_text() == "{"
     assert not list(store.path.glob("*.damaged-*"))
     assert not bundle_file(store, bundles["b"]).exists()
@@ -473,12 +447,9 @@ def fit_for_patches(make_content: Callable[..., BundleContent]) -> Bundle:
     return bundle_from_bytes(data, "patches")
 
 
-def test_a_model_of_patches_is_not_deployed(
-    store: Store, bundles: dict[str, Bundle], make_content: Callable[..., BundleContent]
-) -> None:
+def test_a_model_of_patches_is_not_deployed(store, bundles, make_content):
     patches = fit_for_patches(make_content)
-    with pytest.raises(ToktError, match="ready-cut patches"):
-        store.deploy(patches)
+    refuses("ready-cut patches", store.deploy, patches)
     assert not store.path.exists()
 
     # One that an older tokt has deployed.
@@ -488,14 +459,11 @@ def test_a_model_of_patches_is_not_deployed(
     file.write_bytes(patches.data)
     text = (store.path / "active").read_text().replace(bundles["a"].sha256, patches.sha256)
     (store.path / "active").write_text(text)
-    with pytest.raises(ToktError, match="ready-cut patches"):
-        store.active()
+    refuses("ready-cut patches", store.active)
     assert "ready-cut patches" in store_summary(store)["warnings"][0]
 
 
-def test_a_broken_active_bundle_is_shown_with_a_warning(
-    store: Store, bundles: dict[str, Bundle]
-) -> None:
+def test_a_broken_active_bundle_is_shown_with_a_warning(store, bundles):
     store.deploy(bundles["a"])
     assert store_summary(store)["provenance"] == bundles["a"].content.provenance
     bundle_file(store, bundles["a"]).write_bytes(bundles["a"].data[:-1])
@@ -516,9 +484,7 @@ for turn in range(8):
 """
 
 
-def test_two_processes_deploy_at_once(
-    store: Store, bundles: dict[str, Bundle], tmp_path: Path
-) -> None:
+def test_two_processes_deploy_at_once(store, bundles, tmp_path):
     processes = []
     for name in "ab":
         (tmp_path / f"{name}.tokt").write_bytes(bundles[name].data)
@@ -543,9 +509,7 @@ def test_two_processes_deploy_at_once(
     check_consistent(store)
 
 
-def test_a_store_that_another_process_keeps(
-    store: Store, bundles: dict[str, Bundle], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_store_that_another_process_keeps(store, bundles, monkeypatch):
     for name in "ab":
         store.deploy(bundles[name])
     monkeypatch.setattr("tokt.models.store.store.LOCK_WAIT_S", 0.1)
@@ -562,8 +526,7 @@ def test_a_store_that_another_process_keeps(
     ) as process:
         assert process.stdout and process.stdout.readline() == "held\n"
         for action in (store.rollback, lambda: store.deploy(bundles["c"])):
-            with pytest.raises(ToktError, match="another tokt has been writing"):
-                action()
+            refuses("another tokt has been writing", action)
         assert store.active().name == "b" and story(store) == ["deploy a", "deploy b"]
         process.kill()
     assert store.rollback().name == "a"
@@ -598,9 +561,7 @@ for line in sys.stdin:
 
 
 @pytest.fixture
-def deploy_and_kill(
-    store: Store, bundles: dict[str, Bundle], tmp_path: Path
-) -> Iterator[Callable[[float], None]]:
+def deploy_and_kill(store, bundles, tmp_path):
     for name, bundle in bundles.items():
         (tmp_path / f"{name}.tokt").write_bytes(bundle.data)
     files = [str(tmp_path / f"{name}.tokt") for name in bundles]
@@ -625,9 +586,7 @@ def deploy_and_kill(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
-def test_a_killed_deployment_leaves_a_store_that_loads(
-    store: Store, bundles: dict[str, Bundle], deploy_and_kill: Callable[[float], None]
-) -> None:
+def test_a_killed_deployment_leaves_a_store_that_loads(store, bundles, deploy_and_kill):
     chance = random.Random(8)  # every step is met on purpose in test_store_interrupted
     begun = time.monotonic()
     for name in "abca":
@@ -652,9 +611,7 @@ def test_a_killed_deployment_leaves_a_store_that_loads(
     assert interrupted > 0, "no kill hit a write; the test proves nothing"
 
 
-def test_a_reason_typed_in_another_encoding(
-    store: Store, bundles: dict[str, Bundle], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reason_typed_in_another_encoding(store, bundles, monkeypatch):
     """What Python makes of a Latin-1 terminal's bytes must not damage the store's own entry."""
     monkeypatch.setenv("LOGNAME", "bj\udcf8rn")
     entry = store.deploy(bundles["a"], "b\udcf8lge \x1b[2J")
@@ -664,8 +621,7 @@ def test_a_reason_typed_in_another_encoding(
 
 def test_a_folder_where_the_bundle_belongs(store: Store, bundles: dict[str, Bundle]) -> None:
     bundle_file(store, bundles["a"]).mkdir(parents=True)
-    with pytest.raises(ToktError, match="a folder is in its place"):
-        store.deploy(bundles["a"])
+    refuses("a folder is in its place", store.deploy, bundles["a"])
     assert store.active_entry() is None
 
 
@@ -674,5 +630,4 @@ def test_half_a_surrogate_pair_is_a_damaged_entry(store: Store, bundles: dict[st
     store.deploy(next(iter(bundles.values())), "first")
     active = store.path / "active"
     active.write_text(active.read_text().replace('"first"', '"\\ud800"'))
-    with pytest.raises(ToktError, match="the active pointer is damaged"):
-        store.active_entry()
+    refuses("the active pointer is damaged", store.active_entry)

@@ -18,12 +18,12 @@ from typing import Any
 
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.models.bundle.bundle import Bundle
-from tokt.models.signing.private_key import SigningKey
+from tokt.models.signing.keys import SigningKey
+from tokt.models.store.health import store_summary
 from tokt.models.store.last_good import load_running, remember_good
 from tokt.models.store.store import Store
-from tokt.models.store.summary import store_summary
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs fork")
 
@@ -33,7 +33,7 @@ from pathlib import Path
 import cv2
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.last_good import remember_good
-from tokt.models.signing.public_key import read_public_key
+from tokt.models.signing.keys import read_public_key
 from tokt.models.store.store import Store
 
 cv2.setNumThreads(1)
@@ -154,14 +154,7 @@ def prepared(
         *("trust", "distrust", "accept unsigned", "remember"),
     ],
 )
-def test_killed_at_every_step(
-    store: Store,
-    keys: dict[str, SigningKey],
-    signed: dict[str, Bundle],
-    run: Run,
-    place: Path,
-    name: str,
-) -> None:
+def test_killed_at_every_step(store, keys, signed, run, place, name):
     if name == "rollback to 1":
         store.deploy(signed["c"])
     prepared(store, keys, signed, name)
@@ -203,8 +196,7 @@ def test_killed_during_the_very_first_deployment(store: Store, run: Run) -> None
         if store.path.is_dir() and store.active_entry() is not None:
             assert store.active().label == load_running(store)[0].label == "c/3"
         else:
-            with pytest.raises(ToktError, match=r"no active model|does not exist"):
-                load_running(store)
+            refuses(r"no active model|does not exist", load_running, store)
         assert run("deploy") == 0
         assert store.active().label == "c/3"
     assert code == 0 and step > 8
@@ -212,14 +204,7 @@ def test_killed_during_the_very_first_deployment(store: Store, run: Run) -> None
 
 @pytest.mark.parametrize("name", ["deploy", "rollback", "trust", "distrust", "accept unsigned"])
 @pytest.mark.parametrize("limit", [0, 100, 340])
-def test_a_full_disk(
-    store: Store,
-    keys: dict[str, SigningKey],
-    signed: dict[str, Bundle],
-    run: Run,
-    name: str,
-    limit: int,
-) -> None:
+def test_a_full_disk(store, keys, signed, run, name, limit):
     """The system refuses every write beyond so many bytes of a file."""
     prepared(store, keys, signed, name)
     before = state(store)
@@ -234,9 +219,7 @@ def test_a_full_disk(
         assert run(name) == 0
 
 
-def test_a_disk_that_fills_up_before_the_line_in_the_history(
-    store: Store, signed: dict[str, Bundle], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_fills_up_before_the_line_in_the_history(store, signed, monkeypatch):
     """The model is active by then, so that the command has not failed."""
 
     def full(self: Store, entry: object) -> None:
@@ -270,15 +253,12 @@ def test_reading_writes_nothing(store: Store, signed: dict[str, Bundle]) -> None
     before = all_files()
     assert load_running(store)[0].label == "b/2"
     store_summary(store)
-    with pytest.raises(ToktError, match="no entry"):
-        store.rollback(to="9")
+    refuses("no entry", store.rollback, to="9")
     assert all_files() == before
 
 
 @pytest.mark.skipif(os.geteuid() != 0 if os.name != "nt" else True, reason="needs to be root")
-def test_a_read_only_file_system(
-    store: Store, signed: dict[str, Bundle], keys: dict[str, SigningKey], tmp_path: Path
-) -> None:
+def test_a_read_only_file_system(store, signed, keys, tmp_path):
     """What the runtime needs works; whatever writes says so in one line."""
     script = (
         "import sys; from pathlib import Path\n"

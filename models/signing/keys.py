@@ -1,27 +1,114 @@
-"""Private Ed25519 keys: making a pair, reading one, and signing a bundle with it."""
+"""Ed25519 keys: made in pairs, written to files and read, to sign bundles and check signatures."""
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import Bundle, bundle_from_bytes, signed_parts, with_signature
-from tokt.models.bundle.signature import Signature, signed_message
-
-from .public_key import NEEDS_CRYPTOGRAPHY, PUBLIC_SUFFIX, PublicKey, key_file_bytes
+from tokt.models.bundle.signature import KEY_ID_DIGITS, Signature, signed_message
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-PRIVATE_SUFFIX = ".key"
+PRIVATE_SUFFIX, PUBLIC_SUFFIX = ".key", ".pub"
+PUBLIC_KEY_BYTES = 32
+MAX_KEY_FILE_BYTES = 64 * 1024
 _FOR_OWNER = 0o600
 _FOR_ALL = 0o644
 _OTHERS = 0o077
+
+
+@contextmanager
+def _cryptography() -> Iterator[None]:
+    """Around imports of the package cryptography: say what to install where it is missing."""
+    try:
+        yield
+    except ImportError:
+        raise ToktError("signatures need the package cryptography: install tokt[sign]") from None
+
+
+@dataclass(frozen=True)
+class PublicKey:
+    """A public key.
+
+    Parameters
+    ----------
+    raw : bytes
+        As RFC 8032 encodes it, 32 bytes.
+    """
+
+    raw: bytes
+
+    @property
+    def id(self) -> str:
+        """Its fingerprint: the first 32 hexadecimal digits of the SHA-256 of `raw`."""
+        return hashlib.sha256(self.raw).hexdigest()[:KEY_ID_DIGITS]
+
+    def signed(self, manifest: bytes, signature: Signature) -> bool:
+        """Whether the signature is this key's, of exactly this manifest.
+
+        Raises
+        ------
+        ToktError
+            If the package cryptography is missing.
+        """
+        with _cryptography():
+            from cryptography.exceptions import InvalidSignature
+            from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+        try:
+            key = Ed25519PublicKey.from_public_bytes(self.raw)
+            key.verify(signature.value, signed_message(manifest))
+        except (InvalidSignature, ValueError):
+            return False
+        return True
+
+
+def _key_file_bytes(path: Path) -> bytes:
+    """Read a key's file. Raises ToktError if it is not there or far too large for a key."""
+    try:
+        with path.open("rb") as handle:
+            data = handle.read(MAX_KEY_FILE_BYTES + 1)
+    except OSError as error:
+        raise ToktError(f"key {path}: {error.strerror or error}") from None
+    if len(data) > MAX_KEY_FILE_BYTES:
+        raise ToktError(f"key {path}: far too large for a key")
+    return data
+
+
+def read_public_key(path: Path) -> PublicKey:
+    """Read the public key that ``tokt keygen`` wrote (PEM, SubjectPublicKeyInfo).
+
+    Raises
+    ------
+    ToktError
+        If it is not there or is something else, or the package cryptography is missing.
+    """
+    with _cryptography():
+        from cryptography.exceptions import UnsupportedAlgorithm
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+        from cryptography.hazmat.primitives.serialization import load_pem_public_key
+    data = _key_file_bytes(path)
+    if b"PRIVATE KEY" in data:
+        raise ToktError(
+            f"key {path}: this is a private key, which stays with who signs; "
+            f"give the public one ({PUBLIC_SUFFIX})"
+        )
+    if data.count(b"-----BEGIN") > 1:
+        raise ToktError(f"key {path}: more than one key; give each in a file of its own")
+    try:
+        key = load_pem_public_key(data)
+    except (ValueError, UnsupportedAlgorithm):
+        raise ToktError(f"key {path}: not a public key as tokt keygen writes it") from None
+    if not isinstance(key, Ed25519PublicKey):
+        raise ToktError(f"key {path}: not an Ed25519 key")
+    return PublicKey(key.public_bytes_raw())
 
 
 @dataclass(frozen=True)
@@ -59,15 +146,12 @@ def write_key_pair(name: Path, passphrase: str = "") -> KeyPair:
         If one of the files is there already or cannot be written, the passphrase cannot be used,
         or the package cryptography is missing.
     """
-    try:
+    with _cryptography():
         from cryptography.hazmat.primitives import serialization as form
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-    except ImportError:
-        raise ToktError(NEEDS_CRYPTOGRAPHY) from None
     base = name.with_suffix("") if name.suffix == PRIVATE_SUFFIX else name
-    private_file, public_file = (
-        base.with_name(base.name + suffix) for suffix in (PRIVATE_SUFFIX, PUBLIC_SUFFIX)
-    )
+    private_file = base.with_name(base.name + PRIVATE_SUFFIX)
+    public_file = base.with_name(base.name + PUBLIC_SUFFIX)
     key = Ed25519PrivateKey.generate()
     try:
         sealed = (
@@ -86,9 +170,7 @@ def write_key_pair(name: Path, passphrase: str = "") -> KeyPair:
         public_file.unlink()
         raise
     exposed = os.name == "posix" and bool(private_file.stat().st_mode & _OTHERS)
-    return KeyPair(
-        private_file, public_file, PublicKey(key.public_key().public_bytes_raw()), exposed
-    )
+    return KeyPair(private_file, public_file, SigningKey(key).public, exposed)
 
 
 def _write_new(path: Path, data: bytes, mode: int) -> None:
@@ -144,13 +226,11 @@ def read_signing_key(path: Path, passphrase: Callable[[], str]) -> SigningKey:
         If it is not there or is something else, the passphrase is wrong, or the package
         cryptography is missing.
     """
-    try:
+    with _cryptography():
         from cryptography.exceptions import UnsupportedAlgorithm
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
         from cryptography.hazmat.primitives.serialization import load_pem_private_key
-    except ImportError:
-        raise ToktError(NEEDS_CRYPTOGRAPHY) from None
-    data = key_file_bytes(path)
+    data = _key_file_bytes(path)
     sealed = b"ENCRYPTED PRIVATE KEY" in data
     try:
         key = load_pem_private_key(data, passphrase().encode() if sealed else None)

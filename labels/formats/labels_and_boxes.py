@@ -1,4 +1,4 @@
-"""Boxes of any file become labels of patches.
+"""Labels of patches become boxes on their frames, and boxes of any file become labels.
 
 A box that is a patch of ours, by the attributes it carries and by its place, becomes that
 patch's label as it was. Any other box gives its class to each patch that it covers by half or
@@ -8,22 +8,100 @@ more; where several do, the one that covers most decides, and of equal ones the 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import FrameError, ToktError
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
-from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.labels.taxonomy import UNSURE
 
 from .box_attributes import changed_by_hand, from_attributes
 from .boxes import Box, Size, patch_box, patches_in_box
-from .images import FrameKey
-from .options import ImportResult, ReadOptions, Remarks, count, lines, mission_images
+from .images import FrameKey, MissionImages
+from .options import (
+    ImportResult,
+    ReadOptions,
+    Remarks,
+    WriteOptions,
+    count,
+    lines,
+    mission_images,
+)
+from .text_file import naming
 
 _SHOWN = 100
 """Characters of a file's own words that a remark repeats."""
+
+
+@dataclass(frozen=True)
+class FrameLabels:
+    """One frame's labels and the boxes of their patches, in order of row, column, annotator."""
+
+    key: FrameKey
+    name: str
+    size: Size
+    labels: list[tuple[LabelRecord, Box]]
+
+
+def labels_to_boxes(
+    records: Iterable[LabelRecord], options: WriteOptions, what: str
+) -> tuple[list[FrameLabels], list[str]]:
+    """Labels by frame, and a line each for those that cannot be placed.
+
+    Raises
+    ------
+    ToktError
+        If there are no frames, labels of several missions, or none that can be placed.
+    """
+    images = mission_images(options, f"{what} needs file names and sizes of frames")
+    groups = frames_of(records, what)
+    frames: list[FrameLabels] = []
+    remarks: Remarks = Counter()
+    for key, mine in options.progress(groups, len(groups), "frames"):
+        fault = _add(frames, images, key, mine)
+        if fault:
+            remarks["label", f"left out: {fault}"] += len(mine)
+    if not frames:
+        raise ToktError("; ".join(["no label could be written", *lines(remarks)]))
+    return frames, lines(remarks)
+
+
+def frames_of(
+    records: Iterable[LabelRecord], what: str
+) -> list[tuple[FrameKey, list[LabelRecord]]]:
+    """Labels of one mission by frame, sorted."""
+    chosen = sorted(
+        records,
+        key=lambda r: (
+            *(r.camera, r.frame, str(r.grid), r.row, r.col),
+            *(r.source == SETTLED, r.annotator, r.source),
+        ),
+    )
+    missions = sorted({record.mission for record in chosen})
+    if len(missions) > 1:
+        raise ToktError(
+            f"labels of missions {', '.join(missions)}: {what} is written for one; choose it by"
+            " --mission NAME"
+        )
+    return [(key, list(mine)) for key, mine in groupby(chosen, _key)]
+
+
+def _add(
+    frames: list[FrameLabels], images: MissionImages, key: FrameKey, mine: Sequence[LabelRecord]
+) -> str | None:
+    """Append the frame's labels, or say why not."""
+    name = images.file_name(key)
+    if name is None:
+        return f"{images.mission.path} has no such frames"
+    try:
+        size = images.size(key)
+    except FrameError:
+        return "their frames cannot be read"
+    boxes = [(record, patch_box(record.grid, size, record.row, record.col)) for record in mine]
+    frames.append(FrameLabels(key, name, size, boxes))
+    return None
 
 
 @dataclass(frozen=True)
@@ -40,8 +118,8 @@ class FoundBox:
         In pixels of a frame of `size`.
     label : str
         The class as the file calls it.
-    attributes : mapping
-        Free attributes, among which may be ours.
+    attributes
+        What the file has in the place of free attributes, among which may be ours.
     size : Size, optional
         The frame's size, where the file says it.
     position : int, optional
@@ -59,7 +137,7 @@ class FoundBox:
     box: Box
     label: str
     annotator: str
-    attributes: Mapping[str, Any] = field(default_factory=dict)
+    attributes: Any = None
     size: Size | None = None
     position: int | None = None
     time: str | None = None
@@ -93,10 +171,8 @@ def boxes_to_labels(
         if not label:
             remarks["box", f"left out by --map: class {box.label!r}"] += 1
             continue
-        try:
+        with naming(box.where):
             labels.add(box, label)
-        except ToktError as error:
-            raise ToktError(f"{box.where}: {error}") from None
     return labels.result()
 
 
@@ -110,7 +186,7 @@ def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
     """
     counts = Counter(names)
     found = {name: options.classes.get(name, name) for name in counts}
-    known = known_labels(options.taxonomy)
+    known = (*options.taxonomy.names, UNSURE)
     unknown = [name for name, ours in found.items() if ours and ours not in known]
     unknown += [name for name, ours in found.items() if not ours and name not in options.classes]
     if unknown:
@@ -121,12 +197,6 @@ def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
             " (--map THEIRS= leaves it out) or add it to the taxonomy"
         )
     return found
-
-
-@lru_cache(maxsize=8)
-def known_labels(taxonomy: Taxonomy) -> tuple[str, ...]:
-    """The classes' names and ``unsure``."""
-    return (*taxonomy.names, UNSURE)
 
 
 class _LabelCollector:

@@ -1,0 +1,65 @@
+"""Calls of the command line, calls that must be refused, and Python programs run in processes."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.waiting import MAX_S
+from tokt.cli import main
+from tokt.features.common.errors import ToktError
+
+
+@dataclass(frozen=True)
+class Ran:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+def call_tokt(*arguments: object, program: Callable[[], None] = main) -> Ran:
+    """Run the command line in this process."""
+    out, err, before = io.StringIO(), io.StringIO(), sys.argv
+    sys.argv = ["tokt", *map(str, arguments)]
+    try:
+        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as ended:
+            program()
+    finally:
+        sys.argv = before
+    code = ended.value.code
+    return Ran(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
+
+
+def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: Any) -> str:
+    """Call what must raise a ToktError of one line with `words` in it, or with any; that line."""
+    with pytest.raises(ToktError, match=words or None) as caught:
+        call(*arguments, **options)
+    line = str(caught.value)
+    assert "\n" not in line, line
+    return line
+
+
+def run_python(
+    *arguments: object, folder: Path | None = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run ``python ARGUMENTS`` in a folder, with more in its environment, to its end."""
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=MAX_S,
+        check=False,
+    )

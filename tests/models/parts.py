@@ -1,0 +1,49 @@
+"""Bundle files taken apart and put together again, with hashes that fit or do not."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import warnings
+import zipfile
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from tokt.features.common.canonical import json_sha256
+
+Members = dict[str, bytes]
+_NOT_HASHED = ("manifest.json", "signature.json")
+
+
+def unpack(data: bytes) -> Members:
+    """The members of a zip."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def pack(
+    members: Mapping[str, bytes] | Iterable[tuple[str, bytes]],
+    compression: int = zipfile.ZIP_STORED,
+) -> bytes:
+    """A zip of members; of pairs, a name may be there twice."""
+    pairs = members.items() if isinstance(members, Mapping) else members
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", compression) as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that a name is there twice
+        for name, data in pairs:
+            archive.writestr(name, data)
+    return buffer.getvalue()
+
+
+def rehash(members: Members, edit: Mapping[str, Any] | None = None) -> bytes:
+    """The members as a bundle whose hashes all fit; entries of `edit` replace the manifest's."""
+    manifest = {**json.loads(members["manifest.json"]), **(edit or {})}
+    del manifest["manifest_sha256"]
+    manifest["members"] = {
+        name: hashlib.sha256(data).hexdigest()
+        for name, data in members.items()
+        if name not in _NOT_HASHED
+    }
+    manifest["manifest_sha256"] = json_sha256(manifest)
+    return pack({**members, "manifest.json": json.dumps(manifest).encode()})
