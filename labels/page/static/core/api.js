@@ -14,6 +14,18 @@ export class ApiError extends Error {
 }
 
 /**
+ * What to give to `catch` of a request: takes its failure. Any other fault goes on.
+ * @param {(error: ApiError) => *} [handle] What the request then gives.
+ * @returns {(error: Error) => *}
+ */
+export function onFailure(handle = () => undefined) {
+  return (error) => {
+    if (error.name !== "ApiError") throw error;
+    return handle(error);
+  };
+}
+
+/**
  * The address of an API path with its parameters, `who` and `blind`.
  * @param {string} path
  * @param {Object} [params] Those that are null or undefined are left out.

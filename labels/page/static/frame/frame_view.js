@@ -1,15 +1,7 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
-import { nextBlindFrame } from "../sheets/blind_list.js";
-import { onClassFrames } from "../overview/class_frames.js";
+import { onFailure } from "../core/api.js";
 import { announce, el, focusView, say } from "../core/dom.js";
-import { buildBar } from "./frame_bar.js";
-import { FrameCanvas } from "./frame_canvas.js";
-import { frameKeys, keyForCommand } from "./frame_keys.js";
-import { FrameShow } from "./frame_show.js";
-import { describeCell, describeFrame } from "./frame_words.js";
-import { listenToPointer } from "./gestures.js";
-import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import {
   blind,
   frames,
@@ -21,16 +13,28 @@ import {
   setSetting,
   setting,
 } from "../core/mission.js";
-import { accept, copyFrom, dropAllCopies, paint, paintRest } from "./painting.js";
-import { PatchCursor } from "./patch_cursor.js";
-import { cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import { addView, noteAddress } from "../core/router.js";
+import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
-import { endFrame, filterName, nextIn, nextUncertain, stepFrom } from "./steps.js";
+import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
+import { FrameCanvas } from "./frame_canvas.js";
+import { frameKeys, keyForCommand } from "./frame_keys.js";
+import { FrameShow } from "./frame_show.js";
+import { listenToPointer } from "./gestures.js";
+import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
+import { PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+import {
+  endFrame,
+  filterName,
+  nextBlindFrame,
+  nextIn,
+  nextUncertain,
+  onClassFrames,
+  stepFrom,
+} from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
 import { buildTools, showSettings } from "./tool_column.js";
-import { hintsOf } from "../saving/unconfirmed.js";
 
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const PICTURE_SETTING_MS = 120;
@@ -284,19 +288,15 @@ function unlabelled(direction) {
 
 async function uncertain() {
   const { camera, frame } = page.show;
-  try {
-    const next = await nextUncertain(camera, frame);
-    if (!page) return;
-    if (next.frame === undefined) {
-      say(next.why);
-      return;
-    }
-    why = `Why this frame: ${next.why}`;
-    show(next.camera, next.frame);
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    say(`The queue cannot be had: ${error.message}`, { bad: true });
+  const explain = ({ message }) => say(`The queue cannot be had: ${message}`, { bad: true });
+  const next = await nextUncertain(camera, frame).catch(onFailure(explain));
+  if (!page || !next) return;
+  if (next.frame === undefined) {
+    say(next.why);
+    return;
   }
+  why = `Why this frame: ${next.why}`;
+  show(next.camera, next.frame);
 }
 
 function switchCamera() {

@@ -1,13 +1,13 @@
 // One frame of the overview: its picture, its labels and suggestions, and its state in words.
 
 import { el } from "../core/dom.js";
-import { labelsOf } from "../saving/labels.js";
 import { blind, mission, setting, stateOf } from "../core/mission.js";
+import { learnShape, thumbAddress } from "../core/pictures.js";
+import { hintsOf } from "../frame/painting.js";
 import { cellAt, patchSize } from "../frame/patch_grid.js";
-import { learnShape, thumbAddress } from "../core/frame_shape.js";
 import { suggestionFault } from "../frame/suggest.js";
+import { labelsOf } from "../saving/labels.js";
 import { drawAreas } from "./thumb_drawing.js";
-import { hintsOf } from "../saving/unconfirmed.js";
 
 const STATES = { u: "unseen", s: "seen", p: "part", d: "done", x: "disagreement" };
 

@@ -11,7 +11,7 @@ import {
   onRefused,
   openConflicts,
   setAsideEntries,
-} from "./refused.js";
+} from "./outbox.js";
 import { act, onState, pending, sendAgain, state, stateReason } from "./saver.js";
 
 const MAX_SHOWN = 30;
