@@ -44,12 +44,11 @@ export function address(path, params = {}) {
  * GET a path.
  * @param {string} path
  * @param {Object} [params]
- * @param {{signal?: AbortSignal}} [options]
  * @returns {Promise<*>}
  * @throws {ApiError}
  */
-export async function get(path, params = {}, { signal } = {}) {
-  return request(address(path, params), { signal });
+export async function get(path, params = {}) {
+  return request(address(path, params));
 }
 
 /**

@@ -112,6 +112,17 @@ export function setSetting(name, value) {
   settingChanged(name, value);
 }
 
+/**
+ * Make a number among the settings larger or smaller.
+ * @param {string} name
+ * @param {number} by
+ * @param {number} most The least is 0.
+ */
+export function changeSetting(name, by, most) {
+  const value = Math.round((settings[name] + by) * 100) / 100;
+  setSetting(name, Math.min(most, Math.max(0, value)));
+}
+
 // A tab keeps its person over reloads; a new tab starts as the last one on this computer did.
 let identity = read(IDENTITY, areas.session) ?? read(IDENTITY) ?? { who: "", blind: false };
 

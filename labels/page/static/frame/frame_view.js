@@ -2,6 +2,7 @@
 
 import { onFailure } from "../core/api.js";
 import { announce, el, focusView, say } from "../core/dom.js";
+import { otherPalette } from "../core/keys.js";
 import {
   blind,
   frames,
@@ -14,6 +15,7 @@ import {
   setting,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
+import { changeSetting } from "../core/settings.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
 import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
@@ -22,7 +24,7 @@ import { frameKeys, keyForCommand } from "./frame_keys.js";
 import { FrameShow } from "./frame_show.js";
 import { listenToPointer } from "./gestures.js";
 import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
-import { PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import {
   endFrame,
   filterName,
@@ -342,21 +344,8 @@ function toggle(name) {
   setSetting(name, !setting(name));
 }
 
-function change(name, by, low, high) {
-  const value = Math.round((setting(name) + by) * 100) / 100;
-  setSetting(name, Math.min(high, Math.max(low, value)));
-}
-
 function arrows(act) {
-  return (event) => {
-    const [rows, cols] = {
-      ArrowLeft: [0, -1],
-      ArrowRight: [0, 1],
-      ArrowUp: [-1, 0],
-      ArrowDown: [1, 0],
-    }[event.key];
-    act(rows, cols);
-  };
+  return (event) => act(...ARROWS[event.key]);
 }
 
 function escape() {
@@ -382,23 +371,19 @@ function releaseSpace(event) {
   else if (mayPaint()) apply(cursor.cells, tool, cursor.spans ? "rectangle" : "paint");
 }
 
-function held(press, release) {
-  return Object.assign((event) => event?.repeat || press(event), { release });
-}
-
 // From a button there is no key to come up: a press with a mouse is a tap.
 function tapped(press, release) {
-  return held(
-    (event) => {
-      press();
-      if (event?.type === "click") release();
-      showTools();
-    },
-    () => {
-      release();
-      showTools();
-    },
-  );
+  const up = () => {
+    release();
+    showTools();
+  };
+  const down = (event) => {
+    if (event?.repeat) return;
+    press();
+    if (event?.type === "click") release();
+    showTools();
+  };
+  return Object.assign(down, { release: up });
 }
 
 const commands = {
@@ -443,10 +428,10 @@ const commands = {
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
-  less: () => change("enhance", -10, 0, 100),
-  more: () => change("enhance", 10, 0, 100),
-  unsurer: () => change("confidence", -0.1, 0, 3),
-  surer: () => change("confidence", 0.1, 0, 3),
+  less: () => changeSetting("enhance", -10, 100),
+  more: () => changeSetting("enhance", 10, 100),
+  unsurer: () => changeSetting("confidence", -0.1, 3),
+  surer: () => changeSetting("confidence", 0.1, 3),
   zoomIn: () => zoom(1.25),
   zoomOut: () => zoom(0.8),
   fit: () => {
@@ -457,7 +442,7 @@ const commands = {
     page.canvas.viewport.pan(-cols * PAN_STEP, -rows * PAN_STEP);
     page.canvas.invalidate();
   }),
-  palette: () => setSetting("palette", setting("palette") === "taxonomy" ? "contrast" : "taxonomy"),
+  palette: otherPalette,
 };
 
 function zoom(factor) {

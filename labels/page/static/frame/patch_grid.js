@@ -93,6 +93,21 @@ export function cellsOfColumn(col) {
   return cellsBetween(cellAt(0, col), cellAt(mission.grid.rows - 1, col));
 }
 
+/** What arrow keys add to a row and a column. */
+export const ARROWS = {
+  ArrowLeft: [0, -1],
+  ArrowRight: [0, 1],
+  ArrowUp: [-1, 0],
+  ArrowDown: [1, 0],
+};
+
+/** The cell some rows and columns away, or the last one before the edge. */
+export function cellFrom(cell, rows, cols) {
+  const [row, col] = rowCol(cell);
+  const limit = (value, count) => Math.min(count - 1, Math.max(0, value));
+  return cellAt(limit(row + rows, mission.grid.rows), limit(col + cols, mission.grid.cols));
+}
+
 /** The patch that the keyboard is on, and the rectangle that Shift+arrows spans from it. */
 export class PatchCursor {
   constructor() {
@@ -124,9 +139,7 @@ export class PatchCursor {
     }
     if (!extend) this.anchor = null;
     else this.anchor ??= this.cell;
-    const [row, col] = rowCol(this.cell);
-    const limit = (value, count) => Math.min(count - 1, Math.max(0, value));
-    this.cell = cellAt(limit(row + rows, mission.grid.rows), limit(col + cols, mission.grid.cols));
+    this.cell = cellFrom(this.cell, rows, cols);
   }
 
   /**

@@ -16,6 +16,8 @@ import {
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
+import { changeSetting } from "../core/settings.js";
+import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
   filterWords,
   onClassFrames,
@@ -316,8 +318,7 @@ function resize(step) {
 }
 
 function changeConfidence(by) {
-  const value = Math.max(0, Math.min(CONFIDENCE.most, setting("confidence") + by));
-  setSetting("confidence", Number(value.toFixed(2)));
+  changeSetting("confidence", by, CONFIDENCE.most);
 }
 
 function otherCamera() {
@@ -351,18 +352,8 @@ function moveFrame(event) {
 
 function moveCell(event) {
   const { rows, cols } = mission.grid;
-  const [row, col] = [Math.floor((page.cell ?? 0) / cols), (page.cell ?? 0) % cols];
-  const [down, right] = {
-    ArrowLeft: [0, -1],
-    ArrowRight: [0, 1],
-    ArrowUp: [-1, 0],
-    ArrowDown: [1, 0],
-  }[event.key];
-  const clamp = (value, count) => Math.max(0, Math.min(count - 1, value));
-  page.cell =
-    page.cell === null
-      ? Math.floor(rows / 2) * cols + Math.floor(cols / 2)
-      : clamp(row + down, rows) * cols + clamp(col + right, cols);
+  const middle = cellAt(Math.floor(rows / 2), Math.floor(cols / 2));
+  page.cell = page.cell === null ? middle : cellFrom(page.cell, ...ARROWS[event.key]);
   draw();
 }
 
@@ -421,8 +412,6 @@ function doubleClicked(event) {
   open(page.thumbs.find(({ element }) => caption && element.contains(caption)));
 }
 
-const ARROWS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
-
 const row = (keys, does, run) => ({ keys, does, run });
 const once = (run) => (event) => event.repeat || run();
 
@@ -446,9 +435,9 @@ const view = {
     row(["x"], "leave this frame out of these three, or no longer", () => exclude(focused())),
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
-    row(ARROWS, "move from frame to frame", moveFrame),
+    row(Object.keys(ARROWS), "move from frame to frame", moveFrame),
     row(["w"], "open this frame as a whole", () => open(focused())),
-    row(ARROWS.map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
+    row(Object.keys(ARROWS).map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
     row(["Space"], "paint the patch under the cursor", paintCell),
     row(["Drag"], "paint; also over several frames; right button: unsure"),
     row(["Shift+Drag"], "paint a rectangle"),

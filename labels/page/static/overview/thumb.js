@@ -6,10 +6,9 @@ import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../frame/painting.js";
 import { cellAt, patchSize } from "../frame/patch_grid.js";
 import { suggestionFault } from "../frame/suggest.js";
+import { STATES } from "../frame/timeline.js";
 import { labelsOf } from "../saving/labels.js";
 import { drawAreas } from "./thumb_drawing.js";
-
-const STATES = { u: "unseen", s: "seen", p: "part", d: "done", x: "disagreement" };
 
 /**
  * What a frame shows and what of it waits for a decision.
@@ -110,7 +109,7 @@ export class Thumb {
   }
 
   #say(content, excluded) {
-    const state = STATES[stateOf(this.camera, this.frame)] ?? "";
+    const state = STATES[stateOf(this.camera, this.frame)]?.words ?? "";
     const words = excluded ? "left out" : content ? content.fault || state : "loading";
     const proposed = content?.hints.filter(Boolean).length ?? 0;
     const more = proposed ? `, ${proposed} patches suggested` : "";

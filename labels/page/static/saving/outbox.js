@@ -201,19 +201,14 @@ let conflicts = [];
 const [onRefused, refusedChanged] = signal();
 export { onRefused };
 
-/** Entries that the server refused, each with its `refusal`. */
-export function setAsideEntries() {
-  return aside;
-}
-
-/** Entries in this browser that are another mission's or another person's. */
-export function foreignEntries() {
-  return foreign;
-}
-
-/** Conflicts {stored, camera, frame, cell, theirs, yours, source} to decide. */
-export function openConflicts() {
-  return conflicts;
+/**
+ * What was not written: `aside`, entries that the server refused, each with its `refusal`;
+ * `foreign`, entries in this browser that are another mission's or another person's; `conflicts`
+ * {stored, camera, frame, cell, theirs, yours, source}, to decide.
+ * @returns {{aside: Entry[], foreign: Entry[], conflicts: Object[]}}
+ */
+export function unwritten() {
+  return { aside, foreign, conflicts };
 }
 
 /**
@@ -229,22 +224,21 @@ export function setAside(entry, refusal) {
 }
 
 /**
- * Throw a refused entry away; only when a person says so.
- * @param {Entry} entry
- */
-export function discard(entry) {
-  forget(entry);
-  aside.splice(aside.indexOf(entry), 1);
-  refusedChanged();
-}
-
-/**
  * Take a refused entry out of the list, to send it again.
  * @param {Entry} entry
  */
 export function takeBack(entry) {
   aside.splice(aside.indexOf(entry), 1);
   refusedChanged();
+}
+
+/**
+ * Throw a refused entry away; only when a person says so.
+ * @param {Entry} entry
+ */
+export function discard(entry) {
+  forget(entry);
+  takeBack(entry);
 }
 
 /**
@@ -266,8 +260,7 @@ export function noteConflicts(entry, refusedCells) {
   if (!refusedCells.length) return;
   for (const conflict of refusedCells) {
     for (const older of conflicts.filter((noted) => isSame(noted, conflict, entry))) {
-      remove(older.stored);
-      conflicts = conflicts.filter((noted) => noted !== older);
+      drop(older);
     }
     const { who, mission, source } = entry;
     const noted = { ...conflict, who, mission, source, stored: CONFLICT + uniqueKey() };
@@ -279,14 +272,8 @@ export function noteConflicts(entry, refusedCells) {
 
 // Of two things said of a patch and not written only the newer one is still meant.
 function isSame(noted, { camera, frame, cell }, { who, mission, source }) {
-  return (
-    noted.camera === camera &&
-    noted.frame === frame &&
-    noted.cell === cell &&
-    noted.who === who &&
-    noted.mission === mission &&
-    noted.source === source
-  );
+  const now = { camera, frame, cell, who, mission, source };
+  return Object.entries(now).every(([name, value]) => noted[name] === value);
 }
 
 /**
@@ -294,9 +281,13 @@ function isSame(noted, { camera, frame, cell }, { who, mission, source }) {
  * @param {Object} conflict
  */
 export function closeConflict(conflict) {
+  drop(conflict);
+  refusedChanged();
+}
+
+function drop(conflict) {
   remove(conflict.stored);
   conflicts = conflicts.filter((other) => other !== conflict);
-  refusedChanged();
 }
 
 /**

@@ -26,10 +26,10 @@ import {
   noteConflicts,
   readConflicts,
   setAside,
-  setAsideEntries,
   setForeign,
   takeBack,
   uniqueKey,
+  unwritten,
   waiting,
 } from "./outbox.js";
 
@@ -468,7 +468,7 @@ function begin() {
 async function takeLeftovers() {
   const found = await leftovers();
   // Only now: the same ones may have been taken over, or sent, meanwhile.
-  const here = new Set([...waiting(), ...setAsideEntries()].map((entry) => entry.key));
+  const here = new Set([...waiting(), ...unwritten().aside].map((entry) => entry.key));
   const left = found.filter((entry) => !here.has(entry.key) && isKept(entry));
   const mine = left.filter(isMine);
   setForeign(left.filter((entry) => !isMine(entry)));

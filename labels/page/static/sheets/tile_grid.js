@@ -178,12 +178,6 @@ export class TileGrid {
     return second < 0 ? Math.max(1, this.elements.length) : second;
   }
 
-  /** Rows that fit the window, at least one. */
-  rowsShown() {
-    const height = this.elements[0]?.offsetHeight || 1;
-    return Math.max(1, Math.floor(this.element.clientHeight / height));
-  }
-
   /** Forget the tiles; the view is left. */
   close() {
     this.pictures.stop();
