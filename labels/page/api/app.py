@@ -18,29 +18,10 @@ from starlette.types import ASGIApp, Scope
 from tokt.features.common.errors import ToktError
 from tokt.labels.page.state.session import Session
 
-from . import (
-    agreement_routes,
-    audit_routes,
-    label_routes,
-    live_routes,
-    mission_routes,
-    picture_routes,
-    queue_routes,
-    sheet_routes,
-)
+from . import label_routes, mission_routes, picture_routes, sheet_routes
 from .access import Access, AccessRules
-from .responses import add_error_handlers
+from .messages import add_error_handlers
 
-_ROUTES = (
-    agreement_routes,
-    audit_routes,
-    label_routes,
-    live_routes,
-    mission_routes,
-    picture_routes,
-    queue_routes,
-    sheet_routes,
-)
 LOOK_S = 0.25
 """How often the store is looked at for what other processes wrote."""
 CHECK_S, CHECK_FAULT_S = 5.0, 1.0
@@ -80,7 +61,7 @@ def create_app(session: Session, rules: AccessRules) -> ASGIApp:
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
     app.state.session = session
     add_error_handlers(app)
-    for routes in _ROUTES:
+    for routes in (label_routes, mission_routes, picture_routes, sheet_routes):
         app.include_router(routes.router)
     files = _PageFiles(packages=[("tokt.labels.page", "static")])
 

@@ -1,4 +1,4 @@
-"""The first requests of a page: the mission, its classes, the state of every frame."""
+"""The mission: its classes, the state of every frame, and which frame to label next."""
 
 from __future__ import annotations
 
@@ -10,13 +10,24 @@ from starlette.responses import Response
 from tokt.features.frames.mission import format_frames
 from tokt.labels.page.state.board import FrameName
 from tokt.labels.page.state.session import Session
+from tokt.labels.page.suggestions.queue import next_frames
 from tokt.labels.taxonomy import UNSURE, UNSURE_KEY
 
-from .requests import Blind, SeenBody, SessionOf, Who, check_frame
-from .responses import json_response, refuse
+from .messages import (
+    Blind,
+    Camera,
+    Frame,
+    SeenBody,
+    SessionOf,
+    Who,
+    check_frame,
+    json_response,
+    refuse,
+)
 
 router = APIRouter(prefix="/api")
 _NO_CLASS_COLOR = "#b0b0b0"
+_SCORE_DECIMALS = 4
 
 
 @router.get("/mission")
@@ -73,6 +84,51 @@ def post_seen(session: SessionOf, body: SeenBody) -> Response:
     session.mark_seen(body.who, body.camera, body.frame)
     frames = [(body.camera, body.frame)]
     return json_response({"states": session.board.states_of(body.who, body.blind, frames)})
+
+
+@router.get("/queue")
+def get_queue(
+    session: SessionOf,
+    who: Who | None = None,
+    blind: Blind = False,
+    n: Annotated[int, Query(ge=1, le=1000)] = 30,
+    camera: Camera | None = None,
+    frame: Frame | None = None,
+) -> Response:
+    """The next `n` frames for a person who sees `frame` now; what the model does not know waits."""
+    if session.suggester is None:
+        return _none("no model was given: start tokt label with --model")
+    if blind:
+        return _none("not while labelling blind: the order would show what the model says")
+    done, total = session.suggester.progress
+    labelled = dict.fromkeys(session.board.labelled_frames(who or session.annotator), True)
+    now = None if camera is None or frame is None else (camera, frame)
+    frames = [
+        {
+            "camera": entry.camera,
+            "frame": entry.frame,
+            "why": entry.why,
+            "score": round(entry.score, _SCORE_DECIMALS),
+        }
+        for entry in next_frames(session.suggester, labelled, n, now)
+    ]
+    return _queue(frames, "", done, total)
+
+
+def _none(why_not: str) -> Response:
+    return _queue([], why_not, 0, 0)
+
+
+def _queue(frames: list[dict[str, Any]], why_not: str, done: int, total: int) -> Response:
+    return json_response(
+        {
+            "ready": bool(total) and done == total,
+            "done": done,
+            "total": total,
+            "why_not": why_not,
+            "frames": frames,
+        }
+    )
 
 
 def _by_camera(session: Session, found: list[FrameName]) -> dict[str, list[int]]:

@@ -12,8 +12,7 @@ from tokt.features.common.errors import ToktError
 from tokt.labels.page.state.pictures import frame_picture
 from tokt.labels.page.state.session import Session
 
-from .requests import Camera, SessionOf, Version, check_frame, check_version
-from .responses import refuse
+from .messages import Camera, SessionOf, Version, check_frame, check_version, refuse
 
 router = APIRouter(prefix="/api")
 _KEEP = {"cache-control": "private, max-age=31536000, immutable"}

@@ -1,19 +1,107 @@
-"""Running the web application until it is told to end."""
+"""Serving the page: the listening socket, its host names and URL, and the server until it ends."""
 
 from __future__ import annotations
 
+import errno
+import ipaddress
+import os
+import secrets
 import socket
 from collections.abc import Callable
+from dataclasses import dataclass
+from urllib.parse import quote
 
 import uvicorn
 
+from tokt.features.common.errors import ToktError
 from tokt.labels.page.state.session import Session
 
-from .access import AccessRules
+from .access import LOOPBACK_NAMES, AccessRules
 from .app import create_app
 
+_WILDCARDS = ("0.0.0.0", "::")
 _LAST_ANSWERS_S = 1  # how long answers that are under way may take when the server ends
 _IDLE_S = 60  # how long a connection is kept for the next request
+
+
+@dataclass(frozen=True)
+class Address:
+    """A socket that listens already, and what goes with it.
+
+    Attributes
+    ----------
+    socket : socket.socket
+    rules : AccessRules
+    url : str
+        What a person opens; holds the token if one is needed.
+    """
+
+    socket: socket.socket
+    rules: AccessRules
+    url: str
+
+
+def listen(host: str, port: int, token: str | None) -> Address:
+    """Listen on a port; on any other address than loopback a token is made unless one is given.
+
+    Raises
+    ------
+    ToktError
+        If the address is not ours or the port is taken or not allowed.
+    """
+    loopback = _is_loopback(host)
+    if token is None and not loopback:
+        token = secrets.token_urlsafe(18)
+    listener = _listening(host, port)
+    port = listener.getsockname()[1]
+    names = set(LOOPBACK_NAMES)
+    shown = _in_url(host)
+    if host in _WILDCARDS:
+        shown = socket.gethostname().lower()
+    names.add(shown.lower())
+    rules = AccessRules(port, frozenset(names), not loopback, token)
+    query = "" if token is None else f"?token={quote(token, safe='')}"
+    return Address(listener, rules, f"http://{shown}:{port}/{query}")
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        family, kind, proto, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except OSError as error:
+        raise ToktError(f"--host {host}: {error.strerror or error}") from None
+    listener = socket.socket(family, kind, proto)
+    try:
+        if os.name == "posix":  # elsewhere it would let two programs listen on one port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise ToktError(_why_not(host, port, error)) from None
+    return listener
+
+
+def _why_not(host: str, port: int, error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return f"port {port} is taken (by another tokt label?); choose another with --port"
+    if error.errno == errno.EACCES:
+        return f"port {port} may not be used; choose another with --port"
+    if error.errno == errno.EADDRNOTAVAIL:
+        return f"--host {host} is not an address of this computer"
+    return f"cannot listen on {host} port {port}: {error.strerror or error}"
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+def _in_url(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
 
 
 class _PageServer(uvicorn.Server):

@@ -1,15 +1,19 @@
-"""All patches that a person gave one label, odd ones first."""
+"""Sheets of patches: those of one label, odd ones first; agreement and conflicts; label audits."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from .requests import MAX_NAME, SessionOf, Who
-from .responses import json_response, refuse
+from tokt.features.common.errors import ToktError
+from tokt.labels.agreement import agreement_of_counts
+from tokt.labels.page.state.audits import Doubt
+from tokt.labels.page.state.session import Session
+
+from .messages import MAX_NAME, Blind, SessionOf, Who, json_response, refuse, refuse_blind
 
 router = APIRouter(prefix="/api")
 MAX_PATCHES = 2000
@@ -48,3 +52,98 @@ def get_sheet(
             ],
         }
     )
+
+
+@router.get("/agreement")
+def get_agreement(session: SessionOf, a: Who, b: Who, blind: Blind = False) -> Response:
+    """Agreement of annotators `a` and `b`, and the patches that they labelled differently."""
+    refuse_blind(blind)
+    board = session.board
+    for who in (a, b):
+        if who not in board.annotators:
+            raise refuse(404, f"{who} labelled nothing in mission {session.mission.name}")
+    if a == b:
+        raise refuse(400, "agreement is between two annotators; these are one")
+    try:
+        found = agreement_of_counts(
+            board.pairs(a, b),
+            sum(board.counts(a).values()),
+            sum(board.counts(b).values()),
+            session.taxonomy,
+        )
+    except ToktError as error:
+        raise refuse(409, str(error)) from None
+    return json_response(
+        {
+            "a": a,
+            "b": b,
+            **found.to_json(),
+            "blind": {"a": board.blind_count(a), "b": board.blind_count(b)},
+            "conflicts": [different._asdict() for different in board.differences(a, b)],
+        }
+    )
+
+
+@router.get("/audits")
+def get_audits(session: SessionOf, blind: Blind = False) -> Response:
+    """The audits that speak of this mission; ``fault`` says why one cannot be read."""
+    refuse_blind(blind)
+    found = [_listed(session, name) for name in session.audits.names()]
+    return json_response({"audits": [one for one in found if one["patches"] or one["fault"]]})
+
+
+@router.get("/audit")
+def get_audit(
+    session: SessionOf,
+    name: Annotated[str, Query(max_length=MAX_NAME)],
+    who: Who | None = None,
+    blind: Blind = False,
+) -> Response:
+    """One audit's worst patches of this mission, with what `who` says and what is settled now."""
+    refuse_blind(blind)
+    try:
+        audit = session.audits.audit(name)
+    except KeyError:
+        raise refuse(404, f"no audit {name!r} in this workspace") from None
+    except ToktError as error:
+        raise refuse(409, str(error)) from None
+    doubts = session.audits.doubts(audit)
+    return json_response(
+        {
+            "name": audit.name,
+            "of": audit.of,
+            "rule": audit.rule,
+            "total": len(doubts),
+            "patches": _doubts(session, who or session.annotator, doubts[:MAX_PATCHES]),
+        }
+    )
+
+
+def _doubts(session: Session, who: str, doubts: list[Doubt]) -> list[dict[str, Any]]:
+    board = session.board
+    frames = {(doubt.patch.camera, doubt.patch.frame) for doubt in doubts}
+    mine = {frame: board.labels(who, *frame) for frame in frames}
+    settled = {frame: board.settled(*frame) for frame in frames}
+    return [
+        {
+            "camera": patch.camera,
+            "frame": patch.frame,
+            "cell": cell,
+            "label": patch.label,
+            "suggested": patch.suggested,
+            "margin": patch.margin,
+            "reason": patch.reason,
+            "mine": mine[patch.camera, patch.frame][cell],
+            "settled": settled[patch.camera, patch.frame][cell],
+        }
+        for cell, patch in doubts
+    ]
+
+
+def _listed(session: Session, name: str) -> dict[str, Any]:
+    try:
+        audit = session.audits.audit(name)
+    except ToktError as error:
+        return {"name": name, "of": "", "patches": 0, "fault": str(error)}
+    doubts = session.audits.doubts(audit)
+    return {"name": name, "of": audit.of, "patches": len(doubts), "fault": ""}

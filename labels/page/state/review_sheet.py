@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, overload
 
@@ -97,33 +97,17 @@ class PatchRanker:
     ----------
     mission : Mission
     grid : Grid
+
+    Attributes
+    ----------
+    features : FrameFeatures
+        Of the frames with labels, as far as they have been looked at.
     """
 
     def __init__(self, mission: Mission, grid: Grid) -> None:
-        self._features = FrameFeatures(mission, grid)
+        self.features = FrameFeatures(mission, grid)
         self._lock = threading.Lock()
         self._last: tuple[Hashable, str, Ranked] | None = None
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """How many frames with labels have been looked at, and of how many."""
-        return self._features.progress
-
-    def start(self) -> None:
-        """Begin to look at the frames that are wanted; once."""
-        self._features.background.start()
-
-    def close(self) -> None:
-        """Stop."""
-        self._features.background.close()
-
-    def give_way(self) -> None:
-        """Say that a request is being served; call it as often as there are requests."""
-        self._features.background.give_way()
-
-    def want(self, frames: Iterable[tuple[str, int]]) -> None:
-        """Name frames (camera, frame) with labels, to be looked at before a sheet is asked for."""
-        self._features.want(frames)
 
     def patches(
         self,
@@ -153,9 +137,9 @@ class PatchRanker:
             last = self._last
             if version is not None and last and last[:2] == (version, label) and last[2].ready:
                 return last[2]
-            located = {name: self._features.locate(c) for name, c in cells_by_class.items()}
-            known = self._features.snapshot()
-            own = located.get(label, self._features.locate([]))
+            located = {name: self.features.locate(c) for name, c in cells_by_class.items()}
+            known = self.features.snapshot()
+            own = located.get(label, self.features.locate([]))
             # What nobody was sure of is no example of anything.
             names = [name for name in located if name not in (label, UNSURE)]
             others = [located[name] for name in names] if label != UNSURE else []
@@ -189,7 +173,7 @@ class ReviewSheet:
         with self._lock:
             if not self._started:
                 # Not before: it keeps a processor busy for as long as there are labelled frames.
-                self._ranker.start()
+                self._ranker.features.background.start()
                 self._started = True
             version = who, self._board.last_event(who)
             if version != self._version:
@@ -201,11 +185,11 @@ class ReviewSheet:
 
     def give_way(self) -> None:
         """Say that a request is being served."""
-        self._ranker.give_way()
+        self._ranker.features.background.give_way()
 
     def close(self) -> None:
         """Stop."""
-        self._ranker.close()
+        self._ranker.features.background.close()
 
 
 @dataclass(frozen=True)

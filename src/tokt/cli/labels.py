@@ -105,9 +105,8 @@ def label(
     from tokt import __version__
     from tokt.features.frames.grid import Grid
     from tokt.features.frames.mission import open_mission
-    from tokt.labels.page.api.address import listen
-    from tokt.labels.page.api.serve import serve
-    from tokt.labels.page.state.open_session import open_session
+    from tokt.labels.page.api.serve import listen, serve
+    from tokt.labels.page.state.session import open_session
 
     if token is not None and not token.strip():
         raise ToktError("--token is empty")

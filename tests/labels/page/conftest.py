@@ -279,14 +279,7 @@ class Watched:
             self._faults.append(f"console: {message.text} ({where['url']}:{where['lineNumber']})")
 
 
-OFFLINE = r"Failed to load resource|ERR_CONNECTION|ERR_INTERNET|ERR_INCOMPLETE|ERR_EMPTY"
-"""Console errors of a browser whose server is away; for ``browse(..., allow=OFFLINE)``."""
-
-
-@pytest.fixture(scope="session")
-def offline_errors() -> str:
-    """`OFFLINE`."""
-    return OFFLINE
+_OFFLINE = r"Failed to load resource|ERR_CONNECTION|ERR_INTERNET|ERR_INCOMPLETE|ERR_EMPTY"
 
 
 @pytest.fixture
@@ -309,8 +302,8 @@ def browsing(browser: Browser) -> Iterator[Callable[..., Page]]:
 
     ``context=page.context`` opens another tab of the same browser. Any console error that `allow`
     (a regular expression) does not find, and any request to anybody but the server, fails the
-    test (or, for `browse_on`, the module's last one) when it ends. The page's address is opened and
-    its `load` event awaited.
+    test (or, for `browse_on`, the module's last one) when it ends; `offline` allows the errors of a
+    browser whose server is away. The page's address is opened and its `load` event awaited.
     """
     contexts: list[tuple[BrowserContext, Watched]] = []
 
@@ -320,6 +313,7 @@ def browsing(browser: Browser) -> Iterator[Callable[..., Page]]:
         *,
         context: BrowserContext | None = None,
         allow: str | None = None,
+        offline: bool = False,
         width: int = 1280,
         height: int = 720,
         **options: Any,
@@ -332,8 +326,9 @@ def browsing(browser: Browser) -> Iterator[Callable[..., Page]]:
             watched.context(context)
             contexts.append((context, watched))
         watched = next(watched for known, watched in contexts if known is context)
-        if allow is not None:
-            watched.allow(allow)
+        for pattern in (allow, _OFFLINE if offline else None):
+            if pattern is not None:
+                watched.allow(pattern)
         page = context.new_page()
         page.goto(server.url + place)
         return page

@@ -252,7 +252,7 @@ def test_dataset_build_refuses_another_dive(run_tokt: Any, tmp_path: Path) -> No
 def test_the_page_notes_the_mission_that_it_opens(tmp_path: Path) -> None:
     pytest.importorskip("fastapi")
     from tokt.features.frames.grid import Grid
-    from tokt.labels.page.state.open_session import open_session
+    from tokt.labels.page.state.session import open_session
 
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
     open_session(open_mission(one), tmp_path / "w", Grid(2, 2, 40), "anna", "1").close()

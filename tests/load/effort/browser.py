@@ -26,7 +26,7 @@ _SHEET_IS_AT = """(frame) => {
     thumbs[0].querySelector(".thumb-number").textContent === String(frame);
 }"""
 _COPIED = """async (frame) => {
-  const { copiesOf } = await import("/static/saving/unconfirmed.js");
+  const { copiesOf } = await import("/static/frame/painting.js");
   return copiesOf("left", frame).length > 0;
 }"""
 _SUGGESTED = """async () => {

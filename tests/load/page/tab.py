@@ -18,7 +18,7 @@ _MAX_MS = 60_000
 _LOOK_EVERY_S = 0.01
 
 _CELL_MIDDLE = """async ([cell]) => {
-  const { Viewport } = await import("/static/frame/viewport.js");
+  const { Viewport } = await import("/static/frame/frame_canvas.js");
   const { patchSize, rowCol } = await import("/static/frame/patch_grid.js");
   const { picture } = await import("/static/core/pictures.js");
   const { setting } = await import("/static/core/settings.js");

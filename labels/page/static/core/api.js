@@ -14,6 +14,18 @@ export class ApiError extends Error {
 }
 
 /**
+ * What to give to `catch` of a request: takes its failure. Any other fault goes on.
+ * @param {(error: ApiError) => *} [handle] What the request then gives.
+ * @returns {(error: Error) => *}
+ */
+export function onFailure(handle = () => undefined) {
+  return (error) => {
+    if (error.name !== "ApiError") throw error;
+    return handle(error);
+  };
+}
+
+/**
  * The address of an API path with its parameters, `who` and `blind`.
  * @param {string} path
  * @param {Object} [params] Those that are null or undefined are left out.
@@ -32,12 +44,11 @@ export function address(path, params = {}) {
  * GET a path.
  * @param {string} path
  * @param {Object} [params]
- * @param {{signal?: AbortSignal}} [options]
  * @returns {Promise<*>}
  * @throws {ApiError}
  */
-export async function get(path, params = {}, { signal } = {}) {
-  return request(address(path, params), { signal });
+export async function get(path, params = {}) {
+  return request(address(path, params));
 }
 
 /**

@@ -1,4 +1,5 @@
-// Making elements without markup in strings, drawing once, and saying things to screen readers.
+// Making elements without markup in strings, drawing once, telling those who listen, and saying
+// things to screen readers.
 
 /**
  * Make an element.
@@ -109,4 +110,21 @@ export function soon(work) {
       work();
     });
   };
+}
+
+/**
+ * A set of listeners.
+ * @returns {[(listener: Function) => Function, Function]} What adds a listener, and returns what
+ *   takes it away again; and what tells all of them.
+ */
+export function signal() {
+  const listeners = new Set();
+  const listen = (listener) => {
+    listeners.add(listener);
+    return () => listeners.delete(listener);
+  };
+  const tell = (...news) => {
+    for (const listener of [...listeners]) listener(...news);
+  };
+  return [listen, tell];
 }

@@ -1,5 +1,6 @@
 // The header: mission, who works here, and whether everything is saved.
 
+import { onFailure } from "./api.js";
 import { announce, button, el, say } from "./dom.js";
 import { blind, mission, onChange, setPerson, who } from "./mission.js";
 import { listenAnew } from "./live.js";
@@ -97,14 +98,14 @@ function openPersonDialog() {
 }
 
 async function become(name, isBlind) {
-  try {
+  const change = async () => {
     if (isBlind !== blind() || name !== who()) await setPerson({ who: name, blind: isBlind });
     announce(`Working as ${who()}${blind() ? ", blind" : ""}`);
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    say(`Not loaded anew: ${error.message}`, { bad: true });
-  } finally {
+  };
+  const explain = ({ message }) => say(`Not loaded anew: ${message}`, { bad: true });
+  const showAnew = () => {
     showMission();
     listenAnew();
-  }
+  };
+  await change().catch(onFailure(explain)).finally(showAnew);
 }

@@ -4,6 +4,7 @@
 
 import { el } from "./dom.js";
 import { classes, selectClass, setSetting, setting } from "./mission.js";
+import { changeSetting } from "./settings.js";
 
 const CONTRAST_STEP = 10;
 
@@ -191,11 +192,8 @@ export function reachable(key) {
   return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
 }
 
-function enhance(by) {
-  setSetting("enhance", Math.max(0, Math.min(100, setting("enhance") + by)));
-}
-
-function otherPalette() {
+/** The colours of the taxonomy, or those of high contrast. */
+export function otherPalette() {
   setSetting("palette", setting("palette") === "taxonomy" ? "contrast" : "taxonomy");
 }
 
@@ -206,7 +204,7 @@ const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" }
  * @type {KeyEntry[]}
  */
 export const lookKeys = [
-  lookKey("[", "less contrast", () => enhance(-CONTRAST_STEP)),
-  lookKey("]", "more contrast", () => enhance(CONTRAST_STEP)),
+  lookKey("[", "less contrast", () => changeSetting("enhance", -CONTRAST_STEP, 100)),
+  lookKey("]", "more contrast", () => changeSetting("enhance", CONTRAST_STEP, 100)),
   lookKey("k", "colours: taxonomy, or high contrast", otherPalette),
 ];

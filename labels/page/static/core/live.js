@@ -1,6 +1,6 @@
 // What happens elsewhere: the server's events, heard again by itself after a break.
 
-import { address } from "./api.js";
+import { address, onFailure } from "./api.js";
 import { labelsAreStale } from "../saving/labels.js";
 import { loadMission, mission, onReload, strangerWords, takeNews } from "./mission.js";
 import { allOwn, noteStranger, setConnected, takeEventHeads, whenIdle } from "../saving/saver.js";
@@ -52,17 +52,10 @@ function heard() {
   tries = 0;
   setConnected(true);
   // After a break the server may be another one: classes, model and faults may be new.
-  if (opened) loadAgain();
+  const take = (answer) => noteStranger(strangerWords(answer));
+  // Where it is gone again already, the next event tells.
+  if (opened) loadMission().then(take).catch(onFailure());
   opened = true;
-}
-
-async function loadAgain() {
-  try {
-    noteStranger(strangerWords(await loadMission()));
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    // It is gone again already: the next event tells.
-  }
 }
 
 function broken() {

@@ -1,6 +1,7 @@
 // The mission as the server describes it, kept up to date: classes, frames, states, counts.
 
 import { get } from "./api.js";
+import { signal } from "./dom.js";
 import { adoptPreset, blind, setIdentity, setSetting, setting, who } from "./settings.js";
 
 export { blind, onSetting, setSetting, setting, who } from "./settings.js";
@@ -8,23 +9,14 @@ export { blind, onSetting, setSetting, setting, who } from "./settings.js";
 /** The last /api/mission; `states` holds one array of characters a camera. */
 export const mission = { loaded: false, classes: [], cameras: {}, states: {}, counts: {} };
 
-const listeners = new Set();
 let byName = new Map();
 let frameLists = {};
 
 /**
- * Be told that something of the mission changed.
- * @param {(what: string) => void} listener `what`: "all", "states", "status", "selected".
- * @returns {Function} Stops it.
+ * Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it;
+ * `what`: "all", "states", "status", "selected".
  */
-export function onChange(listener) {
-  listeners.add(listener);
-  return () => listeners.delete(listener);
-}
-
-function changed(what) {
-  for (const listener of [...listeners]) listener(what);
-}
+const [onChange, changed] = signal();
 
 /**
  * Ask the server for everything about the mission.
@@ -96,7 +88,11 @@ function setState(camera, frame, state) {
 
 // Counts who works here and how: answers that were asked for before are of no use.
 let person = 0;
-const reloads = new Set();
+
+/** Be told that another person works here from now on, before the mission is loaded anew. */
+const [onReload, personChanged] = signal();
+
+export { onChange, onReload };
 
 /**
  * Work as somebody else, or hide (or show again) what others and the model said. Holds at once,
@@ -108,7 +104,7 @@ export async function setPerson(change) {
   setIdentity(change);
   person += 1;
   forgetOthers();
-  for (const listener of [...reloads]) listener();
+  personChanged();
   changed("states");
   await loadMission();
 }
@@ -128,14 +124,6 @@ function forgetOthers() {
   for (const states of Object.values(mission.states)) {
     states.forEach((state, at) => state === "x" && (states[at] = "p"));
   }
-}
-
-/**
- * Be told that another person works here from now on, before the mission is loaded anew.
- * @param {Function} listener
- */
-export function onReload(listener) {
-  reloads.add(listener);
 }
 
 /** All classes in the taxonomy's order, then unsure, then names only found in the store. */

@@ -1,6 +1,74 @@
-// What a person set in this browser, and who works in this tab.
+// What this browser keeps: what a person set, who works in this tab, and all else that is stored
+// under a name. Storage may be full, switched off or cleared at any moment.
 
-import { areas, read, write } from "./storage.js";
+import { signal } from "./dom.js";
+
+// Reading the property itself throws where a browser blocks storage.
+function area(name) {
+  try {
+    return window[name];
+  } catch {
+    return null;
+  }
+}
+
+const areas = { local: area("localStorage"), session: area("sessionStorage") };
+
+/**
+ * What is stored under a name, parsed; null where there is nothing or it cannot be read.
+ * @param {string} name
+ * @param {Storage} [store]
+ */
+export function read(name, store = areas.local) {
+  try {
+    return JSON.parse(store.getItem(name));
+  } catch {
+    return null;
+  }
+}
+
+/**
+ * Store a value, and look whether it is there.
+ * @param {string} name
+ * @param {*} value
+ * @param {Storage} [store]
+ * @returns {boolean} Whether it is stored.
+ */
+export function write(name, value, store = areas.local) {
+  const text = JSON.stringify(value);
+  try {
+    store.setItem(name, text);
+    return store.getItem(name) === text;
+  } catch {
+    return false;
+  }
+}
+
+/**
+ * Forget a name.
+ * @param {string} name
+ * @param {Storage} [store]
+ */
+export function remove(name, store = areas.local) {
+  try {
+    store.removeItem(name);
+  } catch {
+    // Storage is switched off: there is nothing to forget.
+  }
+}
+
+/**
+ * The stored names that start with a text, sorted.
+ * @param {string} prefix
+ * @returns {string[]}
+ */
+export function names(prefix) {
+  try {
+    return Object.keys(areas.local).filter((name) => name.startsWith(prefix)).sort();
+  } catch {
+    return [];
+  }
+}
 
 const SETTINGS = "tokt.settings";
 const IDENTITY = "tokt.identity";
@@ -19,7 +87,10 @@ const DEFAULTS = {
 };
 
 let settings = { ...DEFAULTS, ...read(SETTINGS) };
-const listeners = new Set();
+
+/** Be told of changed settings: `onSetting((name, value) => ...)` returns what stops it. */
+const [onSetting, settingChanged] = signal();
+export { onSetting };
 
 /**
  * The value of a setting.
@@ -38,17 +109,18 @@ export function setSetting(name, value) {
   if (settings[name] === value) return;
   settings = { ...settings, [name]: value };
   write(SETTINGS, settings);
-  for (const listener of listeners) listener(name, value);
+  settingChanged(name, value);
 }
 
 /**
- * Be told of changed settings.
- * @param {(name: string, value: *) => void} listener
- * @returns {Function} Stops it.
+ * Make a number among the settings larger or smaller.
+ * @param {string} name
+ * @param {number} by
+ * @param {number} most The least is 0.
  */
-export function onSetting(listener) {
-  listeners.add(listener);
-  return () => listeners.delete(listener);
+export function changeSetting(name, by, most) {
+  const value = Math.round((settings[name] + by) * 100) / 100;
+  setSetting(name, Math.min(most, Math.max(0, value)));
 }
 
 // A tab keeps its person over reloads; a new tab starts as the last one on this computer did.

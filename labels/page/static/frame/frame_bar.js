@@ -1,7 +1,11 @@
-// The bar under the picture: which frame this is, where to go, filter, and the strip's legend.
+// The bar under the picture: which frame this is, where to go, filter, and the strip's legend; and
+// sentences about a frame and its patches, for the status line and for screen readers.
 
-import { backAfterMouse, button, el, focusView } from "../core/dom.js";
-import { frameIndex, frames, mission, setSetting } from "../core/mission.js";
+import { commandButtons, optionsOf } from "../core/controls.js";
+import { backAfterMouse, el, focusView } from "../core/dom.js";
+import { frameIndex, frames, mission, setSetting, stateOf } from "../core/mission.js";
+import { disagree } from "./cell_drawing.js";
+import { cellName } from "./patch_grid.js";
 import { countPassing, filterChoices, filterName } from "./steps.js";
 import { STATES } from "./timeline.js";
 
@@ -12,11 +16,7 @@ import { STATES } from "./timeline.js";
  * @returns {{root: HTMLElement, show: (camera: string, frame: number) => void}}
  */
 export function buildBar(commands, keyFor) {
-  const withKey = (text, name, title) => {
-    const made = button(text, commands[name], { title });
-    made.append(" ", el("kbd", { text: keyFor(name) }));
-    return made;
-  };
+  const command = commandButtons(commands, keyFor);
   const number = el("input", {
     attrs: { type: "number", "aria-label": "Frame number", class: "frame-number" },
     on: {
@@ -26,21 +26,24 @@ export function buildBar(commands, keyFor) {
     },
   });
   const place = el("span", { class: "place" });
-  const camera = withKey("", "camera", "Left or right camera");
+  const camera = command("", "camera", { title: "Left or right camera" });
   camera.prepend(el("span", { class: "camera-name" }));
-  const filter = buildFilter();
+  const setFilter = () => setSetting("filter", filter.value);
+  const filter = backAfterMouse(el("select", { class: "filter", on: { change: setFilter } }));
   const matches = el("span", { class: "matches" });
   const legend = el("div", { class: "legend", attrs: { "aria-label": "States of frames" } });
   const root = el(
     "div",
     { class: "frame-bar" },
-    withKey("◀", "previous", "Frame before"),
+    command("◀", "previous", { title: "Frame before" }),
     number,
-    withKey("▶", "next", "Next frame"),
+    command("▶", "next", { title: "Next frame" }),
     place,
     camera,
-    withKey("Next unlabelled", "unlabelled"),
-    withKey("Next uncertain", "uncertain", "Where the model is least sure and has seen least"),
+    command("Next unlabelled", "unlabelled"),
+    command("Next uncertain", "uncertain", {
+      title: "Where the model is least sure and has seen least",
+    }),
     el("label", { class: "pick" }, el("span", { text: "Filter" }), filter),
     matches,
     el("span", { class: "spring" }),
@@ -59,21 +62,13 @@ export function buildBar(commands, keyFor) {
   return { root, show };
 }
 
-function buildFilter() {
-  const change = () => setSetting("filter", filter.value);
-  const filter = el("select", { class: "filter", on: { change } });
-  return backAfterMouse(filter);
-}
-
 // Classes come when somebody uses them first, and go with who works here.
 function showFilters(filter) {
   const choices = filterChoices();
   const text = JSON.stringify(choices);
   if (filter.dataset.shown !== text) {
     filter.dataset.shown = text;
-    filter.replaceChildren(
-      ...choices.map(([value, words]) => el("option", { text: words, attrs: { value } })),
-    );
+    filter.replaceChildren(...optionsOf(choices));
   }
   filter.value = filterName();
 }
@@ -94,4 +89,50 @@ function showLegend(root, camera) {
       ),
     ),
   );
+}
+
+/**
+ * A frame in words.
+ * @param {string} camera
+ * @param {number} frame
+ * @param {?Object} labels
+ * @returns {string}
+ */
+export function describeFrame(camera, frame, labels) {
+  const words = [`${camera} frame ${frame}`];
+  if (labels) {
+    const done = labels.mine.filter((label) => label !== null).length;
+    words.push(`${done} of ${labels.mine.length} labelled`);
+  }
+  const state = stateOf(camera, frame);
+  if (state === "x" || state === "d") words.push(STATES[state].words);
+  return words.join(" · ");
+}
+
+/**
+ * A patch in words.
+ * @param {number} cell
+ * @param {Object} labels
+ * @param {?Object} hint
+ * @returns {string}
+ */
+export function describeCell(cell, labels, hint) {
+  const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label of mine"}`];
+  const version = labels.models[cell];
+  if (version) words.push(`confirmed from ${version}`);
+  if (labels.pending.has(cell)) words.push("not saved yet");
+  if (hint) {
+    if (hint.text === "copy") words.push(`copied ${hint.label}`);
+    else if (hint.kept) words.push(`${hint.label} kept from the frame before`);
+    else words.push(`${hint.model} suggests ${hint.label} ${hint.text}`);
+  }
+  const said = [labels.mine[cell]];
+  for (const [name, theirs] of Object.entries(labels.others)) {
+    if (theirs[cell] === null) continue;
+    words.push(`${name}: ${theirs[cell]}`);
+    said.push(theirs[cell]);
+  }
+  if (labels.settled[cell] !== null) words.push(`settled: ${labels.settled[cell]}`);
+  else if (disagree(said)) words.push("disagreement");
+  return words.join(", ");
 }

@@ -1,7 +1,7 @@
 // Which frame is shown and how: its picture (enhanced, raw, or the frame before), its labels, and
 // the neighbours fetched ahead.
 
-import { post } from "../core/api.js";
+import { onFailure, post } from "../core/api.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { frameIndex, frames, mission, setting, stateOf, takeNewsOf } from "../core/mission.js";
 import { forgetFailed, picture, pictureNow, prefetchPictures } from "../core/pictures.js";
@@ -192,13 +192,9 @@ export class FrameShow {
     clearTimeout(this.seenTimer);
     const { camera, frame } = this;
     if (stateOf(camera, frame) !== "u") return;
-    this.seenTimer = setTimeout(async () => {
-      try {
-        await takeNewsOf(post("/api/seen", { camera, frame }));
-      } catch (error) {
-        if (error.name !== "ApiError") throw error;
-        // Not worth a message: the frame counts as unseen until it is opened again.
-      }
+    this.seenTimer = setTimeout(() => {
+      // Not worth a message: the frame counts as unseen until it is opened again.
+      takeNewsOf(post("/api/seen", { camera, frame })).catch(onFailure());
     }, SEEN_MS);
   }
 

@@ -1,15 +1,8 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
-import { nextBlindFrame } from "../sheets/blind_list.js";
-import { onClassFrames } from "../overview/class_frames.js";
+import { onFailure } from "../core/api.js";
 import { announce, el, focusView, say } from "../core/dom.js";
-import { buildBar } from "./frame_bar.js";
-import { FrameCanvas } from "./frame_canvas.js";
-import { frameKeys, keyForCommand } from "./frame_keys.js";
-import { FrameShow } from "./frame_show.js";
-import { describeCell, describeFrame } from "./frame_words.js";
-import { listenToPointer } from "./gestures.js";
-import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
+import { otherPalette } from "../core/keys.js";
 import {
   blind,
   frames,
@@ -21,16 +14,29 @@ import {
   setSetting,
   setting,
 } from "../core/mission.js";
-import { accept, copyFrom, dropAllCopies, paint, paintRest } from "./painting.js";
-import { PatchCursor } from "./patch_cursor.js";
-import { cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import { addView, noteAddress } from "../core/router.js";
+import { changeSetting } from "../core/settings.js";
+import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
-import { endFrame, filterName, nextIn, nextUncertain, stepFrom } from "./steps.js";
+import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
+import { FrameCanvas } from "./frame_canvas.js";
+import { frameKeys, keyForCommand } from "./frame_keys.js";
+import { FrameShow } from "./frame_show.js";
+import { listenToPointer } from "./gestures.js";
+import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
+import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+import {
+  endFrame,
+  filterName,
+  nextBlindFrame,
+  nextIn,
+  nextUncertain,
+  onClassFrames,
+  stepFrom,
+} from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
 import { buildTools, showSettings } from "./tool_column.js";
-import { hintsOf } from "../saving/unconfirmed.js";
 
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const PICTURE_SETTING_MS = 120;
@@ -284,19 +290,15 @@ function unlabelled(direction) {
 
 async function uncertain() {
   const { camera, frame } = page.show;
-  try {
-    const next = await nextUncertain(camera, frame);
-    if (!page) return;
-    if (next.frame === undefined) {
-      say(next.why);
-      return;
-    }
-    why = `Why this frame: ${next.why}`;
-    show(next.camera, next.frame);
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    say(`The queue cannot be had: ${error.message}`, { bad: true });
+  const explain = ({ message }) => say(`The queue cannot be had: ${message}`, { bad: true });
+  const next = await nextUncertain(camera, frame).catch(onFailure(explain));
+  if (!page || !next) return;
+  if (next.frame === undefined) {
+    say(next.why);
+    return;
   }
+  why = `Why this frame: ${next.why}`;
+  show(next.camera, next.frame);
 }
 
 function switchCamera() {
@@ -342,21 +344,8 @@ function toggle(name) {
   setSetting(name, !setting(name));
 }
 
-function change(name, by, low, high) {
-  const value = Math.round((setting(name) + by) * 100) / 100;
-  setSetting(name, Math.min(high, Math.max(low, value)));
-}
-
 function arrows(act) {
-  return (event) => {
-    const [rows, cols] = {
-      ArrowLeft: [0, -1],
-      ArrowRight: [0, 1],
-      ArrowUp: [-1, 0],
-      ArrowDown: [1, 0],
-    }[event.key];
-    act(rows, cols);
-  };
+  return (event) => act(...ARROWS[event.key]);
 }
 
 function escape() {
@@ -382,23 +371,19 @@ function releaseSpace(event) {
   else if (mayPaint()) apply(cursor.cells, tool, cursor.spans ? "rectangle" : "paint");
 }
 
-function held(press, release) {
-  return Object.assign((event) => event?.repeat || press(event), { release });
-}
-
 // From a button there is no key to come up: a press with a mouse is a tap.
 function tapped(press, release) {
-  return held(
-    (event) => {
-      press();
-      if (event?.type === "click") release();
-      showTools();
-    },
-    () => {
-      release();
-      showTools();
-    },
-  );
+  const up = () => {
+    release();
+    showTools();
+  };
+  const down = (event) => {
+    if (event?.repeat) return;
+    press();
+    if (event?.type === "click") release();
+    showTools();
+  };
+  return Object.assign(down, { release: up });
 }
 
 const commands = {
@@ -443,10 +428,10 @@ const commands = {
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
-  less: () => change("enhance", -10, 0, 100),
-  more: () => change("enhance", 10, 0, 100),
-  unsurer: () => change("confidence", -0.1, 0, 3),
-  surer: () => change("confidence", 0.1, 0, 3),
+  less: () => changeSetting("enhance", -10, 100),
+  more: () => changeSetting("enhance", 10, 100),
+  unsurer: () => changeSetting("confidence", -0.1, 3),
+  surer: () => changeSetting("confidence", 0.1, 3),
   zoomIn: () => zoom(1.25),
   zoomOut: () => zoom(0.8),
   fit: () => {
@@ -457,7 +442,7 @@ const commands = {
     page.canvas.viewport.pan(-cols * PAN_STEP, -rows * PAN_STEP);
     page.canvas.invalidate();
   }),
-  palette: () => setSetting("palette", setting("palette") === "taxonomy" ? "contrast" : "taxonomy"),
+  palette: otherPalette,
 };
 
 function zoom(factor) {

@@ -1,4 +1,4 @@
-// Where patches lie on a frame, and which of them a pointer crosses.
+// Where patches lie on a frame, which of them a pointer crosses, and the one the keyboard is on.
 
 import { mission } from "../core/mission.js";
 
@@ -91,4 +91,75 @@ export function cellsOfRow(row) {
 /** The cells of a column. */
 export function cellsOfColumn(col) {
   return cellsBetween(cellAt(0, col), cellAt(mission.grid.rows - 1, col));
+}
+
+/** What arrow keys add to a row and a column. */
+export const ARROWS = {
+  ArrowLeft: [0, -1],
+  ArrowRight: [0, 1],
+  ArrowUp: [-1, 0],
+  ArrowDown: [1, 0],
+};
+
+/** The cell some rows and columns away, or the last one before the edge. */
+export function cellFrom(cell, rows, cols) {
+  const [row, col] = rowCol(cell);
+  const limit = (value, count) => Math.min(count - 1, Math.max(0, value));
+  return cellAt(limit(row + rows, mission.grid.rows), limit(col + cols, mission.grid.cols));
+}
+
+/** The patch that the keyboard is on, and the rectangle that Shift+arrows spans from it. */
+export class PatchCursor {
+  constructor() {
+    this.cell = 0;
+    this.anchor = null;
+    this.visible = false;
+  }
+
+  /** The cells that a key acts on. */
+  get cells() {
+    return this.anchor === null ? [this.cell] : cellsBetween(this.anchor, this.cell);
+  }
+
+  /** Whether more than the cursor's own patch is selected. */
+  get spans() {
+    return this.anchor !== null && this.anchor !== this.cell;
+  }
+
+  /**
+   * Move by rows and columns; the first press only shows where the cursor is.
+   * @param {number} rows
+   * @param {number} cols
+   * @param {boolean} extend Keep the other corner of the rectangle.
+   */
+  move(rows, cols, extend) {
+    if (!this.visible) {
+      this.visible = true;
+      return;
+    }
+    if (!extend) this.anchor = null;
+    else this.anchor ??= this.cell;
+    this.cell = cellFrom(this.cell, rows, cols);
+  }
+
+  /**
+   * Stand on a cell.
+   * @param {number} cell
+   * @param {boolean} visible Whether to show it.
+   */
+  put(cell, visible) {
+    this.cell = cell;
+    this.anchor = null;
+    this.visible = visible;
+  }
+
+  /**
+   * Give the rectangle up.
+   * @returns {boolean} Whether there was one.
+   */
+  collapse() {
+    const was = this.spans;
+    this.anchor = null;
+    return was;
+  }
 }

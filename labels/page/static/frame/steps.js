@@ -1,10 +1,22 @@
-// Which frame comes next: in order, by filter, the next unlabelled one, the model's queue.
+// Which frame comes next: in order, by filter, the next unlabelled one, the model's queue, the list
+// of a blind second labelling.
 
-import { get } from "../core/api.js";
-import { hasClass } from "../overview/class_frames.js";
-import { blind, classes, frameIndex, frames, mission, setting, stateOf } from "../core/mission.js";
+import { get, onFailure } from "../core/api.js";
+import { signal } from "../core/dom.js";
+import {
+  blind,
+  classes,
+  frameIndex,
+  frames,
+  mission,
+  onChange,
+  onReload,
+  setting,
+  stateOf,
+} from "../core/mission.js";
 
 const CLASS = "class:";
+const ASK_AGAIN_MS = 300;
 
 /** What frames a filter lets through; the words are what the page shows. */
 const FILTERS = {
@@ -136,3 +148,121 @@ export async function nextUncertain(camera, frame) {
   shown.clear();
   return { why: "That was the whole queue; the next press begins it again." };
 }
+
+// ---- Frames with a label of mine of one class: asked of the server, for the filter
+
+let wantedClass = "";
+let framesOfClass = null; // camera -> Set of frames; null while it is not known
+let asked = 0;
+let timer = 0;
+
+/**
+ * Be told that frames of the class asked for last are known: `onClassFrames((first) => ...)` returns
+ * what stops it; `first`: they were not known before.
+ */
+const [onClassFrames, classFramesKnown] = signal();
+export { onClassFrames };
+
+// False while that is not known.
+function hasClass(name, camera, frame) {
+  if (name !== wantedClass) {
+    forgetClass();
+    wantedClass = name;
+    askForClass();
+  }
+  return framesOfClass?.[camera]?.has(frame) ?? false;
+}
+
+function forgetClass() {
+  clearTimeout(timer);
+  asked += 1;
+  wantedClass = "";
+  framesOfClass = null;
+}
+
+async function askForClass() {
+  const mine = (asked += 1);
+  // Where the server is away the page says so; it is asked again when it is back.
+  const answer = await get("/api/frames_with", { class: wantedClass }).catch(onFailure());
+  if (!answer || mine !== asked) return;
+  const first = framesOfClass === null;
+  framesOfClass = Object.fromEntries(
+    Object.entries(answer.cameras).map(([camera, list]) => [camera, new Set(list)]),
+  );
+  classFramesKnown(first);
+}
+
+onReload(forgetClass);
+onChange((what) => {
+  if (!wantedClass || (what !== "states" && what !== "all")) return;
+  clearTimeout(timer);
+  timer = setTimeout(askForClass, ASK_AGAIN_MS);
+});
+
+// ---- The frames of a blind second labelling: those that the first annotator labelled, not how
+
+let blindList = null; // [{camera, frame}] in the mission's order
+let listed = new Set(); // "camera/frame"
+let ofWhom = "";
+let asking = null;
+
+/**
+ * Fetch the list, if somebody labels blind after somebody else here.
+ * @returns {Promise<void>}
+ * @throws {ApiError}
+ */
+export async function loadBlindList() {
+  const of = setting("blindOf");
+  if (!blind() || !of || (blindList && ofWhom === of)) return;
+  asking ??= get("/api/labelled", { of }).finally(() => (asking = null));
+  const { cameras } = await asking;
+  ofWhom = of;
+  blindList = Object.entries(cameras).flatMap(([camera, list]) =>
+    list.filter((frame) => frameIndex(camera, frame) >= 0).map((frame) => ({ camera, frame })),
+  );
+  listed = new Set(blindList.map(({ camera, frame }) => `${camera}/${frame}`));
+}
+
+/**
+ * Fetch the list if it can be had; the agreement view asks again, and says why there is none.
+ * @returns {Promise<void>}
+ */
+export function tryBlindList() {
+  return loadBlindList().catch(onFailure());
+}
+
+/**
+ * Whether a frame is on the list, or there is none.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {boolean}
+ */
+export function passesBlindList(camera, frame) {
+  return blindFrames().length === 0 || listed.has(`${camera}/${frame}`);
+}
+
+/**
+ * All frames to be labelled blind; empty while there is no such list.
+ * @returns {{camera: string, frame: number}[]}
+ */
+export function blindFrames() {
+  return blind() && ofWhom === setting("blindOf") ? (blindList ?? []) : [];
+}
+
+/**
+ * The next frame to label blind that is not done, after this one and then from the beginning.
+ * @param {string} [camera]
+ * @param {number} [frame]
+ * @returns {?{camera: string, frame: number}} Null when all are done or there is no list.
+ */
+export function nextBlindFrame(camera, frame) {
+  const open = blindFrames().filter((one) => stateOf(one.camera, one.frame) !== "d");
+  const after = open.find((one) => one.camera === camera && one.frame > frame);
+  return after ?? open.find((one) => one.camera !== camera || one.frame !== frame) ?? null;
+}
+
+onReload(() => (blindList = null));
+onChange((what) => {
+  if (what === "all") tryBlindList();
+});
+tryBlindList();

@@ -20,7 +20,7 @@ const MARK_ROOM = 6;
 export class Timeline {
   /**
    * @param {HTMLCanvasElement} canvas
-   * @param {(frame: number, final: boolean) => void} jump
+   * @param {(frame: number) => void} jump
    */
   constructor(canvas, jump) {
     this.canvas = canvas;

@@ -1,6 +1,7 @@
 // The column of tools: classes with their keys and counts, what to do with the frame, the
 // picture, the model.
 
+import { commandButtons, obstacleChoice } from "../core/controls.js";
 import { backAfterMouse, button, el, setAttribute } from "../core/dom.js";
 import {
   classes,
@@ -30,13 +31,14 @@ export function buildTools(commands, keyFor) {
     class: "painters",
     attrs: { role: "group", "aria-label": "What painting puts on patches" },
   });
+  const command = commandButtons(commands, keyFor);
   const model = el("div", { class: "model" });
   const root = el(
     "aside",
     { class: "tools", attrs: { "aria-label": "Tools" } },
     painters,
-    frameCommands(commands, keyFor),
-    pictureTools(commands, keyFor),
+    frameCommands(command),
+    pictureTools(command),
     model,
   );
   const show = (tool, summary) => {
@@ -86,12 +88,8 @@ function painterButton({ name, key, on, colour, title, count, run, disabled }) {
   return row;
 }
 
-function frameCommands(commands, keyFor) {
-  const make = (text, name, title) => {
-    const made = button(text, commands[name], { title });
-    made.append(" ", el("kbd", { text: keyFor(name) }));
-    return made;
-  };
+function frameCommands(command) {
+  const make = (text, name, title) => command(text, name, { title });
   return el(
     "div",
     { class: "commands" },
@@ -102,17 +100,14 @@ function frameCommands(commands, keyFor) {
   );
 }
 
-function pictureTools(commands, keyFor) {
+function pictureTools(command) {
+  const toggle = (text, name) => command(text, name, { attrs: { "data-toggle": name } });
   const toggles = [
-    ["raw", "Raw"],
-    ["blink", "Blink"],
-    ["grid", "Grid"],
-    ["outlines", "Labels"],
-  ].map(([name, text]) => {
-    const made = button(text, commands[name], { attrs: { "data-toggle": name } });
-    made.append(" ", el("kbd", { text: keyFor(name) }));
-    return made;
-  });
+    toggle("Raw", "raw"),
+    toggle("Blink", "blink"),
+    toggle("Grid", "grid"),
+    toggle("Labels", "outlines"),
+  ];
   return el(
     "div",
     { class: "picture-tools" },
@@ -172,12 +167,7 @@ function showModel(root, { confident, proposed, fault }) {
 }
 
 function modelParts() {
-  const choices = classes().filter((known) => known.obstacle);
-  const select = el(
-    "select",
-    { on: { change: () => setSetting("obstacleAs", select.value) } },
-    ...choices.map(({ name }) => el("option", { text: name, attrs: { value: name } })),
-  );
+  const select = obstacleChoice();
   const shown = el("input", {
     attrs: { type: "checkbox", checked: setting("suggestions") },
     on: { change: () => setSetting("suggestions", shown.checked) },
@@ -186,7 +176,7 @@ function modelParts() {
     el("label", { class: "check" }, backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" })),
     slider("confidence", "Confident from", 0, 3, 0.05, (value) => value.toFixed(2)),
     slider("follow", "Keep from before", 0, 5, 0.25, (value) => (value ? value.toFixed(2) : "off")),
-    el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), backAfterMouse(select)),
+    el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), select),
     el("p", { class: "model-said" }),
   ];
 }

@@ -1,21 +1,11 @@
 // The bars of the overview: which frames are shown, and what one key does to all of them.
 
-import { pager, sizeButtons } from "../core/bar_parts.js";
-import { blindFrames } from "../sheets/blind_list.js";
-import { classTag } from "../core/class_buttons.js";
+import { choice, classTag, obstacleChoice, pager, sizeButtons, withKey } from "../core/controls.js";
 import { backAfterMouse, button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
-import {
-  blind,
-  classes,
-  clearClass,
-  mission,
-  selectedClass,
-  setSetting,
-  setting,
-} from "../core/mission.js";
-import { filterChoices, filterName } from "../frame/steps.js";
-import { needsObstacleClass, obstacleClass } from "../frame/suggest.js";
+import { blind, clearClass, mission, selectedClass, setSetting, setting } from "../core/mission.js";
+import { blindFrames, filterChoices, filterName } from "../frame/steps.js";
+import { needsObstacleClass } from "../frame/suggest.js";
 import { suggesting } from "./thumb.js";
 
 /** The two bars. */
@@ -42,7 +32,9 @@ export class OverviewBar {
         this.filter,
         pager(does.turn, this.range),
         sizeButtons(does.resize),
-        obstacleChoice(),
+        needsObstacleClass()
+          ? el("label", { class: "person-choice" }, "obstacle is ", obstacleChoice())
+          : null,
         this.words,
       ),
       el("div", { class: "bar" }, this.accept, this.acceptAll, this.rest, this.brush),
@@ -74,7 +66,8 @@ export class OverviewBar {
 }
 
 function label(element, text, key) {
-  element.replaceChildren(`${text} `, el("kbd", { text: key }));
+  element.textContent = text;
+  withKey(element, key);
 }
 
 function cameraButton(otherCamera) {
@@ -83,29 +76,10 @@ function cameraButton(otherCamera) {
 }
 
 function filterChoice() {
-  const options = filterChoices().map(([name, words]) => option(name, words, name === filterName()));
-  const choose = ({ target }) => setSetting("filter", target.value);
-  const attrs = { class: "filter", "aria-label": "which frames are shown", title: "which frames are shown (/)" };
-  return backAfterMouse(el("select", { attrs, on: { change: choose } }, ...options));
-}
-
-/** A model that only knows "obstacle": which class that is in these frames. */
-function obstacleChoice() {
-  if (!needsObstacleClass()) return null;
-  const options = classes()
-    .filter((known) => known.obstacle)
-    .map(({ name }) => option(name, name, name === obstacleClass()));
-  const choose = ({ target }) => setSetting("obstacleAs", target.value);
-  return el(
-    "label",
-    { class: "person-choice" },
-    "obstacle is ",
-    backAfterMouse(el("select", { on: { change: choose } }, ...options)),
-  );
-}
-
-function option(value, text, selected) {
-  return el("option", { text, attrs: { value, selected } });
+  const change = ({ target }) => setSetting("filter", target.value);
+  const words = "which frames are shown";
+  const attrs = { class: "filter", "aria-label": words, title: `${words} (/)` };
+  return backAfterMouse(choice(filterChoices(), filterName(), { attrs, on: { change } }));
 }
 
 function advice(waiting, from) {

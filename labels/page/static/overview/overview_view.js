@@ -1,11 +1,6 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
-import { passesBlindList, tryBlindList } from "../sheets/blind_list.js";
-import { onClassFrames } from "./class_frames.js";
 import { el, say, soon } from "../core/dom.js";
-import { frameAspect, lookAtShapes, thumbAddress } from "../core/frame_shape.js";
-import { framesBefore, framesFrom, pageSize } from "./frame_pages.js";
-import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { lookKeys } from "../core/keys.js";
 import {
   clearClass,
@@ -19,11 +14,21 @@ import {
   setSetting,
   setting,
 } from "../core/mission.js";
-import { OverviewBar } from "./overview_bar.js";
-import { actOn, patchesAre } from "../saving/relabel.js";
+import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
-import { filterWords, passing } from "../frame/steps.js";
+import { changeSetting } from "../core/settings.js";
+import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
+import {
+  filterWords,
+  onClassFrames,
+  passesBlindList,
+  passing,
+  tryBlindList,
+} from "../frame/steps.js";
 import { framesFollowed } from "../frame/suggest.js";
+import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
+import { actOn, patchesAre } from "../saving/saver.js";
+import { OverviewBar } from "./overview_bar.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
 
@@ -33,6 +38,10 @@ const COLUMNS = { least: 2, most: 10, usual: 7 };
 const CONFIDENCE = { step: 0.1, most: 3 };
 const MAX_BEFORE = 120; // frames fetched only because suggestions depend on them
 const UNSURE = "unsure";
+const MIN_WIDTH = 60; // CSS pixels
+const MIN_HEIGHT = 40;
+// So much of a row may be missing: pictures a little smaller are better than an empty strip.
+const SQUEEZED = 0.2;
 
 let parts = null; // the elements on show; null while another view is
 let page = null; // {camera, first, thumbs, excluded, focus, cell, stroke, touched}
@@ -96,13 +105,36 @@ function columns() {
   return setting("overviewColumns") || COLUMNS.usual;
 }
 
+/** How many thumbnails fit, and the size of each one's picture in CSS pixels. */
 function size() {
   const style = getComputedStyle(parts.list);
   const inner = (side) => parseFloat(style[`padding${side}`]);
-  const width = parts.list.clientWidth - inner("Left") - inner("Right");
-  const height = parts.list.clientHeight - inner("Top") - inner("Bottom");
-  const plan = { columns: columns(), aspect: frameAspect(page.camera), gap: GAP, caption: CAPTION };
-  return pageSize({ width, height }, plan);
+  const across = parts.list.clientWidth - inner("Left") - inner("Right");
+  const down = parts.list.clientHeight - inner("Top") - inner("Bottom");
+  const aspect = frameAspect(page.camera);
+  const share = Math.floor((across - (columns() - 1) * GAP) / columns());
+  const widest = Math.max(MIN_WIDTH, share);
+  const highest = Math.round(widest * aspect);
+  const fitting = (down + GAP) / (highest + CAPTION + GAP);
+  const rows = Math.max(1, Math.floor(fitting + SQUEEZED));
+  const room = Math.floor((down + GAP) / rows - GAP - CAPTION); // for the height of each picture
+  const height = Math.min(highest, Math.max(room, MIN_HEIGHT));
+  const width = Math.min(widest, Math.round(height / aspect));
+  return { count: rows * columns(), width, height };
+}
+
+/** The first `count` frames from index `from` on that are shown. */
+function framesFrom(list, from, count) {
+  const found = [];
+  for (let at = from; at < list.length && found.length < count; at += 1) {
+    if (keeps(list[at])) found.push(list[at]);
+  }
+  return found;
+}
+
+/** The last `count` frames before index `until` that are shown, ascending. */
+function framesBefore(list, until, count) {
+  return framesFrom(list.slice(0, until).reverse(), 0, count).reverse();
 }
 
 function layOut() {
@@ -110,7 +142,7 @@ function layOut() {
   const { count, width, height } = size();
   const list = frames(camera);
   page.passes = passing();
-  const shown = framesFrom(list, indexFrom(camera, first), count, keeps);
+  const shown = framesFrom(list, indexFrom(camera, first), count);
   // Who makes the window or the pictures larger still means to leave the same frames out.
   const excluded = new Set(shown.filter((frame) => page.excluded?.has(frame)));
   const focus = Math.max(0, shown.indexOf(page.thumbs?.[page.focus]?.frame));
@@ -162,7 +194,7 @@ function readAhead() {
 
 function nextFrames() {
   const { camera, thumbs, count } = page;
-  return framesFrom(frames(camera), indexFrom(camera, thumbs.at(-1).frame + 1), count, keeps);
+  return framesFrom(frames(camera), indexFrom(camera, thumbs.at(-1).frame + 1), count);
 }
 
 // ---- What is shown
@@ -271,7 +303,7 @@ function turn(step) {
   const found =
     step > 0
       ? page.thumbs.length > 0 && nextFrames()
-      : framesBefore(list, indexFrom(page.camera, page.first), page.count, keeps);
+      : framesBefore(list, indexFrom(page.camera, page.first), page.count);
   if (!found || found.length === 0) {
     return say(step > 0 ? "This is the last page." : "This is the first page.");
   }
@@ -286,8 +318,7 @@ function resize(step) {
 }
 
 function changeConfidence(by) {
-  const value = Math.max(0, Math.min(CONFIDENCE.most, setting("confidence") + by));
-  setSetting("confidence", Number(value.toFixed(2)));
+  changeSetting("confidence", by, CONFIDENCE.most);
 }
 
 function otherCamera() {
@@ -321,18 +352,8 @@ function moveFrame(event) {
 
 function moveCell(event) {
   const { rows, cols } = mission.grid;
-  const [row, col] = [Math.floor((page.cell ?? 0) / cols), (page.cell ?? 0) % cols];
-  const [down, right] = {
-    ArrowLeft: [0, -1],
-    ArrowRight: [0, 1],
-    ArrowUp: [-1, 0],
-    ArrowDown: [1, 0],
-  }[event.key];
-  const clamp = (value, count) => Math.max(0, Math.min(count - 1, value));
-  page.cell =
-    page.cell === null
-      ? Math.floor(rows / 2) * cols + Math.floor(cols / 2)
-      : clamp(row + down, rows) * cols + clamp(col + right, cols);
+  const middle = cellAt(Math.floor(rows / 2), Math.floor(cols / 2));
+  page.cell = page.cell === null ? middle : cellFrom(page.cell, ...ARROWS[event.key]);
   draw();
 }
 
@@ -391,8 +412,6 @@ function doubleClicked(event) {
   open(page.thumbs.find(({ element }) => caption && element.contains(caption)));
 }
 
-const ARROWS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
-
 const row = (keys, does, run) => ({ keys, does, run });
 const once = (run) => (event) => event.repeat || run();
 
@@ -416,9 +435,9 @@ const view = {
     row(["x"], "leave this frame out of these three, or no longer", () => exclude(focused())),
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
-    row(ARROWS, "move from frame to frame", moveFrame),
+    row(Object.keys(ARROWS), "move from frame to frame", moveFrame),
     row(["w"], "open this frame as a whole", () => open(focused())),
-    row(ARROWS.map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
+    row(Object.keys(ARROWS).map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
     row(["Space"], "paint the patch under the cursor", paintCell),
     row(["Drag"], "paint; also over several frames; right button: unsure"),
     row(["Shift+Drag"], "paint a rectangle"),

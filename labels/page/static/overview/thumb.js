@@ -1,15 +1,14 @@
 // One frame of the overview: its picture, its labels and suggestions, and its state in words.
 
 import { el } from "../core/dom.js";
-import { labelsOf } from "../saving/labels.js";
 import { blind, mission, setting, stateOf } from "../core/mission.js";
+import { learnShape, thumbAddress } from "../core/pictures.js";
+import { hintsOf } from "../frame/painting.js";
 import { cellAt, patchSize } from "../frame/patch_grid.js";
-import { learnShape, thumbAddress } from "../core/frame_shape.js";
 import { suggestionFault } from "../frame/suggest.js";
+import { STATES } from "../frame/timeline.js";
+import { labelsOf } from "../saving/labels.js";
 import { drawAreas } from "./thumb_drawing.js";
-import { hintsOf } from "../saving/unconfirmed.js";
-
-const STATES = { u: "unseen", s: "seen", p: "part", d: "done", x: "disagreement" };
 
 /**
  * What a frame shows and what of it waits for a decision.
@@ -110,7 +109,7 @@ export class Thumb {
   }
 
   #say(content, excluded) {
-    const state = STATES[stateOf(this.camera, this.frame)] ?? "";
+    const state = STATES[stateOf(this.camera, this.frame)]?.words ?? "";
     const words = excluded ? "left out" : content ? content.fault || state : "loading";
     const proposed = content?.hints.filter(Boolean).length ?? 0;
     const more = proposed ? `, ${proposed} patches suggested` : "";

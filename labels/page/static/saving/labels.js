@@ -1,6 +1,7 @@
 // The labels of frames: what the server said last, with the actions that still wait on top.
 
-import { get } from "../core/api.js";
+import { get, onFailure } from "../core/api.js";
+import { signal } from "../core/dom.js";
 import { framesOf, frameKey, waitingFor } from "./outbox.js";
 import { blind, cellCount, mission, onChange, onReload, who } from "../core/mission.js";
 
@@ -13,28 +14,14 @@ const truths = new Map();
 // frame key -> the event up to which it must be read again
 const stale = new Map();
 const loading = new Map();
-const listeners = new Set();
 let wanted = new Map();
 let generation = 0;
 
 /**
- * Be told of frames whose labels changed.
- * @param {(camera: ?string, frame: ?number) => void} listener Nulls: all frames.
- * @returns {Function} Stops it.
+ * Be told of frames whose labels changed: `onLabels((camera, frame) => ...)` returns what stops it;
+ * and tell it: `labelsChanged(camera, frame)`. Nulls: all frames.
  */
-export function onLabels(listener) {
-  listeners.add(listener);
-  return () => listeners.delete(listener);
-}
-
-/**
- * Tell the listeners that a frame's labels changed.
- * @param {?string} camera
- * @param {?number} frame
- */
-export function labelsChanged(camera, frame) {
-  for (const listener of [...listeners]) listener(camera, frame);
-}
+export const [onLabels, labelsChanged] = signal();
 
 /**
  * The labels of a frame as they shall be shown.
@@ -95,6 +82,16 @@ export function prefetch(camera, frames) {
   return Promise.all(waits.filter(Boolean)).then(() => undefined);
 }
 
+/**
+ * Load the labels of the frames in which patches lie.
+ * @param {{camera: string, frame: number}[]} patches
+ */
+export function prefetchOf(patches) {
+  for (const [camera, some] of Map.groupBy(patches, (patch) => patch.camera)) {
+    prefetch(camera, [...new Set(some.map((patch) => patch.frame))]);
+  }
+}
+
 // Frames asked for in one turn of the event loop travel in one request.
 function want(key, camera, frame) {
   if (!wanted.size) queueMicrotask(fetchWanted);
@@ -125,23 +122,18 @@ function fetchWanted() {
 
 async function fetchFrames(camera, frames) {
   const asked = generation;
-  try {
-    const answer = await get("/api/labels", {
-      camera,
-      frames: frames.join(","),
-      v: mission.pictures,
-      suggest: mission.model && !blind() ? 1 : null,
-    });
-    if (asked !== generation) return;
-    // Before they are taken in: one that is out of date already is asked for again.
-    for (const frame of frames) loading.delete(frameKey(camera, frame));
-    for (const labels of answer.frames) takeTruth(answer.event, labels);
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    // Not loaded: the frame says so, and it is asked for again when the server is back.
-  } finally {
-    for (const frame of frames) loading.delete(frameKey(camera, frame));
-  }
+  const request = get("/api/labels", {
+    camera,
+    frames: frames.join(","),
+    v: mission.pictures,
+    suggest: mission.model && !blind() ? 1 : null,
+  });
+  // Before they are taken in: one that is out of date already is asked for again.
+  const forget = () => frames.forEach((frame) => loading.delete(frameKey(camera, frame)));
+  // Not loaded: the frame says so, and it is asked for again when the server is back.
+  const answer = await request.catch(onFailure()).finally(forget);
+  if (!answer || asked !== generation) return;
+  for (const labels of answer.frames) takeTruth(answer.event, labels);
 }
 
 function takeTruth(event, labels) {

@@ -4,14 +4,7 @@ import { button, el } from "../core/dom.js";
 import { go } from "../core/router.js";
 import { onChange } from "../core/mission.js";
 import { cellName } from "../frame/patch_grid.js";
-import {
-  closeConflict,
-  discard,
-  foreignEntries,
-  onRefused,
-  openConflicts,
-  setAsideEntries,
-} from "./refused.js";
+import { closeConflict, discard, onRefused, unwritten } from "./outbox.js";
 import { act, onState, pending, sendAgain, state, stateReason } from "./saver.js";
 
 const MAX_SHOWN = 30;
@@ -28,13 +21,14 @@ let shown = "";
 let counted = 0;
 
 function show() {
-  const lists = [openConflicts(), setAsideEntries(), foreignEntries()];
+  const { conflicts, aside, foreign } = unwritten();
+  const lists = [conflicts, aside, foreign];
   const items = [
-    ...openConflicts().slice(0, MAX_SHOWN).map(conflictItem),
-    ...more(openConflicts(), "conflicts"),
-    ...setAsideEntries().slice(0, MAX_SHOWN).map(refusedItem),
-    ...more(setAsideEntries(), "refused actions"),
-    ...foreignItems(),
+    ...conflicts.slice(0, MAX_SHOWN).map(conflictItem),
+    ...more(conflicts, "conflicts"),
+    ...aside.slice(0, MAX_SHOWN).map(refusedItem),
+    ...more(aside, "refused actions"),
+    ...foreignItems(foreign),
   ];
   const words = headline(...lists.map(({ length }) => length));
   const text = [words, ...items.map((item) => item.textContent)].join("\n");
@@ -113,12 +107,8 @@ function refusedItem(entry) {
   );
 }
 
-function foreignItems() {
-  const groups = new Map();
-  for (const entry of foreignEntries()) {
-    const name = `${entry.who} on mission ${entry.mission}`;
-    groups.set(name, [...(groups.get(name) ?? []), entry]);
-  }
+function foreignItems(foreign) {
+  const groups = Map.groupBy(foreign, ({ who, mission }) => `${who} on mission ${mission}`);
   return [...groups].map(([name, entries]) =>
     el(
       "li",

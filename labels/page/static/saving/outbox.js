@@ -2,10 +2,15 @@
 // kept in the browser too, so that they outlive the page. Each page load writes under its own name
 // and holds a lock of that name; a name whose lock is free belongs to a page that is gone, and
 // what it left is taken over.
+//
+// And what was not written: actions the server refused, patches somebody changed meanwhile, and
+// actions of other missions or people that wait in this browser. Nothing leaves it silently.
 
-import { names, read, remove, write } from "../core/storage.js";
+import { signal } from "../core/dom.js";
+import { names, read, remove, write } from "../core/settings.js";
 
 const PREFIX = "tokt.action/";
+const CONFLICT = "tokt.conflict/";
 const ALIVE = "tokt.alive/";
 const LOCK = "tokt.page/";
 const BEAT_MS = 5000;
@@ -184,4 +189,117 @@ async function isGone(other) {
   if (last !== null && Date.now() - last < SILENT_MS) return false;
   remove(ALIVE + other);
   return true;
+}
+
+// ---- What was not written
+
+const aside = [];
+let foreign = [];
+let conflicts = [];
+
+/** Be told that one of the lists changed. */
+const [onRefused, refusedChanged] = signal();
+export { onRefused };
+
+/**
+ * What was not written: `aside`, entries that the server refused, each with its `refusal`;
+ * `foreign`, entries in this browser that are another mission's or another person's; `conflicts`
+ * {stored, camera, frame, cell, theirs, yours, source}, to decide.
+ * @returns {{aside: Entry[], foreign: Entry[], conflicts: Object[]}}
+ */
+export function unwritten() {
+  return { aside, foreign, conflicts };
+}
+
+/**
+ * Set an entry aside that the server will never take.
+ * @param {Entry} entry
+ * @param {string} refusal Why, in the server's words.
+ */
+export function setAside(entry, refusal) {
+  entry.refusal = refusal;
+  if (entry.stored) keep(entry);
+  aside.push(entry);
+  refusedChanged();
+}
+
+/**
+ * Take a refused entry out of the list, to send it again.
+ * @param {Entry} entry
+ */
+export function takeBack(entry) {
+  aside.splice(aside.indexOf(entry), 1);
+  refusedChanged();
+}
+
+/**
+ * Throw a refused entry away; only when a person says so.
+ * @param {Entry} entry
+ */
+export function discard(entry) {
+  forget(entry);
+  takeBack(entry);
+}
+
+/**
+ * Name the entries that are not this page's to send.
+ * @param {Entry[]} entries
+ */
+export function setForeign(entries) {
+  if (!entries.length && !foreign.length) return;
+  foreign = entries;
+  refusedChanged();
+}
+
+/**
+ * Note patches that were not written because somebody said something else meanwhile.
+ * @param {Entry} entry
+ * @param {Object[]} refusedCells From the server: {camera, frame, cell, theirs, yours}.
+ */
+export function noteConflicts(entry, refusedCells) {
+  if (!refusedCells.length) return;
+  for (const conflict of refusedCells) {
+    for (const older of conflicts.filter((noted) => isSame(noted, conflict, entry))) {
+      drop(older);
+    }
+    const { who, mission, source } = entry;
+    const noted = { ...conflict, who, mission, source, stored: CONFLICT + uniqueKey() };
+    noted.kept = write(noted.stored, noted);
+    conflicts.push(noted);
+  }
+  refusedChanged();
+}
+
+// Of two things said of a patch and not written only the newer one is still meant.
+function isSame(noted, { camera, frame, cell }, { who, mission, source }) {
+  const now = { camera, frame, cell, who, mission, source };
+  return Object.entries(now).every(([name, value]) => noted[name] === value);
+}
+
+/**
+ * Forget a conflict that was decided.
+ * @param {Object} conflict
+ */
+export function closeConflict(conflict) {
+  drop(conflict);
+  refusedChanged();
+}
+
+function drop(conflict) {
+  remove(conflict.stored);
+  conflicts = conflicts.filter((other) => other !== conflict);
+}
+
+/**
+ * Read the conflicts that this person left open.
+ * @param {string} mission
+ * @param {string} who
+ */
+export function readConflicts(mission, who) {
+  const kept = names(CONFLICT).map((name) => ({ ...read(name), kept: true }));
+  // Those that the browser could not keep are only here.
+  conflicts = [...conflicts.filter((noted) => !noted.kept), ...kept].filter(
+    (noted) => noted.mission === mission && noted.who === who,
+  );
+  refusedChanged();
 }

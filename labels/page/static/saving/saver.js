@@ -1,10 +1,19 @@
 // Saving: each action is kept in the browser before it shows, sent in order, one at a time, and
 // sent again until the server acknowledged it. The server counts an action's key once.
 
-import { ApiError, get, post } from "../core/api.js";
-import { say } from "../core/dom.js";
+import { ApiError, get, onFailure, post } from "../core/api.js";
+import { say, signal } from "../core/dom.js";
+import {
+  blind,
+  mission,
+  onChange,
+  onReload,
+  sameMission,
+  strangerWords,
+  takeNews,
+  who,
+} from "../core/mission.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
-import { blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who } from "../core/mission.js";
 import {
   dequeue,
   enqueue,
@@ -14,29 +23,15 @@ import {
   isKept,
   keep,
   leftovers,
-  uniqueKey,
-  waiting,
-} from "./outbox.js";
-import {
   noteConflicts,
   readConflicts,
   setAside,
-  setAsideEntries,
   setForeign,
   takeBack,
-} from "./refused.js";
-import {
-  didOf,
-  forgetChanges,
-  forgetHistory,
-  nextRedo,
-  nextUndo,
-  noteAction,
-  noteRedo,
-  noteUndo,
-  opposite,
-  takeHeads,
-} from "./undo_history.js";
+  uniqueKey,
+  unwritten,
+  waiting,
+} from "./outbox.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];
 const LOOK_FOR_LEFTOVERS_MS = 5000;
@@ -46,7 +41,6 @@ const KEEP_STATUS = new Set([401, 403, 408, 421, 429, 507]);
 const MAX_FAILURES = 5;
 const KEPT_RANGES = 500;
 
-const listeners = new Set();
 const idleWaiters = [];
 let running = false;
 let connected = true;
@@ -57,19 +51,9 @@ let retryTimer = 0;
 // The store's events that this page's own actions made: what they say is known here already.
 const ownEvents = [];
 
-/**
- * Be told when `state()` or `pending()` may have changed.
- * @param {Function} listener
- * @returns {Function} Stops it.
- */
-export function onState(listener) {
-  listeners.add(listener);
-  return () => listeners.delete(listener);
-}
-
-function stateChanged() {
-  for (const listener of [...listeners]) listener();
-}
+/** Be told when `state()` or `pending()` may have changed; returns what stops it. */
+const [onState, stateChanged] = signal();
+export { onState };
 
 /**
  * @returns {"saved"|"saving"|"offline"|"refused"} "saved" only when the server acknowledged all
@@ -93,11 +77,6 @@ export function pending() {
   return waiting().length;
 }
 
-/** Whether an action waits that only this page's memory holds. */
-function wouldLoseOnClose() {
-  return waiting().some((entry) => !entry.stored);
-}
-
 /** @returns {Promise<void>} When nothing waits any more. */
 export function whenIdle() {
   if (!waiting().length) return Promise.resolve();
@@ -119,16 +98,57 @@ export function act(kind, changes, { source = "human" } = {}) {
   if (!take(entry)) return null;
   const [{ camera, frame }] = filled;
   const changed = filled.reduce((sum, change) => sum + change.cells.length, 0);
-  noteAction({ key: entry.key, kind, camera, frame, changed }, filled, source);
+  undoable.push({ key: entry.key, kind, camera, frame, changed });
+  redoable = [];
+  known.set(entry.key, { changes: filled, source });
   return entry.key;
+}
+
+/** "23 patches are", "1 patch is" */
+export function patchesAre(count) {
+  return count === 1 ? "1 patch is" : `${count.toLocaleString("en")} patches are`;
+}
+
+/**
+ * @typedef {{camera: string, frame: number, cell: number, label: ?string, base: ?string,
+ *   model?: ?string}} LabelledPatch A patch, the label it shall have, and the one it is shown with.
+ */
+
+/**
+ * Changes as `act` takes them: one for each frame and label, cells in order.
+ * @param {LabelledPatch[]} patches
+ * @returns {Object[]}
+ */
+export function changesOf(patches) {
+  const groups = Map.groupBy(patches, ({ camera, frame, label, model }) =>
+    JSON.stringify([camera, frame, label, model ?? null]),
+  );
+  return [...groups.values()].map((some) => {
+    const [{ camera, frame, label, model }] = some;
+    const cells = some.map(({ cell }) => cell);
+    return { camera, frame, label, model, cells, base: some.map(({ base }) => base) };
+  });
+}
+
+/**
+ * Give patches of many frames their labels, as one action that one undo takes back.
+ * @param {string} kind
+ * @param {LabelledPatch[]} patches
+ * @param {{source?: string}} [options]
+ * @returns {number} How many change.
+ */
+export function actOn(kind, patches, options = {}) {
+  const changing = patches.filter(({ label, base, model }) => model || label !== base);
+  if (changing.length > 0) act(kind, changesOf(changing), options);
+  return changing.length;
 }
 
 function withBase(change, source) {
   const { camera, frame, label, model = null, cells } = change;
-  const known = change.base ? null : labelsOf(camera, frame);
-  if (!change.base && !known) throw new Error(`labels of ${camera} ${frame} are not loaded`);
+  const labels = change.base ? null : labelsOf(camera, frame);
+  if (!change.base && !labels) throw new Error(`labels of ${camera} ${frame} are not loaded`);
   const field = source === "settled" ? "settled" : "mine";
-  const base = change.base ?? cells.map((cell) => known[field][cell]);
+  const base = change.base ?? cells.map((cell) => labels[field][cell]);
   const kept = cells.map((_, at) => at).filter((at) => base[at] !== label);
   return {
     camera,
@@ -180,13 +200,46 @@ function showFrames(entry) {
   for (const [camera, frame] of framesOf(entry)) labelsChanged(camera, frame);
 }
 
+// ---- Undo: the server's history, ahead of its acknowledgements
+
+// Heads {key, kind, camera, frame, changed}; only the ends that this page knows, newest last.
+let undoable = [];
+let redoable = [];
+const known = new Map(); // key of an action of this page -> {changes, source}
+
+// Held against what the server says; only while nothing waits to be sent.
+function takeHeads({ undo: undoHead, redo: redoHead }) {
+  if (undoable.at(-1)?.key !== undoHead?.key) undoable = undoHead ? [undoHead] : [];
+  if (redoable.at(-1)?.key !== redoHead?.key) redoable = redoHead ? [redoHead] : [];
+}
+
+// An action was refused, or another person works here.
+function forgetHistory() {
+  undoable = [];
+  redoable = [];
+}
+
+// The changes that take an action back.
+function opposite(changes) {
+  return changes.flatMap((change) => {
+    const groups = Map.groupBy(change.cells.keys(), (at) => change.base[at]);
+    return [...groups].map(([label, places]) => ({
+      ...change,
+      label,
+      model: null,
+      cells: places.map((at) => change.cells[at]),
+      base: places.map(() => change.label),
+    }));
+  });
+}
+
 /**
  * Take the newest action back.
  * @returns {Promise<?Object>} The head {kind, camera, frame, changed} of what is undone; null if
  *   there is nothing, or it cannot be done now (that was said).
  */
 export function undo() {
-  return step("/api/undo", nextUndo, noteUndo, opposite, "Nothing to undo.");
+  return step("undo");
 }
 
 /**
@@ -194,35 +247,38 @@ export function undo() {
  * @returns {Promise<?Object>} As for `undo`.
  */
 export function redo() {
-  return step("/api/redo", nextRedo, noteRedo, (changes) => changes, "Nothing to redo.");
+  return step("redo");
 }
 
 let steps = Promise.resolve();
 
 // One after the other: what the second of two quick presses acts on depends on the first.
-function step(...parts) {
-  steps = steps.then(() => oneStep(...parts));
+function step(kind) {
+  steps = steps.then(() => oneStep(kind));
   return steps;
 }
 
-async function oneStep(path, next, note, turn, nothing) {
+async function oneStep(kind) {
+  const next = () => (kind === "undo" ? undoable : redoable).at(-1);
   if (!next() && state() === "saving") await whenIdle();
   const head = next();
+  const away = "The server is away: only actions of this page can be undone until it is back.";
   if (!head) {
-    const away = "The server is away: only actions of this page can be undone until it is back.";
-    say(waiting().length ? away : nothing);
+    say(waiting().length ? away : `Nothing to ${kind}.`);
     return null;
   }
-  const did = didOf(head.key);
+  // One of an earlier page or another tab is not known here.
+  const did = known.get(head.key);
   if (!did && (trouble || !connected)) {
-    say("The server is away: only actions of this page can be undone until it is back.");
+    say(away);
     return null;
   }
-  const kind = path === "/api/undo" ? "undo" : "redo";
   const { changes, source } = did ?? { changes: [], source: "human" };
-  const entry = newEntry({ path, kind, source, target: head.key, changes: turn(changes) });
-  if (!take(entry)) return null;
-  note();
+  const turned = kind === "undo" ? opposite(changes) : changes;
+  const path = `/api/${kind}`;
+  if (!take(newEntry({ path, kind, source, target: head.key, changes: turned }))) return null;
+  if (kind === "undo") redoable.push(undoable.pop());
+  else undoable.push(redoable.pop());
   return head;
 }
 
@@ -309,7 +365,7 @@ function acknowledged(entry, answer) {
   dequeue(entry);
   if (entry.who === who() && entry.blind === blind()) takeNews(answer);
   if (answer.conflicts?.length) {
-    forgetChanges(entry.target ?? entry.key);
+    known.delete(entry.target ?? entry.key); // not all of it was written
     noteConflicts(entry, answer.conflicts);
     // Of somebody who worked here before: theirs to decide.
     if (entry.who !== who()) readConflicts(mission.mission, who());
@@ -331,9 +387,9 @@ function noteOwn({ event, changed }) {
  * @returns {boolean}
  */
 export function allOwn(since, last) {
-  let known = since;
-  for (const range of ownEvents) if (range.before <= known) known = Math.max(known, range.last);
-  return known >= last;
+  let heard = since;
+  for (const range of ownEvents) if (range.before <= heard) heard = Math.max(heard, range.last);
+  return heard >= last;
 }
 
 function failed(entry, { status, message }) {
@@ -356,12 +412,8 @@ function failed(entry, { status, message }) {
 }
 
 async function refreshHeads() {
-  try {
-    const answer = await get("/api/mission");
-    if (sameMission(answer) && !waiting().length) takeHeads(answer.undo);
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-  }
+  const answer = await get("/api/mission").catch(onFailure());
+  if (answer && sameMission(answer) && !waiting().length) takeHeads(answer.undo);
 }
 
 /**
@@ -400,7 +452,8 @@ export function startSaving() {
   });
   window.addEventListener("online", tryNow);
   window.addEventListener("beforeunload", (event) => {
-    if (wouldLoseOnClose()) event.preventDefault();
+    // Only this page's memory holds it.
+    if (waiting().some((entry) => !entry.stored)) event.preventDefault();
   });
   setInterval(takeLeftovers, LOOK_FOR_LEFTOVERS_MS);
 }
@@ -415,8 +468,8 @@ function begin() {
 async function takeLeftovers() {
   const found = await leftovers();
   // Only now: the same ones may have been taken over, or sent, meanwhile.
-  const known = new Set([...waiting(), ...setAsideEntries()].map((entry) => entry.key));
-  const left = found.filter((entry) => !known.has(entry.key) && isKept(entry));
+  const here = new Set([...waiting(), ...unwritten().aside].map((entry) => entry.key));
+  const left = found.filter((entry) => !here.has(entry.key) && isKept(entry));
   const mine = left.filter(isMine);
   setForeign(left.filter((entry) => !isMine(entry)));
   for (const entry of mine.filter(({ refusal }) => refusal)) setAside(entry, entry.refusal);

@@ -1,6 +1,6 @@
 // The numbers of an agreement between two annotators, as labels/agreement.py computes them.
 
-import { classTag, swatch } from "../core/class_buttons.js";
+import { classTag, swatch } from "../core/controls.js";
 import { button, el } from "../core/dom.js";
 
 const NONE = "–";

@@ -1,17 +1,152 @@
 // Agreement of two annotators: figures, the patches on which they differ, and blind labelling.
 
-import { classTable, confusionTable, figures } from "./agreement_tables.js";
-import { get } from "../core/api.js";
-import { loadBlindList } from "./blind_list.js";
-import { blindForm, blindProgress, continueBlind } from "./blind_panel.js";
-import { ConflictSheet } from "./conflict_sheet.js";
-import { button, el, soon } from "../core/dom.js";
-import { lookAtShapes } from "../core/frame_shape.js";
-import { onLabels } from "../saving/labels.js";
+import { get, onFailure } from "../core/api.js";
+import { choice, classButtons } from "../core/controls.js";
+import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import { blind, mission, onChange, onReload, onSetting, who } from "../core/mission.js";
+import { lookAtShapes } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
+import { loadBlindList } from "../frame/steps.js";
+import { onLabels } from "../saving/labels.js";
+import { patchesAre } from "../saving/saver.js";
+import { classTable, confusionTable, figures } from "./agreement_tables.js";
+import { blindForm, blindProgress, continueBlind } from "./blind_panel.js";
 import { selectionKeys } from "./tile_grid.js";
+import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
+
+/**
+ * @typedef {{camera: string, frame: number, cell: number, a: string, b: string, sure: boolean,
+ *   settled: ?string, settled_by: ?string}} Conflict
+ */
+
+/**
+ * The conflicts of one comparison. Of the view, `only`: {a, b}, the labels that conflicts must
+ * have; `unsure`: also those where one was not sure, null while nobody chose.
+ */
+class ConflictSheet extends DecisionSheet {
+  /**
+   * @param {{a: string, b: string}} people Names of the annotators.
+   * @param {?Object} place Where the person was, from `place()`.
+   * @param {() => void} onChoice Other labels were chosen to look at.
+   */
+  constructor(people, place, onChoice) {
+    super({
+      label: "patches on which they differ",
+      filters: "which conflicts",
+      decided: "settled",
+      margin: 0.25,
+      place: { only: null, unsure: null, ...place },
+    });
+    Object.assign(this, { people, onChoice });
+    this.element = el(
+      "div",
+      { class: "conflicts" },
+      el("div", { class: "bar" }, el("h2", { text: "Conflicts" }), this.filters),
+      this.bar(
+        "settle the selected conflicts",
+        ...classButtons((name) => this.settle(name)),
+        button("take back", () => this.settle(null), { title: "no longer settled (Delete)" }),
+      ),
+      this.tiles,
+    );
+  }
+
+  /**
+   * Take what the server found.
+   * @param {Conflict[]} conflicts
+   * @param {{anew: boolean}} options `anew`: show them from where the person was; else the tiles
+   *   stay as they are.
+   */
+  take(conflicts, { anew }) {
+    this.patches = conflicts;
+    this.view.unsure ??= !conflicts.some((conflict) => conflict.sure);
+    if (anew) this.show();
+    else this.showFilters();
+  }
+
+  /** Show those too that one of them was unsure of, or no longer. */
+  withUnsure() {
+    this.choose({ unsure: !this.view.unsure });
+  }
+
+  /**
+   * Show only the conflicts of two labels; of the same two again: all.
+   * @param {?{a: string, b: string}} only
+   */
+  choosePair(only) {
+    const { only: now } = this.view;
+    const again = only && now?.a === only.a && now?.b === only.b;
+    this.choose({ only: again ? null : only });
+    this.onChoice();
+    this.grid.focus();
+  }
+
+  /**
+   * Settle the selected conflicts, or the one under the cursor and go on to the next.
+   * @param {?string} label Null takes settlements back.
+   */
+  settle(label) {
+    if (this.grid.tiles.length === 0) return;
+    const single = this.grid.selection.chosen.size === 0;
+    const count = settle(this.grid.targets(), () => label);
+    this.goOn(single && label !== null);
+    const now = label === null ? "open again" : `settled as ${label}, both opinions are kept`;
+    say(count === 0 ? "Nothing to change." : `${patchesAre(count)} ${now}; Ctrl+Z undoes.`);
+  }
+
+  decisionOn(conflict) {
+    return settledOf(conflict);
+  }
+
+  keeps(conflict) {
+    const { only, unsure } = this.view;
+    if (only) return conflict.a === only.a && conflict.b === only.b;
+    return unsure || conflict.sure;
+  }
+
+  moreFilters() {
+    const { only, unsure } = this.view;
+    if (only) return [button(`${only.a} / ${only.b} ×`, () => this.choosePair(null))];
+    const count = this.patches.filter((conflict) => !conflict.sure).length;
+    if (count === 0) return [];
+    const options = { attrs: { "aria-pressed": String(unsure) }, title: "show them too (e)" };
+    return [button(`with one unsure ${count}`, () => this.withUnsure(), options)];
+  }
+
+  opinions({ a, b }) {
+    return [
+      ["A", a, `${this.people.a} ${a}`],
+      ["B", b, `${this.people.b} ${b}`],
+    ];
+  }
+
+  decisionWords(settled) {
+    return settled === null ? "not settled" : `settled as ${settled}`;
+  }
+
+  chosenWords(count) {
+    return `Settle ${count > 0 ? `${count} selected` : "this one"} as`;
+  }
+
+  emptyWords() {
+    if (this.patches.length === 0) return "They agree on every patch that both labelled.";
+    return this.view.which === "open" ? "Everything is settled." : "There is no such conflict.";
+  }
+
+  about(conflict) {
+    const settled = settledOf(conflict);
+    const known = settled === conflict.settled && conflict.settled_by;
+    return [
+      `${this.people.a}: ${conflict.a}`,
+      `${this.people.b}: ${conflict.b}`,
+      settled === null ? "Not settled." : `Settled as ${settled} by ${known || who()}.`,
+      "Enter opens its frame.",
+    ];
+  }
+}
+
+// ---- The view
 
 const COMPARE_AGAIN_MS = 1000;
 
@@ -69,12 +204,8 @@ function addressOf({ a, b }) {
 
 async function showBlind() {
   let fault = "";
-  try {
-    await loadBlindList();
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    fault = `The list of frames could not be loaded: ${error.message}.`;
-  }
+  const explain = ({ message }) => (fault = `The list of frames could not be loaded: ${message}.`);
+  await loadBlindList().catch(onFailure(explain));
   if (root && blind()) showAlso(blindProgress(fault));
 }
 
@@ -103,12 +234,7 @@ function build() {
   const numbers = el("div", { class: "agreement-numbers" });
   const words = el("p", { class: "agreement-words", attrs: { role: "status" } });
   const same = last?.pair.a === pair.a && last.pair.b === pair.b;
-  const sheet = new ConflictSheet({
-    pair,
-    place: same ? last.place : null,
-    onOpen: ({ camera, frame, cell }) => go(`#/label/${camera}/${frame}/${cell}`),
-    onChoice: showNumbers,
-  });
+  const sheet = new ConflictSheet(pair, same ? last.place : null, showNumbers);
   const section = el(
     "section",
     { class: "agreement tiles-view", attrs: { "aria-label": "agreement of two annotators" } },
@@ -132,17 +258,10 @@ function person(side) {
     if (next.a === next.b) next[side === "a" ? "b" : "a"] = pair[side];
     go(addressOf(next));
   };
-  const options = mission.annotators.map((name) =>
-    el("option", { text: name, attrs: { value: name, selected: name === pair[side] } }),
-  );
   const letter = side.toUpperCase();
   const attrs = { "aria-label": `annotator ${letter}` };
-  return el(
-    "label",
-    { class: "person-choice" },
-    el("strong", { text: letter }),
-    el("select", { attrs, on: { change: choose } }, ...options),
-  );
+  const select = choice(mission.annotators, pair[side], { attrs, on: { change: choose } });
+  return el("label", { class: "person-choice" }, el("strong", { text: letter }), select);
 }
 
 function swap() {
@@ -153,15 +272,9 @@ async function compare({ anew }) {
   const mine = (asked += 1);
   const upTo = mission.event;
   if (!found) parts.words.textContent = "Comparing …";
-  let answer;
-  try {
-    answer = await get("/api/agreement", pair);
-  } catch (error) {
-    if (mine !== asked) return;
-    if (error.name !== "ApiError") throw error;
-    return showFault(error);
-  }
-  if (mine !== asked) return;
+  const failed = (error) => mine === asked && showFault(error);
+  const answer = await get("/api/agreement", pair).catch(onFailure(failed));
+  if (!answer || mine !== asked) return;
   found = answer;
   event = upTo;
   parts.words.textContent = "";
@@ -205,10 +318,7 @@ function enter() {
   else parts?.sheet.openCurrent();
 }
 
-/** A row of the table that only works while two annotators are compared. */
-function row(keys, does, run) {
-  return { keys, does, run: () => (found ? run(parts.sheet) : false) };
-}
+const row = sheetRow(() => found && parts.sheet);
 
 addView("agreement", {
   title: "Agreement",

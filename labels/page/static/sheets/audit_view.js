@@ -1,19 +1,156 @@
 // Label audit: patches whose label a model that did not learn it contradicts, the worst first.
 // Each is confirmed or relabelled by a person; nothing changes by itself.
 
-import { get } from "../core/api.js";
-import { AuditSheet } from "./audit_sheet.js";
-import { el, soon } from "../core/dom.js";
-import { lookAtShapes } from "../core/frame_shape.js";
-import { onLabels } from "../saving/labels.js";
+import { get, onFailure } from "../core/api.js";
+import { classButtons } from "../core/controls.js";
+import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import { blind, mission, onChange, onReload, onSetting } from "../core/mission.js";
-import { addView, go } from "../core/router.js";
+import { lookAtShapes } from "../core/pictures.js";
+import { addView } from "../core/router.js";
+import { labelsOf, onLabels } from "../saving/labels.js";
+import { actOn, patchesAre } from "../saving/saver.js";
 import { selectionKeys } from "./tile_grid.js";
+import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 const LEARN_MS = 1000;
 const NONE =
   "There is no audit of this mission. “tokt labels audit DATASET” makes one; then press r.";
+
+/**
+ * @typedef {{camera: string, frame: number, cell: number, label: string, suggested: string,
+ *   margin: number, reason: string, mine: ?string, settled: ?string}} Doubt What `who` says and
+ *   what is settled, when the audit was loaded.
+ */
+
+/** One audit's patches. */
+class AuditSheet extends DecisionSheet {
+  /**
+   * @param {Doubt[]} patches The worst first.
+   * @param {?Object} place Where the person was, from `place()`.
+   */
+  constructor(patches, place) {
+    super({
+      label: "patches whose label is doubted",
+      filters: "which patches",
+      decided: "decided",
+      margin: 0.5,
+      place,
+    });
+    this.patches = patches;
+    const decisions = this.bar(
+      "decide on the selected patches",
+      button("label is right", () => this.confirm(), { title: "keep the label (y)" }),
+      button("suggestion is right", () => this.takeSuggestion(), { title: "relabel (n)" }),
+      ...classButtons((label) => this.decide(() => label)),
+      button("take back", () => this.takeBack(), { title: "not decided (Delete)" }),
+      this.filters,
+    );
+    this.element = el("div", { class: "conflicts" }, decisions, this.tiles);
+  }
+
+  /**
+   * Take in what is decided now.
+   * @param {Doubt[]} patches As the server has them.
+   */
+  learn(patches) {
+    const placeOf = ({ camera, frame, cell }) => `${camera}:${frame}:${cell}`;
+    const known = new Map(patches.map((doubt) => [placeOf(doubt), doubt]));
+    for (const doubt of this.patches) {
+      const now = known.get(placeOf(doubt));
+      if (now) Object.assign(doubt, { mine: now.mine, settled: now.settled });
+    }
+    this.refresh();
+  }
+
+  /** The labels of the selected patches are right. */
+  confirm() {
+    this.decide((doubt) => doubt.label);
+  }
+
+  /** The selected patches are what the model takes them for. */
+  takeSuggestion() {
+    this.decide((doubt) => doubt.suggested);
+  }
+
+  /**
+   * Decide what the selected patches are, or the one under the cursor and go on to the next.
+   * A label of one's own is changed; a confirmation, and a decision on what somebody else
+   * labelled, stands beside the labels as a settlement.
+   * @param {(doubt: Doubt) => string} labelFor
+   */
+  decide(labelFor) {
+    if (this.grid.tiles.length === 0) return;
+    const single = this.grid.selection.chosen.size === 0;
+    const own = (doubt) => labelFor(doubt) !== doubt.label && mineOf(doubt) !== null;
+    const targets = this.grid.targets();
+    const relabelled = targets.filter(own);
+    const settled = targets.filter((doubt) => !own(doubt));
+    const count = relabel(relabelled, labelFor) + settle(settled, labelFor);
+    this.goOn(single);
+    const words = `${patchesAre(count)} decided; Ctrl+Z undoes.`;
+    say(count === 0 ? "Nothing to change." : words);
+  }
+
+  /** Take decisions back: the label holds again, and is doubted again. */
+  takeBack() {
+    const targets = this.grid.targets().filter((doubt) => this.decisionOn(doubt) !== null);
+    const settled = targets.filter((doubt) => settledOf(doubt) !== null);
+    const relabelled = targets.filter((doubt) => settledOf(doubt) === null);
+    const count = settle(settled, () => null) + relabel(relabelled, (doubt) => doubt.label);
+    say(count === 0 ? "Nothing to take back." : `${patchesAre(count)} open again.`);
+  }
+
+  /** What has been decided since the audit, with what has not reached the server yet; else null. */
+  decisionOn(doubt) {
+    const settled = settledOf(doubt);
+    if (settled !== null) return settled;
+    const mine = mineOf(doubt);
+    return mine !== null && mine !== doubt.label ? mine : null;
+  }
+
+  opinions({ label, suggested }) {
+    return [
+      ["", label, `labelled ${label}`],
+      ["?", suggested, `taken for ${suggested}`],
+    ];
+  }
+
+  decisionWords(decision) {
+    return decision === null ? "not decided" : `decided: ${decision}`;
+  }
+
+  chosenWords(count) {
+    return count > 0 ? `${count} selected:` : "This one:";
+  }
+
+  emptyWords() {
+    return this.view.which === "open" ? "Everything is decided." : "There is none.";
+  }
+
+  about(doubt) {
+    const decision = this.decisionOn(doubt);
+    const open = "Not decided: y keeps the label, n takes the other.";
+    return [
+      `Labelled ${doubt.label}; margin ${doubt.margin.toFixed(2)}.`,
+      `${doubt.reason[0].toUpperCase()}${doubt.reason.slice(1)}.`,
+      decision === null ? open : `Decided: ${decision}.`,
+      "Enter opens its frame.",
+    ];
+  }
+}
+
+function mineOf({ camera, frame, cell, mine }) {
+  const known = labelsOf(camera, frame);
+  return known ? known.mine[cell] : mine;
+}
+
+function relabel(doubts, labelFor) {
+  const wanted = doubts.map((one) => ({ ...one, label: labelFor(one), base: mineOf(one) }));
+  return actOn("relabel", wanted);
+}
+
+// ---- The view
 
 let parts = null; // the elements on show; null while another view is
 let sheet = null; // an AuditSheet; null while there is nothing to show
@@ -25,10 +162,9 @@ const places = new Map(); // audit -> where the person was, to come back to
 
 async function show(root, [wanted]) {
   leave();
-  parts = build();
-  root.replaceChildren(parts.root);
-  parts.root.focus();
-  const here = parts;
+  const here = (parts = build());
+  root.replaceChildren(here.root);
+  here.root.focus();
   await lookAtShapes();
   if (here === parts) await load(wanted);
 }
@@ -60,43 +196,47 @@ async function load(wanted) {
   const mine = (asked += 1);
   if (blind()) return void (parts.words.textContent = "Not while labelling blind.");
   parts.words.textContent = "Loading ...";
-  try {
-    const { audits } = await get("/api/audits");
-    if (mine !== asked) return;
-    const chosen = audits.find((one) => one.name === wanted) ?? audits[0];
-    name = chosen?.name ?? "";
-    showTabs(audits);
-    if (!chosen) return void (parts.words.textContent = NONE);
-    event = mission.event;
-    const audit = await get("/api/audit", { name });
-    if (mine === asked) showAudit(audit);
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    if (mine === asked) parts.words.textContent = `It could not be loaded: ${error.message}.`;
-  }
+  await loadAudit(wanted, mine).catch(
+    onFailure(({ message }) => {
+      if (mine === asked) parts.words.textContent = `It could not be loaded: ${message}.`;
+    }),
+  );
+}
+
+async function loadAudit(wanted, mine) {
+  const { audits } = await get("/api/audits");
+  if (mine !== asked) return;
+  const chosen = audits.find((one) => one.name === wanted) ?? audits[0];
+  name = chosen?.name ?? "";
+  showTabs(audits);
+  if (!chosen) return void (parts.words.textContent = NONE);
+  event = mission.event;
+  const audit = await get("/api/audit", { name });
+  if (mine === asked) showAudit(audit);
 }
 
 function showTabs(audits) {
   const back = el("a", { class: "tab", text: "‹ by class", attrs: { href: "#/sheet" } });
   const tabs = audits.map((one) => {
-    const attrs = { href: `#/audit/${encodeURIComponent(one.name)}`, title: one.fault || one.of };
-    const tab = el("a", { class: "tab", attrs }, el("span", { text: `Audit ${one.name}` }));
-    if (one.name === name) tab.setAttribute("aria-current", "page");
-    tab.append(el("span", { class: "count", text: one.patches.toLocaleString("en") }));
-    return tab;
+    const attrs = {
+      href: `#/audit/${encodeURIComponent(one.name)}`,
+      title: one.fault || one.of,
+      "aria-current": one.name === name && "page",
+    };
+    const count = el("span", { class: "count", text: one.patches.toLocaleString("en") });
+    return el("a", { class: "tab", attrs }, el("span", { text: `Audit ${one.name}` }), count);
   });
   parts.tabs.replaceChildren(back, ...tabs);
 }
 
-function showAudit(audit) {
-  const { of, rule, total, patches } = audit;
+function showAudit({ of, rule, total, patches }) {
   const shown = patches.length < total ? ` The worst ${patches.length} of ${total}.` : "";
   parts.words.textContent = `${of}: ${rule}${shown}`;
   const place = sheet?.place() ?? places.get(name);
   sheet?.close();
-  sheet = new AuditSheet({ patches, place, onOpen: open });
+  sheet = new AuditSheet(patches, place);
   parts.body.replaceChildren(sheet.element);
-  sheet.start();
+  sheet.show();
   sheet.grid.focus();
 }
 
@@ -110,23 +250,12 @@ function learnSoon() {
 async function learn() {
   const mine = asked;
   event = mission.event;
-  try {
-    const { patches } = await get("/api/audit", { name });
-    if (mine === asked) sheet.learn(patches);
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    // The page says that the server is away; what was decided meanwhile is learnt with the next.
-  }
+  // Where the server is away the page says so; what was decided meanwhile is learnt with the next.
+  const audit = await get("/api/audit", { name }).catch(onFailure());
+  if (audit && mine === asked) sheet.learn(audit.patches);
 }
 
-function open({ camera, frame, cell }) {
-  go(`#/label/${camera}/${frame}/${cell}`);
-}
-
-/** A row of the table that only works while an audit is shown. */
-function row(keys, does, run) {
-  return { keys, does, run: () => (sheet ? run(sheet) : false) };
-}
+const row = sheetRow(() => sheet);
 
 addView("audit", {
   title: "Label audit",

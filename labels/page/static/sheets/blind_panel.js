@@ -1,10 +1,12 @@
 // Labelling a second time without seeing the first: beginning, going on, and comparing.
 
-import { blindFrames, loadBlindList, nextBlindFrame } from "./blind_list.js";
+import { onFailure } from "../core/api.js";
+import { choice, withKey } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
 import { listenAnew } from "../core/live.js";
 import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/mission.js";
 import { go } from "../core/router.js";
+import { blindFrames, loadBlindList, nextBlindFrame } from "../frame/steps.js";
 
 const SIGNS = {
   u: { sign: "○", text: "unseen" },
@@ -19,13 +21,7 @@ const SIGNS = {
  * @returns {HTMLElement}
  */
 export function blindForm({ of, onCancel }) {
-  const whose = el(
-    "select",
-    { attrs: { id: "blind-of" } },
-    ...mission.annotators.map((name) =>
-      el("option", { text: name, attrs: { value: name, selected: name === of } }),
-    ),
-  );
+  const whose = choice(mission.annotators, of, { attrs: { id: "blind-of" } });
   const name = el("input", {
     attrs: { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" },
   });
@@ -94,14 +90,8 @@ async function endBlind() {
 }
 
 async function changePerson(change) {
-  try {
-    await change();
-  } catch (error) {
-    if (error.name !== "ApiError") throw error;
-    say(`That did not work: ${error.message}.`, { bad: true });
-  } finally {
-    listenAnew();
-  }
+  const explain = ({ message }) => say(`That did not work: ${message}.`, { bad: true });
+  await change().catch(onFailure(explain)).finally(listenAnew);
 }
 
 /**
@@ -132,11 +122,6 @@ export function blindProgress(fault) {
     ),
     el("div", { class: "blind-frames" }, ...list.map(frameLink)),
   );
-}
-
-function withKey(element, key) {
-  element.append(" ", el("kbd", { text: key }));
-  return element;
 }
 
 function frameLink({ camera, frame }) {

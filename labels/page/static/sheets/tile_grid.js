@@ -1,13 +1,83 @@
 // A scrolling grid of patch tiles, selected by mouse, by rectangle or by keyboard.
 
 import { el } from "../core/dom.js";
-import { patchAspect } from "../core/frame_shape.js";
-import { putAt } from "../frame/patch_preview.js";
-import { TilePictures, patchInTile } from "./tile_pictures.js";
-import { TileSelection } from "./tile_selection.js";
+import { patchAspect } from "../core/pictures.js";
+import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
 
 const DRAG_STARTS = 5; // CSS pixels
 let grids = 0;
+
+/**
+ * Which of a number of tiles are selected, and where the cursor is: as in a file manager, except
+ * that a plain click adds to the selection, because odd patches lie scattered.
+ */
+class TileSelection {
+  /** @param {number} count how many tiles there are */
+  constructor(count = 0) {
+    this.count = count;
+    this.cursor = 0;
+    this.anchor = 0;
+    this.chosen = new Set();
+    this.before = null; // the selection before Shift began to extend it
+  }
+
+  /** Put the cursor on a tile, without selecting it. */
+  place(index) {
+    this.cursor = Math.max(0, Math.min(this.count - 1, index));
+    this.anchor = this.cursor;
+    this.before = null;
+  }
+
+  /** Select the tile, or no longer. */
+  toggle(index) {
+    this.place(index);
+    if (!this.chosen.delete(index)) this.chosen.add(index);
+  }
+
+  /** Select all from the last tile clicked to this one. */
+  extendTo(index) {
+    this.before ??= new Set(this.chosen);
+    this.cursor = Math.max(0, Math.min(this.count - 1, index));
+    const [first, last] = [this.anchor, this.cursor].sort((a, b) => a - b);
+    this.chosen = new Set(this.before);
+    for (let tile = first; tile <= last; tile += 1) this.chosen.add(tile);
+  }
+
+  /** Move the cursor by this many tiles; with `extend`, select what it passes. */
+  move(step, extend) {
+    const target = this.cursor + step;
+    if (target < 0 || target >= this.count) return;
+    if (extend) this.extendTo(target);
+    else this.place(target);
+  }
+
+  /** Add these tiles (or take them away) on top of an earlier selection. */
+  sweep(earlier, tiles, remove) {
+    this.chosen = new Set(earlier);
+    for (const tile of tiles) {
+      if (remove) this.chosen.delete(tile);
+      else this.chosen.add(tile);
+    }
+    this.before = null;
+  }
+
+  /** Select every tile. */
+  all() {
+    this.chosen = new Set(Array.from({ length: this.count }, (_, tile) => tile));
+  }
+
+  /** Select nothing. */
+  clear() {
+    this.chosen.clear();
+    this.before = null;
+  }
+
+  /** The selected tiles in their order; if there are none, the one under the cursor. */
+  targets() {
+    if (this.chosen.size > 0) return [...this.chosen].sort((a, b) => a - b);
+    return this.count > 0 ? [this.cursor] : [];
+  }
+}
 
 /** Grid of tiles; a tile is anything with `camera`, `frame` and `cell`. */
 export class TileGrid {
@@ -106,12 +176,6 @@ export class TileGrid {
     const top = this.elements[0]?.offsetTop;
     const second = this.elements.findIndex((element) => element.offsetTop > top);
     return second < 0 ? Math.max(1, this.elements.length) : second;
-  }
-
-  /** Rows that fit the window, at least one. */
-  rowsShown() {
-    const height = this.elements[0]?.offsetHeight || 1;
-    return Math.max(1, Math.floor(this.element.clientHeight / height));
   }
 
   /** Forget the tiles; the view is left. */

@@ -1,9 +1,11 @@
-// Pictures of patches: many in one image (a sprite), fetched when they come into view.
+// Pictures of patches: many in one image (a sprite), fetched when they come into view; and one of
+// them at a larger size, with where it lies in its frame.
 
 import { address } from "../core/api.js";
-import { patchAspect } from "../core/frame_shape.js";
+import { el } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
-import { rowCol } from "../frame/patch_grid.js";
+import { frameAspect, patchAspect, thumbAddress } from "../core/pictures.js";
+import { cellName, patchSize, rowCol } from "../frame/patch_grid.js";
 
 const COLUMNS = 10;
 const CHUNK = 20;
@@ -19,7 +21,7 @@ export const MARGINS = [0, 0.25, 1];
  * @param {number} margin Around each patch, in patches.
  * @returns {string}
  */
-export function patchesAddress(tiles, width, margin) {
+function patchesAddress(tiles, width, margin) {
   const pixels = Math.round(width * Math.min(2, window.devicePixelRatio || 1));
   return address("/api/patches", {
     cells: tiles.map(({ camera, frame, cell }) => `${camera}:${frame}:${cell}`).join(","),
@@ -40,7 +42,7 @@ export function patchesAddress(tiles, width, margin) {
  * @param {number} width
  * @param {number} height
  */
-export function placeTile(element, sprite, position, width, height) {
+function placeTile(element, sprite, position, width, height) {
   const [column, row] = [position % COLUMNS, Math.floor(position / COLUMNS)];
   // Tiles are square with the patch in their middle: what is above and below it is cut off.
   const top = row * width + (width - height) / 2;
@@ -135,4 +137,74 @@ function load(chunk) {
     for (const element of elements) element.classList.add("no-picture");
   });
   image.src = sprite;
+}
+
+const PREVIEW = 240; // CSS pixels, the width of both pictures
+const PREVIEW_MARGIN = 1;
+
+/**
+ * A patch in words: "left 17, row 3, column 4".
+ * @param {{camera: string, frame: number, cell: number}} tile
+ * @returns {string}
+ */
+export function nameOf({ camera, frame, cell }) {
+  return `${camera} ${frame}, ${cellName(cell)}`;
+}
+
+/** The panel beside a grid of tiles. */
+export class PatchPreview {
+  constructor() {
+    this.patch = el("div", { class: "preview-patch" });
+    this.patchMark = el("div", { class: "preview-mark" });
+    this.frame = el("img", { attrs: { alt: "", width: PREVIEW } });
+    this.frameMark = el("div", { class: "preview-mark" });
+    this.words = el("div", { class: "preview-words" });
+    this.element = el(
+      "aside",
+      { class: "preview", attrs: { "aria-label": "The patch under the cursor" } },
+      el("div", { class: "preview-picture" }, this.patch, this.patchMark),
+      el("div", { class: "preview-picture" }, this.frame, this.frameMark),
+      this.words,
+    );
+  }
+
+  /**
+   * Show a patch.
+   * @param {{camera: string, frame: number, cell: number} | undefined} tile Nothing: hide.
+   * @param {(string | Node)[]} lines What to say about it.
+   */
+  show(tile, lines) {
+    this.element.classList.toggle("nothing", !tile);
+    if (!tile) return;
+    this.#showPatch(tile);
+    this.#showFrame(tile);
+    this.words.replaceChildren(
+      el("strong", { text: nameOf(tile) }),
+      ...lines.map((line) => el("p", {}, line)),
+    );
+  }
+
+  #showPatch(tile) {
+    const height = Math.round(PREVIEW * patchAspect(tile.camera));
+    this.patch.style.height = `${height}px`;
+    placeTile(this.patch, patchesAddress([tile], PREVIEW, PREVIEW_MARGIN), 0, PREVIEW, height);
+    putAt(this.patchMark, patchInTile(tile, PREVIEW, height, PREVIEW_MARGIN));
+  }
+
+  #showFrame({ camera, frame, cell }) {
+    const { width, height } = patchSize(PREVIEW, PREVIEW * frameAspect(camera));
+    const source = thumbAddress(camera, frame, PREVIEW);
+    if (this.frame.getAttribute("src") !== source) this.frame.src = source;
+    const [row, col] = rowCol(cell);
+    putAt(this.frameMark, { left: col * width, top: row * height, width, height });
+  }
+}
+
+/**
+ * Put an element where a rectangle is.
+ * @param {HTMLElement} element
+ * @param {{left: number, top: number, width: number, height: number}} rectangle In pixels.
+ */
+export function putAt(element, rectangle) {
+  for (const [side, value] of Object.entries(rectangle)) element.style[side] = `${value}px`;
 }

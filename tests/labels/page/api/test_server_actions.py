@@ -135,6 +135,28 @@ def test_seen_frames_and_frames_of_somebody(server) -> None:
     assert server.request("GET", "/api/labelled?of=nobody").status == 404
 
 
+def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server) -> None:
+    def found(who: str, label: str, **more: Any) -> list[int]:
+        query = {"who": who, "class": label, **more}
+        frames = server.get("/api/frames_with", **query)["cameras"]["left"]
+        assert isinstance(frames, list)
+        return frames
+
+    assert found("gus", "sand") == []
+    server.paint("with-1", 9, [3, 4], "sand", who="gus")
+    server.paint("with-2", 2, [0], "sand", who="gus")
+    server.paint("with-3", 2, [1], "reef", who="gus")
+    server.paint("with-4", 5, [0], "sand", who="hal")
+    assert found("gus", "sand") == found("gus", "sand", blind=1) == [2, 9]
+    assert (found("gus", "reef"), found("hal", "sand"), found("hal", "reef")) == ([2], [5], [])
+    assert found("gus", "no such class") == found("nobody", "sand") == []
+    server.paint("with-5", 9, [3], None, base="sand", who="gus")
+    assert found("gus", "sand") == [2, 9]
+    server.paint("with-6", 9, [4], "reef", base="sand", who="gus")
+    assert found("gus", "sand") == [2] and found("gus", "reef") == [2, 9]
+    assert server.request("GET", "/api/frames_with?who=gus").status == 400
+
+
 def test_an_action_for_another_mission_is_not_taken(server) -> None:
     change = {"camera": "left", "frame": 8, "label": "reef", "cells": [7], "base": [None]}
     body = {"who": "anna", "kind": "paint", "time": TIME, "changes": [change]}

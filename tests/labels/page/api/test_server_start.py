@@ -16,7 +16,7 @@ import pytest
 from tests.waiting import MAX_S, until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
-from tokt.labels.page.state.open_session import open_session
+from tokt.labels.page.state.session import open_session
 from tokt.labels.record import LabelRecord, utc_now
 from tokt.labels.store.store import LabelStore
 

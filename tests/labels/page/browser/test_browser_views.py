@@ -30,6 +30,8 @@ SURE = len(PLANTED) - 1
 
 Key = tuple[int, int]
 Server = Any
+Changes = Callable[..., dict[Key, str | None]]
+OpenPage = Callable[..., Any]
 
 
 def record(frame: int, cell: int, label: str, who: str) -> LabelRecord:
@@ -85,7 +87,7 @@ def open_page(
 
 
 @pytest.fixture
-def changes(server: Server) -> Iterator[Callable[..., dict[Key, str | None]]]:
+def changes(server: Server) -> Changes:
     """What a person's labels have become since the test began: {(frame, cell): label}."""
     before = in_store(server)
 
@@ -96,7 +98,7 @@ def changes(server: Server) -> Iterator[Callable[..., dict[Key, str | None]]]:
             at: now.get((who, *at)) for at in keys if now.get((who, *at)) != before.get((who, *at))
         }
 
-    yield since
+    return since
 
 
 def in_store(server: Server) -> dict[tuple[str, int, int], str | None]:
@@ -146,7 +148,7 @@ def patch_of(name: str) -> Key:
 
 
 def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(
-    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+    open_page: OpenPage, changes: Changes
 ) -> None:
     page = open_page(f"#/sheet/{TOWER}", ".tile")
     tiles = page.locator(".tile")
@@ -167,7 +169,7 @@ def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(
     assert tiles.nth(7).locator(".tile-caption").inner_text() == ""
 
 
-def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page: Callable[..., Page]) -> None:
+def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page: OpenPage) -> None:
     page = open_page(f"#/sheet/{TOWER}", ".tile")
     boxes = [page.locator(".tile").nth(index).bounding_box() for index in (1, 3)]
     (x0, y0), (x1, y1) = ((box["x"] + 30, box["y"] + 30) for box in boxes if box)
@@ -187,7 +189,7 @@ def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page: Callable[..
 
 
 def test_a_new_order_does_not_move_what_somebody_selects(
-    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+    open_page: OpenPage, changes: Changes
 ) -> None:
     page = open_page("#/overview/left/1", ".thumb")
     asked: list[Any] = []
@@ -222,9 +224,7 @@ def test_a_new_order_does_not_move_what_somebody_selects(
     undo(page)
 
 
-def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(
-    open_page: Callable[..., Page],
-) -> None:
+def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(open_page: OpenPage) -> None:
     page = open_page("#/sheet/ocean", ".tile")
     page.keyboard.press("PageDown")
     page.wait_for_function(
@@ -248,9 +248,7 @@ def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(
 
 
 def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
-    open_page: Callable[..., Page],
-    server: Server,
-    changes: Callable[..., dict[Key, str | None]],
+    open_page: OpenPage, server: Server, changes: Changes
 ) -> None:
     page = open_page("#/overview/left/21", ".thumb:not(.loading)")
     # What is kept from the frame before is not the model's and carries no version.
@@ -289,7 +287,7 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
 
 
 def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(
-    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+    open_page: OpenPage, changes: Changes
 ) -> None:
     page = open_page("#/overview/left/38", ".thumb:not(.loading)", allow="422|Failed to load")
     broken = {"status": 422, "json": {"error": "no picture"}}
@@ -315,7 +313,7 @@ def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(
 
 
 def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(
-    open_page: Callable[..., Page], changes: Callable[..., dict[Key, str | None]]
+    open_page: OpenPage, changes: Changes
 ) -> None:
     page = open_page("#/overview/left/31", ".thumb:not(.loading)")
     page.keyboard.press("3")
@@ -366,9 +364,7 @@ def settled(server: Server) -> dict[Key, tuple[str | None, str]]:
 
 
 def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
-    open_page: Callable[..., Page],
-    server: Server,
-    changes: Callable[..., dict[Key, str | None]],
+    open_page: OpenPage, server: Server, changes: Changes
 ) -> None:
     page = open_page("#/agreement/anna/ben", ".conflicts .tile")
     assert page.locator(".kappa strong").inner_text() == expected_kappa(server)
@@ -394,9 +390,7 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
 
 
 def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(
-    open_page: Callable[..., Page],
-    server: Server,
-    changes: Callable[..., dict[Key, str | None]],
+    open_page: OpenPage, server: Server, changes: Changes
 ) -> None:
     doubts = [
         AuditedPatch(*place, "ocean", "reef", margin, "a model takes it for obstacle by 2")
@@ -435,7 +429,7 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(
 
 
 def test_a_second_labelling_is_blind_and_by_another_person(
-    open_page: Callable[..., Page], server: Server
+    open_page: OpenPage, server: Server
 ) -> None:
     page = open_page("#/agreement/anna/ben", ".conflicts .tile")
     page.keyboard.press("b")

@@ -24,10 +24,12 @@ Cells = dict[str, list[tuple[str, int, int]]]
 def sheet(tiny: Any) -> Iterator[PatchRanker]:
     made = PatchRanker(open_mission(tiny.path), Grid())
     yield made
-    made.close()
+    made.features.background.close()
 
 
-def labels(tiny_truth: Any) -> Cells:
+@pytest.fixture
+def cells(tiny_truth: Any) -> Cells:
+    """The tiny mission's patches by their label."""
     found: Cells = {}
     for _, camera, frame, row, col, label in tiny_truth.labels():
         found.setdefault(label, []).append((camera, frame, row * 10 + col))
@@ -35,9 +37,10 @@ def labels(tiny_truth: Any) -> Cells:
 
 
 def looked_at(sheet: PatchRanker, cells: Cells) -> PatchRanker:
-    sheet.want((camera, frame) for c in cells.values() for camera, frame, _ in c)
-    sheet.start()
-    until(lambda: sheet.progress[0] >= sheet.progress[1])
+    features = sheet.features
+    features.want((camera, frame) for c in cells.values() for camera, frame, _ in c)
+    features.background.start()
+    until(lambda: features.progress[0] >= features.progress[1])
     return sheet
 
 
@@ -58,9 +61,8 @@ def cells_of(ranked: Ranked) -> list[tuple[str, int, int]]:
     ("of", "into"), [("ocean", "subsea_installation"), ("subsea_installation", "ocean")]
 )
 def test_planted_wrong_labels_come_first(
-    sheet: PatchRanker, tiny_truth: Any, of: str, into: str
+    sheet: PatchRanker, cells: Cells, of: str, into: str
 ) -> None:
-    cells = labels(tiny_truth)
     wrong = plant(cells, of, into, 6)
     ranked = looked_at(sheet, cells).patches(cells, into)
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])
@@ -70,8 +72,7 @@ def test_planted_wrong_labels_come_first(
     assert values == sorted(values) and values[0] < 0 < values[-1]
 
 
-def test_the_sheet_says_how_the_order_was_made(sheet: PatchRanker, tiny_truth: Any) -> None:
-    cells = labels(tiny_truth)
+def test_the_sheet_says_how_the_order_was_made(sheet: PatchRanker, cells: Cells) -> None:
     looked_at(sheet, cells)
     # Frames 1..40 are in blocks 0, 1 and 2 (frame 40).
     assert sheet.patches(cells, "ocean").by == (
@@ -90,14 +91,13 @@ def test_the_sheet_says_how_the_order_was_made(sheet: PatchRanker, tiny_truth: A
 
 
 def test_no_classifier_saw_the_block_of_the_patch_it_judges(
-    sheet: PatchRanker, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
+    sheet: PatchRanker, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import LinearSVC
 
-    cells = labels(tiny_truth)
     looked_at(sheet, cells)
-    known = sheet._features.snapshot()
+    known = sheet.features.snapshot()
     block_of = {
         known.features[row, cell].tobytes(): int(known.numbers[row]) // 20
         for row in range(40)
@@ -123,9 +123,8 @@ def test_no_classifier_saw_the_block_of_the_patch_it_judges(
 
 
 def test_without_a_second_class_odd_is_what_is_far_from_the_middle(
-    sheet: PatchRanker, tiny_truth: Any
+    sheet: PatchRanker, cells: Cells
 ) -> None:
-    cells = labels(tiny_truth)
     wrong = plant(cells, "subsea_installation", "ocean", 6)
     only = {"ocean": cells["ocean"]}
     ranked = looked_at(sheet, only).patches(only, "ocean")
@@ -134,9 +133,8 @@ def test_without_a_second_class_odd_is_what_is_far_from_the_middle(
 
 
 def test_before_all_frames_are_looked_at_nothing_is_missing(
-    sheet: PatchRanker, tiny_truth: Any
+    sheet: PatchRanker, cells: Cells
 ) -> None:
-    cells = labels(tiny_truth)
     ranked = sheet.patches(cells, "ocean", version=1)
     assert (ranked.done, ranked.of, ranked.ready) == (0, 40, False)
     assert cells_of(ranked) == cells["ocean"] and math.isnan(ranked.patches[0].value)
@@ -146,13 +144,12 @@ def test_before_all_frames_are_looked_at_nothing_is_missing(
     assert again.ready and "cross-validated" in again.by
 
 
-def test_an_unreadable_frame_comes_last(own_tiny: Any, tiny_truth: Any) -> None:
+def test_an_unreadable_frame_comes_last(own_tiny: Any, cells: Cells) -> None:
     (own_tiny.path / "Left" / "tiny_L_7.png").write_bytes(b"")
     cv2.imwrite(str(own_tiny.path / "Left" / "tiny_L_8.png"), np.zeros((3, 500), np.uint8))
-    cells = labels(tiny_truth)
     sheet = PatchRanker(open_mission(own_tiny.path), Grid())
     ranked = looked_at(sheet, cells).patches(cells, "ocean")
-    sheet.close()
+    sheet.features.background.close()
     last = [cell for cell in cells["ocean"] if cell[1] in (7, 8)]
     assert cells_of(ranked)[-len(last) :] == last and ranked.ready
     for place, patch in enumerate(ranked.patches):
@@ -160,9 +157,8 @@ def test_an_unreadable_frame_comes_last(own_tiny: Any, tiny_truth: Any) -> None:
 
 
 def test_pages_of_one_ranking_are_computed_once(
-    sheet: PatchRanker, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
+    sheet: PatchRanker, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cells = labels(tiny_truth)
     looked_at(sheet, cells)
     first = sheet.patches(cells, "ocean", version=("anna", 5))
     fresh = sheet.patches(cells, "ocean")
@@ -176,17 +172,16 @@ def test_pages_of_one_ranking_are_computed_once(
     assert len(sheet.patches(fewer, "ocean", version=("anna", 6)).patches) == 10
 
 
-def test_a_label_nobody_used_has_no_patches(sheet: PatchRanker, tiny_truth: Any) -> None:
-    ranked = looked_at(sheet, labels(tiny_truth)).patches(labels(tiny_truth), "reef")
+def test_a_label_nobody_used_has_no_patches(sheet: PatchRanker, cells: Cells) -> None:
+    ranked = looked_at(sheet, cells).patches(cells, "reef")
     assert len(ranked.patches) == 0 and ranked.patches[:200] == []
     assert len(sheet.patches({}, "ocean").patches) == 0
 
 
 def test_more_patches_than_are_trained_on_are_all_ranked(
-    sheet: PatchRanker, tiny_truth: Any, monkeypatch: pytest.MonkeyPatch
+    sheet: PatchRanker, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(review_sheet, "MAX_TRAINED", 200)
-    cells = labels(tiny_truth)
     wrong = plant(cells, "ocean", "subsea_installation", 4)
     ranked = looked_at(sheet, cells).patches(cells, "subsea_installation")
     assert not any(math.isnan(patch.value) for patch in ranked.patches)

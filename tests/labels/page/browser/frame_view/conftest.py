@@ -24,8 +24,8 @@ FRAME = (360, 272)
 class FramePage:
     """The page of one frame, and where its patches lie on the screen."""
 
-    def __init__(self, page: Page, frame: int) -> None:
-        self.page = page
+    def __init__(self, page: Page, server: Any, frame: int) -> None:
+        self.page, self.server = page, server
         self.wait(frame)
 
     def wait(self, frame: int) -> None:
@@ -67,6 +67,17 @@ class FramePage:
         for cell in cells:
             self.page.mouse.click(*self.at(cell), button=button)
 
+    def label(self, key: str, *cells: int) -> None:
+        """Choose a class or a tool by its key, and click patches."""
+        self.press(key)
+        self.click(*cells)
+
+    def click_holding(self, key: str, cell: int) -> None:
+        """Click a patch with a key held down."""
+        self.page.keyboard.down(key)
+        self.click(cell)
+        self.page.keyboard.up(key)
+
     def drag(self, *cells: int) -> None:
         """Press on the first patch, jump to each other one in a single step, release."""
         self.page.mouse.move(*self.at(cells[0]))
@@ -97,32 +108,29 @@ class FramePage:
     def text(self, selector: str) -> str:
         return self.page.locator(selector).text_content() or ""
 
+    def stored(self, frame: int, who: str = "anna") -> dict[int, str | None]:
+        """The labels of a frame by cell, read from the store's file when all is saved."""
+        self.saved()
+        return {one.row * GRID.cols + one.col: one.label for one in self.records(frame, who)}
 
-def store_records(server: Any, frame: int, who: str = "anna") -> list[LabelRecord]:
-    """The labels of a frame, read from the store's file."""
-    with LabelStore(server.workspace / "labels.db") as store:
-        return store.current("tiny", who, GRID, frame=frame)
+    def records(self, frame: int, who: str = "anna") -> list[LabelRecord]:
+        """The labels of a frame, as the store's file has them now."""
+        with LabelStore(self.server.workspace / "labels.db") as store:
+            return store.current("tiny", who, GRID, frame=frame)
 
 
-def store_labels(server: Any, frame: int, who: str = "anna") -> dict[int, str | None]:
-    """The labels of a frame by cell, read from the store's file."""
-    found = store_records(server, frame, who)
-    return {one.row * GRID.cols + one.col: one.label for one in found}
+@pytest.fixture
+def open_frame(browse: Callable[..., Page], server: Any) -> Callable[..., FramePage]:
+    """Open a frame in a tab of its own; of another server than the module's if one is given."""
+
+    def start(frame: int, server: Any = server, **options: Any) -> FramePage:
+        page = browse(server, f"#/label/left/{frame}", **options)
+        return FramePage(page, server, frame)
+
+    return start
 
 
 @pytest.fixture(scope="session")
 def frame_page() -> type[FramePage]:
     """`FramePage`."""
     return FramePage
-
-
-@pytest.fixture(scope="session")
-def records() -> Callable[..., list[LabelRecord]]:
-    """`store_records`."""
-    return store_records
-
-
-@pytest.fixture(scope="session")
-def stored() -> Callable[..., dict[int, str | None]]:
-    """`store_labels`."""
-    return store_labels

@@ -11,6 +11,8 @@ import pytest
 
 pytestmark = pytest.mark.xdist_group("browser_frame")  # what they share is made once
 
+OpenFrame = Callable[..., Any]
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
@@ -28,7 +30,7 @@ DEFAULTS = {"filter": "all", "confidence": 0.5, "follow": 2, "selected": ""}
 
 @pytest.fixture(scope="module")
 def tab(server: Any, browse_on: Callable[..., Page], frame_page: Any) -> Any:
-    return frame_page(browse_on(server), 1)
+    return frame_page(browse_on(server), server, 1)
 
 
 @pytest.fixture
@@ -43,17 +45,14 @@ def view(tab: Any) -> Any:
 
 
 @pytest.fixture
-def fresh(server: Any, browse: Callable[..., Page], frame_page: Any) -> Any:
+def fresh(open_frame: OpenFrame) -> Any:
     """A page that nobody used."""
-    return frame_page(browse(server), 1)
+    return open_frame(1)
 
 
-def test_click_drag_rectangle_row_and_rest_are_stored(
-    view: Any, server: Any, stored: Callable[..., Any]
-) -> None:
+def test_click_drag_rectangle_row_and_rest_are_stored(view: Any) -> None:
     view.open(3)
-    view.press("5")
-    view.click(44)
+    view.label("5", 44)
     view.drag(0, 7, 77)  # two long jumps: none of the patches between may be left out
     view.page.keyboard.down("Shift")
     view.press("3")
@@ -68,17 +67,15 @@ def test_click_drag_rectangle_row_and_rest_are_stored(
     expected |= dict.fromkeys(range(17, 78, 10), "subsea_installation")
     expected |= dict.fromkeys((81, 82, 91, 92), "sand")
     expected |= dict.fromkeys(range(50, 60), "reef")
-    assert stored(server, 3) == expected
+    assert view.stored(3) == expected
     view.press("o")
     view.saved()
     rest = dict.fromkeys(set(range(100)) - set(expected), "ocean")
-    assert stored(server, 3) == expected | rest
+    assert view.stored(3) == expected | rest
     assert view.text("#status").endswith("done") or "done" in view.text("#status")
 
 
-def test_a_stroke_is_of_the_frame_on_which_it_began(
-    view: Any, server: Any, stored: Callable[..., Any]
-) -> None:
+def test_a_stroke_is_of_the_frame_on_which_it_began(view: Any) -> None:
     view.open(10)
     view.press("5")
     view.page.mouse.move(*view.at(30))
@@ -88,47 +85,36 @@ def test_a_stroke_is_of_the_frame_on_which_it_began(
     view.wait(11)
     view.page.mouse.move(*view.at(35))
     view.page.mouse.up()
-    view.saved()
-    assert stored(server, 10) == dict.fromkeys((30, 31, 32), "subsea_installation")
-    assert stored(server, 11) == {}
+    assert view.stored(10) == dict.fromkeys((30, 31, 32), "subsea_installation")
+    assert view.stored(11) == {}
 
 
-def test_undo_and_redo_reach_back_over_a_reload(
-    view: Any, server: Any, stored: Callable[..., Any]
-) -> None:
+def test_undo_and_redo_reach_back_over_a_reload(view: Any) -> None:
     view.open(5)
-    view.press("2")
-    view.click(10)
+    view.label("2", 10)
     view.click(11)
-    view.press("e")
-    view.click(10)
+    view.label("e", 10)
     view.press("1")
     view.open(6)
     view.click(20)
-    view.saved()
-    assert stored(server, 5) == {11: "other"} and stored(server, 6) == {20: "ocean"}
+    assert view.stored(5) == {11: "other"} and view.stored(6) == {20: "ocean"}
     view.page.reload()
     view.wait(6)
     view.press("Control+z")
     view.shows("#toast", "paint")
-    view.saved()
-    assert stored(server, 6) == {}
+    assert view.stored(6) == {}
     view.press("d")
     view.wait(7)
     view.press("Control+z")
     view.wait(5)
     assert "erase" in view.text("#toast") and "frame 5" in view.text("#toast")
     view.press("Control+z", "Control+Shift+z", "Control+y")
-    view.saved()
-    assert stored(server, 5) == {11: "other"}
+    assert view.stored(5) == {11: "other"}
     view.press("Control+z", "Control+z", "Control+z")
-    view.saved()
-    assert stored(server, 5) == {}
+    assert view.stored(5) == {}
 
 
-def test_a_frame_is_labelled_by_keyboard_alone(
-    fresh: Any, server: Any, stored: Callable[..., Any]
-) -> None:
+def test_a_frame_is_labelled_by_keyboard_alone(fresh: Any) -> None:
     fresh.page.keyboard.type("f8\n")
     fresh.wait(8)
     fresh.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
@@ -140,7 +126,7 @@ def test_a_frame_is_labelled_by_keyboard_alone(
     expected |= {11: "sand", 53: "unsure"}
     expected |= dict.fromkeys((12, 13, 22, 23), "subsea_installation")
     expected |= dict.fromkeys(range(40, 50), "reef")
-    assert stored(server, 8) == expected
+    assert fresh.stored(8) == expected
     fresh.press("n")
     assert "frame 8 " not in fresh.text("#status")
     fresh.press("?")
@@ -154,11 +140,7 @@ def test_a_frame_is_labelled_by_keyboard_alone(
 
 
 def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(
-    page_server: Callable[..., Any],
-    browse: Callable[..., Page],
-    tmp_path: Path,
-    stored: Callable[..., Any],
-    frame_page: Any,
+    open_frame: OpenFrame, page_server: Callable[..., Any], tmp_path: Path
 ) -> None:
     taxonomy = tmp_path / "taxonomy.toml"
     lines = ["format = 1"]
@@ -167,13 +149,12 @@ def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(
         lines += ['color = "#123456"']
     taxonomy.write_text("\n".join(lines))
     server = page_server("--annotator", "anna", "--taxonomy", taxonomy)
-    view = frame_page(browse(server, "#/label/left/4"), 4)
+    view = open_frame(4, server)
     view.press("d")
     view.click(3)
     view.press("?")
     view.click(4)
-    view.saved()
-    assert stored(server, 4) == {3: "water", 4: "coral"}
+    assert view.stored(4) == {3: "water", 4: "coral"}
     view.press("Alt+d")
     view.wait(5)
     view.press("Alt+?")
@@ -181,45 +162,38 @@ def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(
     assert "Alt+d" in text and "Alt+?" in text
 
 
-def test_suggestions_are_labels_only_when_accepted(
-    view: Any, server: Any, stored: Callable[..., Any], records: Callable[..., Any]
-) -> None:
+def test_suggestions_are_labels_only_when_accepted(view: Any, server: Any) -> None:
     view.open(14)
     view.page.wait_for_function(
         "() => /of 100 open patches/.test(document.querySelector('.model-said').textContent)"
     )
-    assert stored(server, 14) == {}
-    view.press("2")
-    view.click(0)
-    view.page.keyboard.down("Alt")
-    view.click(1)
-    view.page.keyboard.up("Alt")
+    assert view.stored(14) == {}
+    view.label("2", 0)
+    view.click_holding("Alt", 1)
     view.saved()
     [suggested] = server.get("/api/labels", who="anna", camera="left", frames=14, suggest=1)[
         "frames"
     ]
-    assert set(stored(server, 14)) == {0, 1} and list(suggested["models"]) == ["1"]
+    assert set(view.stored(14)) == {0, 1} and list(suggested["models"]) == ["1"]
     values = suggested["suggestions"]["values"]
     view.press(*">" * 25, "Enter")
     view.saved()
     confident = {cell for cell in range(2, 100) if values[cell] >= 3}
     assert 10 < len(confident) < 90
-    assert set(stored(server, 14)) == {0, 1} | confident
-    assert stored(server, 14)[0] == "other"
+    assert set(view.stored(14)) == {0, 1} | confident
+    assert view.stored(14)[0] == "other"
     view.press("Shift+Enter")
     view.saved()
-    confirmed = records(server, 14)
+    confirmed = view.records(14)
     assert len(confirmed) == 100 and {one.source for one in confirmed} == {"human"}
     versions = {one.model_version for one in confirmed if (one.row, one.col) != (0, 0)}
     assert len(versions) == 1 and None not in versions
     view.press("Control+z")
     view.saved()
-    assert set(stored(server, 14)) == {0, 1} | confident
+    assert set(view.stored(14)) == {0, 1} | confident
 
 
-def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(
-    fresh: Any, server: Any, stored: Callable[..., Any]
-) -> None:
+def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(fresh: Any) -> None:
     """As between the start of a server with another model and the page hearing of it."""
 
     def another(route: Any) -> None:
@@ -233,15 +207,12 @@ def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(
     fresh.press("Shift+Enter")
     fresh.shows("#toast", "No suggestions to accept here")
     fresh.page.unroute("**/api/labels?**")
-    assert stored(server, 17) == {}
+    assert fresh.stored(17) == {}
 
 
-def test_suggestions_follow_the_frame_before(
-    view: Any, server: Any, records: Callable[..., Any]
-) -> None:
+def test_suggestions_follow_the_frame_before(view: Any) -> None:
     view.open(25)
-    view.press("4")
-    view.click(0)
+    view.label("4", 0)
     view.click(1, button="right")
     view.saved()
     view.press(*">" * 30, "d")
@@ -262,7 +233,7 @@ def test_suggestions_follow_the_frame_before(
         if slider == "5":
             view.press("Enter")
             view.saved()
-            kept = {one.col: one for one in records(server, 26) if one.row == 0}
+            kept = {one.col: one for one in view.records(26) if one.row == 0}
             assert kept[0].label == "reef" and kept[1].label == "unsure"
             assert kept[0].model_version is None
             view.press("Control+z")
@@ -276,9 +247,7 @@ def test_the_queue_says_why(view: Any) -> None:
     assert "frame 1 " not in view.text("#status") and "Why this frame" in view.text("#status")
 
 
-def test_copies_wait_for_acceptance_and_outlive_a_reload(
-    view: Any, server: Any, stored: Callable[..., Any]
-) -> None:
+def test_copies_wait_for_acceptance_and_outlive_a_reload(view: Any) -> None:
     view.open(20)
     view.press("5")
     view.drag(33, 53)
@@ -290,20 +259,15 @@ def test_copies_wait_for_acceptance_and_outlive_a_reload(
     view.page.wait_for_url(re.compile("#/label/left/21$"))
     view.page.reload()
     view.wait(21)
-    view.saved()
-    assert stored(server, 21) == {}
-    view.page.keyboard.down("Alt")
-    view.click(43)
-    view.page.keyboard.up("Alt")
-    view.saved()
-    assert stored(server, 21) == {43: "subsea_installation"}
+    assert view.stored(21) == {}
+    view.click_holding("Alt", 43)
+    assert view.stored(21) == {43: "subsea_installation"}
     view.press("Escape", "Escape")
     assert "dropped" in view.text("#toast")
     view.press("p")
     view.shows("#toast", "copied")
     view.press("m", "Enter", "m")  # without the suggestions, so that Enter takes the copies only
-    view.saved()
-    assert stored(server, 21) == dict.fromkeys((33, 43, 53), "subsea_installation")
+    assert view.stored(21) == dict.fromkeys((33, 43, 53), "subsea_installation")
 
 
 def test_the_address_names_the_frame(view: Any) -> None:
@@ -334,8 +298,7 @@ def test_filters_lead_the_steps(view: Any, server: Any) -> None:
     view.press("End")
     view.wait(36)
     view.open(34)
-    view.press("3")
-    view.click(7)
+    view.label("3", 7)
     view.page.locator(".filter").select_option(label="with sand of mine")
     view.page.locator(".frame-canvas").focus()
     view.shows(".matches", f"{len(server.get('/api/frames_with', **SAND)['cameras']['left'])} ")
@@ -348,23 +311,18 @@ def test_filters_lead_the_steps(view: Any, server: Any) -> None:
 
 
 def test_an_unreadable_frame_says_so_and_is_passed(
-    own_tiny: Any,
-    page_server: Callable[..., Any],
-    browse: Callable[..., Page],
-    stored: Callable[..., Any],
-    frame_page: Any,
+    open_frame: OpenFrame, own_tiny: Any, page_server: Callable[..., Any]
 ) -> None:
     (own_tiny.path / "Left" / "tiny_L_2.png").write_bytes(b"no picture")
     server = page_server("--annotator", "anna", mission=own_tiny.path)
-    view = frame_page(browse(server, "#/label/left/1", allow="422"), 1)
+    view = open_frame(1, server, allow="422")
     view.press("d")
     view.shows("#status", "cannot be shown")
     view.click(5)
     view.press("d")
     view.wait(3)
     view.click(5)
-    view.saved()
-    assert stored(server, 2) == {} and stored(server, 3) == {5: "ocean"}
+    assert view.stored(2) == {} and view.stored(3) == {5: "ocean"}
 
 
 def test_blind_hides_what_others_and_the_model_said(fresh: Any, server: Any) -> None:
@@ -384,9 +342,7 @@ def test_blind_hides_what_others_and_the_model_said(fresh: Any, server: Any) -> 
     assert not fresh.page.locator(".model").is_visible()
 
 
-def test_looking_closer_changes_nothing(
-    fresh: Any, server: Any, stored: Callable[..., Any]
-) -> None:
+def test_looking_closer_changes_nothing(fresh: Any) -> None:
     fresh.open(33)
 
     def pressed(name: str) -> str | None:
@@ -412,6 +368,6 @@ def test_looking_closer_changes_nothing(
     fresh.page.keyboard.down("Space")
     fresh.drag(44, 66)
     fresh.page.keyboard.up("Space")
-    assert stored(server, 33) == {}
+    assert fresh.stored(33) == {}
     fresh.page.mouse.move(*fresh.at(66))
     fresh.shows("#status", "row 4, column 4")  # what was dragged there

@@ -1,0 +1,239 @@
+// What the three sheets of patches share: tiles with a preview of the one under the cursor; and, of
+// the two on which people decide, the filters, the pages and the settling.
+
+import { pager, swatch } from "../core/controls.js";
+import { button, el, say } from "../core/dom.js";
+import { go } from "../core/router.js";
+import { labelsOf, prefetchOf } from "../saving/labels.js";
+import { actOn } from "../saving/saver.js";
+import { TileGrid } from "./tile_grid.js";
+import { PatchPreview, nameOf } from "./tile_pictures.js";
+
+/** Tiles on one page. */
+export const PAGE = 200;
+
+const OPEN = "open";
+const ALL = "all";
+const TILE_WIDTH = 110;
+
+/**
+ * A grid of tiles and what stands beside it. A sheet says of its tiles `describe(tile)` (as
+ * `TileGrid` takes it), `about(tile)` (lines under the preview) and `chosenWords(count)` (before
+ * the buttons that act on the selected ones).
+ */
+export class TileSheet {
+  /**
+   * @param {string} label What the grid holds, for screen readers.
+   * @param {number} captionLines As `TileGrid` takes them.
+   */
+  constructor(label, captionLines) {
+    this.grid = new TileGrid({
+      label,
+      describe: (tile) => this.describe(tile),
+      captionLines,
+      onChange: () => this.showSelection(),
+      onOpen: open,
+    });
+    this.preview = new PatchPreview();
+    this.chosen = el("span", { class: "sheet-chosen", attrs: { role: "status" } });
+    this.tiles = el("div", { class: "tiles-and-preview" }, this.grid.element, this.preview.element);
+  }
+
+  /** The bar of what can be done to the selected patches. */
+  bar(label, ...children) {
+    const attrs = { role: "group", "aria-label": label };
+    return el("div", { class: "bar", attrs }, this.chosen, ...children);
+  }
+
+  /** Show these tiles, and load the labels of their frames: they say what was done since. */
+  showTiles(tiles, look, cursor) {
+    prefetchOf(tiles);
+    this.grid.show(tiles, look);
+    this.grid.select((selection) => selection.place(cursor));
+  }
+
+  /** Say what is selected, and show the patch under the cursor. */
+  showSelection() {
+    this.chosen.textContent = this.chosenWords(this.grid.selection.chosen.size);
+    const tile = this.grid.current();
+    this.preview.show(tile, tile ? this.about(tile) : []);
+  }
+
+  /** Open the frame of the patch under the cursor. */
+  openCurrent() {
+    const tile = this.grid.current();
+    if (tile) open(tile);
+  }
+
+  /** The view is left. */
+  close() {
+    this.grid.close();
+  }
+}
+
+function open({ camera, frame, cell }) {
+  go(`#/label/${camera}/${frame}/${cell}`);
+}
+
+/**
+ * A sheet of `patches` on which people decide. It says of a patch `decisionOn(patch)` (a class;
+ * null while it is open), `opinions(patch)` ([mark, class, words] of each caption line) and
+ * `decisionWords(decision)`; and `emptyWords()` where there is no patch to show.
+ */
+export class DecisionSheet extends TileSheet {
+  /**
+   * @param {object} options
+   * @param {string} options.label What the grid holds.
+   * @param {string} options.filters What is filtered, for screen readers.
+   * @param {string} options.decided The word for patches that are not open.
+   * @param {number} options.margin Around each patch, in patches.
+   * @param {?Object} options.place Where the person was, from `place()`.
+   */
+  constructor({ label, filters, decided, margin, place }) {
+    super(label, 3);
+    this.patches = [];
+    this.which = [OPEN, decided, ALL];
+    this.look = { width: TILE_WIDTH, margin };
+    this.view = { which: OPEN, first: 0, cursor: 0, ...place };
+    this.filters = el("span", { class: "pager", attrs: { role: "group", "aria-label": filters } });
+  }
+
+  /** Where the person is, to come back to. */
+  place() {
+    return { ...this.view, cursor: this.grid.selection.cursor };
+  }
+
+  /** Show the patches from where the person is. */
+  show(cursor = this.view.cursor) {
+    const all = this.matching(this.view.which);
+    const first = Math.min(this.view.first, Math.max(0, all.length - 1));
+    this.view.first = first - (first % PAGE);
+    this.showTiles(all.slice(this.view.first, this.view.first + PAGE), this.look, cursor);
+    this.showFilters();
+  }
+
+  /** Labels changed: what is decided fades, and stays where it is. */
+  refresh() {
+    this.grid.refresh();
+    this.showFilters();
+    this.showSelection();
+  }
+
+  /** Pictures or colours look different. */
+  redraw() {
+    this.grid.resize(this.look);
+  }
+
+  /** Show other patches. */
+  choose(change) {
+    Object.assign(this.view, { first: 0 }, change);
+    this.show(0);
+  }
+
+  /** Show the open ones, the decided ones, all of them, in turn. */
+  nextWhich() {
+    const { which } = this;
+    this.choose({ which: which[(which.indexOf(this.view.which) + 1) % which.length] });
+  }
+
+  /** Go some pages on. */
+  turn(step) {
+    const first = this.view.first + step * PAGE;
+    if (first < 0) say("This is the first page.");
+    else if (first >= this.matching(this.view.which).length) say("This is the last page.");
+    else this.choose({ first });
+  }
+
+  /** Whether a patch is shown at all; a sheet may leave some out. */
+  keeps() {
+    return true;
+  }
+
+  matching(which) {
+    const kept = this.patches.filter((patch) => this.keeps(patch));
+    if (which === ALL) return kept;
+    return kept.filter((patch) => (this.decisionOn(patch) === null) === (which === OPEN));
+  }
+
+  /** Select nothing; who decided on the `single` patch under the cursor goes on to the next. */
+  goOn(single) {
+    this.grid.select((selection) => {
+      selection.clear();
+      if (!single) return;
+      const { cursor } = selection;
+      const isOpen = (patch, at) => at > cursor && this.decisionOn(patch) === null;
+      const next = this.grid.tiles.findIndex(isOpen);
+      selection.place(next < 0 ? cursor : next);
+    });
+  }
+
+  showFilters() {
+    const { which, first } = this.view;
+    const filters = this.which.map((name) =>
+      button(`${name} ${this.matching(name).length}`, () => this.choose({ which: name }), {
+        attrs: { "aria-pressed": String(name === which) },
+      }),
+    );
+    const total = this.matching(which).length;
+    const text = `${first + 1}–${first + this.grid.tiles.length} of ${total}`;
+    const pages = total > PAGE ? [pager((step) => this.turn(step), el("span", { text }))] : [];
+    this.filters.replaceChildren(...filters, ...this.moreFilters(), ...pages);
+  }
+
+  /** Further buttons among the filters. */
+  moreFilters() {
+    return [];
+  }
+
+  showSelection() {
+    super.showSelection();
+    this.grid.element.dataset.empty = this.grid.tiles.length === 0 ? this.emptyWords() : "";
+  }
+
+  describe(patch) {
+    const decision = this.decisionOn(patch);
+    const opinions = this.opinions(patch);
+    const lines = opinions.map(([mark, name]) => captionLine(mark, name));
+    if (decision !== null) lines.push(captionLine("✓", decision));
+    const words = opinions.map(([, , said]) => said);
+    const name = [nameOf(patch), ...words, this.decisionWords(decision)].join(", ");
+    return { name, lines, faded: decision !== null };
+  }
+}
+
+function captionLine(mark, name) {
+  return el("span", {}, el("b", { text: mark }), swatch(name), el("span", { text: name }));
+}
+
+/** What is settled of a patch, with what has not reached the server yet. */
+export function settledOf({ camera, frame, cell, settled }) {
+  const known = labelsOf(camera, frame);
+  return known ? known.settled[cell] : settled;
+}
+
+/**
+ * Settle patches: both opinions stay, and what holds stands beside them.
+ * @param {object[]} patches
+ * @param {(patch: object) => ?string} labelFor Null takes the settlement back.
+ * @returns {number} How many change.
+ */
+export function settle(patches, labelFor) {
+  const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: settledOf(one) }));
+  return actOn("settle", wanted, { source: "settled" });
+}
+
+/**
+ * Makes rows of a view's table of keys that only work while its sheet is shown.
+ * @param {() => ?TileSheet} sheetOf
+ * @returns {(keys: string[], does: string, run: (sheet: TileSheet) => *) => KeyEntry}
+ */
+export function sheetRow(sheetOf) {
+  return (keys, does, run) => ({
+    keys,
+    does,
+    run: () => {
+      const sheet = sheetOf();
+      return sheet ? run(sheet) : false;
+    },
+  });
+}
