@@ -12,8 +12,8 @@ from typing import Any
 import cv2
 import pytest
 
-from tests.load.effort.person import LabellingEffort, Workflow
-from tests.load.effort.plan import Tools
+from tests.load.effort.effort import LabellingEffort
+from tests.load.effort.session import Workflow
 from tests.load.page.bench import print_label_tables
 from tests.load.page.browser import chromium
 from tests.load.page.chart import label_chart_png
@@ -79,7 +79,7 @@ def test_a_time_is_held_against_what_is_asked() -> None:
 
 
 def an_effort(with_model: int, wrong: list[str]) -> LabellingEffort:
-    way = Workflow("clicks", "a click a patch", Tools(False, False, True), unsure=False, asked=5.0)
+    way = Workflow("clicks", "a click a patch", True, False, unsure=False, asked=5.0)
     return LabellingEffort(way, [60, 40], [with_model, 10], wrong)
 
 

@@ -15,8 +15,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tests.load.effort.effort import WAYS, EffortBench
-from tests.load.effort.person import LabellingEffort, Workflow
+from tests.load.effort.effort import WAYS, EffortBench, LabellingEffort
+from tests.load.effort.session import Workflow
 from tests.load.timing import WORST, Timing
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
@@ -312,7 +312,7 @@ def _about_lines(about: Mapping[str, Any]) -> list[str]:
     """What was measured on what, in sentences."""
     lines = [
         f"effort, half {place}: {half['model']} model of frames {half['trained_on']}, "
-        f"labelled {half['held_out']}; suggestions follow {half['keep']:g} (chosen where it learnt)"
+        f"labelled {half['held_out']}; suggestions follow {half['keep']:g} (as the page is set)"
         for place, half in enumerate(about["halves"], 1)
     ]
     frames = f", {about['frames']} frames of links to it" if about["frames"] else ""

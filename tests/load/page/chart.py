@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from tests.load.effort.person import LabellingEffort
+from tests.load.effort.effort import LabellingEffort
 from tests.load.timing import Timing
 from tokt.training.evaluation.pictures import figure_png
 

@@ -154,8 +154,8 @@ class Tab:
         """Click the middle of a patch of the frame shown."""
         self.page.mouse.click(*self.middle_of(cell))
 
-    def until(self, script: str, arg: Any = None) -> None:
-        """Wait until a script, which may be asynchronous, says true.
+    def until(self, script: str, arg: Any = None) -> Any:
+        """Wait until a script, which may be asynchronous, gives something true, and return it.
 
         Raises
         ------
@@ -163,10 +163,11 @@ class Tab:
             If it does not for long.
         """
         last = time.monotonic() + _MAX_MS / 1000
-        while not self.page.evaluate(script, arg):
+        while not (found := self.page.evaluate(script, arg)):
             if time.monotonic() > last:
                 raise ToktError(f"the page did not get so far in {_MAX_MS // 1000} s: {script}")
             time.sleep(_LOOK_EVERY_S)
+        return found
 
     def wait_until_saved(self) -> None:
         """Wait until the page says that everything is saved."""
