@@ -85,8 +85,8 @@ def soak(
     json: JsonOption = False,
 ) -> None:
     """The whole runtime on a million small frames; exit code 1 if anything was not as asked."""
+    from .soak.run import FULL, QUICK
     from .soak.soak import print_soak_table, run_soak
-    from .soak.soak_size import FULL, QUICK
 
     extent = QUICK if quick else FULL
     if frames is not None:

@@ -18,7 +18,7 @@ from tests.load.page.bench import print_label_tables
 from tests.load.page.browser import chromium
 from tests.load.page.chart import label_chart_png
 from tests.load.page.mission import label_all, link_frames
-from tests.load.page.server import label_server
+from tests.load.program import label_server
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import LabelStore

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tests.load.page.mission import copy_frames
-from tests.load.page.server import label_server
 from tests.load.page.tab import Tab
+from tests.load.program import label_server
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, Mission, format_frames
 from tokt.labels.record import LabelRecord

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from tests.load.effort.effort import WAYS, EffortBench, LabellingEffort
 from tests.load.effort.session import Workflow
+from tests.load.program import label_server
 from tests.load.timing import WORST, Timing
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
@@ -32,7 +33,6 @@ from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from .browser import chromium
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
-from .server import label_server
 from .tab import HEIGHT, WIDTH, Tab
 from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
 

@@ -1,11 +1,13 @@
-"""Days at sea in a quarter of an hour: the whole runtime on a million small frames.
+"""Days at sea in a quarter of an hour: `tokt run` on a million small frames.
 
 ::
 
-    this process              loop.py                          receiver.py
-    store: another model ──>  source ─> runtime ─── UDP v1 ──> the same as v2?
-    metrics, memory     <──             and all     UDP v2 ──> seq, truth, silence
-                                        around it
+    feed.py                           tokt run --source stream:...
+    frames after a plan    ── TCP ──> runtime, and all around it
+    is it so? v1 as v2?    <── UDP ── v1, v2
+    attend.py
+    store: another model   ─────────> hot reload
+    memory                 <── HTTP ─ metrics
 """
 
 from __future__ import annotations
@@ -27,10 +29,8 @@ from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 
 from .chart import chart_png
-from .loop import PARTS
-from .restart import measure_restart
-from .run import run_loop
-from .soak_size import SoakSize
+from .live import LiveRuns
+from .run import SoakSize, bare_run, whole_run
 from .synthetic_frames import bundles
 from .verdict import Soak
 
@@ -63,15 +63,16 @@ def run_soak(out: Path, extent: SoakSize, progress: Progress, say: Say) -> Soak:
         folder = Path(name)
         models = bundles(_MODELS)
         say(f"-- {extent.frames} frames with everything around the loop")
-        whole = run_loop(folder / "whole", extent, models, PARTS, say)
+        whole = whole_run(folder / "whole", extent, models, say)
         say(f"-- {extent.bare_frames} frames with nothing around it")
-        quiet = replace(extent, frames=extent.bare_frames, pause_s=0.0)
-        bare = run_loop(folder / "bare", quiet, models, (), say)
-        restart = None
-        if extent.kills:
-            say(f"-- the runtime is killed {extent.kills} times")
-            restart = measure_restart(folder / "restart", models[0], extent.kills, progress)
-    found = Soak(whole, bare, restart, {"extent": asdict(extent), "machine": machine()})
+        quiet = replace(extent, frames=extent.bare_frames)
+        bare = bare_run(folder / "bare", quiet, models[0])
+        say(f"-- {extent.pauses} pauses; the runtime is killed {extent.kills} times")
+        live = LiveRuns(folder / "live", models[0])
+        pauses = live.pauses(extent.pauses, extent.pause_s)
+        restart = live.restarts(extent.kills, progress) if extent.kills else None
+    about = {"extent": asdict(extent), "machine": machine()}
+    found = Soak(whole, bare, pauses, restart, about)
     text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "soak.json", text + "\n")
     atomic.write_bytes(out / "soak.png", chart_png(found))
@@ -95,7 +96,7 @@ def print_soak_table(found: Soak) -> None:
     extent, computer = found.whole.extent, found.about["machine"]
     lines = [
         f"{extent.frames} frames of 180x135 pixels in {found.whole.seconds:.0f} s; latency: from "
-        "a frame's arrival until its datagrams are out",
+        "a frame's arrival until its report is sent",
         f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}",
     ]
     for line in lines:
