@@ -12,7 +12,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from collections.abc import Callable
@@ -20,10 +19,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from rich import box
-from rich.console import Console
 from rich.table import Table
 
+from tests.load.report import FOLD, LEFT, check_folder, machine_words, table, write_json, yes_or_no
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
@@ -57,8 +55,7 @@ def run_soak(out: Path, extent: SoakSize, progress: Progress, say: Say) -> Soak:
     """
     if sys.platform == "win32":
         raise ToktError("the soak kills processes as only POSIX systems can")
-    if out.exists() and not out.is_dir():
-        raise ToktError(f"{out} is not a folder; choose another with --out")
+    check_folder(out)
     with tempfile.TemporaryDirectory(prefix="tokt-soak-") as name:
         folder = Path(name)
         models = bundles(_MODELS)
@@ -73,31 +70,20 @@ def run_soak(out: Path, extent: SoakSize, progress: Progress, say: Say) -> Soak:
         restart = live.restarts(extent.kills, progress) if extent.kills else None
     about = {"extent": asdict(extent), "machine": machine()}
     found = Soak(whole, bare, pauses, restart, about)
-    text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
-    atomic.write_text(out / "soak.json", text + "\n")
+    write_json(out / "soak.json", found.to_json())
     atomic.write_bytes(out / "soak.png", chart_png(found))
     return found
 
 
-_PLAIN_WIDTH = 170
-
-
-def print_soak_table(found: Soak) -> None:
-    """Print what was asked and found on standard output."""
-    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("", no_wrap=True)
-    table.add_column("asked", overflow="fold")
-    table.add_column("found", overflow="fold")
-    table.add_column("holds", no_wrap=True)
-    for check in found.checks:
-        table.add_row(check.name, check.asked, check.found, "yes" if check.holds else "NO")
-    console.print(table)
-    extent, computer = found.whole.extent, found.about["machine"]
-    lines = [
+def soak_report(found: Soak) -> list[Table | str]:
+    """What was asked and found, to be printed."""
+    extent, columns = found.whole.extent, {"": LEFT, "asked": FOLD, "found": FOLD, "holds": LEFT}
+    rows = [
+        (check.name, check.asked, check.found, yes_or_no(check.holds)) for check in found.checks
+    ]
+    return [
+        table(columns, rows),
         f"{extent.frames} frames of 180x135 pixels in {found.whole.seconds:.0f} s; latency: from "
         "a frame's arrival until its report is sent",
-        f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}",
+        machine_words(found.about),
     ]
-    for line in lines:
-        console.print(line, markup=False)
