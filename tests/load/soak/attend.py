@@ -8,8 +8,8 @@ import urllib.request
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -78,104 +78,14 @@ class Exchanges:
         file.write_bytes(bundle.data[:-_CUT])
 
 
-@dataclass(frozen=True)
-class Sample:
-    """One look.
-
-    Parameters
-    ----------
-    at_s : float
-        `time.monotonic`.
-    frames : int
-        Judged so far, by its own metrics.
-    models : int
-        Models taken over or refused so far, by them as well.
-    resident : int
-        Bytes in memory.
-    threads, files : int
-        How many it has open.
-    scrape_s : float
-        How long its metrics took.
-    """
-
-    at_s: float
-    frames: int
-    models: int
-    resident: int
-    threads: int
-    files: int
-    scrape_s: float
-
-
-class ProcessMonitor:
-    """Take samples of a process that serves metrics.
+class Attendant:
+    """Looks at a run as often as asked and exchanges its model, in a thread, while a block lasts.
 
     Parameters
     ----------
     pid : int
     port : int
         Of its metrics, on 127.0.0.1.
-
-    Attributes
-    ----------
-    samples : list of Sample
-    metrics : Counter
-        Those of the last look, each the sum over its labels.
-    """
-
-    def __init__(self, pid: int, port: int) -> None:
-        self.samples: list[Sample] = []
-        self.metrics: Counter[str] = Counter()
-        self._process = psutil.Process(pid)
-        self._url = f"http://127.0.0.1:{port}/metrics"
-
-    def look(self) -> None:
-        """Take a sample; none where it does not answer yet, or has ended meanwhile."""
-        start = time.monotonic()
-        try:
-            with urllib.request.urlopen(self._url, timeout=_SCRAPE_S) as answer:
-                text = answer.read().decode()
-            took_s = time.monotonic() - start
-            with self._process.oneshot():
-                resident = self._process.memory_info().rss
-                threads, files = self._process.num_threads(), self._process.num_fds()
-        except (OSError, psutil.NoSuchProcess):
-            return
-        self.metrics = found = summed(text)
-        models = found["tokt_model_switches_total"] + found["tokt_model_refusals_total"]
-        frames = int(found["tokt_verdicts_total"])
-        self.samples.append(Sample(start, frames, int(models), resident, threads, files, took_s))
-
-    def memory(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Frames and bytes of all samples."""
-        frames = np.array([sample.frames for sample in self.samples], np.float64)
-        return frames, np.array([sample.resident for sample in self.samples], np.float64)
-
-    def ends(self) -> dict[str, list[int]]:
-        """Threads and files at the start and at the end."""
-        first, last = self.samples[:_ENDS], self.samples[-_ENDS:]
-        return {
-            name: [min(getattr(sample, name) for sample in part) for part in (first, last)]
-            for name in ("threads", "files")
-            if self.samples
-        }
-
-
-def summed(metrics: str) -> Counter[str]:
-    """What each metric on a page has come to, over all its labels."""
-    found: Counter[str] = Counter()
-    for family in text_string_to_metric_families(metrics):
-        for sample in family.samples:
-            found[sample.name] += sample.value
-    return found
-
-
-class Attendant:
-    """Looks at a run as often as asked and exchanges its model, in a thread, while a block lasts.
-
-    Parameters
-    ----------
-    monitor : ProcessMonitor
     exchanges : Exchanges
     look_every_s, exchange_every_s : float
     last_exchange : int
@@ -184,24 +94,33 @@ class Attendant:
 
     Attributes
     ----------
+    samples : list of dict
+        What each look saw: ``at_s`` (`time.monotonic`), ``frames`` judged so far and ``models``
+        taken over or refused so far (by its own metrics), ``resident`` bytes in memory, how many
+        ``threads`` and ``files`` it has open, and how long its metrics took (``scrape_s``).
+    metrics : Counter
+        Those of the last look, each the sum over its labels.
     settled : bool
         Whether the run has taken over or refused every model that it was to.
     """
 
     def __init__(
         self,
-        monitor: ProcessMonitor,
+        pid: int,
+        port: int,
         exchanges: Exchanges,
         look_every_s: float,
         exchange_every_s: float,
         last_exchange: int,
         say: Callable[[str], None],
     ) -> None:
+        self.samples: list[dict[str, Any]] = []
+        self.metrics: Counter[str] = Counter()
         self.settled = True
-        self.monitor = monitor
-        self._exchanges, self._say = exchanges, say
+        self._process = psutil.Process(pid)
+        self._url = f"http://127.0.0.1:{port}/metrics"
+        self._exchanges, self._last_exchange, self._say = exchanges, last_exchange, say
         self._look_every_s, self._exchange_every_s = look_every_s, exchange_every_s
-        self._last_exchange = last_exchange
         self._ended = threading.Event()
         self._pool = ThreadPoolExecutor(1)
 
@@ -213,6 +132,19 @@ class Attendant:
         self._pool.shutdown()
         self._running.result()
 
+    def column(self, name: str) -> NDArray[np.float64]:
+        """One figure of all samples."""
+        return np.array([sample[name] for sample in self.samples], np.float64)
+
+    def ends(self) -> dict[str, list[int]]:
+        """Threads and files at the start and at the end."""
+        first, last = self.samples[:_ENDS], self.samples[-_ENDS:]
+        return {
+            name: [min(sample[name] for sample in part) for part in (first, last)]
+            for name in ("threads", "files")
+            if self.samples
+        }
+
     def _run(self) -> None:
         look_at = time.monotonic()
         exchange_at, say_at = look_at + self._exchange_every_s, look_at + _SAY_S
@@ -220,15 +152,42 @@ class Attendant:
             now = time.monotonic()
             if now >= look_at:
                 look_at += self._look_every_s
-                self.monitor.look()
-            if not self.monitor.samples:
+                self._look()
+            if not self.samples:
                 continue
-            newest = self.monitor.samples[-1]
-            settled = newest.models == self._exchanges.switches + self._exchanges.refusals
-            if now >= exchange_at and settled and newest.frames < self._last_exchange:
+            newest = self.samples[-1]
+            settled = newest["models"] == self._exchanges.switches + self._exchanges.refusals
+            if now >= exchange_at and settled and newest["frames"] < self._last_exchange:
                 exchange_at, settled = now + self._exchange_every_s, False
                 self._exchanges.step()
             self.settled = settled
             if now >= say_at:
                 say_at += _SAY_S
-                self._say(f"   {newest.frames} frames, {newest.resident / 1e6:.1f} MB")
+                self._say(f"   {newest['frames']} frames, {newest['resident'] / 1e6:.1f} MB")
+
+    def _look(self) -> None:
+        """Take a sample; none where it does not answer yet, or has ended meanwhile."""
+        start = time.monotonic()
+        try:
+            with urllib.request.urlopen(self._url, timeout=_SCRAPE_S) as answer:
+                text = answer.read().decode()
+            sample = {"at_s": start, "scrape_s": time.monotonic() - start}
+            with self._process.oneshot():
+                sample["resident"] = self._process.memory_info().rss
+                sample["threads"] = self._process.num_threads()
+                sample["files"] = self._process.num_fds()
+        except (OSError, psutil.NoSuchProcess):
+            return
+        self.metrics = found = summed(text)
+        models = found["tokt_model_switches_total"] + found["tokt_model_refusals_total"]
+        frames = found["tokt_verdicts_total"]
+        self.samples.append({**sample, "frames": int(frames), "models": int(models)})
+
+
+def summed(metrics: str) -> Counter[str]:
+    """What each metric on a page has come to, over all its labels."""
+    found: Counter[str] = Counter()
+    for family in text_string_to_metric_families(metrics):
+        for sample in family.samples:
+            found[sample.name] += sample.value
+    return found

@@ -54,7 +54,8 @@ def _draw_latency(axes: Any, run: Run) -> None:
 
 
 def _draw_memory(axes: Any, found: Soak) -> None:
-    frames, resident = found.whole.monitor.memory()
+    seen = found.whole.attendant
+    frames, resident = seen.column("frames"), seen.column("resident")
     axes.plot(frames, resident / 1e6, lw=0.8, color="#3b75af")
     grown = found.growth
     if grown is not None:

@@ -18,7 +18,7 @@ from tests.load.program import ended, program
 from tokt.inference.recording.run_log import events_path
 from tokt.models.bundle.bundle import Bundle
 
-from .attend import Attendant, Exchanges, ProcessMonitor
+from .attend import Attendant, Exchanges
 from .feed import Feeder
 from .plan import FrameKind, plan
 
@@ -101,7 +101,7 @@ class Run:
     age_s, round_trip_s : array of float64, shape (frames,)
         Seconds from a frame's arrival until its report was sent, and from when it was sent to
         the run until its datagram was here. 0 where there was none.
-    monitor : ProcessMonitor or None
+    attendant : Attendant or None
     seconds : float
     exchanges : Exchanges or None
     happened : sequence of (name, number of the last frame before it)
@@ -113,7 +113,7 @@ class Run:
     heard: dict[str, Any]
     age_s: NDArray[np.float64]
     round_trip_s: NDArray[np.float64]
-    monitor: ProcessMonitor | None
+    attendant: Attendant | None
     seconds: float
     exchanges: Exchanges | None = None
     happened: Sequence[tuple[str, int]] = ()
@@ -149,7 +149,7 @@ def whole_run(folder: Path, extent: SoakSize, models: Sequence[Bundle], say: Say
     def attendant(pid: int) -> Attendant:
         every = extent.look_every_s, extent.exchange_every_s
         last = int(_LAST_EXCHANGE * extent.frames)
-        return Attendant(ProcessMonitor(pid, port), exchanges, *every, last, say)
+        return Attendant(pid, port, exchanges, *every, last, say)
 
     run = _run(folder, extent, options, attendant)
     lines = map(json.loads, events_path(log).read_text("utf-8").splitlines())
@@ -200,6 +200,6 @@ def _run(
             heard={**feeder.truth.found, "unlike_the_plan": feeder.truth.worst},
             age_s=feeder.age_s,
             round_trip_s=feeder.round_trip_s,
-            monitor=attendant and attendant.monitor,
+            attendant=attendant,
             seconds=time.monotonic() - start,
         )

@@ -151,7 +151,8 @@ class Soak:
     @cached_property
     def growth(self) -> MemoryGrowth | None:
         """Of the whole run's memory; None where it was too short."""
-        return growth(*self.whole.monitor.memory())
+        seen = self.whole.attendant
+        return growth(seen.column("frames"), seen.column("resident"))
 
     @cached_property
     def latency(self) -> dict[str, dict[str, float]]:
@@ -241,7 +242,7 @@ class Soak:
         )
 
     def _resources(self) -> list[Check]:
-        ends, lost = self.whole.monitor.ends(), self.whole.summary["log_failures"]
+        ends, lost = self.whole.attendant.ends(), self.whole.summary["log_failures"]
         words = ", ".join(f"{name} {first} to {last}" for name, (first, last) in ends.items())
         same = all(last <= first for first, last in ends.values())
         checks = [
@@ -278,14 +279,14 @@ class Soak:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""
-        whole, bare, monitor = self.whole, self.bare, self.whole.monitor
+        whole, bare, seen = self.whole, self.bare, self.whole.attendant
         return {
             "holds": self.holds,
             "checks": [asdict(check) for check in self.checks],
             "latency": self.latency,
             "memory": None if self.growth is None else self.growth.to_json(),
-            "samples": [asdict(sample) for sample in monitor.samples],
-            "metrics": {name: value for name, value in monitor.metrics.items() if "tokt_" in name},
+            "samples": seen.samples,
+            "metrics": {name: value for name, value in seen.metrics.items() if "tokt_" in name},
             "summary": whole.summary,
             "happened": whole.happened,
             "heard": whole.heard,
