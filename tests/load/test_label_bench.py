@@ -15,16 +15,15 @@ import pytest
 from tests.load.effort.effort import LabellingEffort
 from tests.load.effort.session import Workflow
 from tests.load.page.bench import label_report
-from tests.load.page.browser import chromium
 from tests.load.page.chart import label_chart_png
 from tests.load.page.mission import label_all, link_frames
+from tests.load.page.tab import chromium
 from tests.load.program import label_server
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import LabelStore
 
-from .report import print_report
-from .timing import WORST, Timing
+from .report import WORST, Timing, print_report
 
 TIMES = [
     "first_page",

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis.extra import numpy as npst
 
-from tests.load.effort.effort import WAYS, Person, wrong_labels
+from tests.load.effort.effort import WAYS, label_on_page, wrong_labels
 from tests.load.effort.halves import (
     labels_by_frame,
     most_frequent_obstacle,
@@ -21,8 +21,8 @@ from tests.load.effort.halves import (
     two_halves,
 )
 from tests.load.effort.session import FREE, drags
-from tests.load.page.browser import chromium
 from tests.load.page.mission import copy_frames
+from tests.load.page.tab import chromium
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
@@ -117,9 +117,9 @@ def test_few_actions_in_the_browser_give_the_labels(
     target = target_of(labels_by_frame(records), HELD, workflow.unsure)
     copy_frames(open_mission(tiny.path), HELD, tmp_path / "held")
     model = tiny_bundle if suggested else None
-    person = Person(browser, tmp_path / "held", tmp_path / "ws", model, "subsea_installation")
+    places, who = (tmp_path / "held", tmp_path / "ws"), (workflow, model, "subsea_installation")
     # As many as the best of all plans had, when one was looked for beforehand.
-    assert len(HELD) < person.label(target, workflow) <= most
+    assert len(HELD) < label_on_page(browser, *places, target, *who) <= most
     assert wrong_labels(tmp_path / "ws", target) == []
 
 

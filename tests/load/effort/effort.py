@@ -159,8 +159,8 @@ class EffortBench:
             for model, counts in ((None, effort.without), (bundle, effort.with_model)):
                 words = "without suggestions" if model is None else "with suggestions"
                 workspace = folder / f"{effort.way.name} {words}"
-                person = Person(browser, copied, workspace, model, self._obstacle)
-                counts.append(person.label(target, effort.way))
+                who = (effort.way, model, self._obstacle)
+                counts.append(label_on_page(browser, copied, workspace, target, *who))
                 effort.wrong += [f"{words}: {text}" for text in wrong_labels(workspace, target)]
         said = Counter(label for number in held for label in self._labels[number])
         return {
@@ -180,37 +180,37 @@ class EffortBench:
         return held[first : first + most]
 
 
-@dataclass(frozen=True)
-class Person:
-    """Somebody who labels a mission in a browser, from the start.
+def label_on_page(
+    browser: Browser,
+    mission: Path,
+    workspace: Path,
+    target: Target,
+    way: Workflow,
+    model: Path | None,
+    obstacle: str,
+) -> int:
+    """Give all frames of a mission their labels in the browser; the number of actions.
 
     Parameters
     ----------
     browser : Browser
     mission, workspace : Path
+    target : Target
+    way : Workflow
     model : Path or None
         The bundle that suggests labels.
     obstacle : str
         The class that its "obstacle" stands for.
     """
-
-    browser: Browser
-    mission: Path
-    workspace: Path
-    model: Path | None
-    obstacle: str
-
-    def label(self, target: Target, way: Workflow) -> int:
-        """Give all frames these labels; the number of actions."""
-        options = ["--annotator", _ANNOTATOR]
-        options += [] if self.model is None else ["--model", str(self.model)]
-        settings = {"confidence": 0, "follow": FOLLOW, "obstacleAs": self.obstacle}
-        with label_server(self.mission, self.workspace, options) as url:
-            tab = Tab(self.browser, url, settings)
-            tab.open(f"#/label/left/{next(iter(target))}")
-            actions = LabelSession(tab, target, way, self.model is not None).run()
-            tab.close()
-        return actions
+    options = ["--annotator", _ANNOTATOR]
+    options += [] if model is None else ["--model", str(model)]
+    settings = {"confidence": 0, "follow": FOLLOW, "obstacleAs": obstacle}
+    with label_server(mission, workspace, options) as url:
+        tab = Tab(browser, url, settings)
+        tab.open(f"#/label/left/{next(iter(target))}")
+        actions = LabelSession(tab, target, way, model is not None).run()
+        tab.close()
+    return actions
 
 
 def wrong_labels(workspace: Path, target: Target) -> list[str]:

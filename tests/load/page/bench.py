@@ -18,13 +18,14 @@ from tests.load.report import (
     FOLD,
     LEFT,
     RIGHT,
+    WORST,
+    Timing,
     check_folder,
     machine_words,
     table,
     write_json,
     yes_or_no,
 )
-from tests.load.timing import WORST, Timing
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
@@ -36,10 +37,9 @@ from tokt.labels.taxonomy import Taxonomy
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 
-from .browser import chromium
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
-from .tab import HEIGHT, WIDTH, Tab
+from .tab import HEIGHT, WIDTH, Tab, chromium
 from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ import cv2
 import psutil
 
 from tests.load.program import ended, program
-from tests.load.timing import WORST, Timing
+from tests.load.report import WORST, Timing
 from tokt.features.common.errors import ToktError
 from tokt.inference.monitoring.watchdog import WatchdogTimeouts
 from tokt.inference.outputs.udp import decode

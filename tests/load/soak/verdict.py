@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from tests.load.timing import WORST, Timing
+from tests.load.report import WORST, Timing
 from tokt.inference.config import Limits
 from tokt.inference.runtime import TICK_S
 
