@@ -130,41 +130,35 @@ def measure_page(
     long = folder / "long"
     link_frames(folder / "pictures" / "Left", long, extent.frames)
     say("-- the page without labels")
-    times = _without_labels(long, folder / "empty", extent, browser)
+    times = _page_times(long, folder / "empty", extent, browser)
     full = folder / "full"
     count = label_all(full / FILE_NAME, long.name, extent.frames, _ANNOTATOR, progress)
     say(f"-- the page with {count:,} labels")
-    return times + _with_labels(long, full, f"; {count:,} labels in the store", extent, browser)
+    of = f"; {count:,} labels in the store"
+    return times + _page_times(long, full, extent, browser, "_labelled", of)
 
 
-def _without_labels(
-    mission: Path, workspace: Path, extent: PageBenchSize, browser: Browser
+def _page_times(
+    mission: Path,
+    workspace: Path,
+    extent: PageBenchSize,
+    browser: Browser,
+    suffix: str = "",
+    of: str = "",
 ) -> list[Timing]:
+    """The times on a mission; where labels make no difference only without, thus no `suffix`."""
     repeats = extent.repeats
-    names = Taxonomy.load().names
-    with label_server(mission, workspace, ["--annotator", _ANNOTATOR]) as url:
-        times = [first_page(browser, url, repeats, "", "")]
-        tab = Tab(browser, url)
-        tab.open(FIRST_FRAME)
-        times += stepping(tab, repeats, "", "")
-        times.append(jumps(tab, extent.frames, repeats))
-        times += acknowledging(tab, range(DEFAULT_GRID.n_patches), repeats, "", "")
-        tab.close()
-        times.append(live_update(browser, url, names, repeats))
-    return times
-
-
-def _with_labels(
-    mission: Path, workspace: Path, of: str, extent: PageBenchSize, browser: Browser
-) -> list[Timing]:
-    repeats, suffix = extent.repeats, "_labelled"
     with label_server(mission, workspace, ["--annotator", _ANNOTATOR]) as url:
         times = [first_page(browser, url, repeats, suffix, of)]
         tab = Tab(browser, url)
         tab.open(FIRST_FRAME)
         times += stepping(tab, repeats, suffix, of)
+        if not suffix:
+            times.append(jumps(tab, extent.frames, repeats))
         times += acknowledging(tab, range(DEFAULT_GRID.n_patches), repeats, suffix, of)
         tab.close()
+        if not suffix:
+            times.append(live_update(browser, url, Taxonomy.load().names, repeats))
     return times
 
 
