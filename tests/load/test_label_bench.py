@@ -12,18 +12,18 @@ from typing import Any
 import cv2
 import pytest
 
-from tests.load.effort.person import LabellingEffort, Workflow
-from tests.load.effort.plan import Tools
-from tests.load.page.bench import print_label_tables
-from tests.load.page.browser import chromium
+from tests.load.effort.effort import LabellingEffort
+from tests.load.effort.session import Workflow
+from tests.load.page.bench import label_report
 from tests.load.page.chart import label_chart_png
 from tests.load.page.mission import label_all, link_frames
-from tests.load.page.server import label_server
+from tests.load.page.tab import chromium
+from tests.load.program import label_server
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import LabelStore
 
-from .timing import WORST, Timing
+from .report import WORST, Timing, print_report
 
 TIMES = [
     "first_page",
@@ -79,7 +79,7 @@ def test_a_time_is_held_against_what_is_asked() -> None:
 
 
 def an_effort(with_model: int, wrong: list[str]) -> LabellingEffort:
-    way = Workflow("clicks", "a click a patch", Tools(False, False, True), unsure=False, asked=5.0)
+    way = Workflow("clicks", "a click a patch", True, False, unsure=False, asked=5.0)
     return LabellingEffort(way, [60, 40], [with_model, 10], wrong)
 
 
@@ -92,7 +92,7 @@ def test_the_effort_is_added_up_over_the_halves() -> None:
 def test_tables_and_chart_say_what_is_not_kept(capsys: pytest.CaptureFixture[str]) -> None:
     times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
     efforts = [an_effort(30, ["frame 1 patch 2: ocean instead of reef"])]
-    print_label_tables(times, efforts, ABOUT)
+    print_report(label_report(times, efforts, ABOUT))
     shown = capsys.readouterr().out
     assert "p95 100" in shown and shown.count(" NO ") == 3
     assert "2.5x" in shown and "60 + 40" in shown and "ocean instead of reef" in shown

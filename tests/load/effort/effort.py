@@ -3,37 +3,96 @@
 from __future__ import annotations
 
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tests.load.page.mission import copy_frames
+from tests.load.page.tab import Tab
+from tests.load.program import label_server
+from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, Mission, format_frames
 from tokt.labels.record import LabelRecord
-from tokt.labels.taxonomy import Taxonomy
+from tokt.labels.store.store import FILE_NAME, LabelStore
+from tokt.labels.taxonomy import UNSURE, Taxonomy
 
-from .halves import Half, choose_keep, labelled, train_on, two_halves
-from .person import LabellingEffort, Person, Workflow
-from .plan import Tools
+from .halves import (
+    Half,
+    labels_by_frame,
+    most_frequent_obstacle,
+    target_of,
+    train_on,
+    two_halves,
+)
+from .session import FREE, LabelSession, Target, Workflow
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-ASKED = 5.0
-"""So many times fewer actions with suggestions."""
-_CLICKS = Tools(drags=False, copying=False, sheet=True)
-_IN_FRAMES = Tools(drags=False, copying=False, sheet=False)
-_EVERYTHING = Tools(drags=True, copying=True, sheet=True)
-WAYS = (
-    Workflow("clicks", "a click a patch, contact sheet", _CLICKS, unsure=False, asked=ASKED),
-    Workflow("clicks_unsure", "the same, unsure ones too", _CLICKS, unsure=True),
-    Workflow("frames", "a click a patch, frame by frame", _IN_FRAMES, unsure=False),
-    Workflow("frames_unsure", "the same, unsure ones too", _IN_FRAMES, unsure=True),
-    Workflow("drags", "a drag is one action, all tools", _EVERYTHING, unsure=False),
-    Workflow("drags_unsure", "the same, unsure ones too", _EVERYTHING, unsure=True),
+WAYS = tuple(
+    Workflow(name + ("_unsure" if unsure else ""), words, sheet, drags, unsure, asked)
+    for name, sheet, drags, first in (
+        ("clicks", True, False, "a click a patch, contact sheet"),
+        ("frames", False, False, "a click a patch, frame by frame"),
+        ("drags", True, True, "a drag is one action, all tools"),
+    )
+    for unsure, words, asked in (
+        (False, first, 5.0 if name == "clicks" else None),
+        (True, "the same, unsure ones too", None),
+    )
 )
+FOLLOW = 2.0
+"""How long to keep what held in the frame before: as the page does unless it is told."""
+_LISTED = 5
+_ANNOTATOR = "bench"
+
+
+@dataclass
+class LabellingEffort:
+    """Actions of one way, added up over the halves.
+
+    Parameters
+    ----------
+    way : Workflow
+    without, with_model : list of int
+        Keys, clicks and drags for each half.
+    wrong : list of str
+        Patches whose stored label is not the one asked for, after the actions were performed.
+    """
+
+    way: Workflow
+    without: list[int] = field(default_factory=list)
+    with_model: list[int] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+
+    @property
+    def ratio(self) -> float:
+        """How many times fewer actions suggestions need."""
+        return sum(self.without) / sum(self.with_model)
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether it is as many times fewer as asked; None where nothing is asked."""
+        return None if self.way.asked is None else self.ratio >= self.way.asked
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return {
+            "name": self.way.name,
+            "way": self.way.words,
+            "unsure_reproduced": self.way.unsure,
+            "without": self.without,
+            "with": self.with_model,
+            "ratio": self.ratio,
+            "asked": self.way.asked,
+            "holds": self.holds,
+            "labels_equal": not self.wrong,
+            "wrong": self.wrong,
+        }
 
 
 class EffortBench:
@@ -61,7 +120,8 @@ class EffortBench:
     ) -> None:
         self._mission = mission
         self._records = [record for record in records if record.camera == LEFT]
-        self._table = labelled(self._records, Taxonomy.load())
+        self._labels = labels_by_frame(records)
+        self._obstacle = most_frequent_obstacle(self._labels)
         self._most, self._ways, self._count = most, ways, halves
 
     def run(
@@ -76,9 +136,10 @@ class EffortBench:
         """
         efforts = [LabellingEffort(way) for way in self._ways]
         about = []
-        for half in two_halves(self._table.numbers)[: self._count]:
+        for half in two_halves(list(self._labels))[: self._count]:
+            say(f"-- train on {len(half.learnt)} frames, label {len(half.held)}")
             with tempfile.TemporaryDirectory(prefix="tokt-effort-") as name:
-                about.append(self._label_half(half, Path(name), efforts, browser, progress, say))
+                about.append(self._label_half(half, Path(name), efforts, browser, progress))
         return efforts, about
 
     def _label_half(
@@ -88,34 +149,80 @@ class EffortBench:
         efforts: Sequence[LabellingEffort],
         browser: Browser,
         progress: Callable[..., Any],
-        say: Callable[[str], None],
     ) -> dict[str, Any]:
-        say(f"-- train on {len(half.learnt)} frames, label {len(half.held)}")
-        trained, bundle = train_on(self._mission, self._records, half, folder, progress)
+        extractor, bundle = train_on(self._mission, self._records, half, folder, progress)
         held = half.held if self._most is None else self._around_obstacles(half.held, self._most)
-        target = folder / "held"
-        copy_frames(self._mission, held, target)
-        person = Person(browser, target, folder, held, self._table)
-        keep = choose_keep(trained, self._table, _CLICKS, person.sheet_frames())
+        copied = folder / "held"
+        copy_frames(self._mission, held, copied)
         for effort in progress(efforts, len(efforts), "label"):
-            effort.without.append(person.label(effort, None, keep))
-            effort.with_model.append(person.label(effort, bundle, keep))
-        rows = self._table.target(held, unsure=True)
+            target = target_of(self._labels, held, effort.way.unsure)
+            for model, counts in ((None, effort.without), (bundle, effort.with_model)):
+                words = "without suggestions" if model is None else "with suggestions"
+                workspace = folder / f"{effort.way.name} {words}"
+                who = (effort.way, model, self._obstacle)
+                counts.append(label_on_page(browser, copied, workspace, target, *who))
+                effort.wrong += [f"{words}: {text}" for text in wrong_labels(workspace, target)]
+        said = Counter(label for number in held for label in self._labels[number])
         return {
             "trained_on": format_frames(half.learnt),
             "held_out": format_frames(held),
             "gap_frames": half.gap,
-            "model": trained.request.extractor_name,
-            "keep": keep,
-            "patches": {
-                name: int((rows == index).sum()) for index, name in enumerate(self._table.names)
-            },
+            "model": extractor,
+            "keep": FOLLOW,
+            "patches": {name: said[name] for name in (*Taxonomy.load().names, UNSURE)},
         }
 
     def _around_obstacles(self, held: list[int], most: int) -> list[int]:
         """Some frames in a row in which something is to be seen."""
-        rows = self._table.rows(held)
-        counts = (rows == self._table.kinds.obstacle).sum(axis=1)
+        counts = [self._labels[number].count(self._obstacle) for number in held]
         sums = np.convolve(counts, np.ones(most), "valid")
-        first = int(sums.argmax()) if len(sums) else 0
+        first = int(sums.argmax()) if len(held) >= most else 0
         return held[first : first + most]
+
+
+def label_on_page(
+    browser: Browser,
+    mission: Path,
+    workspace: Path,
+    target: Target,
+    way: Workflow,
+    model: Path | None,
+    obstacle: str,
+) -> int:
+    """Give all frames of a mission their labels in the browser; the number of actions.
+
+    Parameters
+    ----------
+    browser : Browser
+    mission, workspace : Path
+    target : Target
+    way : Workflow
+    model : Path or None
+        The bundle that suggests labels.
+    obstacle : str
+        The class that its "obstacle" stands for.
+    """
+    options = ["--annotator", _ANNOTATOR]
+    options += [] if model is None else ["--model", str(model)]
+    settings = {"confidence": 0, "follow": FOLLOW, "obstacleAs": obstacle}
+    with label_server(mission, workspace, options) as url:
+        tab = Tab(browser, url, settings)
+        tab.open(f"#/label/left/{next(iter(target))}")
+        actions = LabelSession(tab, target, way, model is not None).run()
+        tab.close()
+    return actions
+
+
+def wrong_labels(workspace: Path, target: Target) -> list[str]:
+    """What a workspace's store holds and should not, or holds not and should."""
+    with LabelStore(workspace / FILE_NAME, create=False) as store:
+        held = labels_by_frame(store.current())
+    nothing = [None] * DEFAULT_GRID.n_patches
+    wrong = [
+        f"frame {number} patch {cell}: {said or 'nothing'} instead of {want}"
+        for number, labels in target.items()
+        for cell, (want, said) in enumerate(zip(labels, held.get(number, nothing), strict=True))
+        if want is not FREE and said != want
+    ]
+    more = [f"and {len(wrong) - _LISTED} more"] if len(wrong) > _LISTED else []
+    return wrong[:_LISTED] + more

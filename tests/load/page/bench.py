@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-import json
-import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from tests.load.effort.effort import WAYS, EffortBench
-from tests.load.effort.person import LabellingEffort, Workflow
-from tests.load.timing import WORST, Timing
+from tests.load.effort.effort import WAYS, EffortBench, LabellingEffort
+from tests.load.effort.session import Workflow
+from tests.load.program import label_server
+from tests.load.report import (
+    FOLD,
+    LEFT,
+    RIGHT,
+    WORST,
+    Timing,
+    check_folder,
+    machine_words,
+    table,
+    write_json,
+    yes_or_no,
+)
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
@@ -29,16 +37,15 @@ from tokt.labels.taxonomy import Taxonomy
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 
-from .browser import chromium
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
-from .server import label_server
-from .tab import HEIGHT, WIDTH, Tab
+from .tab import HEIGHT, WIDTH, Tab, chromium
 from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+TIMES, EFFORT = "times", "effort"
 LABEL_FILE = "labels.csv"
 MAX_PICTURES = 300
 """So many different pictures at most, each linked to over and over."""
@@ -123,41 +130,35 @@ def measure_page(
     long = folder / "long"
     link_frames(folder / "pictures" / "Left", long, extent.frames)
     say("-- the page without labels")
-    times = _without_labels(long, folder / "empty", extent, browser)
+    times = _page_times(long, folder / "empty", extent, browser)
     full = folder / "full"
     count = label_all(full / FILE_NAME, long.name, extent.frames, _ANNOTATOR, progress)
     say(f"-- the page with {count:,} labels")
-    return times + _with_labels(long, full, f"; {count:,} labels in the store", extent, browser)
+    of = f"; {count:,} labels in the store"
+    return times + _page_times(long, full, extent, browser, "_labelled", of)
 
 
-def _without_labels(
-    mission: Path, workspace: Path, extent: PageBenchSize, browser: Browser
+def _page_times(
+    mission: Path,
+    workspace: Path,
+    extent: PageBenchSize,
+    browser: Browser,
+    suffix: str = "",
+    of: str = "",
 ) -> list[Timing]:
+    """The times on a mission; where labels make no difference only without, thus no `suffix`."""
     repeats = extent.repeats
-    names = Taxonomy.load().names
-    with label_server(mission, workspace, ["--annotator", _ANNOTATOR]) as url:
-        times = [first_page(browser, url, repeats, "", "")]
-        tab = Tab(browser, url)
-        tab.open(FIRST_FRAME)
-        times += stepping(tab, repeats, "", "")
-        times.append(jumps(tab, extent.frames, repeats))
-        times += acknowledging(tab, range(DEFAULT_GRID.n_patches), repeats, "", "")
-        tab.close()
-        times.append(live_update(browser, url, names, repeats))
-    return times
-
-
-def _with_labels(
-    mission: Path, workspace: Path, of: str, extent: PageBenchSize, browser: Browser
-) -> list[Timing]:
-    repeats, suffix = extent.repeats, "_labelled"
     with label_server(mission, workspace, ["--annotator", _ANNOTATOR]) as url:
         times = [first_page(browser, url, repeats, suffix, of)]
         tab = Tab(browser, url)
         tab.open(FIRST_FRAME)
         times += stepping(tab, repeats, suffix, of)
+        if not suffix:
+            times.append(jumps(tab, extent.frames, repeats))
         times += acknowledging(tab, range(DEFAULT_GRID.n_patches), repeats, suffix, of)
         tab.close()
+        if not suffix:
+            times.append(live_update(browser, url, Taxonomy.load().names, repeats))
     return times
 
 
@@ -170,30 +171,28 @@ def _records(mission: Mission, labels: Path | None) -> list[LabelRecord]:
     return labels_of_mission(mission, read, DEFAULT_GRID, only=True)[0]
 
 
-@dataclass(frozen=True)
-class LabelRequest:
-    """The measurements to make, and the mission for them.
+def run_label_bench(
+    out: Path,
+    mission: Path | None,
+    labels: Path | None,
+    extent: PageBenchSize,
+    parts: Collection[str],
+    progress: Progress,
+    say: Say,
+) -> LabelBench:
+    """Measure the labelling page and write ``label.json`` and ``label.png`` into `out`.
 
     Parameters
     ----------
+    out : Path
     mission : Path or None
         None for one that is rendered for it and thrown away.
     labels : Path or None
         Its label file; by default ``labels.csv`` in the mission's folder.
     extent : PageBenchSize
-    times, effort : bool
-        Which of the two parts.
-    """
-
-    mission: Path | None
-    labels: Path | None
-    extent: PageBenchSize
-    times: bool
-    effort: bool
-
-
-def run_label_bench(out: Path, request: LabelRequest, progress: Progress, say: Say) -> LabelBench:
-    """Measure the labelling page and write ``label.json`` and ``label.png`` into `out`.
+    parts : collection of str
+        `TIMES`, `EFFORT`: which are measured.
+    progress, say : callable
 
     Raises
     ------
@@ -201,124 +200,97 @@ def run_label_bench(out: Path, request: LabelRequest, progress: Progress, say: S
         If the mission or its labels cannot be used, there is no browser to measure with, or the
         page does not answer.
     """
-    if request.labels is not None and request.mission is None:
+    if labels is not None and mission is None:
         raise ToktError("--labels goes together with --mission")
-    if out.exists() and not out.is_dir():
-        raise ToktError(f"{out} is not a folder; choose another with --out")
-    with tempfile.TemporaryDirectory(prefix="tokt-bench-") as name, chromium() as browser:
-        found = _measure(request, Path(name), browser, progress, say)
-    text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
-    atomic.write_text(out / "label.json", text + "\n")
-    atomic.write_bytes(out / "label.png", label_chart_png(found.times, found.efforts, found.about))
-    return found
-
-
-def _measure(
-    request: LabelRequest, folder: Path, browser: Browser, progress: Progress, say: Say
-) -> LabelBench:
-    extent, path, shown_as = request.extent, request.mission, "rendered"
-    if path is None:
-        say("-- render a mission")
-        path = folder / "rendered"
-        simulate_mission(path, n_frames=extent.rendered, width=extent.width, progress=progress)
-    else:
-        shown_as = path.resolve().name
-    mission = open_mission(path)
+    check_folder(out)
     times: list[Timing] = []
     efforts: list[LabellingEffort] = []
     halves: list[dict[str, Any]] = []
-    if request.effort:
-        records = _records(mission, request.labels)
-        bench = EffortBench(mission, records, extent.held, extent.ways, extent.halves)
-        efforts, halves = bench.run(browser, progress, say)
-    if request.times:
-        times = measure_page(mission, extent, folder, browser, progress, say)
+    with tempfile.TemporaryDirectory(prefix="tokt-bench-") as name, chromium() as browser:
+        folder = Path(name)
+        if mission is None:
+            say("-- render a mission")
+            simulate_mission(
+                folder / "rendered",
+                n_frames=extent.rendered,
+                width=extent.width,
+                progress=progress,
+            )
+        shown = open_mission(mission or folder / "rendered")
+        if EFFORT in parts:
+            records = _records(shown, labels)
+            bench = EffortBench(shown, records, extent.held, extent.ways, extent.halves)
+            efforts, halves = bench.run(browser, progress, say)
+        if TIMES in parts:
+            times = measure_page(shown, extent, folder, browser, progress, say)
+        browser_name = f"Chromium {browser.version}, headless, {WIDTH}x{HEIGHT}"
     about = {
         "machine": machine(),
-        "browser": f"Chromium {browser.version}, headless, {WIDTH}x{HEIGHT}",
+        "browser": browser_name,
         "playwright": version("playwright"),
-        "mission": shown_as,
-        "frames": extent.frames if request.times else None,
+        "mission": "rendered" if mission is None else mission.resolve().name,
+        "frames": extent.frames if TIMES in parts else None,
         "halves": halves,
     }
-    return LabelBench(times, efforts, about)
+    found = LabelBench(times, efforts, about)
+    write_json(out / "label.json", found.to_json())
+    atomic.write_bytes(out / "label.png", label_chart_png(times, efforts, about))
+    return found
 
 
-_PLAIN_WIDTH = 170
-
-
-def verdict(holds: bool | None) -> str:
-    """Whether what was asked is kept, in a word."""
-    return {True: "yes", False: "NO", None: ""}[holds]
-
-
-def print_label_tables(
+def label_report(
     times: Sequence[Timing], efforts: Sequence[LabellingEffort], about: Mapping[str, Any]
-) -> None:
-    """Print what was found on standard output, as wide as the terminal or as plain text."""
-    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
-    if times:
-        console.print(_table_of_times(times))
-    if efforts:
-        console.print(_table_of_efforts(efforts))
-    for line in _about_lines(about):
-        console.print(line, markup=False)
-    for effort in efforts:
-        for text in effort.wrong:
-            console.print(f"{effort.way.name}: {text}", markup=False)
+) -> list[Table | str]:
+    """What was found, to be printed."""
+    frames = f", {about['frames']} frames of links to it" if about["frames"] else ""
+    return [
+        *([_table_of_times(times)] if times else []),
+        *([_table_of_efforts(efforts)] if efforts else []),
+        *(
+            f"effort, half {place}: {half['model']} model of frames {half['trained_on']}, labelled "
+            f"{half['held_out']}; suggestions follow {half['keep']:g} (as the page is set)"
+            for place, half in enumerate(about["halves"], 1)
+        ),
+        f"mission: {about['mission']}{frames}; {about['browser']}",
+        machine_words(about),
+        *(f"{effort.way.name}: {text}" for effort in efforts for text in effort.wrong),
+    ]
 
 
-def _table(headings: Sequence[str]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column(headings[0], no_wrap=True)
-    for heading in headings[1:]:
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("", overflow="fold")
-    return table
+def _columns(*headings: str) -> dict[str, dict[str, Any]]:
+    return {headings[0]: LEFT} | dict.fromkeys(headings[1:], RIGHT) | {"": FOLD}
 
 
 def _table_of_times(times: Sequence[Timing]) -> Table:
-    table = _table(("ms", "p50", "p95", "worst", "asked", "kept", "n"))
+    rows = []
     for time in times:
         of = "worst" if time.percentile == WORST else f"p{time.percentile}"
-        table.add_row(
-            time.name,
-            *(f"{time.at(percentile):.1f}" for percentile in (50, 95, WORST)),
-            "" if time.asked_ms is None else f"{of} {time.asked_ms:g}",
-            verdict(time.holds),
-            str(len(time.times_ms)),
-            time.what,
+        rows.append(
+            (
+                time.name,
+                *(f"{time.at(percentile):.1f}" for percentile in (50, 95, WORST)),
+                "" if time.asked_ms is None else f"{of} {time.asked_ms:g}",
+                yes_or_no(time.holds),
+                str(len(time.times_ms)),
+                time.what,
+            )
         )
-    return table
+    return table(_columns("ms", "p50", "p95", "worst", "asked", "kept", "n"), rows)
 
 
 def _table_of_efforts(efforts: Sequence[LabellingEffort]) -> Table:
-    table = _table(("actions", "without", "with", "ratio", "asked", "kept", "labels equal"))
-    for effort in efforts:
-        table.add_row(
+    headings = ("actions", "without", "with", "ratio", "asked", "kept", "labels equal")
+    rows = [
+        (
             effort.way.name,
             " + ".join(map(str, effort.without)),
             " + ".join(map(str, effort.with_model)),
             f"{effort.ratio:.1f}x",
             "" if effort.way.asked is None else f"{effort.way.asked:g}x",
-            verdict(effort.holds),
-            verdict(not effort.wrong),
+            yes_or_no(effort.holds),
+            yes_or_no(not effort.wrong),
             effort.way.words,
         )
-    return table
-
-
-def _about_lines(about: Mapping[str, Any]) -> list[str]:
-    """What was measured on what, in sentences."""
-    lines = [
-        f"effort, half {place}: {half['model']} model of frames {half['trained_on']}, "
-        f"labelled {half['held_out']}; suggestions follow {half['keep']:g} (chosen where it learnt)"
-        for place, half in enumerate(about["halves"], 1)
+        for effort in efforts
     ]
-    frames = f", {about['frames']} frames of links to it" if about["frames"] else ""
-    computer = about["machine"]
-    lines.append(f"mission: {about['mission']}{frames}; {about['browser']}")
-    lines.append(
-        f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}"
-    )
-    return lines
+    return table(_columns(*headings), rows)

@@ -7,8 +7,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from tests.load.effort.person import LabellingEffort
-from tests.load.timing import Timing
+from tests.load.effort.effort import LabellingEffort
+from tests.load.report import Timing
 from tokt.training.evaluation.pictures import figure_png
 
 _KEPT, _MISSED, _WITHOUT, _ASKED = "#3b75af", "#c44e52", "#a0a0a0", "#dd8452"

@@ -1,9 +1,13 @@
-"""One tab of the labelling page in a headless browser, as a person's hand and eye use it."""
+"""A tab of the labelling page in a headless Chromium, as a person's hand and eye use it."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tokt.features.common.errors import ToktError
@@ -154,8 +158,8 @@ class Tab:
         """Click the middle of a patch of the frame shown."""
         self.page.mouse.click(*self.middle_of(cell))
 
-    def until(self, script: str, arg: Any = None) -> None:
-        """Wait until a script, which may be asynchronous, says true.
+    def until(self, script: str, arg: Any = None) -> Any:
+        """Wait until a script, which may be asynchronous, gives something true, and return it.
 
         Raises
         ------
@@ -163,11 +167,54 @@ class Tab:
             If it does not for long.
         """
         last = time.monotonic() + _MAX_MS / 1000
-        while not self.page.evaluate(script, arg):
+        while not (found := self.page.evaluate(script, arg)):
             if time.monotonic() > last:
                 raise ToktError(f"the page did not get so far in {_MAX_MS // 1000} s: {script}")
             time.sleep(_LOOK_EVERY_S)
+        return found
 
     def wait_until_saved(self) -> None:
         """Wait until the page says that everything is saved."""
         self.until(_SAVED)
+
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-background-timer-throttling",
+    "--disable-renderer-backgrounding",
+    "--disable-backgrounding-occluded-windows",
+)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A headless browser: the system's Chromium, or else the one Playwright fetched.
+
+    Raises
+    ------
+    ToktError
+        If Playwright or a Chromium is missing.
+    """
+    try:
+        from playwright.sync_api import sync_playwright
+    except ModuleNotFoundError:
+        raise ToktError(
+            "measuring the page needs Playwright (pip install playwright, or tokt's extra dev)"
+        ) from None
+    with sync_playwright() as playwright:
+        own = Path(playwright.chromium.executable_path)
+        found = next((path for path in map(shutil.which, _NAMES) if path), None)
+        if found is None and not own.is_file():
+            raise ToktError(
+                "no Chromium here (apt install chromium, or playwright install chromium)"
+            )
+        browser = playwright.chromium.launch(executable_path=found or own, args=list(_ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()

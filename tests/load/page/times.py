@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from tests.load.timing import WORST, Timing
+from tests.load.report import WORST, Timing
 
 from .tab import ACK, FRAME, Tab
 

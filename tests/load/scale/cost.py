@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import subprocess
-import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import IO, Any
+from tempfile import TemporaryFile
+from typing import Any
 
+import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 
@@ -43,62 +45,40 @@ class Cost:
 
 
 def watched(command: Sequence[str]) -> list[Cost]:
-    """Run a program that prints ``{"begin": STEP}`` and then ``{"seconds": ...}`` for each step.
+    """Run a program that prints ``{"step": NAME, "began": ..., "ended": ...}`` after each step.
+
+    Its times are of `time.monotonic`; what else is in the line are the step's facts.
 
     Raises
     ------
     ToktError
         If it ends with an error; its own last words are passed on.
     """
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    steps = _Steps()
-    errors: list[str] = []
-    readers = [
-        threading.Thread(target=steps.read, args=(process.stdout,)),
-        threading.Thread(target=lambda pipe: errors.extend(pipe), args=(process.stderr,)),
-    ]
-    for reader in readers:
-        reader.start()
-    try:
-        while process.poll() is None:
-            steps.saw(*_usage(process.pid))
-            time.sleep(_POLL_S)
-    finally:
-        process.kill()
-        process.wait()
-        for reader in readers:
-            reader.join()
+    usage = [(0.0, 0, 0.0)]
+    with TemporaryFile("w+") as said, TemporaryFile("w+") as errors:
+        process = subprocess.Popen(command, stdout=said, stderr=errors)
+        try:
+            while process.poll() is None:
+                usage.append((time.monotonic(), *_usage(process.pid)))
+                time.sleep(_POLL_S)
+        finally:
+            process.kill()
+            process.wait()
+        said.seek(0)
+        errors.seek(0)
+        steps = [json.loads(line) for line in said]
+        last = (errors.readlines() or ["no message"])[-1].strip()
     if process.returncode:
-        last = (errors or ["no message"])[-1].strip()
         raise ToktError(f"a step of the measurement ended with code {process.returncode}: {last}")
-    return steps.costs
+    return [_cost(np.array(usage), **step) for step in steps]
 
 
-class _Steps:
-    """The steps a program told of, and what was seen in each."""
-
-    def __init__(self) -> None:
-        self.costs: list[Cost] = []
-        self._now = ""
-        self._resident, self._cpu_s, self._cpu_s_before = 0, 0.0, 0.0
-
-    def read(self, lines: IO[str]) -> None:
-        """Follow the program until it ends."""
-        for line in lines:
-            said = json.loads(line)
-            if "begin" in said:
-                self._now, self._resident = said["begin"], 0
-                self._cpu_s_before = self._cpu_s
-                continue
-            cpu_s = self._cpu_s - self._cpu_s_before
-            self.costs.append(
-                Cost(self._now, said.pop("seconds"), cpu_s, self._resident / 1e6, said)
-            )
-
-    def saw(self, resident: int, cpu_s: float) -> None:
-        """Take note of the memory in use now, and of the processor time so far."""
-        self._resident = max(self._resident, resident)
-        self._cpu_s = max(self._cpu_s, cpu_s)
+def _cost(usage: NDArray[np.float64], step: str, began: float, ended: float, **facts: Any) -> Cost:
+    """The cost of one step, given what was in use at which time."""
+    at, resident, cpu_s = usage.T
+    used_s = cpu_s[at <= ended].max() - cpu_s[at <= began].max()
+    peak = resident[(began <= at) & (at <= ended)].max(initial=0)
+    return Cost(step, ended - began, float(used_s), float(peak) / 1e6, facts)
 
 
 def _usage(pid: int) -> tuple[int, float]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tokt.features.frames.mission import LEFT, open_mission
@@ -49,7 +49,7 @@ class ScaleMission:
         rendered = open_mission(dive)
         self.path = folder / NAME
         self._pictures = [_gray(rendered.read(number)) for number in rendered.frames(LEFT)]
-        self._labels = _labels_by_frame(dive / "labels.csv")
+        self._labels = pd.read_csv(dive / "labels.csv")
         height, wide = self._pictures[0].shape
         rng = np.random.default_rng(0)
         size = (2, height + _SHIFTS, wide + _SHIFTS)
@@ -79,28 +79,14 @@ class ScaleMission:
 
     def write_labels(self, path: Path, count: int) -> int:
         """Write a label file of frames 1 to `count`; how many patches it labels."""
-        rows = list(self._rows(count))
-        with path.open("w", newline="", encoding="utf-8") as handle:
-            writer = csv.writer(handle, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            writer.writerows(rows)
+        story = len(self._pictures)
+        rows = pd.concat(
+            self._labels[self._labels.frame == number % story + 1].assign(frame=number + 1)
+            for number in range(count)
+        )
+        rows.assign(mission=NAME)[list(COLUMNS)].to_csv(path, index=False, lineterminator="\n")
         return len(rows)
-
-    def _rows(self, count: int) -> Iterator[tuple[object, ...]]:
-        for number in range(1, count + 1):
-            for row, col, label in self._labels[(number - 1) % len(self._labels)]:
-                yield NAME, LEFT, number, row, col, label
 
 
 def _gray(image: Image) -> Image:
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-
-
-def _labels_by_frame(path: Path) -> list[list[tuple[str, str, str]]]:
-    """Row, column and label of each patch, frame by frame."""
-    found: dict[int, list[tuple[str, str, str]]] = {}
-    with path.open(newline="", encoding="utf-8") as handle:
-        for line in csv.DictReader(handle):
-            patch = (line["row"], line["col"], line["label"])
-            found.setdefault(int(line["frame"]), []).append(patch)
-    return [found[number] for number in sorted(found)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 import tempfile
@@ -12,11 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from tokt.features.common import atomic
+from tests.load.report import LEFT, RIGHT, machine_words, table, write_json
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.features.extractors.extractor import extractor_named
@@ -111,18 +108,11 @@ class CostGrowth:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""
-        sizes = zip(self.patches, self.costs, strict=True)
-        return {
-            "name": self.step,
-            "exponent": self.exponent,
-            "sizes": [
-                {"patches": patches, **_without_step(cost), **cost.facts} for patches, cost in sizes
-            ],
-        }
-
-
-def _without_step(cost: Cost) -> dict[str, float]:
-    return {"seconds": cost.seconds, "cpu_s": cost.cpu_s, "peak_mb": cost.peak_mb}
+        sizes = []
+        for patches, cost in zip(self.patches, self.costs, strict=True):
+            values = {"seconds": cost.seconds, "cpu_s": cost.cpu_s, "peak_mb": cost.peak_mb}
+            sizes.append({"patches": patches, **values, **cost.facts})
+        return {"name": self.step, "exponent": self.exponent, "sizes": sizes}
 
 
 @dataclass(frozen=True)
@@ -175,8 +165,7 @@ def run_scale_bench(
         "machine": machine(),
     }
     found_all = ScaleFound(growths, about)
-    text = json.dumps(found_all.to_json(), indent=2, allow_nan=False) + "\n"
-    atomic.write_text(out / "scale.json", text)
+    write_json(out / "scale.json", found_all.to_json())
     return found_all
 
 
@@ -217,41 +206,27 @@ def _check_room(folder: Path, extent: ScaleBenchSize) -> None:
         )
 
 
-_PLAIN_WIDTH = 170
-
-
-def print_scale_table(found: ScaleFound) -> None:
-    """Print what was found on standard output, as wide as the terminal or as plain text."""
-    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
-    console.print(_table(found.growths))
-    console.print(
+def scale_report(found: ScaleFound) -> list[Table | str]:
+    """What was found, to be printed."""
+    columns = {"step": LEFT}
+    columns |= {f"{patches:,} patches": RIGHT for patches in found.growths[0].patches}
+    rows = [
+        (
+            growth.step.replace("_", " "),
+            *map(_cell, growth.costs),
+            "" if growth.exponent is None else f"n^{growth.exponent:.2f}",
+        )
+        for growth in found.growths
+    ]
+    return [
+        table(columns | {"time grows as": RIGHT}, rows),
         f"frames {found.about['extent']['width']} pixels wide, rendered and repeated with other "
         f"noise; features {found.about['extractor']}; cpu s and MB (the most in use at one moment) "
         "of all processes together; ~ worked out from a fit, not measured",
-        markup=False,
-    )
-    computer = found.about["machine"]
-    console.print(
-        f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}",
-        markup=False,
-    )
+        machine_words(found.about),
+    ]
 
 
 def _cell(cost: Cost) -> str:
     about = "~" if cost.facts.get("worked_out") else ""
     return f"{about}{cost.seconds:.1f} s {about}{cost.cpu_s:6.1f} cpu s {cost.peak_mb:6.0f} MB"
-
-
-def _table(growths: Sequence[CostGrowth]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("step", no_wrap=True)
-    for patches in growths[0].patches:
-        table.add_column(f"{patches:,} patches", justify="right", no_wrap=True)
-    table.add_column("time grows as", justify="right", no_wrap=True)
-    for growth in growths:
-        table.add_row(
-            growth.step.replace("_", " "),
-            *map(_cell, growth.costs),
-            "" if growth.exponent is None else f"n^{growth.exponent:.2f}",
-        )
-    return table

@@ -1,7 +1,7 @@
 """The steps of training, timed one by one in a process of their own.
 
 Run as ``python -m tests.load.scale.steps WORK FRAMES STEP...``; what it prints is for
-`scale_watch.watched`.
+`cost.watched`.
 """
 
 from __future__ import annotations
@@ -83,12 +83,12 @@ class Steps:
         }
 
     def run(self, names: Iterable[str]) -> None:
-        """Do some steps and print, before and after each, what `scale_watch.watched` reads."""
+        """Do some steps and print after each what `cost.watched` reads."""
         for name in names:
-            _tell({"begin": name})
             began = time.monotonic()
             facts = self.steps[name]()
-            _tell({"seconds": time.monotonic() - began, **facts})
+            times = {"step": name, "began": began, "ended": time.monotonic()}
+            print(json.dumps({**times, **facts}), flush=True)
 
     @cached_property
     def _dataset(self) -> DatasetVersion:
@@ -161,10 +161,6 @@ class Steps:
             raise ToktError(outcome.fault)
         inner = (_SPLIT.folds - 1) * len(_SETTINGS.choices)
         return {"fits": _SPLIT.folds * (inner + 1)}
-
-
-def _tell(what: dict[str, Any]) -> None:
-    print(json.dumps(what), flush=True)
 
 
 def _quiet(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:

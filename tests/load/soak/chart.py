@@ -34,7 +34,7 @@ def chart_png(found: Soak) -> bytes:
 
 
 def _draw_latency(axes: Any, run: Run) -> None:
-    times = run.latency_s * 1000
+    times = run.age_s[run.age_s > 0] * 1000
     parts = np.array_split(times, min(_BLOCKS, len(times)))
     places = np.cumsum([len(part) for part in parts])
     for percentile, name in _LINES.items():
@@ -42,21 +42,20 @@ def _draw_latency(axes: Any, run: Run) -> None:
         axes.plot(places, values, lw=1.0, label=name)
     for event, (color, words) in _MARKS.items():
         label: str | None = words
-        for name, number in run.loop["happened"]:
+        for name, number in run.happened:
             if name == event:
                 axes.axvline(number, color=color, lw=0.7, ls=":", label=label)
                 label = None
     axes.set_yscale("log")
-    axes.set_ylabel("arrival to datagram, ms")
+    axes.set_ylabel("arrival to report, ms")
     axes.set_xlabel("frame")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, ncols=6, frameon=False, loc="upper right")
 
 
 def _draw_memory(axes: Any, found: Soak) -> None:
-    if found.whole.watch is None:
-        return
-    frames, resident = found.whole.watch.memory()
+    seen = found.whole.attendant
+    frames, resident = seen.column("frames"), seen.column("resident")
     axes.plot(frames, resident / 1e6, lw=0.8, color="#3b75af")
     grown = found.growth
     if grown is not None:
@@ -76,17 +75,17 @@ def _draw_memory(axes: Any, found: Soak) -> None:
 
 def _draw_tail(axes: Any, found: Soak) -> None:
     for run, name in ((found.whole, "everything around it"), (found.bare, "the bare loop")):
-        times = np.sort(run.latency_s) * 1000
+        times = np.sort(run.age_s[run.age_s > 0]) * 1000
         share = 1 - np.arange(len(times)) / len(times)
         axes.plot(times, share, lw=1.2, label=name)
-    median = found.latency["datagrams_out"]["median_ms"]
+    median = found.latency["age"]["median_ms"]
     words = f"{MAX_TAIL:g} x the median"
     axes.axvline(MAX_TAIL * median, color="0.3", lw=0.9, ls=":", label=words)
     axes.axhline(1e-3, color="0.3", lw=0.9, ls=":")
     axes.set_xscale("log")
     axes.set_xlim(left=median / 3)
     axes.set_yscale("log")
-    axes.set_xlabel("arrival to datagram, ms")
+    axes.set_xlabel("arrival to report, ms")
     axes.set_ylabel("part of frames that took longer")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, frameon=False)

@@ -1,8 +1,4 @@
-"""The plan of a soak: the kind of each frame, drawn once, and known to who checks the verdicts.
-
-Both the program that judges and the one that listens make the same plan of the same seed, so that
-the truth about a frame needs no way from one to the other: its time tells its number.
-"""
+"""The plan of a soak: the kind of each frame, and what has to be said of it."""
 
 from __future__ import annotations
 
@@ -37,10 +33,8 @@ class FrameKind(IntEnum):
     FROZEN = 3
     """The same once more, and more often than that."""
     DARK = 4
-    TORN = 5
-    """The camera gave only a part of it."""
-    FAILING = 6
-    """Clear water on which the detector raises an exception."""
+    MISSING = 5
+    """The stream has no picture of it."""
 
 
 EXPECTED: dict[FrameKind, tuple[int, Reason]] = {
@@ -49,8 +43,7 @@ EXPECTED: dict[FrameKind, tuple[int, Reason]] = {
     FrameKind.SAME: (CLEAR, Reason.OK),
     FrameKind.FROZEN: (UNKNOWN, Reason.FROZEN),
     FrameKind.DARK: (UNKNOWN, Reason.DARK),
-    FrameKind.TORN: (UNKNOWN, Reason.INCOMPLETE),
-    FrameKind.FAILING: (UNKNOWN, Reason.DETECTOR_FAILED),
+    FrameKind.MISSING: (UNKNOWN, Reason.MISSING),
 }
 """Status and reason of the verdict on each."""
 
@@ -66,7 +59,7 @@ def plan(frames: int, seed: int = SEED) -> NDArray[np.uint8]:
     rng = np.random.default_rng(seed)
     parts: list[NDArray[np.uint8]] = []
     planned = 0
-    faults = (FrameKind.FROZEN, FrameKind.DARK, FrameKind.TORN, FrameKind.FAILING)
+    faults = (FrameKind.FROZEN, FrameKind.DARK, FrameKind.MISSING)
     while planned < frames:
         happens = FrameKind.NEAR if len(parts) % 4 == 0 else faults[rng.integers(len(faults))]
         parts += [

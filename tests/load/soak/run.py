@@ -1,90 +1,126 @@
-"""One run of a soak's loop, with its receiver, and with what is done to it meanwhile."""
+"""One soaked run: `tokt run --source stream:...`, with what is around it and done to it."""
 
 from __future__ import annotations
 
 import json
-import select
-import subprocess
-import sys
+import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
-from tokt.inference.config import Limits
-from tokt.inference.runtime import TICK_S
+from tests.load.program import ended, program
+from tokt.inference.recording.run_log import events_path
 from tokt.models.bundle.bundle import Bundle
 
-from .exchange import Exchanges
-from .loop import LOG, STORE, LoopPlan
-from .process_monitor import ProcessMonitor
-from .soak_size import SoakSize
+from .attend import Attendant, Exchanges
+from .feed import Feeder
+from .plan import FrameKind, plan
 
-MARGIN_S = 0.15
-"""By how much a heartbeat may be late at the receiver: a busy machine runs the thread that says it
-and the process that hears it a little later."""
-SILENCE_S = Limits().heartbeat_s + TICK_S + MARGIN_S
-
-_LOOK_S = 0.05
-_SAY_S = 60.0
+_AROUND_S = 0.02
+"""Recorded around a detection: so many frames at a soak's pace as at a camera's in two seconds."""
 _LAST_EXCHANGE = 0.95
 """Part of the frames after which no model is exchanged any more."""
 _SETTLE_S = 30.0
-"""How long the last exchange is waited for."""
+"""How long the last exchange is waited for: a run looks for a new model between two frames."""
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
+class SoakSize:
+    """Numbers of frames, kills and pauses of a soak.
+
+    Parameters
+    ----------
+    frames : int
+    bare_frames : int
+        Of the same run with nothing around it, to compare with.
+    kills : int
+        How often the runtime is killed under its watchdog.
+    rest_s : float
+        Seconds between a frame's end and the next one.
+    pauses, pause_s : int, float
+        How often no frame comes to a run in real time, and for how long.
+    exchange_every_s : float
+        How often another model becomes active.
+    look_every_s : float
+        How often its metrics are asked for, and its memory is looked at.
+    log_mb : float
+        Of a log file, after which the next one begins.
+    log_keep : int
+        Older log files.
+    record_mb : float
+        Of the disk, for recordings.
+    """
+
+    frames: int = 1_000_000
+    bare_frames: int = 50_000
+    kills: int = 20
+    rest_s: float = 0.0
+    pauses: int = 30
+    pause_s: float = 1.3
+    exchange_every_s: float = 60.0
+    look_every_s: float = 1.0
+    log_mb: float = 5.0
+    log_keep: int = 3
+    record_mb: float = 20.0
+
+    def of(self, frames: int) -> SoakSize:
+        """The same of so many frames."""
+        return replace(self, frames=frames, bare_frames=min(self.bare_frames, frames))
+
+
+FULL = SoakSize()
+QUICK = SoakSize(
+    frames=3000,
+    bare_frames=1000,
+    kills=2,
+    rest_s=2e-3,
+    pauses=3,
+    exchange_every_s=3.0,
+    log_mb=0.2,
+    record_mb=1.0,
+)
+
+
+@dataclass(frozen=True)
 class Run:
-    """Results of one run of the loop.
+    """Results of one run.
 
     Parameters
     ----------
     extent : SoakSize
-    loop, heard : dict
-        What the loop and the receiver said at their ends.
-    arrived, sent, received : array of float64, shape (frames,)
-        Seconds, by one clock: when each frame came, when its datagrams were out, and when the one
-        of v2 was at the receiver. 0 where there was none.
-    watch : ProcessMonitor or None
-    exchanges : Exchanges
+    summary, heard : dict
+        What `tokt run --json` said at its end, and what came of its datagrams.
+    age_s, round_trip_s : array of float64, shape (frames,)
+        Seconds from a frame's arrival until its report was sent, and from when it was sent to
+        the run until its datagram was here. 0 where there was none.
+    attendant : Attendant or None
     seconds : float
+    exchanges : Exchanges or None
+    happened : sequence of (name, number of the last frame before it)
+        What is in its log besides frames.
     """
 
     extent: SoakSize
-    loop: dict[str, Any]
+    summary: dict[str, Any]
     heard: dict[str, Any]
-    arrived: NDArray[np.float64]
-    sent: NDArray[np.float64]
-    received: NDArray[np.float64]
-    watch: ProcessMonitor | None
-    exchanges: Exchanges
+    age_s: NDArray[np.float64]
+    round_trip_s: NDArray[np.float64]
+    attendant: Attendant | None
     seconds: float
-
-    @property
-    def latency_s(self) -> NDArray[np.float64]:
-        """From a frame's arrival until its datagrams were out; of frames that were judged."""
-        judged = self.sent > 0
-        return np.asarray(self.sent[judged] - self.arrived[judged])
-
-    @property
-    def reception_s(self) -> NDArray[np.float64]:
-        """From a frame's arrival until its datagram was in the other process."""
-        heard = self.received > 0
-        return np.asarray(self.received[heard] - self.arrived[heard])
+    exchanges: Exchanges | None = None
+    happened: Sequence[tuple[str, int]] = ()
 
 
-def run_loop(
-    folder: Path, extent: SoakSize, models: Sequence[Bundle], parts: tuple[str, ...], say: Say
-) -> Run:
-    """Run the loop to its end.
+def whole_run(folder: Path, extent: SoakSize, models: Sequence[Bundle], say: Say) -> Run:
+    """Run to the end with everything around it.
 
     Parameters
     ----------
@@ -93,111 +129,77 @@ def run_loop(
     extent : SoakSize
     models : sequence of Bundle
         As `Exchanges` takes them.
-    parts : tuple of str
-        What is around the loop: some of `loop.PARTS`.
     say : callable
 
     Raises
     ------
     ToktError
-        If a process fails.
+        If the run fails.
     """
-    (folder / LOG).parent.mkdir(parents=True)
-    exchanges = Exchanges(folder / STORE, models)
-    receiver = ["receiver", str(folder), str(extent.frames), str(SILENCE_S)]
-    with _program(*receiver) as hearing:
-        ports = _line(hearing)
-        _write_plan(folder, extent, ports, parts)
-        start = time.monotonic()
-        with _program("loop", str(folder)) as looping:
-            port = _line(looping)["metrics_port"]
-            watch = None if port is None else ProcessMonitor(looping.pid, port)
-            _look_after(looping, watch, exchanges, extent, say)
-            loop = _line(looping)
-        seconds = time.monotonic() - start
-        heard = _line(hearing, ended=True)
-    times, received = np.load(folder / "loop.npz"), np.load(folder / "heard.npz")["heard"]
-    arrived, sent = times["arrived"], times["sent"]
-    return Run(extent, loop, heard, arrived, sent, received, watch, exchanges, seconds)
+    (folder / "log").mkdir(parents=True)
+    exchanges = Exchanges(folder / "store", models)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    log = folder / "log" / "run.jsonl"
+    options = ["--store", folder / "store", "--metrics", port, "--log", log]
+    options += ["--log-max-mb", extent.log_mb, "--log-keep", extent.log_keep]
+    options += ["--record", folder / "record", "--record-mb", extent.record_mb]
+    options += ["--record-before", _AROUND_S, "--record-after", _AROUND_S]
+
+    def attendant(pid: int) -> Attendant:
+        every = extent.look_every_s, extent.exchange_every_s
+        last = int(_LAST_EXCHANGE * extent.frames)
+        return Attendant(pid, port, exchanges, *every, last, say)
+
+    run = _run(folder, extent, options, attendant)
+    lines = map(json.loads, events_path(log).read_text("utf-8").splitlines())
+    happened = [(line["event"], line["seq"] - 1) for line in lines]
+    return replace(run, exchanges=exchanges, happened=happened)
 
 
-def _write_plan(
-    folder: Path, extent: SoakSize, ports: dict[str, int], parts: tuple[str, ...]
-) -> None:
-    asked = LoopPlan(
-        frames=extent.frames,
-        v1_port=ports["v1"],
-        v2_port=ports["v2"],
-        rest_s=extent.rest_s,
-        pause_every_s=extent.pause_every_s,
-        pause_s=extent.pause_s,
-        log_mb=extent.log_mb,
-        log_keep=extent.log_keep,
-        record_mb=extent.record_mb,
-        parts=parts,
-    )
-    (folder / "loop.json").write_text(json.dumps(asdict(asked)))
+def bare_run(folder: Path, extent: SoakSize, model: Bundle) -> Run:
+    """Run to the end with nothing around it. Raises ToktError if it fails."""
+    folder.mkdir()
+    (folder / "soak.tokt").write_bytes(model.data)
+    return _run(folder, extent, ["--bundle", folder / "soak.tokt"])
 
 
-def _look_after(
-    looping: subprocess.Popen[str],
-    watch: ProcessMonitor | None,
-    exchanges: Exchanges,
+def _run(
+    folder: Path,
     extent: SoakSize,
-    say: Say,
-) -> None:
-    """Until the loop ends: exchange its model, and look at it from outside."""
-    assert looping.stdin is not None, "it is a pipe"
-    if watch is None:
-        looping.stdin.close()
-        return
-    start = scrape_at = time.monotonic()
-    exchange_at, say_at, exchanged = start + extent.exchange_every_s, start + _SAY_S, start
-    while not _said(looping):
-        now = time.monotonic()
-        if now >= scrape_at:
-            scrape_at += extent.look_every_s
-            watch.look()
-        if not watch.samples:
-            continue
-        newest = watch.samples[-1]
-        settled = newest.models == exchanges.switches + exchanges.refusals
-        soon_over = newest.frames >= _LAST_EXCHANGE * extent.frames
-        if now >= exchange_at and settled and not soon_over:
-            exchange_at, exchanged, settled = now + extent.exchange_every_s, now, False
-            exchanges.step()
-        if newest.frames >= extent.frames - 1 and (settled or now - exchanged > _SETTLE_S):
-            looping.stdin.close()
-        if now >= say_at:
-            say_at += _SAY_S
-            say(f"   {newest.frames} frames, {newest.resident / 1e6:.1f} MB")
+    options: Sequence[object],
+    attendant_of: Callable[[int], Attendant] | None = None,
+) -> Run:
+    kinds, said = plan(extent.frames), folder / "said"
+    last = int(_LAST_EXCHANGE * extent.frames)
+    settle_s = _SETTLE_S / (extent.frames - last)
+    with closing(Feeder(kinds)) as feeder:
+        fixed = ["--source", feeder.address, "--policy", "texture", "--json"]
+        fixed += [word for address in feeder.receivers for word in ("--udp", address)]
+        with program("run", *fixed, *options, said=said) as process:
+            start = time.monotonic()
+            attendant = None if attendant_of is None else attendant_of(process.pid)
 
+            def rest(number: int, kind: FrameKind) -> None:
+                # Not among repeated pictures: how long they were the same counts, too.
+                waits = number >= last and kind is FrameKind.WATER and attendant is not None
+                slower = waits and not attendant.settled
+                time.sleep(extent.rest_s + (settle_s if slower else 0))
 
-@contextmanager
-def _program(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A program of this package, ended with the block."""
-    command = [sys.executable, "-m", f"{__package__}.{name}", *arguments]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def _said(process: subprocess.Popen[str]) -> bool:
-    """Whether a program has said something, or ended, waiting a little for it."""
-    assert process.stdout is not None, "it is a pipe"
-    return bool(select.select([process.stdout], [], [], _LOOK_S)[0])
-
-
-def _line(process: subprocess.Popen[str], ended: bool = False) -> dict[str, Any]:
-    """The next line a program says, once its input has ended if it waits for that."""
-    assert process.stdin is not None and process.stdout is not None, "both are pipes"
-    if ended:
-        process.stdin.close()
-    line = process.stdout.readline()
-    if not line:
-        raise ToktError(f"a program of the soak ended with code {process.wait()}")
-    said: dict[str, Any] = json.loads(line)
-    return said
+            try:
+                with attendant or nullcontext():
+                    feeder.run(rest)
+            except OSError:
+                raise ended("run", process, said) from None
+            out = process.stdout.read()
+            if process.wait():
+                raise ended("run", process, said)
+        return Run(
+            extent=extent,
+            summary=json.loads(out),
+            heard={**feeder.truth.found, "unlike_the_plan": feeder.truth.worst},
+            age_s=feeder.age_s,
+            round_trip_s=feeder.round_trip_s,
+            attendant=attendant,
+            seconds=time.monotonic() - start,
+        )

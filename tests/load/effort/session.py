@@ -1,0 +1,265 @@
+"""A person at the labelling page in a headless browser, whose keys, clicks and drags are counted.
+
+The page alone knows what a key does and what a suggestion follows: before each stroke it is asked
+what its frames hold, as a person would look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tests.load.page.tab import Tab
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.labels.taxonomy import UNSURE, Taxonomy
+
+Target = Mapping[int, Sequence[str | None]]
+"""Labels to be given, by frame, one a patch; None where any will do, or none."""
+FREE = None
+_ROUNDS = 10
+"""What follows a stroke may be wrong then and must be painted, too: more often it never is."""
+ACCEPT, REST, NEXT = "accept", "rest", "next"
+_SHEET_KEYS = {ACCEPT: "Shift+Enter", REST: "o", NEXT: "PageDown"}
+_FRAME_KEYS = {ACCEPT: "g", REST: "o", NEXT: "d"}
+
+_SUGGESTED = """async () => {
+  const { mission } = await import("/static/core/mission.js");
+  return !mission.model || mission.model.done === mission.model.total;
+}"""
+_SHEET = """(first) => {
+  const thumbs = [...document.querySelectorAll(".thumb")];
+  const waits = thumbs.some((thumb) => thumb.classList.contains("loading"));
+  if (waits || thumbs[0]?.dataset.frame !== String(first)) return null;
+  return thumbs.map((thumb) => {
+    const box = thumb.querySelector("canvas").getBoundingClientRect();
+    return [Number(thumb.dataset.frame), [box.left, box.top, box.width, box.height]];
+  });
+}"""
+_LOADED = """async (frames) => {
+  const { framesFollowed } = await import("/static/frame/suggest.js");
+  const { labelsOf } = await import("/static/saving/labels.js");
+  const needed = frames.flatMap((frame) => [frame, ...framesFollowed("left", frame)]);
+  return needed.every((frame) => labelsOf("left", frame));
+}"""
+_HELD = """async (frames) => {
+  const { hintsOf } = await import("/static/saving/unconfirmed.js");
+  const { labelsOf } = await import("/static/saving/labels.js");
+  return frames.map((frame) => {
+    const hints = hintsOf("left", frame);
+    return labelsOf("left", frame).mine.map((own, cell) => [own, hints[cell]?.label ?? null]);
+  });
+}"""
+
+
+@dataclass(frozen=True)
+class Workflow:
+    """How a person works, the same with suggestions and without.
+
+    Parameters
+    ----------
+    name, words : str
+    sheet : bool
+        On the contact sheet; else in each frame's own view.
+    drags : bool
+        One stroke through many patches is one action, on the sheet through all its frames at once
+        where they are alike; else each patch is a click.
+    unsure : bool
+        Whether ``unsure`` patches, which nothing learns from, must be reproduced too.
+    asked : float or None
+        So many times fewer actions with suggestions.
+    """
+
+    name: str
+    words: str
+    sheet: bool
+    drags: bool
+    unsure: bool
+    asked: float | None = None
+
+
+class LabelSession:
+    """Gives all frames the labels asked for, from a page without any.
+
+    Parameters
+    ----------
+    tab : Tab
+        In the view of the first frame.
+    target : Target
+        Its frames are all that the mission has.
+    way : Workflow
+    suggested : bool
+        Whether the page has a model.
+
+    Attributes
+    ----------
+    actions : int
+        Keys, clicks and drags so far.
+    """
+
+    def __init__(self, tab: Tab, target: Target, way: Workflow, suggested: bool) -> None:
+        taxonomy = Taxonomy.load()
+        self.actions = 0
+        self._tab, self._target, self._way = tab, target, way
+        self._ends = (ACCEPT, REST) if suggested else (REST,)
+        self._class_keys = {known.name: known.key for known in taxonomy.classes} | {UNSURE: "u"}
+        self._clear = next(name for name in taxonomy.names if not taxonomy.is_obstacle(name))
+        self._chosen = ""
+        self._boxes: dict[int, list[float]] = {}
+
+    def run(self) -> int:
+        """Label everything and wait until it is saved; the number of actions."""
+        self._tab.until(_SUGGESTED)
+        if self._way.sheet:
+            self._tab.page.click("#views a[href^='#/overview']")
+            self.actions += 1
+        left = list(self._target)
+        while left:
+            shown = self._shown(left[0])
+            left = left[len(shown) :]
+            self._label(shown, bool(left))
+        self._tab.wait_until_saved()
+        return self.actions
+
+    def _shown(self, first: int) -> list[int]:
+        """The frames on show once they are there, as `first` is the first of them."""
+        if self._way.sheet:
+            self._boxes = dict(self._tab.until(_SHEET, first))
+        else:
+            self._tab.until_drawn(first)
+        shown = list(self._boxes) or [first]
+        self._tab.until(_LOADED, shown)
+        return shown
+
+    def _label(self, shown: list[int], more: bool) -> None:
+        """Correct what one key would not make right, press that key, and go on."""
+        # Accepting comes first: it is as good where both leave the same to be done.
+        end = min(self._ends, key=lambda key: self._strokes_left(shown, key))
+        for _ in range(_ROUNDS):
+            wrong = self._wrong(shown, end).values()
+            wanted = {label for cells in wrong for label in cells.values()}
+            if not wanted:
+                break
+            for label in sorted(wanted, key=lambda label: (label != self._chosen, label)):
+                self._paint(shown, end, label)
+        else:
+            raise ToktError(f"the page does not keep what is painted in frames {shown}")
+        key = end if self._missing(shown) else NEXT
+        if key != NEXT or more:
+            self._press((_SHEET_KEYS if self._way.sheet else _FRAME_KEYS)[key])
+        if key == REST and more and not self._way.sheet:
+            self._press(_FRAME_KEYS[NEXT])
+
+    def _paint(self, shown: list[int], end: str, label: str) -> None:
+        """Paint a class in all frames where it is missing, or in all at once where they agree."""
+        if self._way.drags and len(shown) > 1:
+            wrong = self._wrong(shown, end)
+            alike = set.intersection(*(self._may_be(frame, label) for frame in shown))
+            for path in drags({cell for cells in wrong.values() for cell in cells} & alike, alike):
+                if sum(not wrong[frame].keys().isdisjoint(path) for frame in shown) > 1:
+                    self._stroke(shown[0], label, path, in_all=True)
+        for frame in shown:
+            for path in self._paths(frame, self._wrong([frame], end)[frame], label):
+                self._stroke(frame, label, path)
+
+    def _strokes_left(self, shown: list[int], end: str) -> int:
+        """How many strokes, and keys before them, what a key would leave wrong takes."""
+        wrong = self._wrong(shown, end)
+        labels = {label for cells in wrong.values() for label in cells.values()}
+        paths = [
+            self._paths(frame, cells, each) for frame, cells in wrong.items() for each in labels
+        ]
+        return sum(map(len, paths)) + len(labels - {self._chosen})
+
+    def _paths(self, frame: int, wrong: Mapping[int, str], label: str) -> list[list[int]]:
+        """The strokes that paint a class where it is wanted in a frame."""
+        need = {cell for cell, want in wrong.items() if want == label}
+        if not self._way.drags:
+            return [[cell] for cell in sorted(need)]
+        return drags(need, self._may_be(frame, label))
+
+    def _may_be(self, frame: int, label: str) -> set[int]:
+        """The patches that may have this label."""
+        return {cell for cell, want in enumerate(self._target[frame]) if want in (label, FREE)}
+
+    def _held(self, frames: list[int]) -> Any:
+        """Own label and suggestion of each patch of each frame, as the page has them now."""
+        return self._tab.page.evaluate(_HELD, frames)
+
+    def _wrong(self, frames: list[int], end: str) -> dict[int, dict[int, str]]:
+        """What a key would leave wrong: by frame and patch, the label that is wanted instead."""
+        found: dict[int, dict[int, str]] = {}
+        for frame, patches in zip(frames, self._held(frames), strict=True):
+            rows = enumerate(zip(self._target[frame], patches, strict=True))
+            found[frame] = {
+                cell: want
+                for cell, (want, (own, hint)) in rows
+                if want is not FREE and want != (own or (hint if end == ACCEPT else self._clear))
+            }
+        return found
+
+    def _missing(self, frames: list[int]) -> bool:
+        """Whether a patch that matters has no label yet."""
+        held = zip(frames, self._held(frames), strict=True)
+        return any(
+            want is not FREE and own is None
+            for frame, patches in held
+            for want, (own, _) in zip(self._target[frame], patches, strict=True)
+        )
+
+    def _press(self, key: str) -> None:
+        self._tab.page.keyboard.press(key)
+        self.actions += 1
+
+    def _stroke(self, frame: int, label: str, path: Sequence[int], in_all: bool = False) -> None:
+        """A click on a patch, or a drag over several; before it, the class is chosen."""
+        if label != self._chosen:
+            self._press(self._class_keys[label])
+            self._chosen = label
+        mouse, keyboard = self._tab.page.mouse, self._tab.page.keyboard
+        if in_all:
+            keyboard.down("Control")
+        mouse.move(*self._point(frame, path[0]))
+        mouse.down()
+        for cell in path[1:]:
+            mouse.move(*self._point(frame, cell))
+        mouse.up()
+        if in_all:
+            keyboard.up("Control")
+        self.actions += 1
+
+    def _point(self, frame: int, cell: int) -> tuple[float, float]:
+        """The middle of a patch, in the window's pixels."""
+        if not self._way.sheet:
+            return self._tab.middle_of(cell)
+        left, top, width, height = self._boxes[frame]
+        row, col = divmod(cell, DEFAULT_GRID.cols)
+        x, y = (col + 0.5) / DEFAULT_GRID.cols, (row + 0.5) / DEFAULT_GRID.rows
+        return left + x * width, top + y * height
+
+
+def drags(need: Collection[int], may: Collection[int]) -> list[list[int]]:
+    """Paths from patch to patch across edges that reach all of `need` inside `may`, few of them.
+
+    One drag can walk all of a connected area and pass a patch twice, so an area costs one. No hand
+    goes exactly through a corner, so patches that only share one are not connected.
+    """
+    left, paths = {*need, *may}, []
+    for cell in sorted(need):
+        if cell in left:
+            paths.append(_walk(cell, left, need))
+    return paths
+
+
+def _walk(cell: int, left: set[int], need: Collection[int]) -> list[int]:
+    """From a patch along each way that leads to a patch in need, and back to it."""
+    left.discard(cell)
+    path = [cell]
+    row, col = divmod(cell, DEFAULT_GRID.cols)
+    around = ((row - 1, col), (row, col - 1), (row, col + 1), (row + 1, col))
+    for near in (r * DEFAULT_GRID.cols + c for r, c in around if 0 <= c < DEFAULT_GRID.cols):
+        if near in left:
+            way = _walk(near, left, need)
+            path += [*way, cell] if any(one in need for one in way) else []
+    return path

@@ -1,0 +1,71 @@
+"""The program `tokt` in a process of its own, ended with the block."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from tokt.features.common.errors import ToktError
+
+_ADDRESS = re.compile(r"http://\S+")
+_END_S = 20
+
+
+@contextmanager
+def program(*arguments: object, said: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start ``tokt`` with some arguments.
+
+    Parameters
+    ----------
+    arguments
+    said : Path
+        Gets what it writes to standard error.
+    """
+    command = [sys.executable, "-m", "tokt", *map(str, arguments)]
+    with said.open("wb") as sink:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sink, text=True)
+    with process:
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT if sys.platform != "win32" else signal.SIGTERM)
+            try:
+                process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def ended(name: str, process: subprocess.Popen[str], said: Path) -> ToktError:
+    """The error of a program that ended too soon, with the last line it wrote."""
+    last = (said.read_text("utf-8", "replace").strip().splitlines() or ["it said nothing"])[-1]
+    return ToktError(f"tokt {name} ended with {process.wait(_END_S)}: {last}")
+
+
+@contextmanager
+def label_server(mission: Path, workspace: Path, options: Sequence[str] = ()) -> Iterator[str]:
+    """Start the labelling page's server on a free port and yield its address once it answers.
+
+    Parameters
+    ----------
+    mission, workspace : Path
+    options : sequence of str
+        Further options of ``tokt label``.
+
+    Raises
+    ------
+    ToktError
+        If it ends before it answers; with the last line it wrote.
+    """
+    workspace.mkdir(parents=True, exist_ok=True)
+    said = workspace / "server-errors.txt"
+    more = ("--no-browser", "--port", 0, "--workspace", workspace, *options)
+    with program("label", mission, *more, said=said) as process:
+        found = next(filter(None, map(_ADDRESS.search, process.stdout or ())), None)
+        if found is None:
+            raise ended("label", process, said)
+        yield found[0]

@@ -1,0 +1,111 @@
+"""Times that were measured, and how all measurements print and write what they found."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tokt.features.common import atomic
+from tokt.features.common.errors import ToktError
+
+LEFT: dict[str, Any] = {"no_wrap": True}
+RIGHT: dict[str, Any] = {"no_wrap": True, "justify": "right"}
+FOLD: dict[str, Any] = {"overflow": "fold"}
+"""Kinds of columns."""
+_PLAIN_WIDTH = 170
+WORST = 100
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Times of one thing that a person waits for.
+
+    Parameters
+    ----------
+    name : str
+    what : str
+        From when to when, in words.
+    times_ms : sequence of float
+    asked_ms : float or None
+        The longest that is allowed; None where nothing is asked.
+    percentile : int
+        Which percentile of the times `asked_ms` is for; `WORST` means all of them.
+    """
+
+    name: str
+    what: str
+    times_ms: Sequence[float]
+    asked_ms: float | None = None
+    percentile: int = 95
+
+    def at(self, percentile: int) -> float:
+        """A percentile of the times, ms."""
+        return float(np.percentile(self.times_ms, percentile))
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether it is as fast as asked; None where nothing is asked."""
+        return None if self.asked_ms is None else self.at(self.percentile) <= self.asked_ms
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return {
+            "name": self.name,
+            "what": self.what,
+            "count": len(self.times_ms),
+            "p50_ms": self.at(50),
+            "p95_ms": self.at(95),
+            "worst_ms": self.at(WORST),
+            "asked_ms": self.asked_ms,
+            "asked_of": "worst" if self.percentile == WORST else f"p{self.percentile}",
+            "holds": self.holds,
+        }
+
+
+def check_folder(out: Path) -> None:
+    """Raise ToktError if results cannot be written there: before all the work."""
+    if out.exists() and not out.is_dir():
+        raise ToktError(f"{out} is not a folder; choose another with --out")
+
+
+def write_json(path: Path, found: Mapping[str, Any]) -> None:
+    """Write what was found as one JSON object."""
+    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
+    atomic.write_text(path, text + "\n")
+
+
+def table(columns: Mapping[str, dict[str, Any]], rows: Iterable[Sequence[str]]) -> Table:
+    """A table of rows under these headings."""
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading, kind in columns.items():
+        made.add_column(heading, **kind)
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def machine_words(about: Mapping[str, Any]) -> str:
+    """The computer that was measured on."""
+    computer = about["machine"]
+    return f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}"
+
+
+def yes_or_no(holds: bool | None) -> str:
+    """Whether what was asked is kept, in a word."""
+    return {True: "yes", False: "NO", None: ""}[holds]
+
+
+def print_report(parts: Iterable[Table | str]) -> None:
+    """Print tables and lines on standard output, as wide as the terminal or as plain text."""
+    console = Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False)
+    for part in parts:
+        console.print(part, markup=False)

@@ -1,0 +1,208 @@
+"""The other end of a soaked run: frames into its stream, and each datagram held against the truth.
+
+The next frame is sent once the datagram of the one before is here, so that nothing waits anywhere
+and a frame's way takes as long as the runtime does.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.outputs.udp import decode
+from tokt.inference.reason import Reason
+from tokt.inference.sources.stream import encode_frame
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+
+from .plan import EXPECTED, FrameKind, number_of, time_of
+from .synthetic_frames import dark, near, some, water
+
+LOST_S = 5.0
+"""A datagram that is not here by then does not come."""
+_MAX_DATAGRAM = 65535
+_CONNECT_S = 60.0
+_SAME = ("status", "x", "y")
+
+
+def receiver() -> socket.socket:
+    """A UDP socket on a free port of this computer."""
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.bind(("127.0.0.1", 0))
+    return opened
+
+
+def datagram(opened: socket.socket, wait_s: float) -> bytes | None:
+    """The next datagram; None where none comes in time."""
+    opened.settimeout(wait_s)
+    try:
+        return opened.recv(_MAX_DATAGRAM)
+    except (TimeoutError, BlockingIOError):
+        return None
+
+
+class Truth:
+    """The datagrams heard, held against the truth.
+
+    Parameters
+    ----------
+    kinds : array of uint8, shape (frames,)
+        `plan.plan`.
+
+    Attributes
+    ----------
+    found : Counter
+        How often what happened.
+    worst : dict or None
+        The last datagram that was not as the plan has it.
+    """
+
+    def __init__(self, kinds: NDArray[np.uint8]) -> None:
+        self.found: Counter[str] = Counter()
+        self.worst: dict[str, Any] | None = None
+        self._kinds = kinds
+        self._seq = 0
+
+    def hear(self, number: int, data: bytes, v1: bytes | None) -> float | None:
+        """Take the datagrams that should be of a frame.
+
+        Parameters
+        ----------
+        number : int
+        data : bytes
+            Of v2.
+        v1 : bytes or None
+            That of v1 which was sent just before, if one was.
+
+        Returns
+        -------
+        float or None
+            The frame's age in it, ms; None where it is of no such frame.
+        """
+        self.found["datagrams"] += 1
+        try:
+            said = decode(data)
+        except ToktError:
+            self.found["unreadable"] += 1
+            return None
+        self.found["lost"] += max(said["seq"] - self._seq - 1, 0)
+        in_order, self._seq = said["seq"] > self._seq, said["seq"]
+        if not in_order or said["t"] is None or number_of(said["t"]) != number:
+            self.found["no_such_frame"] += 1
+            return None
+        self._judge(said, FrameKind(self._kinds[number]))
+        self._compare(said, v1)
+        return float(said["age_ms"])
+
+    def _judge(self, said: dict[str, Any], kind: FrameKind) -> None:
+        status, reason = EXPECTED[kind]
+        self.found[f"of_{kind.name.lower()}"] += 1
+        if (said["status"], said["reason"]) == (status, reason):
+            return
+        if said["status"] == CLEAR and status != CLEAR:
+            what = "wrong_clear"
+        elif said["status"] == OBSTACLE and status != OBSTACLE:
+            what = "wrong_obstacle"
+        elif said["status"] == UNKNOWN and said["reason"] == Reason.FROZEN:
+            what = "cautious"  # where the machine, not the runtime, was held up
+        else:
+            what = "other"
+        self.found[what] += 1
+        self.worst = {**said, "kind": kind.name}
+
+    def _compare(self, said: dict[str, Any], v1: bytes | None) -> None:
+        """Unknown has no datagram of v1; all others have the same one."""
+        if said["status"] == UNKNOWN:
+            self.found["different_v1"] += v1 is not None
+            return
+        self.found["compared_v1"] += 1
+        if v1 is None:
+            self.found["lost_v1"] += 1
+            return
+        other = decode(v1)
+        self.found["different_v1"] += any(other[name] != said[name] for name in _SAME)
+
+
+def pictures(kinds: Iterable[int]) -> Iterator[NDArray[np.uint8] | None]:
+    """The picture of each frame of a plan; None where there is none."""
+    drawn = {
+        FrameKind.WATER: some(water),
+        FrameKind.NEAR: some(near),
+        FrameKind.DARK: some(dark),
+        FrameKind.MISSING: [None],
+    }
+    picture = None
+    for number, code in enumerate(kinds):
+        kind = FrameKind(code)
+        if kind not in (FrameKind.SAME, FrameKind.FROZEN):
+            picture = drawn[kind][number % len(drawn[kind])]
+        yield picture
+
+
+class Feeder:
+    """Sends frames and hears what is said of them.
+
+    Parameters
+    ----------
+    kinds : array of uint8, shape (frames,)
+
+    Attributes
+    ----------
+    truth : Truth
+    address, receivers : str, tuple of str
+        The stream's, and those of v1 and v2, as `tokt run` names them.
+    round_trip_s, age_s : array of float64, shape (frames,)
+        From a frame sent to its datagram here, and the age that it says; 0 where there was none.
+    """
+
+    def __init__(self, kinds: NDArray[np.uint8]) -> None:
+        self.truth = Truth(kinds)
+        self.round_trip_s, self.age_s = np.zeros((2, len(kinds)))
+        self._kinds = kinds
+        self._v1, self._v2 = receiver(), receiver()
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server.settimeout(_CONNECT_S)
+        self.address = f"stream:127.0.0.1:{self._server.getsockname()[1]}"
+        sockets = {"v1": self._v1, "v2": self._v2}
+        self.receivers = tuple(
+            f"{version}@127.0.0.1:{opened.getsockname()[1]}" for version, opened in sockets.items()
+        )
+
+    def close(self) -> None:
+        """Hear nothing more."""
+        for opened in (self._v1, self._v2, self._server):
+            opened.close()
+
+    def run(self, before: Callable[[int, FrameKind], None]) -> None:
+        """Send all frames and end the stream.
+
+        Parameters
+        ----------
+        before : callable
+            Called before each frame with its number and kind.
+        """
+        connection, _ = self._server.accept()
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        with closing(connection):
+            for number, picture in enumerate(pictures(self._kinds)):
+                before(number, FrameKind(self._kinds[number]))
+                frame = encode_frame(number, time_of(number), picture, None)
+                sent = time.monotonic()
+                connection.sendall(frame)
+                self._hear(number, sent)
+
+    def _hear(self, number: int, sent: float) -> None:
+        """Wait for a frame's datagram; one that is lost is missed by the next one's number."""
+        while (data := datagram(self._v2, LOST_S)) is not None:
+            here = time.monotonic()
+            age_ms = self.truth.hear(number, data, datagram(self._v1, 0))
+            if age_ms is not None:
+                self.round_trip_s[number], self.age_s[number] = here - sent, age_ms / 1000
+                return

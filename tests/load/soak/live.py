@@ -1,0 +1,152 @@
+"""The runtime in real time: what is heard while no frame comes, and after it was killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import psutil
+
+from tests.load.program import ended, program
+from tests.load.report import WORST, Timing
+from tokt.features.common.errors import ToktError
+from tokt.inference.monitoring.watchdog import WatchdogTimeouts
+from tokt.inference.outputs.udp import decode
+from tokt.inference.reason import Reason
+from tokt.inference.verdict import UNKNOWN
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.store.store import Store
+
+from .feed import datagram, receiver
+from .synthetic_frames import near
+
+NAME = "restart.kill_to_datagram"
+ASKED_MS = 1000.0
+_RATE = 20
+_FRAMES = 300
+_STEADY_S = WatchdogTimeouts().steady_s
+"""A runtime that dies sooner is started after a pause; that is not what is measured here."""
+_MARGIN_S = 0.5
+_SILENCE_S = 30.0
+_END_S = 1.0
+_NO_FRAME = frozenset({Reason.NO_FRAME, Reason.STALE, Reason.STALLED})
+
+Progress = Callable[..., Iterable[int]]
+
+
+@dataclass(frozen=True)
+class Pauses:
+    """What was heard of a run whose frames come so late that it has to speak between them.
+
+    Parameters
+    ----------
+    said, heard : int
+        Heartbeats, by the run's own count and at the receiver.
+    wrong : int
+        Of these, how many were not unknown.
+    silences_s : list of float
+        From each datagram to the next.
+    """
+
+    said: int
+    heard: int
+    wrong: int
+    silences_s: list[float]
+
+
+class LiveRuns:
+    """Runs of one dive in real time.
+
+    Parameters
+    ----------
+    folder : Path
+        Empty, for a store and a dive.
+    bundle : Bundle
+    """
+
+    def __init__(self, folder: Path, bundle: Bundle) -> None:
+        self._folder = folder
+        Store(folder / "store").deploy(bundle)
+        (folder / "dive").mkdir(parents=True)
+        for number in range(_FRAMES):
+            cv2.imwrite(str(folder / "dive" / f"t_{number + 1}.png"), near(number))
+
+    def pauses(self, count: int, pause_s: float) -> Pauses:
+        """Let so much time pass between frames, so often. Raises ToktError if the run fails."""
+        options = ("--rate", 1 / pause_s, "--frames", f"1-{count + 1}", "--json")
+        times, heartbeats = [], []
+        with receiver() as heard, self._running(heard, *options) as process:
+            data: bytes | None = b""
+            while data is not None or process.poll() is None:
+                if (data := datagram(heard, _END_S)) is not None:
+                    times.append(time.monotonic())
+                    said = decode(data)
+                    if said["latency_ms"] is None:
+                        heartbeats.append(said)
+            if process.returncode:
+                raise ended("run", process, self._folder / "said")
+            summary = json.load(process.stdout)
+        wrong = sum(
+            said["status"] != UNKNOWN or said["reason"] not in _NO_FRAME for said in heartbeats
+        )
+        silences_s = [after - before for before, after in pairwise(times)]
+        return Pauses(summary["heartbeats"], len(heartbeats), wrong, silences_s)
+
+    def restarts(self, kills: int, progress: Progress) -> Timing:
+        """Kill the runtime again and again under its watchdog.
+
+        Raises
+        ------
+        ToktError
+            If it does not come back.
+        """
+        with receiver() as heard, self._running(heard, "--watchdog", "--rate", _RATE) as process:
+            _next_start(heard)
+            times = []
+            for number in progress(range(kills), kills, "kill"):
+                if number:
+                    _wait_until_steady(heard)
+                times.append(_kill(process, heard))
+        what = "from SIGKILL of the runtime to the first datagram of the next one"
+        return Timing(NAME, what, [1000 * seconds for seconds in times], ASKED_MS, WORST)
+
+    def _running(
+        self, heard: socket.socket, *options: object
+    ) -> AbstractContextManager[subprocess.Popen[str]]:
+        fixed = ["--policy", "texture", "--udp", f"v2@127.0.0.1:{heard.getsockname()[1]}"]
+        fixed += ["--store", self._folder / "store", "--source", self._folder / "dive"]
+        return program("run", *fixed, *options, said=self._folder / "said")
+
+
+def _next_start(heard: socket.socket) -> float:
+    """The moment of the next datagram that begins a run."""
+    while (data := datagram(heard, _SILENCE_S)) is not None:
+        now = time.monotonic()
+        if decode(data)["seq"] == 1:
+            return now
+    raise ToktError(f"nothing was heard for {_SILENCE_S:g} s after a kill")
+
+
+def _kill(process: subprocess.Popen[str], heard: socket.socket) -> float:
+    """Seconds from a kill to the next run's first datagram."""
+    runtime = psutil.Process(process.pid).children()[0]
+    start = time.monotonic()
+    os.kill(runtime.pid, signal.SIGKILL)
+    return _next_start(heard) - start
+
+
+def _wait_until_steady(heard: socket.socket) -> None:
+    """Listen until the runtime has lived for so long that it is started again at once."""
+    until = time.monotonic() + _STEADY_S + _MARGIN_S
+    while time.monotonic() < until:
+        datagram(heard, _SILENCE_S)
