@@ -290,15 +290,15 @@ def search(
         jobs,
         dask,
     )
-    searched = search_task(request, Registry(workspace, create=True), progress)
+    result = search_task(request, Registry(workspace, create=True), progress)
     if json:
-        print_json(searched.result)
-        return
-    _print_search(searched.version.label, searched.result, nested)
+        print_json(result)
+    else:
+        _print_search(result, nested)
 
 
-def _print_search(label: str, result: dict[str, Any], nested: bool) -> None:
-    winner = result["winner"]
+def _print_search(result: dict[str, Any], nested: bool) -> None:
+    winner, label = result["winner"], "{name}/{version}".format(**result["model"])
     width = max(len(rank["extractor"]) for rank in result["ranks"])
     print(f"{'extractor':<{width}}  features      score  below the best")
     for rank in result["ranks"]:

@@ -39,7 +39,7 @@ from tokt.training.datasets.dataset import DatasetVersion, build_dataset
 from tokt.training.datasets.mission_source import plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
-from tokt.training.fitting.classifier import decision_values, linear_model
+from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
 from tokt.training.fitting.cross_validation import (
     Split,
     check_blocks,
@@ -48,7 +48,15 @@ from tokt.training.fitting.cross_validation import (
     fit_rows,
     inner_folds,
 )
-from tokt.training.fitting.presets import CHOSEN_ON, TrainingSettings
+from tokt.training.fitting.presets import (
+    CHOSEN_ON,
+    DEFAULT_EXTRACTOR,
+    Hyperparameters,
+    TrainingSettings,
+    extractor_for,
+    settings_named,
+)
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .frame_methods import FrameResult, mean_and_status
 from .patch_scores import Flags
