@@ -116,16 +116,6 @@ class Assembly:
         return ""
 
 
-def build_policy(
-    name: str,
-    load_model: LoadModel | None,
-    stereo: StereoSetup | None,
-    threads: int = 1,
-) -> Policy:
-    """The policy of that name, for callers that never exchange its model; see `assemble`."""
-    return assemble(name, load_model, stereo, threads).policy
-
-
 def assemble(
     name: str,
     load_model: LoadModel | None,

@@ -1,4 +1,4 @@
-"""A recording on disk: a mission folder that ``tokt label`` opens, and what was judged of it.
+"""A recording on disk, and its room there: a mission folder for ``tokt label``, what was judged.
 
 ::
 

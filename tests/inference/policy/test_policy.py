@@ -12,7 +12,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.clock import ClockStopwatch
 from tokt.inference.frame import Frame
-from tokt.inference.policy.assembly import StereoSetup, assemble, build_policy
+from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
 from tokt.inference.policy.temporal_cues import TemporalCues
 from tokt.inference.reason import Fault, Reason
@@ -206,7 +206,7 @@ def broken_model() -> Any:
 
 
 def test_fallback_goes_on_without_a_model_and_says_so() -> None:
-    policy = build_policy("fallback", broken_model, STEREO)
+    policy = assemble("fallback", broken_model, STEREO).policy
     health = policy.judge(FRAME).verdict.health
     assert health.startswith("texture: no model: bundle x.tokt: a hash does not match; ")
 
@@ -214,49 +214,49 @@ def test_fallback_goes_on_without_a_model_and_says_so() -> None:
 @pytest.mark.parametrize(("name", "stereo"), [("texture", None), ("either", STEREO)])
 def test_other_policies_stop_without_their_model(name: str, stereo: StereoSetup | None) -> None:
     with pytest.raises(ToktError, match="a hash does not match"):
-        build_policy(name, broken_model, stereo)
+        assemble(name, broken_model, stereo)
 
 
 def test_what_a_policy_has_no_use_for_is_refused(noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="disparity uses no model"):
-        build_policy("disparity", broken_model, STEREO)
+        assemble("disparity", broken_model, STEREO)
     with pytest.raises(ToktError, match="texture uses no calibration"):
-        build_policy("texture", lambda: noise_scorer, STEREO)
+        assemble("texture", lambda: noise_scorer, STEREO)
 
 
 def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="a hash does not match"):
-        build_policy("fallback", broken_model, None)
-    policy = build_policy("fallback", lambda: noise_scorer, None)
+        assemble("fallback", broken_model, None)
+    policy = assemble("fallback", lambda: noise_scorer, None).policy
     assert "there is no stereo calibration" in policy.judge(FRAME).verdict.health
 
 
 @pytest.mark.parametrize("name", ["disparity", "either"])
 def test_disparity_needs_a_calibration(name: str, noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="needs a stereo calibration"):
-        build_policy(name, None if name == "disparity" else lambda: noise_scorer, None)
+        assemble(name, None if name == "disparity" else lambda: noise_scorer, None)
 
 
 @pytest.mark.parametrize("name", ["texture", "either", "fallback"])
 def test_texture_needs_a_model(name: str) -> None:
     with pytest.raises(ToktError, match="needs a model"):
-        build_policy(name, None, None if name == "texture" else STEREO)
+        assemble(name, None, None if name == "texture" else STEREO)
 
 
 def test_the_names_are_fixed(noise_scorer: Any) -> None:
     with pytest.raises(ToktError, match="unknown policy 'both'"):
-        build_policy("both", lambda: noise_scorer, STEREO)
+        assemble("both", lambda: noise_scorer, STEREO)
     kinds = {"disparity": SinglePolicy, "either": EitherPolicy, "fallback": FallbackPolicy}
     for name, kind in kinds.items():
         load = None if name == "disparity" else lambda: noise_scorer
-        policy = build_policy(name, load, STEREO)
+        policy = assemble(name, load, STEREO).policy
         assert isinstance(policy, TemporalCues) and isinstance(policy.policy, kind)
 
 
 @pytest.mark.parametrize("threads", [0, -1])
 def test_at_least_one_thread(noise_scorer: Any, threads: int) -> None:
     with pytest.raises(ToktError, match="at least one thread"):
-        build_policy("texture", lambda: noise_scorer, None, threads)
+        assemble("texture", lambda: noise_scorer, None, threads)
 
 
 def test_threads_reach_the_detector(noise_scorer: Any) -> None:

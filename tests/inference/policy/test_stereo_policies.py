@@ -12,7 +12,7 @@ import pytest
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
 from tokt.inference.frame import Frame
-from tokt.inference.policy.assembly import StereoSetup, build_policy
+from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import Policy
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo.calibration import load_calibration
@@ -72,7 +72,7 @@ class Sees:
 def policy(stereo: StereoSetup, noise_scorer: Any) -> Callable[[str], Policy]:
     def build(name: str) -> Policy:
         load = None if name == "disparity" else lambda: Sees(noise_scorer)
-        return build_policy(name, load, None if name == "texture" else stereo)
+        return assemble(name, load, None if name == "texture" else stereo).policy
 
     return build
 
@@ -141,7 +141,7 @@ def test_a_killed_model_file_leaves_disparity(
 ) -> None:
     killed = tmp_path / "killed.tokt"
     killed.write_bytes(bundle_file.read_bytes()[:-200])
-    judge = build_policy("fallback", lambda: read_bundle(killed), stereo)
+    judge = assemble("fallback", lambda: read_bundle(killed), stereo).policy
     verdict = said(judge, pair(TOWER))
     assert (verdict.status, verdict.method) == (OBSTACLE, "disparity")
     assert verdict.distance_m == pytest.approx(2.8, abs=0.1)

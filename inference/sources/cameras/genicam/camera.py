@@ -1,4 +1,4 @@
-"""One open GenICam camera, through harvesters.
+"""One open GenICam camera, through harvesters, and the pictures in its buffers.
 
 For a camera's own process only (see `process`).
 """

@@ -1,7 +1,8 @@
 """GenTL producers: the camera vendors' libraries, and the cameras that they list.
 
-To be used in a camera's own process only (`process`): a producer can be opened once in a
-process, and whatever one does wrong is done to that process.
+Opened in a camera's own process only (`process`): a producer can be opened once in a process, and
+whatever one does wrong is done to that process. The runtime and the doctor ask such a process for
+the list.
 """
 
 from __future__ import annotations

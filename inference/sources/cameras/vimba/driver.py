@@ -1,4 +1,4 @@
-"""Cameras of Allied Vision, through pymba and the Vimba SDK."""
+"""Cameras of Allied Vision and their streams, through pymba and the Vimba SDK."""
 
 from __future__ import annotations
 

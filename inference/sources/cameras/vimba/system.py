@@ -1,4 +1,4 @@
-"""The Vimba API as a whole: started once for all cameras, and the cameras that it finds."""
+"""The Vimba API as a whole: pymba, which loads it, its start, the cameras that it finds."""
 
 from __future__ import annotations
 

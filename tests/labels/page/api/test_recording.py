@@ -12,7 +12,7 @@ import numpy as np
 
 from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.policy.assembly import build_policy
+from tokt.inference.policy.assembly import assemble
 from tokt.inference.recording.recorder import Recorder
 from tokt.inference.recording.recording import DiskLimits, read_recording
 from tokt.inference.runtime import Runtime
@@ -38,7 +38,7 @@ def record(mission: Path, bundle_file: Path, folder: Path) -> Path:
     bundle = read_bundle(bundle_file)
     recorder = Recorder(folder, "run-1", SYSTEM_CLOCK, disk=DiskLimits(100, 0))
     source = open_source(str(mission), SYSTEM_CLOCK)
-    policy = build_policy("texture", lambda: bundle, None)
+    policy = assemble("texture", lambda: bundle, None).policy
     summary = Runtime(source, policy, [], SYSTEM_CLOCK, [recorder]).run()
     recorder.close()
     assert summary.obstacle > 5 and recorder.frames > 10 and recorder.dropped == 0
