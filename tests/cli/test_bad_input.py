@@ -26,30 +26,19 @@ class World:
     """What a case can spoil: a workspace, a mission, a label file, a bundle, a store."""
 
     folder: Path
+    mission: Path
+    labels: Path
+    bundle: Path
+    store: Path
     rows: list[list[Any]]
     write_labels: Callable[..., Path]
-
-    @property
-    def mission(self) -> Path:
-        return self.folder / "tiny"
-
-    @property
-    def labels(self) -> Path:
-        return self.folder / "tiny" / "labels.csv"
-
-    @property
-    def bundle(self) -> Path:
-        return self.folder / "m.tokt"
-
-    @property
-    def store(self) -> Path:
-        return self.folder / "store"
 
 
 @pytest.fixture
 def world(workspace, own_tiny, tiny_bundle, tiny_truth, tmp_path) -> World:
-    shutil.copy(tiny_bundle, tmp_path / "m.tokt")
-    return World(tmp_path, tiny_truth.labels(), tiny_truth.write_labels)
+    bundle = Path(shutil.copy(tiny_bundle, tmp_path / "m.tokt"))
+    about = (tmp_path, own_tiny.path, own_tiny.labels, bundle, tmp_path / "store")
+    return World(*about, tiny_truth.labels(), tiny_truth.write_labels)
 
 
 def listing(folder: Path) -> dict[str, tuple[int, int]]:
@@ -64,6 +53,7 @@ def listing(folder: Path) -> dict[str, tuple[int, int]]:
 BUILD = ("dataset", "build", "new", "--mission", "tiny", "--labels", "tiny/labels.csv")
 TRAIN = ("train", "tiny", "--extractor", "lbp")
 EVALUATE = ("evaluate", "m.tokt", "--mission", "tiny", "--labels", "tiny/labels.csv")
+FRAME = "tiny/Left/tiny_L_20.png"
 
 # --- ways to spoil something -------------------------------------------------------------------
 
@@ -76,16 +66,14 @@ def empty_mission(world: World) -> None:
     shutil.rmtree(world.mission / "Left")
 
 
-def frame_bytes(change: Callable[[bytes], bytes]) -> Callable[[World], None]:
+def changed(name: str, change: Callable[[bytes], bytes]) -> Callable[[World], None]:
+    """A file with other bytes."""
+
     def spoil(world: World) -> None:
-        path = world.mission / "Left" / "tiny_L_20.png"
+        path = world.folder / name
         path.write_bytes(change(path.read_bytes()))
 
     return spoil
-
-
-def frame_gone(world: World) -> None:
-    (world.mission / "Left" / "tiny_L_20.png").unlink()
 
 
 def label_text(old: str, new: str) -> Callable[[World], None]:
@@ -100,13 +88,6 @@ def label_text(old: str, new: str) -> Callable[[World], None]:
 def only_rows(keep: Callable[[list[Any]], bool]) -> Callable[[World], None]:
     def spoil(world: World) -> None:
         world.write_labels(world.labels, [row for row in world.rows if keep(row)])
-
-    return spoil
-
-
-def bundle_bytes(change: Callable[[bytes], bytes]) -> Callable[[World], None]:
-    def spoil(world: World) -> None:
-        world.bundle.write_bytes(change(world.bundle.read_bytes()))
 
     return spoil
 
@@ -183,11 +164,23 @@ CASES = {
         (*EVALUATE[:3], "nowhere", *EVALUATE[4:]),
         r"mission nowhere does not exist",
     ),
-    "frame not an image": (frame_bytes(lambda d: b"no image"), BUILD, r"left frame 20: not an im"),
-    "frame truncated": (frame_bytes(lambda d: d[:-20]), BUILD, r"left frame 20.*truncated"),
-    "frame empty": (frame_bytes(lambda d: b""), BUILD, r"left frame 20: the file is empty"),
-    "frame gone": (frame_gone, BUILD, r"no left frame 20, which is labelled"),
-    "evaluate truncated frame": (frame_bytes(lambda d: d[:-20]), EVALUATE, r"L_20.png.*truncated"),
+    "frame not an image": (
+        changed(FRAME, lambda d: b"no image"),
+        BUILD,
+        r"left frame 20: not an im",
+    ),
+    "frame truncated": (changed(FRAME, lambda d: d[:-20]), BUILD, r"left frame 20.*truncated"),
+    "frame empty": (changed(FRAME, lambda d: b""), BUILD, r"left frame 20: the file is empty"),
+    "frame gone": (
+        lambda w: (w.folder / FRAME).unlink(),
+        BUILD,
+        r"no left frame 20, which is labelled",
+    ),
+    "evaluate truncated frame": (
+        changed(FRAME, lambda d: d[:-20]),
+        EVALUATE,
+        r"L_20.png.*truncated",
+    ),
     # label files
     "labels missing": (lambda w: w.labels.unlink(), BUILD, r"labels.csv does not exist"),
     "labels: unknown class": (
@@ -290,8 +283,12 @@ CASES = {
         )
         for name, spoil, message in (
             ("missing", lambda w: w.bundle.unlink(), r"bundle m.tokt: No such file"),
-            ("empty", bundle_bytes(lambda data: b""), r"truncated|not a tokt bundle"),
-            ("truncated", bundle_bytes(lambda data: data[:9999]), r"truncated|not a tokt bundle"),
+            ("empty", changed("m.tokt", lambda data: b""), r"truncated|not a tokt bundle"),
+            (
+                "truncated",
+                changed("m.tokt", lambda data: data[:9999]),
+                r"truncated|not a tokt bundle",
+            ),
             ("edited", rewritten(edit_card), r"card.md in the bundle has been edited"),
             ("newer", rewritten(newer_format), r"format 99 is newer than this tokt reads"),
             ("golden", rewritten(golden_mismatch), r"golden frame 0 gives decision values"),

@@ -215,16 +215,20 @@ def _focal_words(found: SelfCalibration) -> str:
 def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
     """Measure a calibration on a mission's frames, and end with the exit code of the answer."""
     from tokt.features.frames.mission import open_mission
+    from tokt.training.rig.calibrate.frame_selection import frame_size
     from tokt.training.rig.calibrate.vertical_error import GOOD, UNUSABLE, measurable
 
     described = describe_calibration_file(file)
     opened = open_mission(mission)
     answer: dict[str, Any] = {"calibration": str(file), "mission": opened.name,
                               "form": described.form, "oddities": described.oddities}  # fmt: skip
-    fault = _misfit(described.calibration, opened)
-    if not fault and measurable(described.calibration):
+    size, given = frame_size(opened), described.calibration.frame_size
+    faults = list(described.refusals)
+    if given != size:
+        mission_is = f"the mission's are {size[0]}x{size[1]}"
+        faults.append(f"it is of {given[0]}x{given[1]} frames, {mission_is}")
+    elif measurable(described.calibration):
         answer |= _measured(described.calibration, opened, frames)
-    faults = [*described.refusals, *([fault] if fault else [])]
     if faults:
         answer |= {"state": UNUSABLE, "reason": "; ".join(faults)}
     if json:
@@ -233,16 +237,6 @@ def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
         _print_check(answer)
     if answer["state"] != GOOD:
         raise typer.Exit(NOT_GOOD)
-
-
-def _misfit(calibration: StereoCalibration, mission: Mission) -> str:
-    """Why a calibration is not of this mission's cameras, whatever its frames show."""
-    from tokt.training.rig.calibrate.frame_selection import frame_size
-
-    size, given = frame_size(mission), calibration.frame_size
-    if given == size:
-        return ""
-    return f"it is of {given[0]}x{given[1]} frames, the mission's are {size[0]}x{size[1]}"
 
 
 def _measured(

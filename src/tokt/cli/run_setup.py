@@ -231,7 +231,6 @@ def carry_out(config: RunConfig) -> RunResult:
     """
     check(config)
     events = EventQueue()
-    limits = config.limits
     with ExitStack() as opened:
         pairs = _stereo(config)
         source = _source(config, pairs, events, opened)
@@ -246,7 +245,10 @@ def carry_out(config: RunConfig) -> RunResult:
         looking = open_observers(config, pairs, senders, source, events, opened)
         for line in model.words():
             say(line)
-        looking.show(opened)
+        # Who writes to the terminal from now on writes across it.
+        status = StatusLine(looking.counts, SYSTEM_CLOCK, recorder=looking.recorder)
+        opened.callback(status.close)
+        looking.observers.append(status)
         looking.drift.set_model(model.bundle)
         watch = _model_watch(config, model, assembly, looking.drift, opened)
         notifier = opened.enter_context(closing(Notifier(SYSTEM_CLOCK)))
@@ -259,7 +261,7 @@ def carry_out(config: RunConfig) -> RunResult:
         runtime = Runtime(
             *(source, assembly.policy, list(senders.values()), SYSTEM_CLOCK),
             observers=looking.observers,
-            limits=limits,
+            limits=config.limits,
             events=events,
             between=tuple if watch is None else watch.exchange,
             alive=alive,
@@ -408,12 +410,6 @@ class Observers:
     recorder: Recorder | None
     drift: DriftMonitor
     counts: RunCounts
-
-    def show(self, opened: ExitStack) -> None:
-        """From now on, show how the run goes; who writes to the terminal now writes across it."""
-        status = StatusLine(self.counts, SYSTEM_CLOCK, recorder=self.recorder)
-        opened.callback(status.close)
-        self.observers.append(status)
 
 
 def open_observers(

@@ -101,7 +101,7 @@ class LabColour:
             if truth.shape != frame.shape[:2]:
                 raise ToktError("an example's truth is not of its frame's size")
             picture = resized_bgr(frame)
-            cut = superpixels(picture)
+            cut = _counted(superpixels(picture))
             size = cut.shape[1], cut.shape[0]
             small = cv2.resize(truth, size, interpolation=cv2.INTER_NEAREST)
             known = _means(small >= 0, cut) > _MOSTLY
@@ -127,9 +127,9 @@ class LabColour:
     ) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         picture = resized_bgr(left)
-        cut = superpixels(picture)
+        cut = _counted(superpixels(picture))
         obstacle = self._classifier.predict(_colours(picture, cut)) == 1
-        mask = np.where(obstacle[_places(cut)], 255, 0).astype(np.uint8)
+        mask = np.where(obstacle[cut], 255, 0).astype(np.uint8)
         words = f"{int(obstacle.sum())} of {len(obstacle)} superpixels are not coloured as water"
         return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
 
@@ -137,22 +137,21 @@ class LabColour:
         """Nothing is kept from frame to frame."""
 
 
-def _places(cut: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Which superpixel, counted from 0 without gaps, each pixel is of."""
+def _counted(cut: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The superpixels counted from 0 without gaps."""
     return np.unique(cut, return_inverse=True)[1].reshape(cut.shape)
 
 
 def _means(values: NDArray[np.bool_], cut: NDArray[np.int64]) -> NDArray[np.float64]:
     """Part of each superpixel that is true, (n,)."""
-    places = _places(cut).ravel()
-    total = np.bincount(places, values.ravel())
-    return np.asarray(total / np.bincount(places), np.float64)
+    total = np.bincount(cut.ravel(), values.ravel())
+    return np.asarray(total / np.bincount(cut.ravel()), np.float64)
 
 
 def _colours(picture: NDArray[np.uint8], cut: NDArray[np.int64]) -> NDArray[np.float64]:
     """Histograms of the channels of Lab over each superpixel, (n, 3 * `BINS`)."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
-    places = _places(cut).ravel()
+    places = cut.ravel()
     n = int(places.max()) + 1
     sizes = np.bincount(places)[:, None]
     channels = []

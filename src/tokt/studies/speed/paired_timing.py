@@ -83,12 +83,6 @@ def single_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _seconds(call: Callable[[Item], object], item: Item) -> float:
-    start = time.perf_counter()
-    call(item)
-    return time.perf_counter() - start
-
-
 def in_turns(
     calls: Mapping[str, Callable[[Item], object]], items: Sequence[Item], rounds: int
 ) -> dict[str, NDArray[np.float64]]:
@@ -121,7 +115,9 @@ def in_turns(
             for step in range(count):
                 for place, (name, call) in enumerate(calls.items()):
                     index = (step + place * shift) % count
-                    times[name][turn, index] = _seconds(call, items[index])
+                    start = time.perf_counter()
+                    call(items[index])
+                    times[name][turn, index] = time.perf_counter() - start
     finally:
         gc.enable()
     return {name: values.ravel() for name, values in times.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,11 +141,6 @@ def _examples(mission: Mission, labels: Path | None) -> TrainingExamples:
     return examples_from_labels(mission, records, taxonomy)
 
 
-def _compare(cases: Sequence[Case[Picture]], pictures: Iterable[Picture]) -> list[bool]:
-    """For each picture whether every case could be compared on it."""
-    return [all([case.check(picture) for case in cases]) for picture in pictures]
-
-
 def measure_in_process(
     mission: Mission,
     models: Sequence[ModelPair],
@@ -168,10 +163,12 @@ def measure_in_process(
     ]
     frames.append(BestFrame(models[-1].bundle, best.bundle))
     textured = Picture(textured_frame())
-    _compare([texture_kernel], [textured])
-    pictures = (Picture(mission.read(number)) for number in compared)
-    able = _compare([*kernels, *frames], progress(pictures, len(compared), "compare"))
-    judged = [number for number, judged in zip(compared, able, strict=True) if judged]
+    texture_kernel.check(textured)
+    judged = []
+    for number in progress(compared, len(compared), "compare"):
+        picture = Picture(mission.read(number))
+        if all([case.check(picture) for case in (*kernels, *frames)]):
+            judged.append(number)
     if not judged:
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its frames")
     # A refused frame costs the runtime next to nothing: timing it would flatter.

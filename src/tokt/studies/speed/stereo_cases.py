@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -219,8 +219,7 @@ class PushbroomPair(PairCase):
         return {**super().findings(), "cells": dict(self._cells)}
 
 
-@dataclass(frozen=True)
-class StereoInput:
+class StereoInput(NamedTuple):
     """The calibration that stereo is measured with.
 
     Parameters
