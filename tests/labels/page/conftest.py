@@ -171,6 +171,16 @@ class EventStream:
 
     def next(self, wanted: str) -> Any:
         """Data of the next event of that name; comments are the events of name ``""``."""
+        for name, data in self._read():
+            if name == wanted:
+                return data
+        raise EOFError("the stream ended")
+
+    def rest(self) -> list[tuple[str, Any]]:
+        """All events up to the end of the stream, which the server has to end."""
+        return [(name, data) for name, data in self._read() if name]
+
+    def _read(self) -> Iterator[tuple[str, Any]]:
         name, data = "", None
         while line := self._answer.readline().decode():
             field_name, _, text = line.rstrip("\n").partition(": ")
@@ -179,22 +189,8 @@ class EventStream:
             elif field_name == "data":
                 data = json.loads(text)
             elif not line.strip():
-                if name == wanted:
-                    return data
+                yield name, data
                 name, data = "", None
-        raise EOFError("the stream ended")
-
-    def rest(self) -> list[tuple[str, Any]]:
-        """All events up to the end of the stream, which the server has to end."""
-        found = []
-        name = ""
-        for line in self._answer.read().decode().splitlines():
-            field_name, _, text = line.partition(": ")
-            if field_name == "event":
-                name = text
-            elif field_name == "data":
-                found.append((name, json.loads(text)))
-        return found
 
 
 @pytest.fixture(scope="module")

@@ -29,9 +29,18 @@ def server(page_server):
     return page_server("--annotator", "anna")
 
 
+def _frame(server: Any, frame: int, who: str = "anna") -> dict[str, Any]:
+    return server.get("/api/labels", camera="left", frames=frame, who=who)["frames"][0]
+
+
 def _mine(server: Any, frame: int, who: str = "anna") -> list[str | None]:
-    found = server.get("/api/labels", camera="left", frames=frame, who=who)
-    return found["frames"][0]["mine"]
+    return _frame(server, frame, who)["mine"]
+
+
+def _is_refused(answer: Any, *statuses: int) -> None:
+    """The answer is one line with a reason."""
+    assert answer.status in statuses, answer.body
+    assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
 
 
 def test_mission(server) -> None:
@@ -95,8 +104,7 @@ def test_what_was_said_meanwhile_is_a_conflict(server) -> None:
 def test_confirmed_suggestions_keep_the_model(server) -> None:
     change = {"camera": "left", "frame": 4, "label": "reef", "cells": [7], "base": [None]}
     server.paint("yes-1", 4, [], None, changes=[{**change, "model": "reefs/3"}], kind="accept")
-    frame = server.get("/api/labels", camera="left", frames=4, who="anna")["frames"][0]
-    assert frame["models"] == {"7": "reefs/3"}
+    assert _frame(server, 4)["models"] == {"7": "reefs/3"}
     events = server.get("/api/history", camera="left", frame=4, cell=7)["events"]
     assert [(said["label"], said["source"], said["model_version"]) for said in events] == [
         ("reef", "human", "reefs/3")
@@ -115,7 +123,7 @@ def test_two_annotators_settle(server) -> None:
     assert done["states"] == {"left": {"6": "u"}}
     settled = server.get("/api/agreement", a="anna", b="ben")["conflicts"]
     assert settled == [{**conflict, "settled": "reef", "settled_by": "carl"}]
-    frame = server.get("/api/labels", camera="left", frames=6, who="anna")["frames"][0]
+    frame = _frame(server, 6)
     assert frame["mine"][0] == "ocean" and frame["others"]["ben"][0] == "reef"
     assert frame["settled"][0] == "reef" and "carl" not in frame["others"]
     for a, b, status in (("anna", "anna", 400), ("anna", "eve", 404)):
@@ -165,10 +173,8 @@ def test_an_action_for_another_mission_is_not_taken(server) -> None:
         answer = server.send("/api/actions", {**body, "key": f"other-{n}", **other})
         assert answer.status == 421
         assert ("mission tiny;", "grid 10x10@360;")[n] in answer.json["error"]
-        assert (
-            server.send("/api/undo", {"key": f"o-{n}", "who": "anna", "time": TIME, **other}).status
-            == 421
-        )
+        undo = {"key": f"o-{n}", "who": "anna", "time": TIME, **other}
+        assert server.send("/api/undo", undo).status == 421
     own = {**body, "key": "own", "mission": "tiny", "grid": grid}
     assert server.send("/api/actions", own).status == 200
 
@@ -204,8 +210,7 @@ ACTION = {"key": "bad", "who": "anna", "kind": "paint", "time": TIME, "changes":
 )
 def test_wrong_changes_are_refused(server, change: dict[str, Any], status: int) -> None:
     answer = server.send("/api/actions", {**ACTION, "changes": [{**CHANGE, **change}]})
-    assert answer.status == status, answer.body
-    assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
+    _is_refused(answer, status)
     assert _mine(server, 9) == [None] * 100
 
 
@@ -230,8 +235,7 @@ def test_wrong_changes_are_refused(server, change: dict[str, Any], status: int) 
 )
 def test_wrong_actions_are_refused(server, wrong: dict[str, Any]) -> None:
     answer = server.send("/api/actions", {**ACTION, **wrong})
-    assert answer.status in (400, 403), answer.body
-    assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
+    _is_refused(answer, 400, 403)
     assert _mine(server, 9) == [None] * 100
 
 
@@ -308,9 +312,7 @@ def test_no_json_is_a_fault_of_the_server(server) -> None:
     ],
 )
 def test_wrong_queries_are_refused(server, query: str) -> None:
-    answer = server.request("GET", f"/api/{query}")
-    assert answer.status == 400, answer.body
-    assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
+    _is_refused(server.request("GET", f"/api/{query}"), 400)
 
 
 def test_ranges_of_millions_of_frames_are_not_listed(server) -> None:
