@@ -37,7 +37,7 @@ from tokt.studies.simulation.rendering.trajectory import CameraPose
 from tokt.studies.simulation.scene.closed_loop_world import Placed, World, one_tower, trap
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, Puffs, School
 from tokt.studies.simulation.scene.surfaces import STALK_MATERIAL, Materials, Surfaces
-from tokt.studies.simulation.scene.tower import Tower
+from tokt.studies.simulation.scene.tower import Tower, upright
 from tokt.studies.simulation.scene.water import Water
 
 pytestmark = pytest.mark.xdist_group("renderer")
@@ -61,19 +61,13 @@ def place(x, y, z):
     return np.array([x, y, z], np.float64)
 
 
-def level(heading):
-    """World to camera, level, at that heading: clockwise seen from above."""
-    cos, sin = np.cos(heading), np.sin(heading)
-    return np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
-
-
 def surfaces_of(world):
     return Surfaces.of([thing.shape for thing in world.things])
 
 
 def hits_of(world, rig, position, heading=0.0, side=0):
     maps, surfaces = ViewMaps.of(world.water, rig, side), surfaces_of(world)
-    hits = Hits(rig.cameras(level(heading), position)[side], maps.rays, maps.lamp)
+    hits = Hits(rig.cameras(upright(heading), position)[side], maps.rays, maps.lamp)
     origins = np.array([thing.origin(0.0) for thing in world.things])
     hits.add_solids(surfaces, origins)
     return hits
@@ -108,7 +102,7 @@ def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, s
     position = place(0.2, 0.35, z)
     world = World(scene.water, (tower,))
     hits = hits_of(world, scene.rig, position, heading, side)
-    pose = CameraPose(position, level(heading), STILL)
+    pose = CameraPose(position, upright(heading), STILL)
     view = cast_rays(tower.shape, pose.cameras(scene.rig)[side])
     there, here = np.isfinite(view.depth), np.isfinite(hits.depth)
     assert there.sum() > 1000
@@ -343,7 +337,7 @@ def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
     eye_position = rng.uniform(-50, 50, (20, 3))
     counts, rig = [], MissionScene.draw(1, 1, WIDTH).rig
     for position in eye_position:
-        seen, _ = snow.near(rig.cameras(level(rng.uniform(-3, 3)), position)[0], STILL)
+        seen, _ = snow.near(rig.cameras(upright(rng.uniform(-3, 3)), position)[0], STILL)
         counts.append(len(seen))
         assert np.linalg.norm(seen, axis=1).max() < 4.6
     # A little less than a mission draws: places that no camera sees may repeat and are left out.
@@ -419,8 +413,8 @@ def both_renderers(seed, n_frames):
     for number, pose in enumerate(scene.poses):
         heading = float(np.arctan2(pose.rotation[2, 0], pose.rotation[2, 2]))
         new.append(renderer.left(float(number), pose.centre, heading, pose.velocity))
-        upright = CameraPose(pose.centre, level(heading), pose.velocity)
-        frame, view, exposure = mission_frame(scene, upright, scene.tower, number, seed=seed)
+        level = CameraPose(pose.centre, upright(heading), pose.velocity)
+        frame, view, exposure = mission_frame(scene, level, scene.tower, number, seed=seed)
         old.append(frame)
         mask = view.image(np.isfinite(view.depth))
         covered = coverage(mask, DEFAULT_GRID)

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from .vehicle import MINERVA, Float, Forces, State, VehicleParameters, turn
+from .vehicle import MINERVA, Float, Forces, State, turn
 
 
 class Mode(StrEnum):
@@ -48,56 +48,21 @@ STEP_S = 0.05
 """Of the control loop and of the vehicle's steps: 20 a second."""
 
 
-@dataclass(frozen=True)
-class AutopilotSettings:
-    """Gains; chosen for the masses and thrusters of `MINERVA`.
-
-    Parameters
-    ----------
-    position : 1/s
-        Speed asked for, a metre of position error.
-    velocity : 1/s
-        Acceleration asked for, a metre a second of velocity error.
-    integral : 1/s2
-        The same of its integral.
-    heading, yaw_rate, yaw_integral : the same of the heading
-    sway_m_s : float
-        The fastest it goes sideways, or back.
-    yaw_rad_s : float
-        The fastest it turns.
-    """
-
-    position: float = 0.5
-    velocity: float = 1.2
-    integral: float = 0.25
-    heading: float = 0.8
-    yaw_rate: float = 2.0
-    yaw_integral: float = 0.4
-    sway_m_s: float = 0.35
-    yaw_rad_s: float = 0.35
+# Gains, chosen for the masses and thrusters of `MINERVA`. A metre of position error asks for
+# _POSITION m/s; a metre a second of velocity error for _VELOCITY m/s2, and its integral for
+# _INTEGRAL; the same of the heading.
+_POSITION, _VELOCITY, _INTEGRAL = 0.5, 1.2, 0.25
+_HEADING, _YAW_RATE, _YAW_INTEGRAL = 0.8, 2.0, 0.4
+_MAX_SWAY_M_S = 0.35
+"""The fastest it goes sideways, or back."""
+_MAX_YAW_RAD_S = 0.35
+"""The fastest it turns."""
 
 
 class Autopilot:
-    """Forces for a target, once a control step.
+    """Forces for a target, once a control step of `STEP_S`."""
 
-    Parameters
-    ----------
-    settings : AutopilotSettings
-    parameters : VehicleParameters
-        Of the vehicle it steers.
-    dt_s : float
-        Time between two calls of `forces`.
-    """
-
-    def __init__(
-        self,
-        settings: AutopilotSettings | None = None,
-        parameters: VehicleParameters = MINERVA,
-        dt_s: float = STEP_S,
-    ) -> None:
-        self.settings = settings or AutopilotSettings()
-        self.parameters = parameters
-        self.dt_s = dt_s
+    def __init__(self) -> None:
         self._sums = [0.0, 0.0, 0.0, 0.0]
 
     def forces(self, state: State, target: Setpoint) -> Forces:
@@ -108,38 +73,30 @@ class Autopilot:
 
     def _velocity(self, state: State, target: Setpoint) -> tuple[float, float, float]:
         """Surge, sway and heave over ground to ask for, m/s."""
-        own = self.settings
         east, down, north = (target.position - state.position).tolist()
         sine, cosine = math.sin(state.heading_rad), math.cos(state.heading_rad)
         surge, sway = north * cosine + east * sine, east * cosine - north * sine
         # One factor for all: the way stays straight.
         over = max(
-            own.position * math.hypot(surge, sway, down) / target.speed_m_s
+            _POSITION * math.hypot(surge, sway, down) / target.speed_m_s
             if target.speed_m_s > 0
             else math.inf,
-            -own.position * surge / own.sway_m_s,
-            own.position * abs(sway) / own.sway_m_s,
-            own.position * abs(down) / own.sway_m_s,
+            *(_POSITION * error / _MAX_SWAY_M_S for error in (-surge, abs(sway), abs(down))),
             1.0,
         )
-        gain = own.position / over
+        gain = _POSITION / over
         return gain * surge, gain * sway, gain * down
 
     def _yaw_rate(self, state: State, target: Setpoint) -> float:
-        most = self.settings.yaw_rad_s
         error = turn(target.heading - state.heading_rad)
-        return min(max(self.settings.heading * error, -most), most)
+        return min(max(_HEADING * error, -_MAX_YAW_RAD_S), _MAX_YAW_RAD_S)
 
     def _force(self, axis: int, wanted: float, have: float) -> float:
-        own, body = self.settings, self.parameters
-        gain, integral = (
-            (own.velocity, own.integral) if axis < 3 else (own.yaw_rate, own.yaw_integral)
-        )
+        gain, integral = (_VELOCITY, _INTEGRAL) if axis < 3 else (_YAW_RATE, _YAW_INTEGRAL)
         error = wanted - have
-        mass = body.mass[axis] + body.added_mass[axis]
-        most = (body.greatest.surge, body.greatest.sway, body.greatest.heave, body.greatest.yaw)
-        force = body.drag(axis, wanted) + mass * (gain * error + integral * self._sums[axis])
+        mass = MINERVA.mass[axis] + MINERVA.added_mass[axis]
+        force = MINERVA.drag(axis, wanted) + mass * (gain * error + integral * self._sums[axis])
         # What the thrusters cannot give must not pile up, or it overshoots afterwards.
-        if abs(force) < most[axis] or force * error < 0:
-            self._sums[axis] += error * self.dt_s
+        if abs(force) < MINERVA.greatest[axis] or force * error < 0:
+            self._sums[axis] += error * STEP_S
         return force

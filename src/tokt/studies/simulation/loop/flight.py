@@ -106,7 +106,7 @@ class _Run:
         self._scene, self._method, self._runtime = scene, method, runtime
         self._pairs = _looks_at_pairs(method)
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
-        self._vehicle = Vehicle(scene.start, scene.current_m_s)
+        self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()
         self._planner = Planner(scene.goal, PlannerSettings(deaf=runtime is None))
         self._steps: list[Step] = []

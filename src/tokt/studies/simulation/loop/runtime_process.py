@@ -9,8 +9,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -47,10 +47,10 @@ class RuntimeProcess:
         self._options = list(options)
 
     def __enter__(self) -> RuntimeProcess:
-        self._words = tempfile.TemporaryFile()
-        self._receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._receiver.bind(("127.0.0.1", 0))
-        with socket.create_server(("127.0.0.1", 0)) as server:
+        with ExitStack() as stack, socket.create_server(("127.0.0.1", 0)) as server:
+            self._words = stack.enter_context(tempfile.TemporaryFile())
+            self._receiver = stack.enter_context(socket.socket(type=socket.SOCK_DGRAM))
+            self._receiver.bind(("127.0.0.1", 0))
             command = [
                 *(sys.executable, "-P", "-m", "tokt", "run"),
                 *("--source", f"stream:127.0.0.1:{server.getsockname()[1]}"),
@@ -58,23 +58,15 @@ class RuntimeProcess:
                 *self._options,
             ]
             self._process = subprocess.Popen(command, stderr=self._words, cwd=Path.cwd())
-            try:
-                self._wait_for(server, "connect")
-                self._frames, _ = server.accept()
-                self._frames.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            except BaseException:
-                self._end()
-                raise
+            stack.callback(self._end)
+            self._wait_for(server, "connect")
+            self._frames = stack.enter_context(server.accept()[0])
+            self._frames.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._opened = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._frames.close()
-        self._end()
+    def __exit__(self, *error: object) -> None:
+        self._opened.close()
 
     def judge(
         self, number: int, t: float, left: Picture | None, right: Picture | None
@@ -121,5 +113,3 @@ class RuntimeProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._receiver.close()
-        self._words.close()

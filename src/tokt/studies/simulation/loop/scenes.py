@@ -69,11 +69,6 @@ class LoopScene:
     goal: Float
     blind_s: tuple[float, float] | None = None
 
-    @property
-    def current_m_s(self) -> Triple:
-        """Velocity of the water: east, down, north."""
-        return self.world.current
-
 
 @dataclass(frozen=True)
 class SceneKind:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +31,7 @@ CAMERA_AHEAD_M = 0.5
 """The left camera, ahead of the vehicle's centre."""
 
 
-@dataclass(frozen=True)
-class Forces:
+class Forces(NamedTuple):
     """Forces of the thrusters, real or asked for: N along surge, sway, heave; N m about yaw."""
 
     surge: float = 0.0
@@ -122,7 +122,7 @@ at 24 revolutions a second with the propellers' D (0.19 and 0.22 m), K_T (about 
 
 
 class Vehicle:
-    """One vehicle in one current.
+    """One vehicle, `MINERVA`, in one current.
 
     Parameters
     ----------
@@ -130,7 +130,6 @@ class Vehicle:
     current_m_s : (3,) floats, or a function of time in seconds that gives them
         Velocity of the water over ground: east, down, north. One that changes is taken to change
         slowly: its own acceleration is left out.
-    parameters : VehicleParameters
 
     Attributes
     ----------
@@ -141,16 +140,10 @@ class Vehicle:
         What the thrusters do now.
     """
 
-    def __init__(
-        self,
-        start: State,
-        current_m_s: Current = (0.0, 0.0, 0.0),
-        parameters: VehicleParameters = MINERVA,
-    ) -> None:
+    def __init__(self, start: State, current_m_s: Current = (0.0, 0.0, 0.0)) -> None:
         self.state = start
         self.t_s = 0.0
         self.applied = Forces()
-        self.parameters = parameters
         self._current = current_m_s
 
     def step(self, dt_s: float, forces: Forces) -> None:
@@ -165,12 +158,8 @@ class Vehicle:
             raise ValueError(f"a step of {dt_s} s")
         self.applied = self._thrust(dt_s, forces)
         old = self.state
-        y0 = (
-            *old.position.tolist(),
-            old.heading_rad,
-            *old.velocity_body.tolist(),
-            old.yaw_rate,
-        )
+        place, velocity = old.position.tolist(), old.velocity_body.tolist()
+        y0 = (*place, old.heading_rad, *velocity, old.yaw_rate)
         water = self._current(self.t_s) if callable(self._current) else self._current
         east, down, north = (float(part) for part in water)
 
@@ -190,13 +179,11 @@ class Vehicle:
 
     def _thrust(self, dt_s: float, asked: Forces) -> Forces:
         """What the thrusters reach in this step of what is asked."""
-        greatest, share = self.parameters.greatest, dt_s / self.parameters.rise_s
-        names = ("surge", "sway", "heave", "yaw")
+        share = dt_s / MINERVA.rise_s
         reached = []
-        for name in names:
-            most, now = getattr(greatest, name), getattr(self.applied, name)
-            wanted = min(max(getattr(asked, name), -most), most)
-            reached.append(now + min(max(wanted - now, -most * share), most * share))
+        for wanted, now, most in zip(asked, self.applied, MINERVA.greatest, strict=True):
+            change = min(max(wanted, -most), most) - now
+            reached.append(now + min(max(change, -most * share), most * share))
         return Forces(*reached)
 
     def _rate(self, y: tuple[float, ...], water: tuple[float, float, float]) -> tuple[float, ...]:
@@ -205,7 +192,7 @@ class Vehicle:
         east, down, north = water
         uc, vc = north * cosine + east * sine, east * cosine - north * sine
         ur, vr, wr = u - uc, v - vc, w - down
-        own, tau = self.parameters, self.applied
+        own, tau = MINERVA, self.applied
         m, (a_surge, a_sway, a_heave, a_yaw) = own.mass, own.added_mass
         surge = tau.surge - own.drag(0, ur) + m[0] * v * r + a_sway * vr * r + a_surge * r * vc
         sway = tau.sway - own.drag(1, vr) - m[1] * u * r - a_surge * ur * r - a_sway * r * uc

@@ -16,6 +16,7 @@ from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.fish_and_dust import fish_texture
 from tokt.studies.simulation.scene.rig import Camera, SyntheticRig
 from tokt.studies.simulation.scene.surfaces import Materials, Surfaces
+from tokt.studies.simulation.scene.tower import upright
 
 from .loop_lighting import ViewMaps, add_dust, surface_light
 from .raycast import Hits
@@ -112,9 +113,7 @@ class StereoRenderer:
 
     def _cameras(self, position: Float, heading_rad: float) -> tuple[Camera, Camera]:
         """Both cameras, level, with the left one at `position`."""
-        cos, sin = np.cos(heading_rad), np.sin(heading_rad)
-        level = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
-        return self._rig.cameras(level, np.asarray(position, np.float64))
+        return self._rig.cameras(upright(heading_rad), np.asarray(position, np.float64))
 
     def _solids(self, side: int, t_s: float, camera: Camera) -> Hits:
         """Surfaces without fish; the left camera's nearest depth is kept for `sees_solid`."""

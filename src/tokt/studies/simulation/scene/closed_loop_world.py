@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .fish_and_dust import DustCloud, School
 from .surfaces import Surfaces
-from .tower import Cuboid, Frustum, Stalk, Tower, panels
+from .tower import Cuboid, Frustum, Stalk, Tower, panels, upright
 from .water import Water
 
 Float = NDArray[np.float64]
@@ -143,8 +143,7 @@ def turned(shape: Tower, turn_rad: float) -> Tower:
     """A shape turned about the vertical through its origin, clockwise seen from above."""
     if turn_rad == 0:
         return shape
-    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
-    turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+    turn = upright(-turn_rad)
 
     def solid(one: Frustum | Cuboid) -> Frustum | Cuboid:
         if isinstance(one, Frustum):

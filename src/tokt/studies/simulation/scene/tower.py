@@ -130,6 +130,12 @@ class Tower:
         return cls(tuple(solids), tuple(_growth(head, legs, rng)), surface_textures(rng))
 
 
+def upright(turn_rad: float) -> Float:
+    """Axes (as rows) of what stands upright, turned clockwise seen from above."""
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    return np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+
+
 def _up(metres: float) -> Float:
     return _UP * metres
 
@@ -213,10 +219,8 @@ def panels(
     """
     solids, stalks = [], []
     for x, z, turn, width in plan:
-        cos, sin = np.cos(turn), np.sin(turn)
-        axes = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
         half = np.array([width, height_m, _PANEL_THICKNESS_M]) / 2
-        panel = Cuboid(np.array([x, 0.0, z]), axes, half, PANEL)
+        panel = Cuboid(np.array([x, 0.0, z]), upright(turn), half, PANEL)
         solids.append(panel)
         stalks += _growth_on_panel(rng, panel)
     return Tower(tuple(solids), tuple(stalks), surface_textures(rng))
