@@ -18,25 +18,19 @@ from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.baseline import BaselineResult
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import Exhibit
+from tokt.studies.thesis.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
-from tokt.studies.thesis.exhibits.dark_figures import bad_lighting
+from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
 from tokt.studies.thesis.exhibits.dot_figures import pooled_scores, prediction_dots
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import training_images
-from tokt.studies.thesis.inputs import ReproduceRequest
 from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
-from tokt.studies.thesis.methods.dark_rendering import DarkPair, DarkScene
-from tokt.studies.thesis.methods.patch_scores import (
-    PatchScore,
-    PatchTruth,
-    patches_of_mask,
-    score_patches,
-    truth_by_mask,
+from tokt.studies.thesis.methods.mission_models import (
+    TOKT_TEXTURE,
+    SuperpixelMethods,
+    train_on_all_labels,
 )
-from tokt.studies.thesis.methods.superpixel_methods import SuperpixelMethods
 from tokt.studies.thesis.methods.texture_histograms import (
     BinKind,
     bin_kinds,
@@ -46,7 +40,13 @@ from tokt.studies.thesis.methods.texture_histograms import (
     hellinger,
     share_by_kind,
 )
-from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE, train_on_all_labels
+from tokt.studies.thesis.patch_scores import (
+    PatchScore,
+    PatchTruth,
+    patches_of_mask,
+    score_patches,
+    truth_by_mask,
+)
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 
@@ -68,20 +68,10 @@ def _curves(context: StudyContext) -> Curves:
     return Curves(pd.DataFrame(), pd.DataFrame(), methods, patches)
 
 
-def _study_context(
-    mission: Path, out: Path, curves: Curves | None = None, **asked: Path
-) -> StudyContext:
-    request = ReproduceRequest(mission=mission, out=out, jobs=1, **asked)
-    context = StudyContext(request, lambda line: None, lambda items, total, what: items)
-    if curves is not None:
-        context.__dict__["curves"] = curves
-    return context
-
-
 @pytest.fixture(scope="session")
-def context(reproduce_mission: Path, tmp_path_factory: pytest.TempPathFactory) -> StudyContext:
+def context(reproduced: StudyContext, context_of: Callable[..., StudyContext]) -> StudyContext:
     """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
-    made = _study_context(reproduce_mission, tmp_path_factory.mktemp("out"))
+    made = context_of(reproduced.mission.path)
     made.__dict__["curves"] = _curves(made)
     return made
 
@@ -105,7 +95,7 @@ def dark_scene() -> DarkScene:
 
 
 @pytest.fixture(scope="session")
-def dark_pair(dark_scene: DarkScene) -> DarkPair:
+def dark_pair(dark_scene: DarkScene) -> DarkPicture:
     """A rendered pair in half the light."""
     return dark_scene.at(0.5)
 
@@ -273,16 +263,11 @@ def test_training_images(context: StudyContext, one_photo: None, drawn: None) ->
 
 
 def test_training_images_without_labels(
-    context: StudyContext, one_photo: None, tmp_path: Path
+    context: StudyContext, context_of: Callable[..., StudyContext], one_photo: None
 ) -> None:
     """Distances remain; nothing is scored, and nothing is ranked."""
-    bare = _study_context(context.mission.path, tmp_path)
-    bare.__dict__["labels"] = None
-    bare.__dict__ |= {
-        "structure_frame": context.structure_frame,
-        "ocean": context.ocean,
-        "other": context.other,
-    }
+    shared = {name: getattr(context, name) for name in ("structure_frame", "ocean", "other")}
+    bare = context_of(context.mission.path, {"labels": None, **shared})
     exhibit = training_images(bare)
     assert exhibit.numbers["scored_frames"] == 0
     assert exhibit.tables[0].frame["lbp_10_5 F1"].isna().all()
@@ -351,41 +336,40 @@ def test_centre_and_box(context: StudyContext, drawn: None) -> None:
 
 
 def test_centre_and_box_of_nothing(
-    context: StudyContext, reproduce_mission: Path, tmp_path: Path
+    context: StudyContext, context_of: Callable[..., StudyContext]
 ) -> None:
     """A mission in which no method sees anything has nothing to show, and says why."""
-    made = _study_context(reproduce_mission, tmp_path, Curves(pd.DataFrame(), pd.DataFrame(), {}))
-    made.__dict__ |= {"structure_frame": 1, "thesis": context.thesis}
-    exhibit = centre_and_box(made)
+    nothing = Curves(pd.DataFrame(), pd.DataFrame(), {})
+    given = {"structure_frame": 1, "thesis": context.thesis, "curves": nothing}
+    exhibit = centre_and_box(context_of(context.mission.path, given))
     assert "frame 1" in exhibit.missing
     assert not exhibit.plots
 
 
-def _write(folder: Path, pair: DarkPair, mask: NDArray[np.uint8]) -> dict[str, Path]:
+def _write(folder: Path, pair: DarkPicture, mask: NDArray[np.uint8]) -> dict[str, Path]:
     files = {"dark": folder / "dark.png", "dark_mask": folder / "mask.png"}
     cv2.imwrite(str(files["dark"]), pair.left)
     cv2.imwrite(str(files["dark_mask"]), mask)
     return files
 
 
-def _dark(context: StudyContext, out: Path, **asked: Path) -> Exhibit:
-    made = _study_context(context.mission.path, out, context.curves, **asked)
-    slow = SuperpixelMethods((), (TopHalf(),), 20, "", "knows nothing")  # type: ignore[arg-type]
-    made.__dict__ |= {
-        "thesis": context.thesis,
-        "superpixel_methods": slow,
-        "ocean": context.ocean,
-        "other": context.other,
-        "labels": context.labels,
-    }
-    return bad_lighting(made)
+Judge = Callable[..., Exhibit]
+
+
+@pytest.fixture
+def dark(context: StudyContext, context_of: Callable[..., StudyContext]) -> Judge:
+    """Bad lighting by what was asked, with models that are made already."""
+    shared = ("curves", "thesis", "ocean", "other", "labels")
+    given = {name: getattr(context, name) for name in shared}
+    given["superpixel_methods"] = SuperpixelMethods((), (TopHalf(),), 20, "", "knows nothing")
+    return lambda **asked: bad_lighting(context_of(context.mission.path, given, **asked))
 
 
 def test_bad_lighting_by_a_given_image(
-    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
+    context: StudyContext, dark_pair: DarkPicture, tmp_path: Path, dark: Judge
 ) -> None:
     """Scored by the mask given: a mask that is shifted by three patches scores worse."""
-    exhibit = _dark(context, tmp_path, **_write(tmp_path, dark_pair, dark_pair.mask))
+    exhibit = dark(**_write(tmp_path, dark_pair, dark_pair.mask))
     assert exhibit.numbers["rendered"] is False
     truth = truth_by_mask(dark_pair.mask, GRID)
     assert exhibit.numbers["obstacle_patches"] == truth.obstacle.sum() > 10
@@ -399,11 +383,11 @@ def test_bad_lighting_by_a_given_image(
     assert table.loc["tokt stereo", "status"] == "unknown"
     assert np.isnan(table.loc["tokt stereo", "f1"])
     shifted = np.roll(dark_pair.mask, 3 * 36, axis=1)
-    worse = _dark(context, tmp_path, **_write(tmp_path, dark_pair, shifted))
+    worse = dark(**_write(tmp_path, dark_pair, shifted))
     assert float(worse.numbers["haralick_f1"]) < 0.5 * float(exhibit.numbers["haralick_f1"])
 
 
-def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, tmp_path: Path) -> None:
+def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, dark: Judge) -> None:
     """Its labels stand in for a mask, its right picture makes it a pair.
 
     Our texture may not learn from the frames near it, which in so short a mission are all those
@@ -411,7 +395,7 @@ def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, tmp_path:
     """
     number = context.structure_frame
     file = context.mission.path / "Left" / f"sim_L_{number}.jpg"
-    exhibit = _dark(context, tmp_path, dark=file)
+    exhibit = dark(dark=file)
     assert f"frame {number}" in exhibit.words[0]
     assert exhibit.numbers["obstacle_patches"] == (context.truth(number) == 1).sum()
     assert float(exhibit.numbers["tokt_stereo_f1"]) > 0.4
@@ -421,21 +405,21 @@ def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, tmp_path:
 
 
 def test_bad_lighting_refuses_a_mask_of_another_size(
-    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
+    dark_pair: DarkPicture, tmp_path: Path, dark: Judge
 ) -> None:
     """Which would be a mask of another picture."""
     files = _write(tmp_path, dark_pair, dark_pair.mask[:, :-20])
     with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*dark.png is 360x271"):
-        _dark(context, tmp_path, **files)
+        dark(**files)
 
 
 def test_bad_lighting_without_a_mask_scores_nothing(
-    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
+    dark_pair: DarkPicture, tmp_path: Path, dark: Judge
 ) -> None:
     """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
     black = replace(dark_pair, left=np.zeros_like(dark_pair.left))
     files = _write(tmp_path, black, dark_pair.mask)
-    exhibit = _dark(context, tmp_path, dark=files["dark"])
+    exhibit = dark(dark=files["dark"])
     assert not any(name.endswith("_f1") for name in exhibit.numbers)
     assert "no mask" in exhibit.claims[0].found
     table = exhibit.tables[0].frame.set_index("method")
@@ -443,12 +427,10 @@ def test_bad_lighting_without_a_mask_scores_nothing(
     assert "too dark" in table.loc["tokt texture", "not judged"]
 
 
-def test_bad_lighting_rendered(
-    context: StudyContext, tmp_path: Path, drawn: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_lighting_rendered(dark: Judge, drawn: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without an image a rendered one with its exact mask, said so, and the lamp going down."""
     monkeypatch.setattr(dark_figures, "_LIGHTS", (1.0, 0.03))
-    exhibit = _dark(context, tmp_path)
+    exhibit = dark()
     _sound(exhibit)
     assert exhibit.numbers["rendered"] is True
     assert "rendered" in exhibit.words[0]
@@ -460,16 +442,17 @@ def test_bad_lighting_rendered(
     assert "tokt" not in sweep["say clear"][1]
 
 
-def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkPair) -> None:
+def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkPicture) -> None:
     """Less light changes the picture and what can be seen, never the mask."""
     darker = dark_scene.at(0.05)
     assert (darker.mask == dark_pair.mask).all()
     assert 5 * darker.left.mean() < dark_pair.left.mean()
-    assert darker.visible.sum() < dark_pair.visible.sum()
+    tower = dark_scene.mask > 0
+    assert 5 * darker.left[tower].std() < dark_pair.left[tower].std()
     again = DarkScene(WIDTH).at(0.5)
     assert (again.left == dark_pair.left).all()
     assert (again.right == dark_pair.right).all()
-    assert 1.5 < dark_pair.nearest_m < 6
+    assert 1.5 < dark_scene.nearest_m < 6
 
 
 def test_our_model_learns_from_nothing_near_the_picture(
@@ -489,9 +472,9 @@ def test_our_model_learns_from_nothing_near_the_picture(
     assert all(abs(number - 10) > 5 for number in read)
 
 
-def test_our_model_needs_labels_to_learn_from(reproduce_mission: Path, tmp_path: Path) -> None:
+def test_our_model_needs_labels_to_learn_from(
+    reproduce_mission: Path, context_of: Callable[..., StudyContext]
+) -> None:
     """Without them there is no model, and no word of clear."""
-    bare = _study_context(reproduce_mission, tmp_path)
-    bare.__dict__["labels"] = None
     with pytest.raises(ToktError, match="no labels of both"):
-        train_on_all_labels(bare)
+        train_on_all_labels(context_of(reproduce_mission, {"labels": None}))

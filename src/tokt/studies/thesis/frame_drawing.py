@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from tokt.features.frames.grid import Grid
 from tokt.inference.verdict import Box
 from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
-from tokt.studies.thesis.methods.patch_scores import Flags, PatchTruth
 from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
+
+from .patch_scores import Flags, PatchTruth
 
 SHOWN = (
     "Frames are nearly black: what is shown, not what is judged, has its contrast raised "
@@ -35,6 +36,21 @@ THESIS_COLOR, CORRECTED_COLOR = "#ff9f1c", "#28d7c4"
 _DPI = 110
 
 
+def new_figure(width: float, height: float, *shape: int, **given: Any) -> tuple[Figure, Any]:
+    """A figure in the report's style, of so many inches, and its axes.
+
+    Parameters
+    ----------
+    width, height : float
+    shape : int
+        Rows and columns.
+    given : dict
+        For `Figure.subplots`.
+    """
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(*shape, **given)
+
+
 def png_of(figure: Figure) -> bytes:
     """A figure as a PNG file."""
     return figure_png(figure, _DPI)
@@ -51,21 +67,21 @@ def show_frame(axes: Any, frame: NDArray[np.uint8], grid: Grid) -> tuple[int, in
     """
     height, width = grid.resized(*frame.shape[:2])
     # Twice the size: what the eye sees of the tower is finer than the grid's pixels.
-    axes.imshow(
-        raise_contrast(frame, 2 * width, 2 * height), extent=(-0.5, width - 0.5, height - 0.5, -0.5)
-    )
-    axes.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
-    return height, width
+    return _show(axes, raise_contrast(frame, 2 * width, 2 * height))
 
 
 def show_dark(axes: Any, frame: NDArray[np.uint8], grid: Grid) -> tuple[int, int]:
     """`show_frame` for what local contrast does not make visible, as `DARK_SHOWN` says."""
     height, width = grid.resized(*frame.shape[:2])
     size = (2 * width, 2 * height)
-    small = np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
-    seen = enhanced(small)
+    seen = enhanced(np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8))
     code = cv2.COLOR_GRAY2RGB if seen.ndim == 2 else cv2.COLOR_BGR2RGB
-    axes.imshow(cv2.cvtColor(seen, code), extent=(-0.5, width - 0.5, height - 0.5, -0.5))
+    return _show(axes, cv2.cvtColor(seen, code))
+
+
+def _show(axes: Any, twice: NDArray[Any]) -> tuple[int, int]:
+    height, width = twice.shape[0] // 2, twice.shape[1] // 2
+    axes.imshow(twice, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
     axes.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     return height, width
 

@@ -13,23 +13,18 @@ from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.studies.thesis.exhibits.centre_figures import centre_and_box
-from tokt.studies.thesis.exhibits.curve_figures import KEY as CURVES_KEY
-from tokt.studies.thesis.exhibits.curve_figures import TITLE as CURVES_TITLE
 from tokt.studies.thesis.exhibits.curve_figures import curve_figures
 from tokt.studies.thesis.exhibits.dark_figures import bad_lighting, given_picture
 from tokt.studies.thesis.exhibits.disparity_figures import disparity_figures
 from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
-from tokt.studies.thesis.exhibits.runtime_tables import KEY as TIMES_KEY
-from tokt.studies.thesis.exhibits.runtime_tables import TITLE as TIMES_TITLE
 from tokt.studies.thesis.exhibits.runtime_tables import runtime_tables
 from tokt.studies.thesis.exhibits.superpixel_figure import superpixel_figure
 from tokt.studies.thesis.exhibits.synchrony_figure import synchrony_figure
 from tokt.studies.thesis.exhibits.training_image_figures import training_images
 from tokt.studies.thesis.exhibits.trend_figure import trend_exhibit
 
-from .context import StudyContext
-from .exhibit import Exhibit
+from .exhibit import Exhibit, StudyContext
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
 from .report import report_html, results_json, results_text, table_csv
@@ -61,9 +56,11 @@ EXHIBITS: tuple[Planned, ...] = (
     Planned("figure-3.16-3.19", "Patch histograms", "figures 3.16 and 3.19", patch_histograms),
     Planned("figure-3.17-3.20", "Prediction dots", "figures 3.17 and 3.20", prediction_dots),
     Planned("figure-3.22-3.24", "Centre and box", "figures 3.22 to 3.24", centre_and_box),
-    Planned(TIMES_KEY, TIMES_TITLE, "tables 5.1 to 5.4", runtime_tables),
+    Planned("table-5.1-to-5.4", "Run time by method", "tables 5.1 to 5.4", runtime_tables),
     Planned("figure-5.1", "SLIC against the grid", "figure 5.1", superpixel_figure),
-    Planned(CURVES_KEY, CURVES_TITLE, "figures 5.3 to 5.5", curve_figures),
+    Planned(
+        "figure-5.3-to-5.5", "Mean value along the mission", "figures 5.3 to 5.5", curve_figures
+    ),
     Planned("figure-5.6-5.8", "Bad lighting", "figures 5.6 to 5.8", bad_lighting),
     Planned("figure-6.1", "Synchrony", "figure 6.1", synchrony_figure),
     Planned("trend", "Trend", "sections 5.2.1 and 7.2", trend_exhibit),

@@ -15,13 +15,22 @@ from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    StudyContext,
+    Table,
+)
 from tokt.studies.thesis.frame_drawing import (
     OCEAN_COLOR,
     OTHER_COLOR,
     SHOWN,
     draw_grid,
+    new_figure,
     png_of,
     show_frame,
 )
@@ -63,7 +72,7 @@ def patch_histograms(context: StudyContext) -> Exhibit:
         name: int((rows["haralick"][cell] > _BINS).sum() + (rows["haralick"][cell] < 0).sum())
         for name, cell in patches.items()
     }
-    numbers = {"frame": number}
+    numbers: Numbers = {"frame": number}
     for column, name in _QUOTED.items():
         numbers |= {f"{key}_{name}": value for key, value in told[column].dropna().items()}
     numbers |= {f"haralick_outside_{name}": count for name, count in outside.items()}
@@ -291,8 +300,7 @@ def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells)
 
 
 def _haralick_figure(rows: Rows, patches: Cells) -> Figure:
-    figure = Figure(figsize=(10.5, 4.2), layout="constrained")
-    features, values = figure.subplots(1, 2, width_ratios=(1.5, 1))
+    figure, (features, values) = new_figure(10.5, 4.2, 1, 2, width_ratios=(1.5, 1))
     place = np.arange(_BINS)
     for shift, (name, cell) in zip((-0.2, 0.2), patches.items(), strict=True):
         features.barh(place + shift, np.abs(rows[cell]), 0.4, color=_COLORS[name], label=name)
