@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -100,6 +101,14 @@ def dark_pair(dark_scene: DarkScene) -> DarkPicture:
     return dark_scene.at(0.5)
 
 
+def white(*blocks: Any) -> NDArray[np.uint8]:
+    """A mask of the grid's size with some white blocks."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    for block in blocks:
+        mask[block] = 255
+    return mask
+
+
 def shuffled(picture: NDArray[np.uint8]) -> Described:
     """Features as they are, but each patch has those of another one."""
     order = np.random.default_rng(5).permutation(GRID.n_patches)
@@ -115,8 +124,7 @@ class TopHalf:
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
     ) -> BaselineResult:
         """White down to the middle."""
-        mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-        mask[:135] = 255
+        mask = white(np.s_[:135])
         return BaselineResult(verdict_from_mask(mask, self.name), mask, "")
 
     def reset(self) -> None:
@@ -165,9 +173,7 @@ def test_scores_of_patches_leave_out_what_is_not_sure() -> None:
 
 def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
     """Patches are 36x27: 97.2 pixels are a tenth; less is not scored; a shifted mask differs."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[0:27, 0:4] = 255
-    mask[27:54, 0:3] = 255
+    mask = white(np.s_[0:27, 0:4], np.s_[27:54, 0:3])
     truth = truth_by_mask(mask, GRID)
     assert np.flatnonzero(truth.obstacle).tolist() == [0]
     assert np.flatnonzero(~truth.sure).tolist() == [10]
@@ -178,8 +184,7 @@ def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
 
 def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
     """One block low on the right: both centres are right, and only one way up is."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[200:241, 250:291] = 255
+    mask = white(np.s_[200:241, 250:291])
     both = both_ways(mask)
     assert (both.thesis.cx, both.thesis.cy) == (270, 220)
     assert (both.thesis.x, both.thesis.y) == (-(270 - 180), -(270 - 135))
@@ -192,18 +197,13 @@ def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
 
 def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union() -> None:
     """Two blocks apart: the sum misses the second; three tall ones leave the frame."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[50:71, 40:61] = 255
-    mask[150:171, 240:261] = 255
+    mask = white(np.s_[50:71, 40:61], np.s_[150:171, 240:261])
     apart = both_ways(mask)
     assert apart.corrected.box == (40, 50, 221, 121)
     assert apart.thesis.box == (38, 48, 50, 50)
     assert apart.thesis_misses
     assert not apart.thesis_leaves
-    mask[:] = 0
-    for x in (20, 120, 220):
-        mask[100:201, x : x + 21] = 255
-    tall = both_ways(mask)
+    tall = both_ways(white(*(np.s_[100:201, x : x + 21] for x in (20, 120, 220))))
     assert tall.thesis.box == (18, 98, 75, 315)
     assert tall.thesis_leaves
     assert leaves_frame((0, 0, WIDTH, HEIGHT), HEIGHT, WIDTH) is False
@@ -211,8 +211,7 @@ def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union() -> None:
 
 def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high() -> None:
     """Its starting corner takes the height for the width."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[100:121, 320:341] = 255
+    mask = white(np.s_[100:121, 320:341])
     assert thesis_centre(mask).box == (HEIGHT, 98, 25, 25)
     corrected = verdict_from_mask(mask, "mask").box
     assert corrected == (320, 100, 21, 21)
@@ -222,8 +221,7 @@ def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high() -> Non
 
 def test_contours_without_area_are_counted_before_the_dilation() -> None:
     """A line one pixel wide has no area; the program's dilation gives it some."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[100, 50:90] = 255
+    mask = white(np.s_[100, 50:90])
     assert both_ways(mask).without_area == 1
     assert thesis_centre(mask).cy == 100
 

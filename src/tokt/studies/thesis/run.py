@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from tokt.studies.thesis.exhibits.trend_figure import trend_exhibit
 from .exhibit import Exhibit, StudyContext
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
-from .report import report_html, results_json, results_text, table_csv
+from .report import FORMAT, exhibit_json, report_html, table_csv
 
 REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
 
@@ -105,14 +106,25 @@ def run_reproduce(
     context = StudyContext(request, say, progress)
     _check_inputs(context)
     made = [_made(planned, context) for planned in exhibits]
-    seconds = time.monotonic() - began
-    results = results_json(made, mission_of(context), about(context), machine(), seconds)
+    results = {
+        "format": FORMAT,
+        "mission": {
+            "name": context.mission.name,
+            "frames": len(context.frames),
+            "pairs": len(context.pairs),
+        },
+        "about": about(context),
+        "machine": machine(),
+        "seconds": round(time.monotonic() - began, 1),
+        "exhibits": [exhibit_json(one) for one in made],
+    }
     # Of an earlier run; without it nobody takes a half-replaced folder for a whole one.
     (request.out / RESULTS).unlink(missing_ok=True)
     for exhibit in made:
         _write(exhibit, request.out)
     atomic.write_text(request.out / REPORT, report_html(made, results))
-    atomic.write_text(request.out / RESULTS, results_text(results))
+    text = json.dumps(results, indent=2, ensure_ascii=False, allow_nan=False)
+    atomic.write_text(request.out / RESULTS, text + "\n")
     if exhibits is EXHIBITS:
         _write_page(results, request.out, say)
     return results
@@ -163,15 +175,6 @@ def _made(planned: Planned, context: StudyContext) -> Exhibit:
         context.say(f"   not made: {exhibit.missing}")
     context.say(f"   {time.monotonic() - began:.1f} s")
     return replace(exhibit, key=planned.key)
-
-
-def mission_of(context: StudyContext) -> dict[str, Any]:
-    """The mission, for the results."""
-    return {
-        "name": context.mission.name,
-        "frames": len(context.frames),
-        "pairs": len(context.pairs),
-    }
 
 
 def about(context: StudyContext) -> list[str]:

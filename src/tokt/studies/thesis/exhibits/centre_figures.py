@@ -289,9 +289,9 @@ def _figure(
         _draw_contours(outlines, one.mask)
         outlines.set_ylabel(title, fontsize=9)
         frame = context.left(one.number)
-        show_frame(centre, frame, GRID)
+        show_frame(centre, frame)
         _draw_centres(centre, one)
-        show_frame(boxes, frame, GRID)
+        show_frame(boxes, frame)
         draw_box(boxes, one.thesis.box, THESIS_COLOR, "--")
         draw_box(boxes, one.corrected.box, CORRECTED_COLOR)
     for axes, title in zip(rows[0], ("contours", "centre, way to steer", "box"), strict=True):

@@ -385,7 +385,7 @@ def _figure(dark: DarkPicture, said: Said, scores: Scores) -> Figure:
     height, width = GRID.resized(*dark.left.shape[:2])
     small = cv2.resize(dark.left, (width, height), interpolation=cv2.INTER_AREA)
     panels[0].imshow(small[..., ::-1] if small.ndim == 3 else small, cmap="gray", vmin=0, vmax=255)
-    show_dark(panels[1], dark.left, GRID)
+    show_dark(panels[1], dark.left)
     if dark.mask is not None:
         show_mask(panels[2], dark.mask)
     titles = ["as the camera gives it", "amplified", dark.truth_words]
@@ -401,11 +401,11 @@ def _figure(dark: DarkPicture, said: Said, scores: Scores) -> Figure:
 
 
 def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, score: PatchScore | None) -> None:
-    size = show_dark(axes, dark.left, GRID)
+    size = show_dark(axes, dark.left)
     if dark.truth is not None:
-        draw_truth(axes, dark.truth, GRID, *size)
+        draw_truth(axes, dark.truth, *size)
     if one.patches is not None:
-        draw_dots(axes, one.patches, GRID, *size)
+        draw_dots(axes, one.patches, *size)
         f1 = score.f1 if score else None
         title = one.title if f1 is None else f"{one.title}: F1 {f1:.2f}"
     else:

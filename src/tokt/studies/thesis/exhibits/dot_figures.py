@@ -55,6 +55,7 @@ from tokt.studies.thesis.patch_scores import (
 
 Image = NDArray[np.uint8]
 Scores = Mapping[str, PatchScore]
+_COUNTS = [one.name for one in fields(PatchScore)]
 
 
 @dataclass(frozen=True)
@@ -236,9 +237,6 @@ def scored_predictions(said: Sequence[MethodPrediction], scores: Scores) -> pd.D
     return frame.astype(dict.fromkeys(["obstacle patches", *_COUNTS], "Int64"))
 
 
-_COUNTS = [one.name for one in fields(PatchScore)]
-
-
 def _score_row(score: PatchScore | None) -> dict[str, float | int | None]:
     """Columns of a table; empty where there is no score."""
     counts = dict(zip(_COUNTS, astuple(score or PatchScore()), strict=True))
@@ -355,16 +353,16 @@ def _words(value: float | None) -> str:
 def _figure(frame: Image, said: Sequence[MethodPrediction], truth: PatchTruth | None) -> Figure:
     figure, rows = new_figure(10.5, 3.55 * len(said) + 0.3, len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):
-        size = show_frame(dots, frame, GRID)
-        draw_grid(dots, GRID, *size)
+        size = show_frame(dots, frame)
+        draw_grid(dots, *size)
         if truth is not None:
-            draw_truth(dots, truth, GRID, *size)
+            draw_truth(dots, truth, *size)
         dots.set_title(one.title, fontsize=10, loc="left")
         if one.patches is None or one.mask is None:
             mask.set_axis_off()
             mask.text(0.5, 0.5, f"not judged:\n{one.fault}", ha="center", va="center", wrap=True)
             continue
-        draw_dots(dots, one.patches, GRID, *size)
+        draw_dots(dots, one.patches, *size)
         show_mask(mask, one.mask)
     explain_dots(rows[-1][0], truth is not None, ncols=4)
     return figure

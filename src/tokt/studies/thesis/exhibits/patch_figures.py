@@ -51,6 +51,18 @@ _WHOLE = Grid(1, 1, None)
 _BINS = len(HARALICK_NAMES)
 """The thesis's program sorts the 13 features' *values* into 13 bins from 0 to 13."""
 
+_APART, _DISTANCE_AREA, _MODEL_AREA = (
+    "distance between the two patches",
+    "ROC area, distance from ocean",
+    "ROC area, the thesis's model",
+)
+_QUOTED = {
+    _APART: "hellinger",
+    _DISTANCE_AREA: "distance_roc_area",
+    _MODEL_AREA: "model_roc_area",
+}
+"""By column, the end of the name of a figure that other pages quote."""
+
 Cells = Mapping[str, int]
 """The two patches: numbers of their cells, by the names of `_DRAWN_CELLS`."""
 
@@ -125,19 +137,6 @@ def _away_from_ocean(key: str, rows: Rows, water: Rows) -> NDArray[np.float64]:
     varies = spread > 0
     apart = (rows - water.mean(axis=0))[:, varies] / spread[varies]
     return np.asarray(np.sqrt(np.square(apart).mean(axis=1)))
-
-
-_APART, _DISTANCE_AREA, _MODEL_AREA = (
-    "distance between the two patches",
-    "ROC area, distance from ocean",
-    "ROC area, the thesis's model",
-)
-_QUOTED = {
-    _APART: "hellinger",
-    _DISTANCE_AREA: "distance_roc_area",
-    _MODEL_AREA: "model_roc_area",
-}
-"""By column, the end of the name of a figure that other pages quote."""
 
 
 def _told_apart(
@@ -280,8 +279,8 @@ def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells)
          ["frame", "ocean lbp_10_5", "ocean lbp_24_8"]],
         width_ratios=(1.5, 1, 1.7),
     )  # fmt: skip
-    height, width = show_frame(axes["frame"], frame, GRID)
-    draw_grid(axes["frame"], GRID, height, width)
+    height, width = show_frame(axes["frame"], frame)
+    draw_grid(axes["frame"], height, width)
     boxes = GRID.boxes(height, width)
     for name, cell in patches.items():
         y0, y1, x0, x1 = boxes[cell]

@@ -240,12 +240,12 @@ def _plot(
     number = context.structure_frame
     left = context.left(number)
     figure, axes = new_figure(10.5, 5.9, 2, 1 + len(shown))
-    height, width = show_frame(axes[0, 0], left, GRID)
+    height, width = show_frame(axes[0, 0], left)
     _draw_outlines(axes[0, 0], segments, height, width)
     count = len(np.unique(segments))
     axes[0, 0].set_title(f"frame {number}: {count} superpixels", fontsize=10)
-    show_frame(axes[1, 0], left, GRID)
-    draw_grid(axes[1, 0], GRID, height, width)
+    show_frame(axes[1, 0], left)
+    draw_grid(axes[1, 0], height, width)
     axes[1, 0].set_title(f"{GRID.n_patches} patches", fontsize=10)
     for column, one in zip(axes.T[1:], shown.itertuples(), strict=True):
         for panel, what, took in zip(

@@ -19,7 +19,7 @@ from scipy.stats import spearmanr
 from skimage import data
 
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
-from tokt.studies.baselines.thesis_texture import GRID, resized_gray
+from tokt.studies.baselines.thesis_texture import resized_gray
 from tokt.studies.thesis.exhibit import (
     NOT_KNOWN,
     Claim,
@@ -343,7 +343,7 @@ def _thumbnail(axes: Any, image: Image) -> None:
         axes.imshow(resized_gray(image.picture), cmap="gray", vmin=0, vmax=255)
         axes.set(xticks=[], yticks=[])
     else:
-        show_frame(axes, image.picture, GRID)
+        show_frame(axes, image.picture)
     axes.set_ylabel(image.name, fontsize=9)
 
 
