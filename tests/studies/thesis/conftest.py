@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.studies.thesis.context import StudyContext
+from tokt.studies.thesis.exhibit import StudyContext
 from tokt.studies.thesis.inputs import ReproduceRequest
 
 FRAMES = 16
@@ -28,12 +28,19 @@ def reproduce_mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def context_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., StudyContext]:
-    """A context of a mission, in one process and with two frames for slow methods."""
+    """A context of a mission, in one process and with two frames for slow methods.
 
-    def make(mission: Path, **asked: object) -> StudyContext:
-        asked.setdefault("out", tmp_path_factory.mktemp("reproduced"))
-        request = ReproduceRequest(mission, sample=2, jobs=1, **asked)
-        return StudyContext(request, lambda line: None, lambda items, total, what: items)
+    What is in `given`, by property, is not computed; the rest are options of the request.
+    """
+
+    def make(
+        mission: Path, given: Mapping[str, object] | None = None, **asked: object
+    ) -> StudyContext:
+        out = tmp_path_factory.mktemp("reproduced")
+        request = ReproduceRequest(mission, out, sample=2, jobs=1, **asked)
+        context = StudyContext(request, lambda line: None, lambda items, total, what: items)
+        context.__dict__ |= given or {}
+        return context
 
     return make
 

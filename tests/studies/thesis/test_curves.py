@@ -23,8 +23,7 @@ from tokt.studies.baselines.lab_colour import LabColour
 from tokt.studies.baselines.thesis_models import ThesisModel, thesis_model
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import ClaimAgreement
+from tokt.studies.thesis.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt.studies.thesis.exhibits.curve_figures import (
     agreement_with_distance,
@@ -33,7 +32,7 @@ from tokt.studies.thesis.exhibits.curve_figures import (
     score_methods,
     with_nearness,
 )
-from tokt.studies.thesis.methods import frame_methods, superpixel_methods, texture_models
+from tokt.studies.thesis.methods import frame_methods, mission_models
 from tokt.studies.thesis.methods.curves import Curves, Method, _model_method
 from tokt.studies.thesis.methods.frame_methods import (
     TOKT_STEREO,
@@ -41,9 +40,9 @@ from tokt.studies.thesis.methods.frame_methods import (
     FrameResult,
     judge_frames,
 )
-from tokt.studies.thesis.methods.patch_scores import pooled_score
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 from tokt.studies.thesis.methods.texture_histograms import EXTRACTORS
-from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE
+from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.fitting.presets import settings_named
 
 pytestmark = pytest.mark.xdist_group("reproduce")
@@ -64,14 +63,14 @@ def judged_by_kernels(model: ThesisModel, frame: NDArray[np.uint8]) -> ThesisTex
 def judged(reproduced: StudyContext) -> list[FrameResult]:
     """What was found frame by frame on the way to the curves, which are made here."""
     kept: list[FrameResult] = []
-    own = texture_models.held_out_texture
+    own = mission_models.held_out_texture
 
     def keep(context: StudyContext, frames: list[FrameResult], settings: Any) -> Any:
         kept.extend(frames)
         return own(context, frames, settings)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(superpixel_methods, "EXAMPLES", 2)
+        patch.setattr(mission_models, "EXAMPLES", 2)
         patch.setattr("tokt.studies.thesis.methods.curves.settings_named", lambda _: SETTINGS)
         patch.setattr("tokt.studies.thesis.methods.curves.held_out_texture", keep)
         patch.setattr(ThesisModel, "judge", judged_by_kernels)
@@ -134,7 +133,7 @@ def test_shuffled_features_lose(
     mixed = [
         replace(one, features=[rng.permutation(table) for table in one.features]) for one in judged
     ]
-    broken = texture_models.held_out_texture(reproduced, mixed, SETTINGS)
+    broken = mission_models.held_out_texture(reproduced, mixed, SETTINGS)
     assert found is not None and found > 0.8
     assert (pooled_score(broken.patches, reproduced.truths).f1 or 0.0) < found / 2
 
@@ -145,9 +144,9 @@ def test_no_model_judges_what_it_learnt_from(
     number_of = {id(one.features[0]): one.number for one in judged}
     datasets, learnt, checked = [], {}, []
     make, teach, values = (
-        texture_models._dataset,
-        texture_models.fit_rows,
-        texture_models.decision_values,
+        mission_models._dataset,
+        mission_models.fit_rows,
+        mission_models.decision_values,
     )
 
     def dataset(*given: Any) -> Any:
@@ -165,10 +164,10 @@ def test_no_model_judges_what_it_learnt_from(
         assert number not in learnt[id(pipeline)][1]
         return values(pipeline, features)
 
-    monkeypatch.setattr(texture_models, "_dataset", dataset)
-    monkeypatch.setattr(texture_models, "fit_rows", learn)
-    monkeypatch.setattr(texture_models, "decision_values", decide)
-    texture_models.held_out_texture(reproduced, judged, SETTINGS)
+    monkeypatch.setattr(mission_models, "_dataset", dataset)
+    monkeypatch.setattr(mission_models, "fit_rows", learn)
+    monkeypatch.setattr(mission_models, "decision_values", decide)
+    mission_models.held_out_texture(reproduced, judged, SETTINGS)
     assert sorted(checked) == reproduced.scored
 
 
@@ -176,10 +175,10 @@ def test_a_frame_without_labels_is_judged_from_afar() -> None:
     patches = pd.DataFrame({"frame": [1, 1, 20, 20, 40, 40, 60, 60]})
     dataset = type("D", (), {"patches": patches})()
     folds = [
-        texture_models.Fold(np.array([2, 3, 4, 5, 6, 7]), np.array([0, 1])),
-        texture_models.Fold(np.array([0, 1, 4, 5, 6, 7]), np.array([2, 3])),
+        mission_models.Fold(np.array([2, 3, 4, 5, 6, 7]), np.array([0, 1])),
+        mission_models.Fold(np.array([0, 1, 4, 5, 6, 7]), np.array([2, 3])),
     ]
-    judges = texture_models._judges(dataset, folds, [1, 4, 20, 21, 41], 5)
+    judges = mission_models._judges(dataset, folds, [1, 4, 20, 21, 41], 5)
     # 4 is 3 frames from frame 1 that the second learnt from; 41 is one from 40 for both.
     assert judges == {1: 0, 4: 0, 20: 1, 21: 1}
 
@@ -196,10 +195,10 @@ def test_colours_never_learn_from_their_own_half(
         learnt.append(list(examples))
         return LabColour.__new__(LabColour)
 
-    monkeypatch.setattr(superpixel_methods, "labelled_example", example)
-    monkeypatch.setattr(superpixel_methods.LabColour, "train", train)
-    monkeypatch.setattr(superpixel_methods.SlicTexture, "train", lambda *given: given[-1])
-    found = superpixel_methods.train_superpixel_methods(reproduced)
+    monkeypatch.setattr(mission_models, "labelled_example", example)
+    monkeypatch.setattr(mission_models.LabColour, "train", train)
+    monkeypatch.setattr(mission_models.SlicTexture, "train", lambda *given: given[-1])
+    found = mission_models.train_superpixel_methods(reproduced)
     assert len(learnt) == 2 and all(learnt)
     for number in reproduced.scored:
         method = found.of(number)[-1]
@@ -233,7 +232,7 @@ def test_a_left_camera_alone_in_gray_without_labels(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
-    monkeypatch.setattr(superpixel_methods, "SLIC", ())
+    monkeypatch.setattr(mission_models, "SLIC", ())
     (tmp_path / "gray").mkdir()
     for number in (2, 12, 13):
         frame = cv2.imread(str(reproduce_mission / "Left" / f"sim_L_{number}.jpg"), 0)
@@ -319,8 +318,8 @@ def test_scores_count_what_the_labels_say(
 ) -> None:
     monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
     never, always, right = ([0.0] * 16, [9.0] * 16, [0.0] * 7 + [9.0] * 9)
-    context = context_of(reproduce_mission)
-    context.__dict__["curves"] = made_up({"never": never, "always": always, "right": right})
+    given = made_up({"never": never, "always": always, "right": right})
+    context = context_of(reproduce_mission, {"curves": given})
     scores = score_methods(context)
     assert (scores["never"]["detected"], scores["never"]["false_status"]) == (0, 0)
     assert scores["always"]["false_status"] == scores["always"]["ocean_frames"] == 6

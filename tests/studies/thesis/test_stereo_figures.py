@@ -22,25 +22,23 @@ from tokt.studies.simulation.rendering.lighting import expose
 from tokt.studies.simulation.rendering.raycast import cast_rays
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import ClaimAgreement, Exhibit
+from tokt.studies.thesis.exhibit import ClaimAgreement, Exhibit, StudyContext
 from tokt.studies.thesis.exhibits import (
     disparity_figures,
     superpixel_figure,
     synchrony_figure,
     trend_figure,
 )
-from tokt.studies.thesis.exhibits.trend_figure import means_of_stereo
-from tokt.studies.thesis.methods import exchanged_right
-from tokt.studies.thesis.methods.curves import Curves
-from tokt.studies.thesis.methods.exchanged_right import OWN, exchange
-from tokt.studies.thesis.methods.synchrony import Rows, offset_of
-from tokt.studies.thesis.methods.trend_scores import (
+from tokt.studies.thesis.exhibits.disparity_figures import KINDS, OWN, exchange
+from tokt.studies.thesis.exhibits.trend_figure import (
     contact_ratios,
     depth_trend,
+    means_of_stereo,
     score,
     trend_against_depth,
 )
+from tokt.studies.thesis.methods.curves import Curves
+from tokt.studies.thesis.methods.synchrony import Rows, offset_of
 
 pytestmark = pytest.mark.xdist_group("stereo-figures")  # what they share is made once
 
@@ -128,7 +126,7 @@ def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(
     assert numbers["cloud_median_m"] == pytest.approx(dive.depth_m[shown], rel=0.05)
     assert abs(numbers["rank_correlation"]) < 0.5
     table = found.tables[0].frame
-    assert list(table["right frame"].unique()) == list(exchanged_right.KINDS)
+    assert list(table["right frame"].unique()) == list(KINDS)
     assert all(plot.png.startswith(b"\x89PNG") for plot in found.plots)
 
 
@@ -137,10 +135,10 @@ def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(
 ) -> None:
     upright = context.right
     monkeypatch.setattr(context, "right", lambda number: upright(number)[::-1].copy())
-    monkeypatch.setattr(exchanged_right, "disparity_map", lambda left, right: left[..., 0])
+    monkeypatch.setattr(disparity_figures, "disparity_map", lambda left, right: left[..., 0])
     assert context.calibration is not None
     rows = exchange(context, context.calibration, [ROW[0], APART])
-    assert max(row.ours_matched for row in rows if row.right == OWN) < 0.0125
+    assert rows[rows.right == OWN].ours_matched.max() < 0.0125
 
 
 def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(
@@ -149,10 +147,10 @@ def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(
     def both(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return np.where(right[..., 1] > np.median(right), 200, 0).astype(np.uint8)
 
-    monkeypatch.setattr(exchanged_right, "disparity_map", both)
+    monkeypatch.setattr(disparity_figures, "disparity_map", both)
     assert context.calibration is not None
     rows = exchange(context, context.calibration, [ROW[0], APART])
-    assert all((row.thesis_changed > 0.05) == (row.right != OWN) for row in rows)
+    assert ((rows.thesis_changed > 0.05) == (rows.right != OWN)).all()
 
 
 def test_margin_and_cloud_of_a_map() -> None:
@@ -214,7 +212,7 @@ def test_an_offset_is_measured_and_one_that_is_large_is_told(true: float) -> Non
 
 def test_right_rows_of_other_frames_tell_no_offset() -> None:
     rows = rows_moved_by(0.0)
-    mixed = replace(rows, right=np.random.default_rng(2).permutation(rows.right))
+    mixed = rows._replace(right=np.random.default_rng(2).permutation(rows.right))
     found = offset_of(mixed)
     pair = dict.fromkeys((synchrony_figure.AS_IT_IS, synchrony_figure.ON_PURPOSE), found)
     assert synchrony_figure.claim_of(pair).agreement is ClaimAgreement.UNCOMPARABLE
@@ -226,9 +224,9 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
     context: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(superpixel_figure, "FEATURES", ("lbp_10_5",))
-    context.__dict__ |= {"structure_frame": APART, "scored": [APART]}
     model = thesis_model("lbp_10_5", context.ocean, context.other)
-    context.__dict__["thesis"] = {"lbp_10_5": model}
+    given = {"structure_frame": APART, "scored": [APART], "thesis": {"lbp_10_5": model}}
+    context.__dict__ |= given
     trained = []
     train = SlicTexture.train
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,25 +19,19 @@ from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.baseline import BaselineResult
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import Exhibit
+from tokt.studies.thesis.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
-from tokt.studies.thesis.exhibits.dark_figures import bad_lighting
+from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
 from tokt.studies.thesis.exhibits.dot_figures import pooled_scores, prediction_dots
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import training_images
-from tokt.studies.thesis.inputs import ReproduceRequest
 from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
-from tokt.studies.thesis.methods.dark_rendering import DarkPair, DarkScene
-from tokt.studies.thesis.methods.patch_scores import (
-    PatchScore,
-    PatchTruth,
-    patches_of_mask,
-    score_patches,
-    truth_by_mask,
+from tokt.studies.thesis.methods.mission_models import (
+    TOKT_TEXTURE,
+    SuperpixelMethods,
+    train_on_all_labels,
 )
-from tokt.studies.thesis.methods.superpixel_methods import SuperpixelMethods
 from tokt.studies.thesis.methods.texture_histograms import (
     BinKind,
     bin_kinds,
@@ -46,7 +41,13 @@ from tokt.studies.thesis.methods.texture_histograms import (
     hellinger,
     share_by_kind,
 )
-from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE, train_on_all_labels
+from tokt.studies.thesis.patch_scores import (
+    PatchScore,
+    PatchTruth,
+    patches_of_mask,
+    score_patches,
+    truth_by_mask,
+)
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 
@@ -68,20 +69,10 @@ def _curves(context: StudyContext) -> Curves:
     return Curves(pd.DataFrame(), pd.DataFrame(), methods, patches)
 
 
-def _study_context(
-    mission: Path, out: Path, curves: Curves | None = None, **asked: Path
-) -> StudyContext:
-    request = ReproduceRequest(mission=mission, out=out, jobs=1, **asked)
-    context = StudyContext(request, lambda line: None, lambda items, total, what: items)
-    if curves is not None:
-        context.__dict__["curves"] = curves
-    return context
-
-
 @pytest.fixture(scope="session")
-def context(reproduce_mission: Path, tmp_path_factory: pytest.TempPathFactory) -> StudyContext:
+def context(reproduced: StudyContext, context_of: Callable[..., StudyContext]) -> StudyContext:
     """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
-    made = _study_context(reproduce_mission, tmp_path_factory.mktemp("out"))
+    made = context_of(reproduced.mission.path)
     made.__dict__["curves"] = _curves(made)
     return made
 
@@ -105,9 +96,17 @@ def dark_scene() -> DarkScene:
 
 
 @pytest.fixture(scope="session")
-def dark_pair(dark_scene: DarkScene) -> DarkPair:
+def dark_pair(dark_scene: DarkScene) -> DarkPicture:
     """A rendered pair in half the light."""
     return dark_scene.at(0.5)
+
+
+def white(*blocks: Any) -> NDArray[np.uint8]:
+    """A mask of the grid's size with some white blocks."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    for block in blocks:
+        mask[block] = 255
+    return mask
 
 
 def shuffled(picture: NDArray[np.uint8]) -> Described:
@@ -125,8 +124,7 @@ class TopHalf:
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
     ) -> BaselineResult:
         """White down to the middle."""
-        mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-        mask[:135] = 255
+        mask = white(np.s_[:135])
         return BaselineResult(verdict_from_mask(mask, self.name), mask, "")
 
     def reset(self) -> None:
@@ -175,9 +173,7 @@ def test_scores_of_patches_leave_out_what_is_not_sure() -> None:
 
 def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
     """Patches are 36x27: 97.2 pixels are a tenth; less is not scored; a shifted mask differs."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[0:27, 0:4] = 255
-    mask[27:54, 0:3] = 255
+    mask = white(np.s_[0:27, 0:4], np.s_[27:54, 0:3])
     truth = truth_by_mask(mask, GRID)
     assert np.flatnonzero(truth.obstacle).tolist() == [0]
     assert np.flatnonzero(~truth.sure).tolist() == [10]
@@ -188,8 +184,7 @@ def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
 
 def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
     """One block low on the right: both centres are right, and only one way up is."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[200:241, 250:291] = 255
+    mask = white(np.s_[200:241, 250:291])
     both = both_ways(mask)
     assert (both.thesis.cx, both.thesis.cy) == (270, 220)
     assert (both.thesis.x, both.thesis.y) == (-(270 - 180), -(270 - 135))
@@ -202,18 +197,13 @@ def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
 
 def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union() -> None:
     """Two blocks apart: the sum misses the second; three tall ones leave the frame."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[50:71, 40:61] = 255
-    mask[150:171, 240:261] = 255
+    mask = white(np.s_[50:71, 40:61], np.s_[150:171, 240:261])
     apart = both_ways(mask)
     assert apart.corrected.box == (40, 50, 221, 121)
     assert apart.thesis.box == (38, 48, 50, 50)
     assert apart.thesis_misses
     assert not apart.thesis_leaves
-    mask[:] = 0
-    for x in (20, 120, 220):
-        mask[100:201, x : x + 21] = 255
-    tall = both_ways(mask)
+    tall = both_ways(white(*(np.s_[100:201, x : x + 21] for x in (20, 120, 220))))
     assert tall.thesis.box == (18, 98, 75, 315)
     assert tall.thesis_leaves
     assert leaves_frame((0, 0, WIDTH, HEIGHT), HEIGHT, WIDTH) is False
@@ -221,8 +211,7 @@ def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union() -> None:
 
 def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high() -> None:
     """Its starting corner takes the height for the width."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[100:121, 320:341] = 255
+    mask = white(np.s_[100:121, 320:341])
     assert thesis_centre(mask).box == (HEIGHT, 98, 25, 25)
     corrected = verdict_from_mask(mask, "mask").box
     assert corrected == (320, 100, 21, 21)
@@ -232,8 +221,7 @@ def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high() -> Non
 
 def test_contours_without_area_are_counted_before_the_dilation() -> None:
     """A line one pixel wide has no area; the program's dilation gives it some."""
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[100, 50:90] = 255
+    mask = white(np.s_[100, 50:90])
     assert both_ways(mask).without_area == 1
     assert thesis_centre(mask).cy == 100
 
@@ -273,16 +261,11 @@ def test_training_images(context: StudyContext, one_photo: None, drawn: None) ->
 
 
 def test_training_images_without_labels(
-    context: StudyContext, one_photo: None, tmp_path: Path
+    context: StudyContext, context_of: Callable[..., StudyContext], one_photo: None
 ) -> None:
     """Distances remain; nothing is scored, and nothing is ranked."""
-    bare = _study_context(context.mission.path, tmp_path)
-    bare.__dict__["labels"] = None
-    bare.__dict__ |= {
-        "structure_frame": context.structure_frame,
-        "ocean": context.ocean,
-        "other": context.other,
-    }
+    shared = {name: getattr(context, name) for name in ("structure_frame", "ocean", "other")}
+    bare = context_of(context.mission.path, {"labels": None, **shared})
     exhibit = training_images(bare)
     assert exhibit.numbers["scored_frames"] == 0
     assert exhibit.tables[0].frame["lbp_10_5 F1"].isna().all()
@@ -351,41 +334,40 @@ def test_centre_and_box(context: StudyContext, drawn: None) -> None:
 
 
 def test_centre_and_box_of_nothing(
-    context: StudyContext, reproduce_mission: Path, tmp_path: Path
+    context: StudyContext, context_of: Callable[..., StudyContext]
 ) -> None:
     """A mission in which no method sees anything has nothing to show, and says why."""
-    made = _study_context(reproduce_mission, tmp_path, Curves(pd.DataFrame(), pd.DataFrame(), {}))
-    made.__dict__ |= {"structure_frame": 1, "thesis": context.thesis}
-    exhibit = centre_and_box(made)
+    nothing = Curves(pd.DataFrame(), pd.DataFrame(), {})
+    given = {"structure_frame": 1, "thesis": context.thesis, "curves": nothing}
+    exhibit = centre_and_box(context_of(context.mission.path, given))
     assert "frame 1" in exhibit.missing
     assert not exhibit.plots
 
 
-def _write(folder: Path, pair: DarkPair, mask: NDArray[np.uint8]) -> dict[str, Path]:
+def _write(folder: Path, pair: DarkPicture, mask: NDArray[np.uint8]) -> dict[str, Path]:
     files = {"dark": folder / "dark.png", "dark_mask": folder / "mask.png"}
     cv2.imwrite(str(files["dark"]), pair.left)
     cv2.imwrite(str(files["dark_mask"]), mask)
     return files
 
 
-def _dark(context: StudyContext, out: Path, **asked: Path) -> Exhibit:
-    made = _study_context(context.mission.path, out, context.curves, **asked)
-    slow = SuperpixelMethods((), (TopHalf(),), 20, "", "knows nothing")  # type: ignore[arg-type]
-    made.__dict__ |= {
-        "thesis": context.thesis,
-        "superpixel_methods": slow,
-        "ocean": context.ocean,
-        "other": context.other,
-        "labels": context.labels,
-    }
-    return bad_lighting(made)
+Judge = Callable[..., Exhibit]
+
+
+@pytest.fixture
+def dark(context: StudyContext, context_of: Callable[..., StudyContext]) -> Judge:
+    """Bad lighting by what was asked, with models that are made already."""
+    shared = ("curves", "thesis", "ocean", "other", "labels")
+    given = {name: getattr(context, name) for name in shared}
+    given["superpixel_methods"] = SuperpixelMethods((), (TopHalf(),), 20, "", "knows nothing")
+    return lambda **asked: bad_lighting(context_of(context.mission.path, given, **asked))
 
 
 def test_bad_lighting_by_a_given_image(
-    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
+    context: StudyContext, dark_pair: DarkPicture, tmp_path: Path, dark: Judge
 ) -> None:
     """Scored by the mask given: a mask that is shifted by three patches scores worse."""
-    exhibit = _dark(context, tmp_path, **_write(tmp_path, dark_pair, dark_pair.mask))
+    exhibit = dark(**_write(tmp_path, dark_pair, dark_pair.mask))
     assert exhibit.numbers["rendered"] is False
     truth = truth_by_mask(dark_pair.mask, GRID)
     assert exhibit.numbers["obstacle_patches"] == truth.obstacle.sum() > 10
@@ -399,11 +381,11 @@ def test_bad_lighting_by_a_given_image(
     assert table.loc["tokt stereo", "status"] == "unknown"
     assert np.isnan(table.loc["tokt stereo", "f1"])
     shifted = np.roll(dark_pair.mask, 3 * 36, axis=1)
-    worse = _dark(context, tmp_path, **_write(tmp_path, dark_pair, shifted))
+    worse = dark(**_write(tmp_path, dark_pair, shifted))
     assert float(worse.numbers["haralick_f1"]) < 0.5 * float(exhibit.numbers["haralick_f1"])
 
 
-def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, tmp_path: Path) -> None:
+def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, dark: Judge) -> None:
     """Its labels stand in for a mask, its right picture makes it a pair.
 
     Our texture may not learn from the frames near it, which in so short a mission are all those
@@ -411,7 +393,7 @@ def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, tmp_path:
     """
     number = context.structure_frame
     file = context.mission.path / "Left" / f"sim_L_{number}.jpg"
-    exhibit = _dark(context, tmp_path, dark=file)
+    exhibit = dark(dark=file)
     assert f"frame {number}" in exhibit.words[0]
     assert exhibit.numbers["obstacle_patches"] == (context.truth(number) == 1).sum()
     assert float(exhibit.numbers["tokt_stereo_f1"]) > 0.4
@@ -421,21 +403,21 @@ def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, tmp_path:
 
 
 def test_bad_lighting_refuses_a_mask_of_another_size(
-    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
+    dark_pair: DarkPicture, tmp_path: Path, dark: Judge
 ) -> None:
     """Which would be a mask of another picture."""
     files = _write(tmp_path, dark_pair, dark_pair.mask[:, :-20])
     with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*dark.png is 360x271"):
-        _dark(context, tmp_path, **files)
+        dark(**files)
 
 
 def test_bad_lighting_without_a_mask_scores_nothing(
-    context: StudyContext, dark_pair: DarkPair, tmp_path: Path
+    dark_pair: DarkPicture, tmp_path: Path, dark: Judge
 ) -> None:
     """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
     black = replace(dark_pair, left=np.zeros_like(dark_pair.left))
     files = _write(tmp_path, black, dark_pair.mask)
-    exhibit = _dark(context, tmp_path, dark=files["dark"])
+    exhibit = dark(dark=files["dark"])
     assert not any(name.endswith("_f1") for name in exhibit.numbers)
     assert "no mask" in exhibit.claims[0].found
     table = exhibit.tables[0].frame.set_index("method")
@@ -443,12 +425,10 @@ def test_bad_lighting_without_a_mask_scores_nothing(
     assert "too dark" in table.loc["tokt texture", "not judged"]
 
 
-def test_bad_lighting_rendered(
-    context: StudyContext, tmp_path: Path, drawn: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_lighting_rendered(dark: Judge, drawn: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without an image a rendered one with its exact mask, said so, and the lamp going down."""
     monkeypatch.setattr(dark_figures, "_LIGHTS", (1.0, 0.03))
-    exhibit = _dark(context, tmp_path)
+    exhibit = dark()
     _sound(exhibit)
     assert exhibit.numbers["rendered"] is True
     assert "rendered" in exhibit.words[0]
@@ -460,16 +440,17 @@ def test_bad_lighting_rendered(
     assert "tokt" not in sweep["say clear"][1]
 
 
-def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkPair) -> None:
+def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkPicture) -> None:
     """Less light changes the picture and what can be seen, never the mask."""
     darker = dark_scene.at(0.05)
     assert (darker.mask == dark_pair.mask).all()
     assert 5 * darker.left.mean() < dark_pair.left.mean()
-    assert darker.visible.sum() < dark_pair.visible.sum()
+    tower = dark_scene.mask > 0
+    assert 5 * darker.left[tower].std() < dark_pair.left[tower].std()
     again = DarkScene(WIDTH).at(0.5)
     assert (again.left == dark_pair.left).all()
     assert (again.right == dark_pair.right).all()
-    assert 1.5 < dark_pair.nearest_m < 6
+    assert 1.5 < dark_scene.nearest_m < 6
 
 
 def test_our_model_learns_from_nothing_near_the_picture(
@@ -489,9 +470,9 @@ def test_our_model_learns_from_nothing_near_the_picture(
     assert all(abs(number - 10) > 5 for number in read)
 
 
-def test_our_model_needs_labels_to_learn_from(reproduce_mission: Path, tmp_path: Path) -> None:
+def test_our_model_needs_labels_to_learn_from(
+    reproduce_mission: Path, context_of: Callable[..., StudyContext]
+) -> None:
     """Without them there is no model, and no word of clear."""
-    bare = _study_context(reproduce_mission, tmp_path)
-    bare.__dict__["labels"] = None
     with pytest.raises(ToktError, match="no labels of both"):
-        train_on_all_labels(bare)
+        train_on_all_labels(context_of(reproduce_mission, {"labels": None}))

@@ -1,11 +1,22 @@
-"""Exhibits: the words, claims, tables and plots that make one figure or table of the report."""
+"""Exhibits of the report, claims, tables and plots, and the context that they are made of."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 import pandas as pd
+
+from tokt.studies.thesis.methods.curves import Curves, measure_curves
+from tokt.studies.thesis.methods.mission_models import (
+    SuperpixelMethods,
+    ToktModel,
+    tokt_model,
+    train_superpixel_methods,
+)
+
+from .inputs import StudyInputs
 
 Numbers = dict[str, float | int | str | bool]
 
@@ -127,3 +138,34 @@ class Exhibit:
 def known(numbers: dict[str, float | int | str | bool | None]) -> Numbers:
     """Numbers without those that are None: a page that quotes one asks first if it is there."""
     return {name: value for name, value in numbers.items() if value is not None}
+
+
+class StudyContext(StudyInputs):
+    """The inputs of a study, and what is computed from them once."""
+
+    @cached_property
+    def superpixel_methods(self) -> SuperpixelMethods:
+        """SLIC and superpixel colours, trained for this mission."""
+        return train_superpixel_methods(self)
+
+    @cached_property
+    def tokt_model(self) -> ToktModel:
+        """A texture model of ours that learnt from all it may: nothing to be scored here."""
+        return tokt_model(self)
+
+    @cached_property
+    def structure_frame(self) -> int:
+        """A frame that shows the structure well.
+
+        By labels the one with the most obstacle patches; without an obstacle labelled the one
+        whose mean values, each curve's as a share of its largest, are highest together.
+        """
+        counts = {n: c for n, c in self.obstacle_patches.items() if n in set(self.scored) and c}
+        if counts:
+            return max(counts, key=lambda number: counts[number])
+        return self.curves.highest()
+
+    @cached_property
+    def curves(self) -> Curves:
+        """Mean value and status of every frame by every method."""
+        return measure_curves(self, self.superpixel_methods)

@@ -12,11 +12,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from tokt.features.frames.grid import Grid
 from tokt.inference.verdict import Box
 from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
-from tokt.studies.thesis.methods.patch_scores import Flags, PatchTruth
+from tokt.studies.baselines.thesis_texture import GRID
 from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
+
+from .patch_scores import Flags, PatchTruth
 
 SHOWN = (
     "Frames are nearly black: what is shown, not what is judged, has its contrast raised "
@@ -35,12 +36,27 @@ THESIS_COLOR, CORRECTED_COLOR = "#ff9f1c", "#28d7c4"
 _DPI = 110
 
 
+def new_figure(width: float, height: float, *shape: int, **given: Any) -> tuple[Figure, Any]:
+    """A figure in the report's style, of so many inches, and its axes.
+
+    Parameters
+    ----------
+    width, height : float
+    shape : int
+        Rows and columns.
+    given : dict
+        For `Figure.subplots`.
+    """
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(*shape, **given)
+
+
 def png_of(figure: Figure) -> bytes:
     """A figure as a PNG file."""
     return figure_png(figure, _DPI)
 
 
-def show_frame(axes: Any, frame: NDArray[np.uint8], grid: Grid) -> tuple[int, int]:
+def show_frame(axes: Any, frame: NDArray[np.uint8]) -> tuple[int, int]:
     """Draw a frame at the grid's width with its contrast raised; return its height and width.
 
     Parameters
@@ -49,23 +65,23 @@ def show_frame(axes: Any, frame: NDArray[np.uint8], grid: Grid) -> tuple[int, in
     frame : array of uint8, shape (height, width) or (height, width, 3)
         As decoded.
     """
-    height, width = grid.resized(*frame.shape[:2])
+    height, width = GRID.resized(*frame.shape[:2])
     # Twice the size: what the eye sees of the tower is finer than the grid's pixels.
-    axes.imshow(
-        raise_contrast(frame, 2 * width, 2 * height), extent=(-0.5, width - 0.5, height - 0.5, -0.5)
-    )
-    axes.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
-    return height, width
+    return _show(axes, raise_contrast(frame, 2 * width, 2 * height))
 
 
-def show_dark(axes: Any, frame: NDArray[np.uint8], grid: Grid) -> tuple[int, int]:
+def show_dark(axes: Any, frame: NDArray[np.uint8]) -> tuple[int, int]:
     """`show_frame` for what local contrast does not make visible, as `DARK_SHOWN` says."""
-    height, width = grid.resized(*frame.shape[:2])
+    height, width = GRID.resized(*frame.shape[:2])
     size = (2 * width, 2 * height)
-    small = np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
-    seen = enhanced(small)
+    seen = enhanced(np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8))
     code = cv2.COLOR_GRAY2RGB if seen.ndim == 2 else cv2.COLOR_BGR2RGB
-    axes.imshow(cv2.cvtColor(seen, code), extent=(-0.5, width - 0.5, height - 0.5, -0.5))
+    return _show(axes, cv2.cvtColor(seen, code))
+
+
+def _show(axes: Any, twice: NDArray[Any]) -> tuple[int, int]:
+    height, width = twice.shape[0] // 2, twice.shape[1] // 2
+    axes.imshow(twice, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
     axes.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     return height, width
 
@@ -76,26 +92,26 @@ def show_mask(axes: Any, mask: NDArray[np.uint8]) -> None:
     axes.set(xticks=[], yticks=[])
 
 
-def draw_grid(axes: Any, grid: Grid, height: int, width: int) -> None:
+def draw_grid(axes: Any, height: int, width: int) -> None:
     """Thin lines between the patches of a resized frame."""
-    patch_height, patch_width = grid.patch_size(height, width)
-    right, bottom = grid.cols * patch_width - 0.5, grid.rows * patch_height - 0.5
+    patch_height, patch_width = GRID.patch_size(height, width)
+    right, bottom = GRID.cols * patch_width - 0.5, GRID.rows * patch_height - 0.5
     style = {"colors": "#ffffff50", "linewidths": 0.5}
-    axes.hlines(np.arange(grid.rows + 1) * patch_height - 0.5, -0.5, right, **style)
-    axes.vlines(np.arange(grid.cols + 1) * patch_width - 0.5, -0.5, bottom, **style)
+    axes.hlines(np.arange(GRID.rows + 1) * patch_height - 0.5, -0.5, right, **style)
+    axes.vlines(np.arange(GRID.cols + 1) * patch_width - 0.5, -0.5, bottom, **style)
 
 
-def draw_dots(axes: Any, said: Flags, grid: Grid, height: int, width: int) -> None:
+def draw_dots(axes: Any, said: Flags, height: int, width: int) -> None:
     """A dot in the middle of each patch: red for *other*, blue for *ocean*."""
-    boxes = grid.boxes(height, width)
+    boxes = GRID.boxes(height, width)
     x, y = boxes[:, 2:].mean(axis=1) - 0.5, boxes[:, :2].mean(axis=1) - 0.5
     for chosen, color, size in ((~said, OCEAN_COLOR, 9), (said, OTHER_COLOR, 22)):
         axes.scatter(x[chosen], y[chosen], s=size, c=color, linewidths=0)
 
 
-def draw_truth(axes: Any, truth: PatchTruth, grid: Grid, height: int, width: int) -> None:
+def draw_truth(axes: Any, truth: PatchTruth, height: int, width: int) -> None:
     """Green outlines around the patches that are an obstacle, dotted where nobody is sure."""
-    boxes = grid.boxes(height, width)
+    boxes = GRID.boxes(height, width)
     for chosen, color, style in (
         (truth.obstacle & truth.sure, LABEL_COLOR, "-"),
         (~truth.sure, "#c8c8c8", ":"),

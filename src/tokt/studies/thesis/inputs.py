@@ -20,16 +20,22 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.studies.baselines.thesis_models import DESCRIBE, ThesisModel, TrainingImage, thesis_model
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.methods.patch_scores import PatchTruth, truth_by_labels
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
-from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced, texture
 from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
 from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
+
+from .patch_scores import PatchTruth, truth_by_labels
 
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
 SAMPLE = 12
 """Frames that the slow methods are run on, unless told otherwise."""
+SURVEYED = 80
+"""Pairs looked at for something in them, spread over the mission."""
+MIN_SHARE = 0.004
+"""Part of the left picture with local contrast from which it shows something. Source:
+`tokt.training.rig.calibrate.frame_selection`, whose share it is."""
 
 Progress = Callable[..., Any]
 Say = Callable[[str], None]
@@ -132,6 +138,20 @@ class StudyInputs:
         return sorted(set(self.frames) & set(self.mission.frames(RIGHT)))
 
     @cached_property
+    def textured_pairs(self) -> list[int]:
+        """Of `SURVEYED` pairs those that show something: most of a dive is open water."""
+        return [number for number, share in self._textures.items() if share >= MIN_SHARE]
+
+    @cached_property
+    def open_water_pairs(self) -> list[int]:
+        """Of `SURVEYED` pairs those whose left picture has no local contrast at all."""
+        return [number for number, share in self._textures.items() if share == 0]
+
+    @cached_property
+    def _textures(self) -> dict[int, float]:
+        return {n: texture(self.mission, n) for n in evenly_spaced(self.pairs, SURVEYED)}
+
+    @cached_property
     def labels(self) -> list[LabelRecord] | None:
         """What is known of the left frames' patches: one record a patch, annotators merged.
 
@@ -160,12 +180,8 @@ class StudyInputs:
     @cached_property
     def obstacle_patches(self) -> dict[int, int]:
         """Patches labelled as an obstacle, by frame; only frames with a label that is sure."""
-        truths = {number: self.truth(number) for number in sorted(self._labels_by_frame)}
-        return {
-            number: int((truth == 1).sum())
-            for number, truth in truths.items()
-            if (truth >= 0).any()
-        }
+        found = {number: self.patch_truth(number) for number in sorted(self._labels_by_frame)}
+        return {number: int(one.obstacle.sum()) for number, one in found.items() if one is not None}
 
     def truth(self, number: int) -> NDArray[np.int8]:
         """Labels of a frame's patches: int8, (n_patches,): 1 obstacle, 0 clear, -1 not known."""
@@ -202,12 +218,13 @@ class StudyInputs:
     def ocean(self) -> TrainingImage:
         """The thesis's image of ocean: the one asked for, or an early frame of the mission."""
         if self.request.ocean is not None:
-            file = self.request.ocean
-            image = read_image(file)
-            return TrainingImage(image, f"the image {file.name}", self.frame_with(file))
+            return self._given(self.request.ocean)
         for number, image in self.decoded(self.ocean_frames or self.frames):
             return TrainingImage(image, f"the mission's frame {number}", number)
         raise ToktError(f"mission {self.mission.name}: no left frame can be read")
+
+    def _given(self, file: Path) -> TrainingImage:
+        return TrainingImage(read_image(file), f"the image {file.name}", self.frame_with(file))
 
     def frame_with(self, file: Path) -> int | None:
         """The left frame that an image file is a copy of."""
@@ -220,8 +237,7 @@ class StudyInputs:
     def other(self) -> TrainingImage:
         """The thesis's image of anything else: the one asked for, or a rendered texture."""
         if self.request.other is not None:
-            file = self.request.other
-            return TrainingImage(read_image(file), f"the image {file.name}", self.frame_with(file))
+            return self._given(self.request.other)
         words = "a rendered texture, as the thesis's film still is not included"
         return TrainingImage(rendered_other_image(), words)
 

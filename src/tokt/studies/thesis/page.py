@@ -25,6 +25,8 @@ QUOTED_TABLES = {
     "figure-5.6-5.8": "scores",
 }
 """By exhibit, the table that the page shows; the others are in the report."""
+ASKED = ("shown", "known", "number", "claims", "quoted_table")
+"""Methods of `Results` that the template may call."""
 _SEAL = re.compile(r"\n<!-- template ([0-9a-f]{64}), page ([0-9a-f]{64}) -->\n\Z")
 _SPECIAL = re.compile(r"([*|<])")
 
@@ -136,17 +138,9 @@ def thesis_page(results: dict[str, Any], template: str | None = None) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    asked = Results(results)
     try:
-        body = environment.from_string(text).render(
-            run=results,
-            plain=plain,
-            shown=asked.shown,
-            known=asked.known,
-            number=asked.number,
-            claims=asked.claims,
-            quoted_table=asked.quoted_table,
-        )
+        asked = {name: getattr(Results(results), name) for name in ASKED}
+        body = environment.from_string(text).render(run=results, plain=plain, **asked)
     except jinja2.TemplateError as error:
         raise ToktError(f"the page of the thesis cannot be made: {error}") from error
     body = body.rstrip() + "\n"

@@ -1,11 +1,10 @@
-"""What a run of ``tokt reproduce`` found, as results.json and as one HTML file that needs no other.
+"""Exhibits of ``tokt reproduce`` as results.json has them, and as one HTML file for people.
 
 To change the format of results.json: raise `FORMAT`, and say in docs what changed.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -27,49 +26,13 @@ SHOWN_ROWS = 60
 _CLASSES = dict(zip(map(str, ClaimAgreement), ("yes", "partly", "no", "open"), strict=True))
 
 
-def results_json(
-    exhibits: Sequence[Exhibit],
-    mission: dict[str, Any],
-    about: list[str],
-    machine: dict[str, Any],
-    seconds: float,
-) -> dict[str, Any]:
-    """The JSON object of a run.
-
-    Parameters
-    ----------
-    exhibits : sequence of Exhibit
-        In the order of the report.
-    mission : dict
-        name, frames, pairs.
-    about : list of str
-        What the figures rest on.
-    machine : dict
-        Where the times were measured.
-    seconds : float
-        That the run took.
-    """
-    return {
-        "format": FORMAT,
-        "mission": mission,
-        "about": about,
-        "machine": machine,
-        "seconds": round(seconds, 1),
-        "exhibits": [_exhibit(one) for one in exhibits],
-    }
-
-
-def results_text(results: dict[str, Any]) -> str:
-    """The file's text. Raises ValueError for a number that is not finite."""
-    return json.dumps(results, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
 def table_csv(table: Table) -> str:
     """A table as CSV text, floats short."""
     return str(table.frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
 
 
-def _exhibit(exhibit: Exhibit) -> dict[str, Any]:
+def exhibit_json(exhibit: Exhibit) -> dict[str, Any]:
+    """An exhibit as results.json has it."""
     return {
         "key": exhibit.key,
         "title": exhibit.title,
@@ -118,7 +81,7 @@ def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
     exhibits : sequence of Exhibit
         Their pictures.
     results : dict
-        Everything else, as `results_json` gives it.
+        Everything else, as results.json has it.
     """
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,26 +14,21 @@ from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.studies.thesis.exhibits.centre_figures import centre_and_box
-from tokt.studies.thesis.exhibits.curve_figures import KEY as CURVES_KEY
-from tokt.studies.thesis.exhibits.curve_figures import TITLE as CURVES_TITLE
 from tokt.studies.thesis.exhibits.curve_figures import curve_figures
 from tokt.studies.thesis.exhibits.dark_figures import bad_lighting, given_picture
 from tokt.studies.thesis.exhibits.disparity_figures import disparity_figures
 from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
-from tokt.studies.thesis.exhibits.runtime_tables import KEY as TIMES_KEY
-from tokt.studies.thesis.exhibits.runtime_tables import TITLE as TIMES_TITLE
 from tokt.studies.thesis.exhibits.runtime_tables import runtime_tables
 from tokt.studies.thesis.exhibits.superpixel_figure import superpixel_figure
 from tokt.studies.thesis.exhibits.synchrony_figure import synchrony_figure
 from tokt.studies.thesis.exhibits.training_image_figures import training_images
 from tokt.studies.thesis.exhibits.trend_figure import trend_exhibit
 
-from .context import StudyContext
-from .exhibit import Exhibit
+from .exhibit import Exhibit, StudyContext
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
-from .report import report_html, results_json, results_text, table_csv
+from .report import FORMAT, exhibit_json, report_html, table_csv
 
 REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
 
@@ -61,9 +57,11 @@ EXHIBITS: tuple[Planned, ...] = (
     Planned("figure-3.16-3.19", "Patch histograms", "figures 3.16 and 3.19", patch_histograms),
     Planned("figure-3.17-3.20", "Prediction dots", "figures 3.17 and 3.20", prediction_dots),
     Planned("figure-3.22-3.24", "Centre and box", "figures 3.22 to 3.24", centre_and_box),
-    Planned(TIMES_KEY, TIMES_TITLE, "tables 5.1 to 5.4", runtime_tables),
+    Planned("table-5.1-to-5.4", "Run time by method", "tables 5.1 to 5.4", runtime_tables),
     Planned("figure-5.1", "SLIC against the grid", "figure 5.1", superpixel_figure),
-    Planned(CURVES_KEY, CURVES_TITLE, "figures 5.3 to 5.5", curve_figures),
+    Planned(
+        "figure-5.3-to-5.5", "Mean value along the mission", "figures 5.3 to 5.5", curve_figures
+    ),
     Planned("figure-5.6-5.8", "Bad lighting", "figures 5.6 to 5.8", bad_lighting),
     Planned("figure-6.1", "Synchrony", "figure 6.1", synchrony_figure),
     Planned("trend", "Trend", "sections 5.2.1 and 7.2", trend_exhibit),
@@ -108,14 +106,25 @@ def run_reproduce(
     context = StudyContext(request, say, progress)
     _check_inputs(context)
     made = [_made(planned, context) for planned in exhibits]
-    seconds = time.monotonic() - began
-    results = results_json(made, mission_of(context), about(context), machine(), seconds)
+    results = {
+        "format": FORMAT,
+        "mission": {
+            "name": context.mission.name,
+            "frames": len(context.frames),
+            "pairs": len(context.pairs),
+        },
+        "about": about(context),
+        "machine": machine(),
+        "seconds": round(time.monotonic() - began, 1),
+        "exhibits": [exhibit_json(one) for one in made],
+    }
     # Of an earlier run; without it nobody takes a half-replaced folder for a whole one.
     (request.out / RESULTS).unlink(missing_ok=True)
     for exhibit in made:
         _write(exhibit, request.out)
     atomic.write_text(request.out / REPORT, report_html(made, results))
-    atomic.write_text(request.out / RESULTS, results_text(results))
+    text = json.dumps(results, indent=2, ensure_ascii=False, allow_nan=False)
+    atomic.write_text(request.out / RESULTS, text + "\n")
     if exhibits is EXHIBITS:
         _write_page(results, request.out, say)
     return results
@@ -166,15 +175,6 @@ def _made(planned: Planned, context: StudyContext) -> Exhibit:
         context.say(f"   not made: {exhibit.missing}")
     context.say(f"   {time.monotonic() - began:.1f} s")
     return replace(exhibit, key=planned.key)
-
-
-def mission_of(context: StudyContext) -> dict[str, Any]:
-    """The mission, for the results."""
-    return {
-        "name": context.mission.name,
-        "frames": len(context.frames),
-        "pairs": len(context.pairs),
-    }
 
 
 def about(context: StudyContext) -> list[str]:

@@ -22,13 +22,13 @@ from tokt.studies.baselines.thesis_centre import (
     without_area,
 )
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from tokt.studies.thesis.frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
     THESIS_COLOR,
     draw_box,
+    new_figure,
     png_of,
     show_frame,
     show_mask,
@@ -284,15 +284,14 @@ def _figure(
     if several:
         worst = max(several, key=lambda one: one.box_ratio)
         panels[f"{worst.title}, frame {worst.number}"] = worst
-    figure = Figure(figsize=(11.5, 3.0 * len(panels) + 0.4), layout="constrained")
-    rows = figure.subplots(len(panels), 3, squeeze=False)
+    figure, rows = new_figure(11.5, 3.0 * len(panels) + 0.4, len(panels), 3, squeeze=False)
     for (outlines, centre, boxes), (title, one) in zip(rows, panels.items(), strict=True):
         _draw_contours(outlines, one.mask)
         outlines.set_ylabel(title, fontsize=9)
         frame = context.left(one.number)
-        show_frame(centre, frame, GRID)
+        show_frame(centre, frame)
         _draw_centres(centre, one)
-        show_frame(boxes, frame, GRID)
+        show_frame(boxes, frame)
         draw_box(boxes, one.thesis.box, THESIS_COLOR, "--")
         draw_box(boxes, one.corrected.box, CORRECTED_COLOR)
     for axes, title in zip(rows[0], ("contours", "centre, way to steer", "box"), strict=True):

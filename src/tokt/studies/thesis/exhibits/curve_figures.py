@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from tokt.features.frames.mission import format_frames
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
-from tokt.studies.thesis.context import StudyContext
 from tokt.studies.thesis.exhibit import (
     NOT_KNOWN,
     Claim,
@@ -19,18 +18,14 @@ from tokt.studies.thesis.exhibit import (
     Exhibit,
     Numbers,
     Plot,
+    StudyContext,
     Table,
     known,
 )
-from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.frame_drawing import new_figure, png_of
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
-from tokt.studies.thesis.methods.patch_scores import pooled_score
+from tokt.studies.thesis.patch_scores import pooled_score
 
-KEY, TITLE, SECTION = (
-    "figure-5.3-to-5.5",
-    "Mean value along the mission",
-    "Figures 5.3 to 5.5; sections 5.2.1 and 7.2",
-)
 IN_A_ROW = 3
 MIN_FRAMES = 8
 """Of fewer frames that both curves have no correlation is told."""
@@ -53,9 +48,9 @@ def curve_figures(context: StudyContext) -> Exhibit:
     together = curves.mean[whole].corr("spearman", min_periods=MIN_FRAMES)
     nearness = {name: with_nearness(curves, name) for name in whole}
     return Exhibit(
-        KEY,
-        TITLE,
-        SECTION,
+        "figure-5.3-to-5.5",
+        "Mean value along the mission",
+        "Figures 5.3 to 5.5; sections 5.2.1 and 7.2",
         _words(context),
         (
             _detection_claim(context, scores),
@@ -382,8 +377,7 @@ def _zoomed(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
 def _correlation_picture(table: pd.DataFrame, titles: Sequence[str]) -> Figure:
     """Rank correlations as a coloured table."""
     count = len(table)
-    figure = Figure(figsize=(2.6 + 0.75 * count, 1.6 + 0.5 * count), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(2.6 + 0.75 * count, 1.6 + 0.5 * count)
     values = table.to_numpy(float)
     axes.imshow(values, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
     for (row, col), value in np.ndenumerate(values):

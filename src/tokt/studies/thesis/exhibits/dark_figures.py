@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -17,7 +17,12 @@ from tokt.features.frames.image_file import read_image
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.verdict import CLEAR, STATUS_WORDS
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.context import StudyContext
+from tokt.studies.simulation.rendering.lighting import expose
+from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.sensor import develop
+from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
+from tokt.studies.simulation.scene.rig import FULL_WIDTH
+from tokt.studies.simulation.scene.water import CameraResponse, Water
 from tokt.studies.thesis.exhibit import (
     NOT_KNOWN,
     Claim,
@@ -25,6 +30,7 @@ from tokt.studies.thesis.exhibit import (
     Exhibit,
     Numbers,
     Plot,
+    StudyContext,
     Table,
     known,
 )
@@ -33,18 +39,18 @@ from tokt.studies.thesis.frame_drawing import (
     draw_dots,
     draw_truth,
     explain_dots,
+    new_figure,
     png_of,
     show_dark,
     show_mask,
 )
 from tokt.studies.thesis.methods.curves import OURS, THESIS
-from tokt.studies.thesis.methods.dark_rendering import RENDERED_WIDTHS, DarkScene
-from tokt.studies.thesis.methods.patch_scores import PatchScore, PatchTruth, truth_by_mask
-from tokt.studies.thesis.methods.texture_models import (
+from tokt.studies.thesis.methods.mission_models import (
     TOKT_TEXTURE,
     AllLabelsTexture,
     train_on_all_labels,
 )
+from tokt.studies.thesis.patch_scores import PatchScore, PatchTruth, truth_by_mask
 
 from .dot_figures import (
     MethodPrediction,
@@ -59,6 +65,13 @@ from .dot_figures import (
     scored_predictions,
 )
 
+SEED = 8
+RENDERED_WIDTHS = (360, FULL_WIDTH)
+"""Least and largest width in pixels of a picture; the methods look at 360."""
+_FRAMES = 40
+_PLACE = 27
+"""The 28th of 40 frames: the tower is about three metres away and fills a part of the picture."""
+_MOMENT, _SENSOR = 0, 1
 _LIGHT = 0.125
 _LIGHTS = (1.0, 0.5, 0.25, _LIGHT, 0.0625)
 """Of the lamp of a rendered mission; each half of the one before, so one stop."""
@@ -151,20 +164,82 @@ def _truth(
     return mask, truth, "the frame's labels"
 
 
-def rendered_picture(scene: DarkScene, light: float) -> DarkPicture:
-    """The scene by a lamp of `light`, as a share of a rendered mission's."""
-    pair = scene.at(light)
-    return DarkPicture(
-        pair.left,
-        pair.right,
-        pair.mask,
-        truth_by_mask(pair.mask, GRID),
-        pair.calibration,
-        f"A rendered picture of the tower at {pair.nearest_m:.1f} m by a lamp of {light:g} of a "
-        "mission's light, as no image was given (--dark)",
-        "the exact rendered mask",
-        "the rendered rig's exact calibration",
-        rendered=True,
+class DarkScene:
+    """One moment at the tower, rendered in any light with its exact mask, as the thesis's is not.
+
+    The lamp is turned down: what the tower, the water and its snow send back falls by one factor,
+    and the sensor's read noise stays. At 1 the picture is as bright as a rendered mission's.
+
+    Parameters
+    ----------
+    width : int
+        Of the pictures, in pixels.
+    seed : int
+        The same scene, snow and noise for every light.
+
+    Attributes
+    ----------
+    mask : array of uint8, shape (height, width)
+        255 on the tower in the left picture: its geometry, however little of it can be seen.
+    nearest_m : float
+        Least depth of the tower, metres.
+    """
+
+    def __init__(self, width: int = FULL_WIDTH, seed: int = SEED) -> None:
+        self._scene, self._seed = MissionScene.draw(seed, _FRAMES, width), seed
+        self._pose = self._scene.poses[_PLACE]
+        cameras = self._pose.cameras(self._scene.rig)
+        self._views = [cast_rays(self._scene.tower, camera) for camera in cameras]
+        depth = self._views[0].image(self._views[0].depth)
+        self.mask: NDArray[np.uint8] = np.isfinite(depth).astype(np.uint8) * 255
+        self.nearest_m = float(depth.min())
+
+    def at(self, light: float) -> DarkPicture:
+        """The pair by a lamp of `light`, as a share of a rendered mission's."""
+        water = _dimmed(self._scene.water, light)
+        left, right = (
+            self._picture(water, side, response)
+            for side, response in enumerate((water.left, water.right))
+        )
+        return DarkPicture(
+            left,
+            right,
+            self.mask,
+            truth_by_mask(self.mask, GRID),
+            self._calibration(),
+            f"A rendered picture of the tower at {self.nearest_m:.1f} m by a lamp of {light:g} of "
+            "a mission's light, as no image was given (--dark)",
+            "the exact rendered mask",
+            "the rendered rig's exact calibration",
+            rendered=True,
+        )
+
+    def _picture(self, water: Water, side: int, response: CameraResponse) -> NDArray[np.uint8]:
+        """One camera's picture."""
+        moment = np.random.default_rng([self._seed, _MOMENT])
+        exposure = expose(water, self._scene.rig, self._pose, self._views[side], response, moment)
+        return develop(water, exposure, np.random.default_rng([self._seed, _SENSOR, side]))
+
+    def _calibration(self) -> StereoCalibration:
+        rig, straight = self._scene.rig, np.zeros(5)
+        shift_mm = 1000.0 * rig.translation_m.reshape(3, 1)
+        size = rig.width, rig.height
+        return StereoCalibration(
+            rig.left, straight, rig.right, straight, rig.rotation, shift_mm, size
+        )
+
+
+def _dimmed(water: Water, light: float) -> Water:
+    def times(values: tuple[float, float, float]) -> tuple[float, float, float]:
+        blue, green, red = values
+        return blue * light, green * light, red * light
+
+    return replace(
+        water,
+        lamp=times(water.lamp),
+        veil=times(water.veil),
+        veil_floor=times(water.veil_floor),
+        snow_brightness=water.snow_brightness * light,
     )
 
 
@@ -181,14 +256,15 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     """
     dark, sweep = given_picture(context), pd.DataFrame()
     try:
-        texture: AllLabelsTexture | str = train_on_all_labels(context, dark and dark.number)
+        near = dark.number if dark else None
+        texture: AllLabelsTexture | str = train_on_all_labels(context, near)
     except ToktError as error:
         texture = str(error)
     if dark is None:
         # As wide as the mission's frames if that can be rendered.
         width = context.left(context.structure_frame).shape[1]
         scene = DarkScene(int(np.clip(width, *RENDERED_WIDTHS)))
-        dark, sweep = rendered_picture(scene, _LIGHT), _sweep(context, texture, scene)
+        dark, sweep = scene.at(_LIGHT), _sweep(context, texture, scene)
     said = _predictions(context, texture, dark)
     scores = score_predictions(said, dark.truth)
     plots = [
@@ -309,7 +385,7 @@ def _figure(dark: DarkPicture, said: Said, scores: Scores) -> Figure:
     height, width = GRID.resized(*dark.left.shape[:2])
     small = cv2.resize(dark.left, (width, height), interpolation=cv2.INTER_AREA)
     panels[0].imshow(small[..., ::-1] if small.ndim == 3 else small, cmap="gray", vmin=0, vmax=255)
-    show_dark(panels[1], dark.left, GRID)
+    show_dark(panels[1], dark.left)
     if dark.mask is not None:
         show_mask(panels[2], dark.mask)
     titles = ["as the camera gives it", "amplified", dark.truth_words]
@@ -325,11 +401,11 @@ def _figure(dark: DarkPicture, said: Said, scores: Scores) -> Figure:
 
 
 def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, score: PatchScore | None) -> None:
-    size = show_dark(axes, dark.left, GRID)
+    size = show_dark(axes, dark.left)
     if dark.truth is not None:
-        draw_truth(axes, dark.truth, GRID, *size)
+        draw_truth(axes, dark.truth, *size)
     if one.patches is not None:
-        draw_dots(axes, one.patches, GRID, *size)
+        draw_dots(axes, one.patches, *size)
         f1 = score.f1 if score else None
         title = one.title if f1 is None else f"{one.title}: F1 {f1:.2f}"
     else:
@@ -347,7 +423,7 @@ def _sweep(
     """A row a light, a column a method: F1, or nothing where it was not judged."""
     rows = []
     for light in _LIGHTS:
-        dark = rendered_picture(scene, light)
+        dark = scene.at(light)
         said = _predictions(context, texture, dark, slow=False)
         scores = score_predictions(said, dark.truth)
         rows.append(
@@ -369,8 +445,7 @@ def _methods(sweep: pd.DataFrame) -> list[str]:
 
 
 def _sweep_plot(sweep: pd.DataFrame) -> Plot:
-    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(8.0, 3.6)
     for number, name in enumerate(_methods(sweep)):
         ours = name.startswith("tokt")
         axes.plot(

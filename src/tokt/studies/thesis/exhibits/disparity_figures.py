@@ -1,21 +1,33 @@
-"""Figures 3.8 to 3.10: the disparity map, the margin cut off it, and the point cloud."""
+"""Figures 3.8 to 3.10: the disparity map, the margin cut off it, and the point cloud.
+
+Beside them stands the control of any stereo: exchange the right frame, or turn it upside down. What
+measures distance by two pictures has nothing to say then. What says the same as before has only
+looked at one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from tokt.features.common.errors import ToktError
+from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.inference.stereo.matching import Matches
+from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_MEAN_THRESHOLD, STATUS_WORDS
 from tokt.studies.baselines.thesis_disparity import (
     Margin,
+    cropped,
     in_thesis_view,
     margin_of,
     searched,
@@ -30,26 +42,23 @@ from tokt.studies.baselines.thesis_stereo import (
     disparity_map,
 )
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
-from tokt.studies.thesis.frame_drawing import SHOWN
-from tokt.studies.thesis.methods.exchanged_right import (
-    ANOTHER,
-    KINDS,
-    OWN,
-    TURNED,
-    Exchanged,
-    at_thesis_size,
-    exchange,
-    right_of,
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Plot,
+    StudyContext,
+    Table,
 )
-from tokt.studies.thesis.methods.textured_pairs import survey
+from tokt.studies.thesis.frame_drawing import SHOWN, new_figure, png_of
+from tokt.studies.thesis.inputs import StudyInputs
+from tokt.training.evaluation.pictures import raise_contrast
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt.training.rig.calibrate.matching import match_frame
 from tokt.training.rig.depth.cloud import PointCloud, cloud_of
+from tokt.training.rig.depth.pair_depths import measure_depths
 from tokt.training.rig.depth.picture import DepthPicture
-
-from .disparity_plots import Panel, clouds_png, exchanged_png, maps_png
 
 KEY = "figure-3.8-to-3.10"
 TITLE = "Disparity map, margin and point cloud"
@@ -62,15 +71,34 @@ COLLAPSED = 0.003
 the mission's own measurements, 23 % to at most 0.3 % at frame 180."""
 _SAME = 0.02
 _FEW_FOUND, _MAX_FOUND = 0.05, 0.5
+OWN, ANOTHER, TURNED = "its own", "another frame's", "its own, upside down"
+KINDS = (OWN, ANOTHER, TURNED)
+_VIEW = (680, 512)
+_MAX_POINTS = 20_000
+"""Of a cloud, drawn: more of them hide each other."""
+_MARGIN_COLOR = "#4da3ff"
+
+Image = NDArray[np.uint8]
+Float = NDArray[np.float64]
+Rights = Callable[[int], Image]
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One right frame, the thesis's map of the pair (uint8, 1024 x 1360), and our matches."""
+
+    words: str
+    stretched: Image
+    matches: Matches
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """The pair that is drawn."""
+    """The pair that is drawn: with its own right frame, another one's, and its own turned."""
 
     number: int
-    left: NDArray[np.uint8]
-    panels: list[Panel]
+    left: Image
+    panels: list[_Panel]
     cloud: PointCloud
     rank_correlation: float
 
@@ -80,25 +108,30 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     calibration = context.calibration
     if calibration is None:
         return _missing(f"a calibration of the two cameras: {context.calibration_words}")
-    known = survey(context)
-    frames = evenly_spaced(known.textured, EXCHANGED_FRAMES)
+    frames = evenly_spaced(context.textured_pairs, EXCHANGED_FRAMES)
     if len(frames) < 2:
         return _missing("two pairs with something in them")
     rows = exchange(context, calibration, frames)
-    own = [row for row in rows if row.right == OWN]
-    best = max(own, key=lambda row: row.ours_matched)
-    margins = [_margin(context, n) for n in evenly_spaced(known.open_water, OPEN_FRAMES)]
+    own = rows[rows.right == OWN].set_index("frame")
+    best = int(own.ours_matched.idxmax())
+    margins = [_margin(context, n) for n in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)]
     disparity, covered = _searched(context, calibration, evenly_spaced(frames, MATCHED_FRAMES))
-    shown = _shown(context, calibration, best.frame, _partner(frames, best.frame))
-    ends = _ends(own)
+    shown = _shown(context, calibration, best, _partners(frames)[best])
+    nearest, farthest = own.near_m.min(), own.far_m.max()
+    nearest = 1.0 if np.isnan(nearest) else nearest
+    # Colours of depth: those that are there, and at least a factor of two.
+    ends = nearest, max(2 * nearest, np.nan_to_num(farthest))
     picture = DepthPicture(DisparityDetector(calibration, GRID).rectifier, *ends)
     numbers = {**_control(rows), **_margins(margins), **_cloud_numbers(shown)}
-    numbers |= {"matched_points": len(disparity), "points_searched": _mean(covered)}
+    numbers |= {
+        "matched_points": len(disparity),
+        "points_searched": float(covered.mean()) if len(covered) else 0.0,
+    }
     return Exhibit(
         KEY,
         TITLE,
         SECTION,
-        words=_words(context, frames, best.frame),
+        words=_words(context, frames, best),
         claims=(
             _search_claim(disparity, covered),
             _exchange_claim(numbers),
@@ -115,32 +148,104 @@ def _missing(what: str) -> Exhibit:
     return Exhibit(KEY, TITLE, SECTION, missing=f"needs {what}")
 
 
-def _mean(values: NDArray[np.bool_]) -> float:
-    return float(values.mean()) if len(values) else 0.0
-
-
-def _partner(frames: Sequence[int], number: int) -> int:
-    """The frame whose right frame stands in for a frame's own: as `exchange` has it."""
+def _partners(frames: Sequence[int]) -> dict[int, int]:
+    """By frame, the one whose right frame stands in for its own: that half the list away."""
     half = len(frames) // 2
-    return [*frames[half:], *frames[:half]][list(frames).index(number)]
+    return dict(zip(frames, [*frames[half:], *frames[:half]], strict=True))
 
 
-def _ends(own: Sequence[Exchanged]) -> tuple[float, float]:
-    """Colours of depth: those that are there, and at least a factor of two."""
-    near = [row.ours.distance_m for row in own if row.ours.distance_m]
-    far = [row.ours.far_m for row in own if row.ours.far_m]
-    nearest = min(near, default=1.0)
-    return nearest, max([*far, 2 * nearest])
+def exchange(
+    inputs: StudyInputs, calibration: StereoCalibration, frames: Sequence[int]
+) -> pd.DataFrame:
+    """Judge left frames with their own right frame, another one's, and their own upside down.
+
+    Every kind is a run of its own, with a detector of its own, as if the right camera gave nothing
+    else.
+
+    Parameters
+    ----------
+    inputs : StudyInputs
+    calibration : StereoCalibration
+    frames : sequence of int
+        Two and more, in order.
+
+    Returns
+    -------
+    DataFrame
+        A row a left frame and kind: ``frame``; ``right``, one of `KINDS`; of ours the part of the
+        rectified view that is matched, the status, and the near and far end of the depths (nan
+        where there are none); of the thesis's cropped map the part with a disparity, its mean
+        (0..255), and the part of its pixels that changed between matched and not against the
+        frame's own right frame.
+
+    Raises
+    ------
+    ToktError
+        If there are fewer.
+    """
+    if len(frames) < 2:
+        raise ToktError("to exchange right frames takes two pairs with something in them")
+    others = _partners(frames)
+    rights: dict[str, Rights] = {
+        OWN: lambda number: _right_of(inputs, number),
+        ANOTHER: lambda number: _right_of(inputs, others[number]),
+        TURNED: lambda number: np.ascontiguousarray(_right_of(inputs, number)[::-1]),
+    }
+    own = {number: cropped(_map(inputs, number, rights[OWN])) for number in frames}
+    rows = []
+    for kind, right in rights.items():
+        detector = DisparityDetector(calibration, GRID)
+        for ours in measure_depths(detector, _frames(inputs, frames, right)):
+            now = own[ours.frame]
+            if kind != OWN:
+                now = cropped(_map(inputs, ours.frame, right))
+            rows.append(
+                {
+                    "frame": ours.frame,
+                    "right": kind,
+                    "ours_matched": ours.valid_fraction or 0.0,
+                    "status": ours.status,
+                    "near_m": ours.distance_m,
+                    "far_m": ours.far_m,
+                    "thesis_matched": float((now > 0).mean()),
+                    "thesis_mean": float(now.mean()),
+                    "thesis_changed": float(((now > 0) != (own[ours.frame] > 0)).mean()),
+                }
+            )
+    return pd.DataFrame(rows).astype({"near_m": float, "far_m": float})
+
+
+def _right_of(inputs: StudyInputs, number: int) -> Image:
+    """A right frame. Raises ToktError where it cannot be read."""
+    right = inputs.right(number)
+    if right is None:
+        raise ToktError(f"right frame {number} cannot be read")
+    return right
+
+
+def _at_thesis_size(frame: Image) -> Image:
+    """A frame of the size that the thesis's settings in pixels are for."""
+    if frame.shape[1::-1] == THESIS_FRAME_SIZE:
+        return frame
+    return np.asarray(cv2.resize(frame, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def _map(inputs: StudyInputs, number: int, right: Rights) -> Image:
+    return disparity_map(_at_thesis_size(inputs.left(number)), _at_thesis_size(right(number)))
+
+
+def _frames(inputs: StudyInputs, frames: Sequence[int], right: Rights) -> Iterator[Frame]:
+    for number in frames:
+        yield Frame(number, float(number), inputs.left(number), right(number))
 
 
 def _margin(context: StudyContext, number: int) -> Margin:
-    left, right = context.left(number), right_of(context, number)
-    return margin_of(disparity_map(at_thesis_size(left), at_thesis_size(right)))
+    return margin_of(_map(context, number, lambda one: _right_of(context, one)))
 
 
 def _searched(
     context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[Float, NDArray[np.bool_]]:
     """Disparities of SIFT matches in the thesis's pictures, and which its search can find."""
     found = [match_frame(context.mission, n, calibration.frame_size) for n in frames]
     matched = [one for one in found if one is not None]
@@ -159,20 +264,23 @@ def _shown(
 ) -> _Shown:
     """One pair matched in every pixel, with the three right frames, and its cloud."""
     detector = DisparityDetector(calibration, GRID, step=1)
-    left, right = context.left(number), right_of(context, number)
-    rights = (right, right_of(context, other), np.ascontiguousarray(right[::-1]))
+    left, right = context.left(number), _right_of(context, number)
+    rights = (right, _right_of(context, other), np.ascontiguousarray(right[::-1]))
     words = (OWN, f"that of frame {other}", TURNED)
-    small = at_thesis_size(left)
+    small = _at_thesis_size(left)
     panels = [
-        Panel(f"right frame: {what}", disparity_map(small, at_thesis_size(one)),
-              detector.match(left, one))
+        _Panel(
+            f"right frame: {what}",
+            disparity_map(small, _at_thesis_size(one)),
+            detector.match(left, one),
+        )
         for what, one in zip(words, rights, strict=True)
-    ]  # fmt: skip
+    ]
     cloud = cloud_of(detector.rectifier, panels[0].matches, left)
     return _Shown(number, left, panels, cloud, _ranks(detector, panels[0]))
 
 
-def _ranks(detector: DisparityDetector, panel: Panel) -> float:
+def _ranks(detector: DisparityDetector, panel: _Panel) -> float:
     """Spearman's rank correlation of the thesis's values and our depths, pixel by pixel.
 
     -1 would be disparities: the larger, the nearer. 0 where too few pixels have both.
@@ -193,45 +301,35 @@ def _ranks(detector: DisparityDetector, panel: Panel) -> float:
     return float(found.statistic)
 
 
-def _control(rows: Sequence[Exchanged]) -> dict[str, Any]:
+def _control(rows: pd.DataFrame) -> dict[str, Any]:
     """What exchanging the right frame does to both, over all frames."""
-    by_kind = {kind: [row for row in rows if row.right == kind] for kind in KINDS}
-    wrong = [row for kind in (ANOTHER, TURNED) for row in by_kind[kind]]
-    own = {row.frame: row for row in by_kind[OWN]}
-    mean_change = [
-        abs(row.thesis_mean / own[row.frame].thesis_mean - 1)
-        for row in wrong
-        if own[row.frame].thesis_mean > 0
-    ]
-    kept = [
-        (row.thesis_mean > STATUS_MEAN_THRESHOLD)
-        == (own[row.frame].thesis_mean > STATUS_MEAN_THRESHOLD)
-        for row in wrong
-    ]
+    own, wrong = rows[rows.right == OWN], rows[rows.right != OWN]
+    before = own.set_index("frame").thesis_mean.loc[wrong.frame].to_numpy()
+    some = before > 0
+    change = np.abs(wrong.thesis_mean.to_numpy()[some] / before[some] - 1)
+    kept = (wrong.thesis_mean > STATUS_MEAN_THRESHOLD) == (before > STATUS_MEAN_THRESHOLD)
     return {
         "frames": len(own),
-        "ours_matched_own_median": float(np.median([row.ours_matched for row in own.values()])),
-        "ours_matched_own_least": min(row.ours_matched for row in own.values()),
-        "ours_matched_wrong_median": float(np.median([row.ours_matched for row in wrong])),
-        "ours_matched_wrong_most": max(row.ours_matched for row in wrong),
-        "ours_obstacle_own": sum(row.ours.status == 1 for row in own.values()),
-        "ours_obstacle_wrong": sum(row.ours.status == 1 for row in wrong),
-        "ours_clear_wrong": sum(row.ours.status == 0 for row in wrong),
+        "ours_matched_own_median": own.ours_matched.median(),
+        "ours_matched_own_least": own.ours_matched.min(),
+        "ours_matched_wrong_median": wrong.ours_matched.median(),
+        "ours_matched_wrong_most": wrong.ours_matched.max(),
+        "ours_obstacle_own": int((own.status == OBSTACLE).sum()),
+        "ours_obstacle_wrong": int((wrong.status == OBSTACLE).sum()),
+        "ours_clear_wrong": int((wrong.status == CLEAR).sum()),
         "wrong_pairs": len(wrong),
-        "thesis_pixels_changed_most": max(row.thesis_changed for row in wrong),
-        "thesis_mean_change_median": float(np.median(mean_change)) if mean_change else 0.0,
-        "thesis_status_kept": sum(kept),
+        "thesis_pixels_changed_most": wrong.thesis_changed.max(),
+        "thesis_mean_change_median": float(np.median(change)) if len(change) else 0.0,
+        "thesis_status_kept": int(kept.sum()),
     }
 
 
-def _margins(margins: Sequence[Margin]) -> dict[str, Any]:
-    if not margins:
-        return {}
+def _margins(margins: Sequence[Margin]) -> dict[str, float]:
+    names = ("matched_margin", "matched_inside", "mean_whole", "mean_inside")
     return {
-        "open_water_matched_margin": float(np.mean([one.matched_margin for one in margins])),
-        "open_water_matched_inside": float(np.mean([one.matched_inside for one in margins])),
-        "open_water_mean_whole": float(np.mean([one.mean_whole for one in margins])),
-        "open_water_mean_inside": float(np.mean([one.mean_inside for one in margins])),
+        f"open_water_{name}": float(np.mean([getattr(one, name) for one in margins]))
+        for name in names
+        if margins
     }
 
 
@@ -250,7 +348,7 @@ def _cloud_numbers(shown: _Shown) -> dict[str, Any]:
     return found
 
 
-def _search_claim(disparity: NDArray[np.float64], covered: NDArray[np.bool_]) -> Claim:
+def _search_claim(disparity: Float, covered: NDArray[np.bool_]) -> Claim:
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
     what = "the values of the map are disparities"
     printed = (
@@ -260,7 +358,7 @@ def _search_claim(disparity: NDArray[np.float64], covered: NDArray[np.bool_]) ->
     if not len(disparity):
         why = "no points of the frames were matched, so that the true disparities are not known"
         return Claim(what, printed, "no matched points", ClaimAgreement.UNCOMPARABLE, why)
-    share = _mean(covered)
+    share = float(np.mean(covered))
     if share > _MAX_FOUND:
         agreement = ClaimAgreement.YES
     else:
@@ -371,15 +469,28 @@ def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str
     )  # fmt: skip
 
 
-def _table(rows: Sequence[Exchanged]) -> Table:
+def _table(rows: pd.DataFrame) -> Table:
     caption = (
         "The same left frames with three right frames. Matched: of the rectified view (ours), of "
         "the map without its margin (thesis). Near end: 20th percentile of the matched depths. "
         "Pixels changed: of the thesis's map, between matched and not, against the frame's own "
         "right frame."
     )
-    ordered = sorted(rows, key=lambda row: (row.frame, KINDS.index(row.right)))
-    table = pd.DataFrame([row.to_row() for row in ordered])
+    kinds = pd.Categorical(rows.right, KINDS)
+    rows = rows.assign(kind=kinds).sort_values(["frame", "kind"], ignore_index=True)
+    table = pd.DataFrame(
+        {
+            "left frame": rows.frame,
+            "right frame": rows.right,
+            "ours: matched %": (100 * rows.ours_matched).round(3),
+            "ours: status": rows.status.map(STATUS_WORDS),
+            "ours: near end m": rows.near_m,
+            "thesis: matched %": (100 * rows.thesis_matched).round(3),
+            "thesis: mean value": rows.thesis_mean.round(3),
+            "thesis: status": (rows.thesis_mean > STATUS_MEAN_THRESHOLD).astype(int),
+            "thesis: pixels changed %": (100 * rows.thesis_changed).round(3),
+        }
+    )
     return Table("exchanged_right_frame", caption, table, "Three right frames for each left one")
 
 
@@ -406,18 +517,111 @@ def _plots(shown: _Shown, picture: DepthPicture, ends: tuple[float, float]) -> t
         Plot(
             "disparity_and_margin",
             f"Frame {shown.number}. Blue: the margin that the thesis cuts off. {SHOWN}",
-            maps_png(shown.left, own, picture, ends),
+            png_of(_maps(shown.left, own, picture, ends)),
         ),
         Plot(
             "exchanged_right_frame",
             f"Left frame {shown.number} with three right frames: the thesis's map keeps its "
             "white pixels, ours loses its matches. Colours as above.",
-            exchanged_png(shown.panels, picture),
+            png_of(_exchanged(shown.panels, picture)),
         ),
         Plot(
             "point_cloud",
             f"Point clouds of frame {shown.number}, as the thesis's program and as ours make "
             "them. Red is near in each; the thesis's axes show the middle 98 % of its points.",
-            clouds_png(cloud, said, shown.cloud.points_m),
+            png_of(_clouds(cloud, said, shown.cloud.points_m)),
         ),
     )
+
+
+def _maps(left: Image, panel: _Panel, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
+    """The frame, the thesis's map with its margin, the map it judges, and our depth."""
+    figure, axes = new_figure(11, 8.6, 2, 2)
+    axes[0, 0].imshow(raise_contrast(left, *_VIEW))
+    axes[0, 0].set_title("left frame, contrast raised", fontsize=10)
+    width = panel.stretched.shape[1]
+    _show_map(axes[0, 1], panel.stretched, "thesis: stretched disparities, and the margin")
+    for at in (CROP_PX, width - CROP_PX):
+        axes[0, 1].axvline(at - 0.5, color=_MARGIN_COLOR, lw=1.2, ls="--")
+    for at in (0, width - CROP_PX):
+        axes[0, 1].axvspan(at - 0.5, at + CROP_PX - 0.5, color=_MARGIN_COLOR, alpha=0.18, lw=0)
+    _show_map(axes[1, 0], cropped(panel.stretched), "thesis: without the margin, as it is judged")
+    axes[1, 1].imshow(picture.depth_rgb(panel.matches), interpolation="nearest")
+    axes[1, 1].set_title(
+        f"ours: {panel.matches.valid.mean():.1%} matched; "
+        f"red {ends_m[0]:.1f} m to blue {ends_m[1]:.1f} m, logarithmic",
+        fontsize=10,
+    )
+    for one in axes.flat:
+        one.set(xticks=[], yticks=[])
+    words = "not matched; striped: not in the view of both cameras"
+    axes[1, 1].legend(
+        handles=[Patch(facecolor="#1a1c20", edgecolor="0.5", label=words)],
+        loc="upper center", bbox_to_anchor=(0.5, 0.0), fontsize=9, frameon=False,
+    )  # fmt: skip
+    return figure
+
+
+def _exchanged(panels: Sequence[_Panel], picture: DepthPicture) -> Figure:
+    """A column a right frame: the thesis's map above, ours below."""
+    figure, axes = new_figure(3.9 * len(panels), 6.2, 2, len(panels), squeeze=False)
+    for (above, below), panel in zip(axes.T, panels, strict=True):
+        seen = (cropped(panel.stretched) > 0).mean()
+        _show_map(above, cropped(panel.stretched), f"{panel.words}\nthesis: {seen:.2%} white")
+        below.imshow(picture.depth_rgb(panel.matches), interpolation="nearest")
+        below.set_title(f"ours: {panel.matches.valid.mean():.2%} matched", fontsize=10)
+        below.set(xticks=[], yticks=[])
+    return figure
+
+
+def _clouds(thesis: Float, thesis_said: Float, ours: Float) -> Figure:
+    """Both point clouds from the front and from above, coloured by their own depth.
+
+    The thesis's, whose colours are the map's values, has no unit: x right, y up, z backwards. Ours
+    is in metres: x right, y down, z ahead.
+    """
+    figure, axes = new_figure(11, 8.4, 2, 2)
+    chosen = _some(len(thesis))
+    x, up, back = thesis[chosen].T
+    colors = thesis_said[chosen]
+    _scatter(axes[0, 0], x, up, colors, "thesis, from the front", ("x, no unit", "y, no unit"))
+    _scatter(axes[0, 1], x, -back, colors, "thesis, from above", ("x, no unit", "depth, no unit"))
+    chosen = _some(len(ours))
+    x, down, ahead = ours[chosen].T
+    _scatter(axes[1, 0], x, -down, -ahead, "ours, from the front", ("x, m", "height, m"))
+    _scatter(axes[1, 1], x, ahead, -ahead, "ours, from above", ("x, m", "depth, m"))
+    for one in axes[1]:
+        one.set_aspect("equal", adjustable="datalim")
+    for one in axes[0]:
+        _without_far_points(one)
+    return figure
+
+
+def _some(count: int) -> NDArray[np.int64]:
+    """Which points of a cloud are drawn, in a random order that is always the same."""
+    return np.random.default_rng(0).permutation(count)[:_MAX_POINTS]
+
+
+def _scatter(
+    axes: Any, x: Float, y: Float, colors: Float, title: str, labels: tuple[str, str]
+) -> None:
+    axes.scatter(x, y, s=1.5, c=colors, cmap="turbo", linewidths=0)
+    axes.set_title(f"{title} ({len(x)} points drawn)", fontsize=10)
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    axes.grid(alpha=0.25)
+
+
+def _without_far_points(axes: Any) -> None:
+    """Small map values put points very far out: the middle 98 % are shown."""
+    points = np.ma.getdata(axes.collections[0].get_offsets())
+    if len(points):
+        low, high = np.percentile(points, [1, 99], axis=0)
+        margin = np.maximum(high - low, 1e-6) * 0.05
+        axes.set_xlim(low[0] - margin[0], high[0] + margin[0])
+        axes.set_ylim(low[1] - margin[1], high[1] + margin[1])
+
+
+def _show_map(axes: Any, stretched: Image, title: str) -> None:
+    axes.imshow(stretched, cmap="magma", vmin=0, vmax=255, interpolation="nearest")
+    axes.set_title(title, fontsize=10)
+    axes.set(xticks=[], yticks=[])

@@ -18,7 +18,6 @@ from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import read_bundle
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.context import StudyContext
 from tokt.studies.thesis.exhibit import (
     NOT_KNOWN,
     Claim,
@@ -26,6 +25,7 @@ from tokt.studies.thesis.exhibit import (
     Exhibit,
     Numbers,
     Plot,
+    StudyContext,
     Table,
     known,
 )
@@ -35,13 +35,16 @@ from tokt.studies.thesis.frame_drawing import (
     draw_grid,
     draw_truth,
     explain_dots,
+    new_figure,
     png_of,
     show_frame,
     show_mask,
 )
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, SLIC_TITLES, THESIS
 from tokt.studies.thesis.methods.frame_methods import TOKT_MODEL, TOKT_STEREO
-from tokt.studies.thesis.methods.patch_scores import (
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
+from tokt.studies.thesis.methods.texture_histograms import described
+from tokt.studies.thesis.patch_scores import (
     Flags,
     PatchScore,
     PatchTruth,
@@ -49,11 +52,10 @@ from tokt.studies.thesis.methods.patch_scores import (
     pooled_score,
     score_patches,
 )
-from tokt.studies.thesis.methods.texture_histograms import described
-from tokt.studies.thesis.methods.texture_models import TOKT_TEXTURE
 
 Image = NDArray[np.uint8]
 Scores = Mapping[str, PatchScore]
+_COUNTS = [one.name for one in fields(PatchScore)]
 
 
 @dataclass(frozen=True)
@@ -235,9 +237,6 @@ def scored_predictions(said: Sequence[MethodPrediction], scores: Scores) -> pd.D
     return frame.astype(dict.fromkeys(["obstacle patches", *_COUNTS], "Int64"))
 
 
-_COUNTS = [one.name for one in fields(PatchScore)]
-
-
 def _score_row(score: PatchScore | None) -> dict[str, float | int | None]:
     """Columns of a table; empty where there is no score."""
     counts = dict(zip(_COUNTS, astuple(score or PatchScore()), strict=True))
@@ -352,19 +351,18 @@ def _words(value: float | None) -> str:
 
 
 def _figure(frame: Image, said: Sequence[MethodPrediction], truth: PatchTruth | None) -> Figure:
-    figure = Figure(figsize=(10.5, 3.55 * len(said) + 0.3), layout="constrained")
-    rows = figure.subplots(len(said), 2, squeeze=False)
+    figure, rows = new_figure(10.5, 3.55 * len(said) + 0.3, len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):
-        size = show_frame(dots, frame, GRID)
-        draw_grid(dots, GRID, *size)
+        size = show_frame(dots, frame)
+        draw_grid(dots, *size)
         if truth is not None:
-            draw_truth(dots, truth, GRID, *size)
+            draw_truth(dots, truth, *size)
         dots.set_title(one.title, fontsize=10, loc="left")
         if one.patches is None or one.mask is None:
             mask.set_axis_off()
             mask.text(0.5, 0.5, f"not judged:\n{one.fault}", ha="center", va="center", wrap=True)
             continue
-        draw_dots(dots, one.patches, GRID, *size)
+        draw_dots(dots, one.patches, *size)
         show_mask(mask, one.mask)
     explain_dots(rows[-1][0], truth is not None, ncols=4)
     return figure

@@ -15,13 +15,22 @@ from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    StudyContext,
+    Table,
+)
 from tokt.studies.thesis.frame_drawing import (
     OCEAN_COLOR,
     OTHER_COLOR,
     SHOWN,
     draw_grid,
+    new_figure,
     png_of,
     show_frame,
 )
@@ -41,6 +50,18 @@ _COLORS = {"structure": OTHER_COLOR, "ocean": OCEAN_COLOR}
 _WHOLE = Grid(1, 1, None)
 _BINS = len(HARALICK_NAMES)
 """The thesis's program sorts the 13 features' *values* into 13 bins from 0 to 13."""
+
+_APART, _DISTANCE_AREA, _MODEL_AREA = (
+    "distance between the two patches",
+    "ROC area, distance from ocean",
+    "ROC area, the thesis's model",
+)
+_QUOTED = {
+    _APART: "hellinger",
+    _DISTANCE_AREA: "distance_roc_area",
+    _MODEL_AREA: "model_roc_area",
+}
+"""By column, the end of the name of a figure that other pages quote."""
 
 Cells = Mapping[str, int]
 """The two patches: numbers of their cells, by the names of `_DRAWN_CELLS`."""
@@ -63,7 +84,7 @@ def patch_histograms(context: StudyContext) -> Exhibit:
         name: int((rows["haralick"][cell] > _BINS).sum() + (rows["haralick"][cell] < 0).sum())
         for name, cell in patches.items()
     }
-    numbers = {"frame": number}
+    numbers: Numbers = {"frame": number}
     for column, name in _QUOTED.items():
         numbers |= {f"{key}_{name}": value for key, value in told[column].dropna().items()}
     numbers |= {f"haralick_outside_{name}": count for name, count in outside.items()}
@@ -116,19 +137,6 @@ def _away_from_ocean(key: str, rows: Rows, water: Rows) -> NDArray[np.float64]:
     varies = spread > 0
     apart = (rows - water.mean(axis=0))[:, varies] / spread[varies]
     return np.asarray(np.sqrt(np.square(apart).mean(axis=1)))
-
-
-_APART, _DISTANCE_AREA, _MODEL_AREA = (
-    "distance between the two patches",
-    "ROC area, distance from ocean",
-    "ROC area, the thesis's model",
-)
-_QUOTED = {
-    _APART: "hellinger",
-    _DISTANCE_AREA: "distance_roc_area",
-    _MODEL_AREA: "model_roc_area",
-}
-"""By column, the end of the name of a figure that other pages quote."""
 
 
 def _told_apart(
@@ -271,8 +279,8 @@ def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells)
          ["frame", "ocean lbp_10_5", "ocean lbp_24_8"]],
         width_ratios=(1.5, 1, 1.7),
     )  # fmt: skip
-    height, width = show_frame(axes["frame"], frame, GRID)
-    draw_grid(axes["frame"], GRID, height, width)
+    height, width = show_frame(axes["frame"], frame)
+    draw_grid(axes["frame"], height, width)
     boxes = GRID.boxes(height, width)
     for name, cell in patches.items():
         y0, y1, x0, x1 = boxes[cell]
@@ -291,8 +299,7 @@ def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells)
 
 
 def _haralick_figure(rows: Rows, patches: Cells) -> Figure:
-    figure = Figure(figsize=(10.5, 4.2), layout="constrained")
-    features, values = figure.subplots(1, 2, width_ratios=(1.5, 1))
+    figure, (features, values) = new_figure(10.5, 4.2, 1, 2, width_ratios=(1.5, 1))
     place = np.arange(_BINS)
     for shift, (name, cell) in zip((-0.2, 0.2), patches.items(), strict=True):
         features.barh(place + shift, np.abs(rows[cell]), 0.4, color=_COLORS[name], label=name)

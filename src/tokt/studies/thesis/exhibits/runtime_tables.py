@@ -14,7 +14,6 @@ from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.speed.paired_timing import single_thread
-from tokt.studies.thesis.context import StudyContext
 from tokt.studies.thesis.exhibit import (
     NOT_KNOWN,
     Claim,
@@ -22,9 +21,11 @@ from tokt.studies.thesis.exhibit import (
     Exhibit,
     Numbers,
     Plot,
+    StudyContext,
     Table,
 )
-from tokt.studies.thesis.frame_drawing import png_of
+from tokt.studies.thesis.frame_drawing import new_figure, png_of
+from tokt.studies.thesis.methods.mission_models import SLIC
 from tokt.studies.thesis.methods.stage_clock import (
     STAGES,
     EncodedPair,
@@ -39,9 +40,7 @@ from tokt.studies.thesis.methods.stage_clock import (
     tokt_stereo,
     tokt_texture,
 )
-from tokt.studies.thesis.methods.superpixel_methods import SLIC
 
-KEY, TITLE, SECTION = "table-5.1-to-5.4", "Run time by method", "Tables 5.1 to 5.4"
 ROUNDS = 1
 SPREAD = (10, 90)
 PRINTED = {"slic_lbp_10_5": 19.7, "disparity": 1.19, "haralick": 1.726}
@@ -70,9 +69,9 @@ def runtime_tables(context: StudyContext) -> Exhibit:
     found = {one.method.key: one for one in measured}
     summary = _summary(found)
     return Exhibit(
-        KEY,
-        TITLE,
-        SECTION,
+        "table-5.1-to-5.4",
+        "Run time by method",
+        "Tables 5.1 to 5.4",
         _words(context, frames),
         tuple(_claims(found)),
         tuple(_tables(found, summary, len(frames))),
@@ -306,8 +305,7 @@ def _numbers(found: Found, summary: pd.DataFrame, n_frames: int) -> Numbers:
 
 def _chart(found: Found) -> Figure:
     """Stacked bars of the stages' medians."""
-    figure = Figure(figsize=(10, 0.5 + 0.42 * len(found)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(10, 0.5 + 0.42 * len(found))
     stages = pd.DataFrame({one.method.title: one.stage_ms for one in found.values()})
     left = np.zeros(len(found))
     for place, (stage, width) in enumerate(stages.iterrows()):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from skimage.segmentation import find_boundaries
 
@@ -18,14 +16,27 @@ from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.superpixels import resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, Table
-from tokt.studies.thesis.frame_drawing import SHOWN, draw_grid, png_of, show_frame, show_mask
-from tokt.studies.thesis.methods.patch_scores import (
+from tokt.studies.thesis.exhibit import (
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Plot,
+    StudyContext,
+    Table,
+    known,
+)
+from tokt.studies.thesis.frame_drawing import (
+    SHOWN,
+    draw_grid,
+    new_figure,
+    png_of,
+    show_frame,
+    show_mask,
+)
+from tokt.studies.thesis.patch_scores import (
     PatchScore,
     patches_of_mask,
     score_patches,
-    truth_by_labels,
 )
 
 from .runtime_tables import agreement_of
@@ -39,7 +50,6 @@ SECTION = "figure 5.1"
 FEATURES = ("lbp_10_5", "haralick")
 THESIS_RATIO = 20.0
 """By how much the thesis says that SLIC is slower."""
-_NOTHING = PatchScore(0, 0, 0, 0)
 _COLUMNS = {
     "segments_median": "superpixels",
     "slic_ms": "SLIC ms",
@@ -52,110 +62,69 @@ _COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
-class SuperpixelComparison:
-    """One frame judged by superpixels and by the grid, with the same features.
-
-    Parameters
-    ----------
-    frame : int
-    features : str
-    slic_mask, grid_mask : array of uint8, shape (271, 360)
-        0 or 255.
-    slic_s, grid_s : float
-        Seconds from the decoded frame to the verdict.
-    segments : int
-        Superpixels of the frame.
-    slic_score, grid_score : PatchScore
-        Against the frame's labels; zeros where there are none.
-    """
-
-    frame: int
-    features: str
-    slic_mask: Image
-    grid_mask: Image
-    slic_s: float
-    grid_s: float
-    segments: int
-    slic_score: PatchScore
-    grid_score: PatchScore
-
-    @property
-    def same(self) -> float:
-        """Part of the pixels on which the two masks agree."""
-        return float((self.slic_mask == self.grid_mask).mean())
-
-    @property
-    def overlap(self) -> tuple[int, int]:
-        """Pixels that both have white, and that either has."""
-        slic, grid = self.slic_mask > 0, self.grid_mask > 0
-        return int((slic & grid).sum()), int((slic | grid).sum())
-
-    @property
-    def statuses(self) -> tuple[bool, bool]:
-        """Whether superpixels and grid say obstacle: one white patch is far above the threshold."""
-        return bool(self.slic_mask.any()), bool(self.grid_mask.any())
-
-
 def superpixel_figure(context: StudyContext) -> Exhibit:
     """The exhibit of figure 5.1, on the request's sample of frames."""
     shown = context.structure_frame
     numbers = sorted({*context.spread(), shown})
-    ocean, other = context.ocean, context.other
-    found: list[SuperpixelComparison] = []
-    segments = {number: _superpixels(left) for number, left in context.decoded(numbers)}
+    segments = {number: superpixels(resized_bgr(left)) for number, left in context.decoded(numbers)}
+    masks: dict[tuple[str, str], Image] = {}
+    rows = []
     for name in FEATURES:
         model = context.thesis[name]
-        slic = SlicTexture.train(ocean.image, other.image, model.describe, name)
-        found += [_compared(context, number, slic, model, segments[number]) for number in segments]
-    summaries = {
-        name: _summary([one for one in found if one.features == name]) for name in FEATURES
-    }
+        slic = SlicTexture.train(context.ocean.image, context.other.image, model.describe, name)
+        for number, cut in segments.items():
+            by_slic, by_grid, row = _compared(context, number, slic, model)
+            rows.append({**row, "superpixels": len(np.unique(cut))})
+            if number == shown:
+                masks[name, "SLIC"], masks[name, "grid"] = by_slic, by_grid
+    frames = pd.DataFrame(rows)
+    summaries = {name: _summary(one) for name, one in frames.groupby("features", sort=False)}
     return Exhibit(
         KEY,
         TITLE,
         SECTION,
         words=_words(context, numbers),
         claims=(_time_claim(summaries), _mask_claim(summaries)),
-        tables=(_summary_table(summaries), _frame_table(found)),
-        plots=(_plot(context, [one for one in found if one.frame == shown], segments[shown]),),
-        numbers={
-            f"{name}_{key}": value
-            for name, summary in summaries.items()
-            for key, value in summary.items()
-            if value is not None
-        },
+        tables=(_summary_table(summaries), _frame_table(frames)),
+        plots=(_plot(context, frames[frames.frame == shown], masks, segments[shown]),),
+        numbers=known(
+            {
+                f"{name}_{key}": value
+                for name, summary in summaries.items()
+                for key, value in summary.items()
+            }
+        ),
     )
 
 
 def _compared(
-    context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel, segments: Segments
-) -> SuperpixelComparison:
+    context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel
+) -> tuple[Image, Image, dict[str, Any]]:
+    """Masks (0 or 255) of one frame by superpixels and by the grid, and a row of figures of them.
+
+    Seconds are from the decoded frame to the verdict. Without labels the scores are of no patch.
+    """
     left = context.left(number)
-    by_slic, slic_s = _timed(lambda: slic.judge(left, None, 0.0).mask)
+    slic_mask, slic_s = _timed(lambda: slic.judge(left, None, 0.0).mask)
     by_grid, grid_s = _timed(lambda: model.judge(left).obstacle)
     size = GRID.resized(*left.shape[:2])
-    if by_slic is None:
-        by_slic = np.zeros(size, np.uint8)
-    truth = truth_by_labels(context.truth(number))
-    scores = [
-        _NOTHING if truth is None else score_patches(said, truth)
-        for said in (patches_of_mask(by_slic, GRID), by_grid)
-    ]
-    return SuperpixelComparison(
-        number,
-        model.name,
-        by_slic,
-        GRID.paint(by_grid, *size),
-        slic_s,
-        grid_s,
-        len(np.unique(segments)),
-        *scores,
-    )
-
-
-def _superpixels(left: Image) -> Segments:
-    return superpixels(resized_bgr(left))
+    if slic_mask is None:
+        slic_mask = np.zeros(size, np.uint8)
+    grid_mask = GRID.paint(by_grid, *size)
+    truth = context.patch_truth(number)
+    row = {"frame": number, "features": model.name, "slic_s": slic_s, "grid_s": grid_s}
+    row |= {
+        "slic_mean": float(slic_mask.mean()),
+        "grid_mean": float(grid_mask.mean()),
+        "same": float((slic_mask == grid_mask).mean()),
+        "both": int(((slic_mask > 0) & (grid_mask > 0)).sum()),
+        "either": int(((slic_mask > 0) | (grid_mask > 0)).sum()),
+        # One white patch is far above the threshold of the mean.
+        "same_status": bool(slic_mask.any() == grid_mask.any()),
+    }
+    for name, said in (("slic", patches_of_mask(slic_mask, GRID)), ("grid", by_grid)):
+        row[f"{name}_score"] = PatchScore() if truth is None else score_patches(said, truth)
+    return slic_mask, grid_mask, row
 
 
 def _timed(judge: Callable[[], Any]) -> tuple[Any, float]:
@@ -165,26 +134,21 @@ def _timed(judge: Callable[[], Any]) -> tuple[Any, float]:
     return found, time.perf_counter() - began
 
 
-def _summary(found: Sequence[SuperpixelComparison]) -> dict[str, Any]:
+def _summary(frames: pd.DataFrame) -> dict[str, Any]:
     """Figures over all frames of one kind of features."""
-    both, either = np.sum([one.overlap for one in found], axis=0)
-    slic, grid = _NOTHING, _NOTHING
-    for one in found:
-        slic, grid = slic + one.slic_score, grid + one.grid_score
-    slic_s, grid_s = (
-        float(np.median([getattr(one, name) for one in found])) for name in ("slic_s", "grid_s")
-    )
+    either = int(frames.either.sum())
+    slic_s, grid_s = float(frames.slic_s.median()), float(frames.grid_s.median())
     return {
-        "frames": len(found),
-        "segments_median": float(np.median([one.segments for one in found])),
+        "frames": len(frames),
+        "segments_median": float(frames.superpixels.median()),
         "slic_ms": 1000 * slic_s,
         "grid_ms": 1000 * grid_s,
         "slic_over_grid": slic_s / grid_s,
-        "pixels_same": float(np.mean([one.same for one in found])),
-        "overlap": int(both) / int(either) if either else None,
-        "same_status": sum(one.statuses[0] == one.statuses[1] for one in found),
-        "slic_f1": slic.f1,
-        "grid_f1": grid.f1,
+        "pixels_same": float(frames.same.mean()),
+        "overlap": int(frames.both.sum()) / either if either else None,
+        "same_status": int(frames.same_status.sum()),
+        "slic_f1": sum(frames.slic_score, PatchScore()).f1,
+        "grid_f1": sum(frames.grid_score, PatchScore()).f1,
     }
 
 
@@ -240,62 +204,55 @@ def _words(context: StudyContext, numbers: Sequence[int]) -> tuple[str, ...]:
     )
 
 
-def _rounded(value: Any) -> Any:
-    return round(value, 3) if isinstance(value, float) else value
-
-
 def _summary_table(summaries: dict[str, dict[str, Any]]) -> Table:
-    rows = [
-        {
-            "features": TITLES[name],
-            **{_COLUMNS.get(key, key): _rounded(value) for key, value in summary.items()},
-        }
-        for name, summary in summaries.items()
-    ]
+    rows = [{"features": TITLES[name], **summary} for name, summary in summaries.items()]
+    table = pd.DataFrame(rows).rename(columns=_COLUMNS).round(3)
     caption = (
         "Medians over the sample, ms from a decoded frame to its verdict; pixels alike: mean part "
         "of them; overlap: white in both over white in either, over all frames; F1: "
         "over all sure patches of the sample (empty without labels)."
     )
-    return Table("slic_against_grid", caption, pd.DataFrame(rows), TITLE)
+    return Table("slic_against_grid", caption, table, TITLE)
 
 
-def _frame_table(found: Sequence[SuperpixelComparison]) -> Table:
-    rows = [
+def _frame_table(frames: pd.DataFrame) -> Table:
+    table = pd.DataFrame(
         {
-            "frame": one.frame,
-            "features": TITLES[one.features],
-            "superpixels": one.segments,
-            "SLIC ms": round(1000 * one.slic_s, 1),
-            "grid ms": round(1000 * one.grid_s, 1),
-            "SLIC mean value": round(float(one.slic_mask.mean()), 3),
-            "grid mean value": round(float(one.grid_mask.mean()), 3),
-            "pixels alike %": round(100 * one.same, 2),
+            "frame": frames.frame,
+            "features": frames.features.map(TITLES),
+            "superpixels": frames.superpixels,
+            "SLIC ms": (1000 * frames.slic_s).round(1),
+            "grid ms": (1000 * frames.grid_s).round(1),
+            "SLIC mean value": frames.slic_mean.round(3),
+            "grid mean value": frames.grid_mean.round(3),
+            "pixels alike %": (100 * frames.same).round(2),
         }
-        for one in found
-    ]
-    title = f"{TITLE}, frame by frame"
-    return Table("slic_against_grid_frames", "The sample.", pd.DataFrame(rows), title)
+    )
+    return Table("slic_against_grid_frames", "The sample.", table, f"{TITLE}, frame by frame")
 
 
-def _plot(context: StudyContext, shown: Sequence[SuperpixelComparison], segments: Segments) -> Plot:
-    number = shown[0].frame
+def _plot(
+    context: StudyContext,
+    shown: pd.DataFrame,
+    masks: Mapping[tuple[str, str], Image],
+    segments: Segments,
+) -> Plot:
+    number = context.structure_frame
     left = context.left(number)
-    figure = Figure(figsize=(10.5, 5.9), layout="constrained")
-    axes = figure.subplots(2, 1 + len(shown))
-    height, width = show_frame(axes[0, 0], left, GRID)
+    figure, axes = new_figure(10.5, 5.9, 2, 1 + len(shown))
+    height, width = show_frame(axes[0, 0], left)
     _draw_outlines(axes[0, 0], segments, height, width)
-    axes[0, 0].set_title(f"frame {number}: {shown[0].segments} superpixels", fontsize=10)
-    show_frame(axes[1, 0], left, GRID)
-    draw_grid(axes[1, 0], GRID, height, width)
+    count = len(np.unique(segments))
+    axes[0, 0].set_title(f"frame {number}: {count} superpixels", fontsize=10)
+    show_frame(axes[1, 0], left)
+    draw_grid(axes[1, 0], height, width)
     axes[1, 0].set_title(f"{GRID.n_patches} patches", fontsize=10)
-    for column, one in enumerate(shown, 1):
-        for row, (mask, took, what) in enumerate(
-            ((one.slic_mask, one.slic_s, "SLIC"), (one.grid_mask, one.grid_s, "grid"))
+    for column, one in zip(axes.T[1:], shown.itertuples(), strict=True):
+        for panel, what, took in zip(
+            column, ("SLIC", "grid"), (one.slic_s, one.grid_s), strict=True
         ):
-            show_mask(axes[row, column], mask)
-            title = f"{what}, {TITLES[one.features]}: {1000 * took:.0f} ms"
-            axes[row, column].set_title(title, fontsize=10)
+            show_mask(panel, masks[one.features, what])
+            panel.set_title(f"{what}, {TITLES[one.features]}: {1000 * took:.0f} ms", fontsize=10)
     return Plot(
         "slic_against_grid",
         f"Frame {number} cut into superpixels and into patches, and what is not ocean in each "

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.mission import LEFT, RIGHT, Mission
-from tokt.inference.stereo.calibration import StereoCalibration
-from tokt.studies.thesis.context import StudyContext
-from tokt.studies.thesis.exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, Table
-from tokt.studies.thesis.frame_drawing import png_of
+from tokt.features.frames.mission import LEFT, RIGHT
+from tokt.studies.thesis.exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    StudyContext,
+    Table,
+)
+from tokt.studies.thesis.frame_drawing import new_figure, png_of
 from tokt.studies.thesis.methods.synchrony import (
     FARTHEST_FRAMES,
     LateRight,
@@ -21,7 +25,6 @@ from tokt.studies.thesis.methods.synchrony import (
     offset_of,
     rows_of,
 )
-from tokt.studies.thesis.methods.textured_pairs import survey
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 KEY = "figure-6.1"
@@ -44,13 +47,16 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
     if calibration is None:
         return _missing(f"a calibration of the two cameras: {context.calibration_words}")
     frames = evenly_spaced(_with_neighbours(context), FRAMES)
+    missions = {AS_IT_IS: context.mission, ON_PURPOSE: LateRight(context.mission, SHIFTED)}
     try:
-        found = _offsets(context.mission, calibration, frames)
+        found = {
+            words: offset_of(rows_of(mission, calibration, frames))
+            for words, mission in missions.items()
+        }
     except ToktError as error:
         return _missing(f"points that both cameras see in successive frames: {error}")
-    numbers: dict[str, float | int | str | bool] = {}
-    for name, words in (("own", AS_IT_IS), ("shifted", ON_PURPOSE)):
-        one = found[words]
+    numbers: Numbers = {}
+    for name, one in zip(("own", "shifted"), found.values(), strict=True):
         numbers |= {
             f"{name}_offset_frames": one.frames,
             f"{name}_half_width_frames": one.half_width,
@@ -80,25 +86,9 @@ def _with_neighbours(context: StudyContext) -> list[int]:
     left, right = (set(context.mission.frames(camera)) for camera in (LEFT, RIGHT))
     return [
         number
-        for number in survey(context).textured
+        for number in context.textured_pairs
         if {number - 1, number + 1} <= left and number + SHIFTED in right
     ]
-
-
-def _offsets(
-    mission: Mission, calibration: StereoCalibration, frames: Sequence[int]
-) -> dict[str, Offset]:
-    """The offset as it is, and with the right camera late on purpose.
-
-    Raises
-    ------
-    ToktError
-        If too few frames have points.
-    """
-    return {
-        words: offset_of(rows_of(one, calibration, frames))
-        for words, one in ((AS_IT_IS, mission), (ON_PURPOSE, LateRight(mission, SHIFTED)))
-    }
 
 
 def _said(offset: Offset) -> str:
@@ -171,8 +161,7 @@ def _table(found: dict[str, Offset]) -> Table:
 
 
 def _plot(found: dict[str, Offset]) -> Plot:
-    figure = Figure(figsize=(8.4, 4.8), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(8.4, 4.8)
     for words, one in found.items():
         moved, difference = one.by_frame[:, 1], one.by_frame[:, 2]
         axes.plot(moved, difference, "o", color=_COLORS[words], label=f"{words}: {_said(one)}")

@@ -19,8 +19,7 @@ from scipy.stats import spearmanr
 from skimage import data
 
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
-from tokt.studies.baselines.thesis_texture import GRID, resized_gray
-from tokt.studies.thesis.context import StudyContext
+from tokt.studies.baselines.thesis_texture import resized_gray
 from tokt.studies.thesis.exhibit import (
     NOT_KNOWN,
     Claim,
@@ -28,10 +27,10 @@ from tokt.studies.thesis.exhibit import (
     Exhibit,
     Numbers,
     Plot,
+    StudyContext,
     Table,
 )
-from tokt.studies.thesis.frame_drawing import SHOWN, png_of, show_frame
-from tokt.studies.thesis.methods.patch_scores import pooled_score
+from tokt.studies.thesis.frame_drawing import SHOWN, new_figure, png_of, show_frame
 from tokt.studies.thesis.methods.texture_histograms import (
     EXTRACTORS,
     LBP_KEYS,
@@ -44,6 +43,7 @@ from tokt.studies.thesis.methods.texture_histograms import (
     hellinger,
     share_by_kind,
 )
+from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
@@ -304,8 +304,9 @@ def _f1(
 
 def _histograms(shown: Sequence[Image]) -> Figure:
     """A row an image: the picture, and its mean histogram with the kinds of bins in colour."""
-    figure = Figure(figsize=(10.5, 1.5 * len(shown) + 0.6), layout="constrained")
-    axes = figure.subplots(len(shown), 3, width_ratios=(1.1, 1.6, 2.6), squeeze=False)
+    figure, axes = new_figure(
+        10.5, 1.5 * len(shown) + 0.6, len(shown), 3, width_ratios=(1.1, 1.6, 2.6), squeeze=False
+    )
     for line, image in zip(axes, shown, strict=True):
         _thumbnail(line[0], image)
     for column, key in enumerate(LBP_KEYS, 1):
@@ -342,7 +343,7 @@ def _thumbnail(axes: Any, image: Image) -> None:
         axes.imshow(resized_gray(image.picture), cmap="gray", vmin=0, vmax=255)
         axes.set(xticks=[], yticks=[])
     else:
-        show_frame(axes, image.picture, GRID)
+        show_frame(axes, image.picture)
     axes.set_ylabel(image.name, fontsize=9)
 
 

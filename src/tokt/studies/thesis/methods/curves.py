@@ -36,8 +36,7 @@ from .frame_methods import (
     judge_frames,
     judge_sequences,
 )
-from .superpixel_methods import SLIC, SuperpixelMethods
-from .texture_models import PRESET, TOKT_TEXTURE, held_out_texture
+from .mission_models import PRESET, SLIC, TOKT_TEXTURE, SuperpixelMethods, held_out_texture
 
 THESIS, COMPARED, OURS = "the thesis's", "compared with", "tokt's"
 SLIC_TITLES = {f"slic_{name}": f"SLIC + {TITLES[name]}" for name in SLIC}

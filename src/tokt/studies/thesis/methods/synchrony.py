@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -62,8 +63,7 @@ _WINDOW_PX, _LEVELS, _RETURN_PX = 21, 4, 0.5
 _CONFIDENCE = 0.95
 
 
-@dataclass(frozen=True)
-class Rows:
+class Rows(NamedTuple):
     """Rows of matched points, in pixels of the full resolution, and the frame of each.
 
     Parameters
@@ -164,18 +164,12 @@ def rows_of(mission: Mission, calibration: StereoCalibration, frames: Sequence[i
         Numbers that both cameras have. A frame without points that both cameras and both
         neighbours see, or without neighbours, is left out.
     """
-    empty = Rows(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0), np.empty((0, 2)))
-    parts = [empty]
+    parts = [Rows(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0), np.empty((0, 2)))]
     for number in frames:
         part = _rows_of_frame(mission, calibration, number)
         if part is not None:
             parts.append(part)
-    return Rows(
-        np.concatenate([part.frame for part in parts]),
-        np.concatenate([part.left for part in parts]),
-        np.concatenate([part.right for part in parts]),
-        np.concatenate([part.place for part in parts]),
-    )
+    return Rows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
 def _rows_of_frame(mission: Mission, calibration: StereoCalibration, number: int) -> Rows | None:

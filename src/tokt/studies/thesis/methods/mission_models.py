@@ -1,4 +1,4 @@
-"""tokt's texture models for a mission: held out for its own frames, and of all its labels.
+"""Models trained for a mission: tokt's texture, held out or of all labels, and superpixels'.
 
 A frame of the mission is judged by a model that never saw it (`held_out_texture`): models learn
 from labelled blocks of frames and judge the others (`tokt.training.datasets.splits`). A frame that
@@ -27,6 +27,9 @@ from tokt.inference.texture.detector import MofNRun, min_mask_patches
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
+from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.lab_colour import LabColour, labelled_example
+from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.speed.models import (
     LABEL_EVERY,
@@ -35,6 +38,7 @@ from tokt.studies.speed.models import (
     fit_extractor_pair,
 )
 from tokt.studies.thesis.inputs import StudyInputs
+from tokt.studies.thesis.patch_scores import Flags
 from tokt.training.datasets.dataset import DatasetVersion, build_dataset
 from tokt.training.datasets.mission_source import plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
@@ -59,10 +63,12 @@ from tokt.training.fitting.presets import (
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .frame_methods import FrameResult, mean_and_status
-from .patch_scores import Flags
 
 TOKT_TEXTURE = "tokt_texture"
 PRESET = "best"
+SLIC = ("lbp_10_5", "haralick")
+EXAMPLES = 12
+"""Labelled frames, of either half of the blocks, that superpixels' colours are learnt from."""
 _MIN_BLOCKS = 10
 _WEAK_BLOCK_FRAMES = 5
 _MAX_FRAMES = 60
@@ -368,3 +374,82 @@ def tokt_model(inputs: StudyInputs) -> ToktModel:
     extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
     models = fit_extractor_pair(PRESET, extractor, examples, inputs.any_left())
     return ToktModel(models.bundle, f"the features of preset {PRESET}, {examples.words}")
+
+
+@dataclass(frozen=True)
+class SuperpixelMethods:
+    """SLIC with the thesis's textures, and superpixels by their colour.
+
+    Parameters
+    ----------
+    textures : tuple of SlicTexture
+    colours : tuple of LabColour
+        One, or two: the first judges even blocks of frames and learnt from odd ones, the second
+        the other way round.
+    block_frames : int
+    texture_words, colour_words : str
+        What they learnt from.
+    """
+
+    textures: tuple[SlicTexture, ...]
+    colours: tuple[LabColour, ...]
+    block_frames: int
+    texture_words: str
+    colour_words: str
+
+    def of(self, number: int) -> list[Baseline]:
+        """The methods that may judge a frame of the mission: none learnt from its block."""
+        block = number // self.block_frames
+        return [*self.textures, self.colours[block % len(self.colours)]]
+
+    def words(self, method: Baseline) -> str:
+        """What a method learnt from."""
+        return self.texture_words if method in self.textures else self.colour_words
+
+
+def train_superpixel_methods(inputs: StudyInputs) -> SuperpixelMethods:
+    """Train them: SLIC on the thesis's two images, the colours on labels where there are some."""
+    ocean, other = inputs.ocean.image, inputs.other.image
+    textures = tuple(
+        SlicTexture.train(ocean, other, inputs.thesis[name].describe, name) for name in SLIC
+    )
+    two = inputs.two_images
+    block = min(BLOCK_FRAMES, max(2, len(inputs.obstacle_patches) // 10))
+    try:
+        halves = [_examples(inputs, block, parity) for parity in (1, 0)]
+        colours = tuple(
+            LabColour.train(
+                labelled_example(frame, inputs.truth(number))
+                for number, frame in inputs.decoded(half)
+            )
+            for half in halves
+        )
+    except ToktError as error:
+        why = f"; not from labels: {error}" if inputs.labels else ""
+        return SuperpixelMethods(
+            textures, (LabColour.train_on_two(ocean, other),), block, two, two + why
+        )
+    words = (
+        f"held out by blocks of {block} frames: learnt from the labels of {len(halves[0])} frames "
+        f"of odd blocks to judge even ones, and of {len(halves[1])} of even blocks to judge odd "
+        "ones"
+    )
+    return SuperpixelMethods(textures, colours, block, two, words)
+
+
+def _examples(inputs: StudyInputs, block: int, parity: int) -> list[int]:
+    """Labelled frames of every second block, away from the blocks in between, evenly spread."""
+    embargo = EMBARGO_FRAMES * block // BLOCK_FRAMES
+    found = [
+        number
+        for number in inputs.obstacle_patches
+        if number // block % 2 == parity
+        and embargo <= number % block < block - embargo
+        and number in inputs.scored
+    ]
+    seen = [number for number in found if inputs.obstacle_patches[number]]
+    clear = [number for number in found if not inputs.obstacle_patches[number]]
+    if not seen or not clear:
+        raise ToktError("a half of the blocks does not show both obstacles and clear water")
+    count = EXAMPLES // 2
+    return sorted(n for part in (seen, clear) for n in part[:: max(1, -(-len(part) // count))])
