@@ -3,7 +3,7 @@ r"""The trend and the time to contact from expansion, against stereo depth on th
 ::
 
     mean   . . o o O   trend: growing, steady or shrinking      A ~ 1 / Z**2 for a thing wholly in
-           .           (`policy/trend.py`)                     view, so a mean that changes by s a
+           .           (`temporal_cues.py`)                    view, so a mean that changes by s a
     depth  o o o .     slope of the same last seconds,          second goes with a depth that
            ---------   by Theil and Sen                         changes by -s / 2
 """
@@ -33,6 +33,7 @@ from tokt.inference.policy.temporal_cues import (
     STEADY_PER_S,
     TRENDS,
     TrendEstimator,
+    wholly_in_view,
 )
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
