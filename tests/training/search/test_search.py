@@ -27,9 +27,15 @@ from tokt.training.datasets.dataset import open_dataset
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import Hyperparameters, extractor_for, settings_named
 from tokt.training.search.mlflow_runs import SEARCH_TAG, TRIAL_TAG, SearchRuns
-from tokt.training.search.score import BlockConfusion, f1_of_counts
+from tokt.training.search.score import (
+    MAX_GIVEN_UP,
+    BlockConfusion,
+    f1_of_counts,
+    honest_score,
+    ranked,
+    winner,
+)
 from tokt.training.search.search import Budget, budget_from
-from tokt.training.search.selection_rule import MAX_GIVEN_UP, honest_score, ranked, winner
 from tokt.training.search.space import BUILT_IN, Trial, read_space
 from tokt.training.search.state import opened_state, read_finished
 from tokt.training.search.trial import TrialTask, run_task
