@@ -1,4 +1,4 @@
-"""The whole comparison of some models, as one JSON object."""
+"""The whole comparison of some models, as one JSON object: figures, times, the explorer's data."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from .predictions import HELD_OUT, MISSION, ComparedModels, ModelPredictions
 FORMAT_VERSION = 1
 _TIMED_FRAMES = 10
 _MIN_TIMED = 30
-_STEPS = 250  # with the three that are added, a rank among them fits a byte
-_TAIL = 0.005  # of the obstacles' scores on either side; the slider's ends
+_SLIDER_STEPS = 250  # with the three that are added, a rank among them fits a byte
+_SLIDER_TAIL = 0.005  # of the obstacles' scores on either side; the slider's ends
 
 
 def _model(
@@ -234,12 +234,12 @@ def _thresholds(
     decision values in the hundreds, and what is decided is decided near 0.
     """
     looked_at = score[truth] if truth.any() else score
-    low, high = np.quantile(looked_at, [_TAIL, 1 - _TAIL])
+    low, high = np.quantile(looked_at, [_SLIDER_TAIL, 1 - _SLIDER_TAIL])
     scale = max(float(np.median(np.abs(looked_at))), 1e-6)
     first, last = np.arcsinh(
         [min(low, -0.2 * scale) / scale, max(high, 1.5 * rule.margin, scale) / scale]
     )
-    steps = scale * np.sinh(np.linspace(float(first), float(last), _STEPS))
+    steps = scale * np.sinh(np.linspace(float(first), float(last), _SLIDER_STEPS))
     now = [] if rule.instant_margin is None else [rule.instant_margin]
     return np.unique([*(float(f"{step:.4g}") for step in steps), 0.0, rule.margin, *now])
 

@@ -111,15 +111,6 @@ def _predictions(
     )
 
 
-def _find_dataset(workspace: Path, wanted: str) -> DatasetVersion | None:
-    found = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)
-    return next(found, None)
-
-
-def _chosen_by_search(recipe: Mapping[str, Any]) -> bool:
-    return recipe["provenance"]["preset"] not in ("plain", "thesis")
-
-
 def _notes(
     total: int,
     kept: int,
@@ -142,7 +133,11 @@ def _notes(
             "A frame's status rests on its labelled patches; those marked unsure are not scored. "
             "Each frame is judged at the frame rule chosen without its fold.",
         ]
-    chosen = [label for label, recipe in recipes.items() if _chosen_by_search(recipe)]
+    chosen = [
+        label
+        for label, recipe in recipes.items()
+        if recipe["provenance"]["preset"] not in ("plain", "thesis")
+    ]
     if chosen:
         notes.append(
             f"What {', '.join(chosen)} looks at was itself chosen by cross-validation, perhaps on "
@@ -183,7 +178,8 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     series = FrameSeries.of(_frames(first, truth, bundles[labels[0]].grid))
     # The table is sorted as the series is.
     frame = first.groupby(KEYS).ngroup().to_numpy(np.int64)
-    dataset = _find_dataset(workspace, wanted)
+    known = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)
+    dataset = next(known, None)
     if dataset is not None:
         dataset.check()
     return ComparedModels(

@@ -21,8 +21,7 @@ from tokt.training.fitting.train import TrainRequest, train
 from tokt.training.parallel import mapped, software
 
 from .mlflow_runs import SearchRuns
-from .score import BlockConfusion
-from .selection_rule import HOW, RULE, Rank, honest_score, ranked, winner
+from .score import HOW, RULE, BlockConfusion, Rank, honest_score, ranked, winner
 from .space import Space, Trial
 from .state import SearchState, opened_state, read_finished, write_json
 from .trial import TrialOutcome, TrialTask, outer_training_rows, part_of, run_task

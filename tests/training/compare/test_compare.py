@@ -50,21 +50,16 @@ class Compared:
 
 
 @pytest.fixture(scope="module")
-def compared(trained, run_tokt, tmp_path_factory) -> Compared:
+def compared(trained, done, tmp_path_factory) -> Compared:
     """A cross-validated model against one of the thesis's kind, on what both held out."""
     folder = tmp_path_factory.mktemp("compare")
     workspace = folder / ".tokt"
     shutil.copytree(trained, workspace, ignore=shutil.ignore_patterns("mlartifacts"))
-    ran = run_tokt(
-        *("train", "tiny", "--extractor", "lbp", "--preset", "thesis", "--name", "tiny-thesis"),
-        *("--folds", 3, "--workspace", workspace),
-    )
-    assert ran.code == 0, ran.err
+    where = ("--workspace", workspace)
+    thesis = ("--extractor", "lbp", "--preset", "thesis", "--name", "tiny-thesis", "--folds", 3)
+    done("train", "tiny", *thesis, *where)
     page = folder / "report.html"
-    ran = run_tokt(
-        "compare", "tiny-lbp", "tiny-thesis", "-o", page, "--json", "--workspace", workspace
-    )
-    assert ran.code == 0, ran.err
+    ran = done("compare", "tiny-lbp", "tiny-thesis", "-o", page, "--json", *where)
     judged = read_held_out([LBP, THESIS], workspace)
     return Compared(workspace, page, json.loads(ran.out), judged, ran.err)
 
@@ -167,10 +162,8 @@ def test_a_comparison_is_a_run_of_mlflow(compared) -> None:
         (["tiny-lbp", "tiny-thesis", "-o", "."], "names the report's file"),
     ],
 )
-def test_what_cannot_be_compared_is_one_line(compared, run_tokt, arguments, said) -> None:
-    ran = run_tokt("compare", *arguments, "--workspace", compared.workspace)
-    assert ran.code == 2 and said in ran.err
-    assert ran.err.splitlines()[-1].startswith("tokt: error: ") and "Traceback" not in ran.err
+def test_what_cannot_be_compared_is_one_line(compared, refused, arguments, said) -> None:
+    refused(said, "compare", *arguments, "--workspace", compared.workspace)
 
 
 def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) -> None:
@@ -197,11 +190,10 @@ def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) ->
         read_held_out([LBP, THESIS], compared.workspace)
 
 
-def test_a_file_that_was_exported_is_the_registered_model(compared, run_tokt, tiny_bundle) -> None:
-    ran = run_tokt("compare", tiny_bundle, LBP, "--workspace", compared.workspace)
-    assert ran.code == 2 and f"{LBP} is given twice" in ran.err
-    ran = run_tokt("compare", tiny_bundle, LBP, "--workspace", tiny_bundle.parent)
-    assert ran.code == 2 and "no model has been trained in workspace" in ran.err
+def test_a_file_that_was_exported_is_the_registered_model(compared, refused, tiny_bundle) -> None:
+    command = ("compare", tiny_bundle, LBP, "--workspace")
+    refused(f"{LBP} is given twice", *command, compared.workspace)
+    refused("no model has been trained in workspace", *command, tiny_bundle.parent)
 
 
 def test_two_models_of_one_name_are_not_said_to_be_one() -> None:
@@ -255,14 +247,11 @@ def test_equal_counts_are_not_said_to_be_equal_verdicts(compared) -> None:
     assert pair["words"].endswith("equally often in every block: nothing tells them apart.")
 
 
-def test_frames_that_were_learnt_from_are_refused(compared, run_tokt, tiny) -> None:
-    ran = run_tokt(
-        *("compare", "tiny-lbp", "tiny-thesis", "--mission", tiny.path, "--labels", tiny.labels),
-        *("--workspace", compared.workspace),
-    )
-    assert ran.code == 2
-    assert f"{LBP} learnt from 40 of the 40 frames (1-40)" in ran.err
-    assert f"{THESIS} learnt from 1 of the 40 frames" in ran.err
+def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny) -> None:
+    options = ("--mission", tiny.path, "--labels", tiny.labels, "--workspace", compared.workspace)
+    said = refused("learnt from 40 of the 40", "compare", "tiny-lbp", "tiny-thesis", *options)
+    assert f"{LBP} learnt from 40 of the 40 frames (1-40)" in said
+    assert f"{THESIS} learnt from 1 of the 40 frames" in said
 
 
 @pytest.fixture
@@ -285,18 +274,16 @@ def later_dive(tiny_truth, tmp_path) -> Path:
     return folder.parent
 
 
-def test_on_a_mission_the_figures_are_evaluates(compared, run_tokt, later_dive, tmp_path) -> None:
-    options = ("--mission", later_dive, "--labels", later_dive / "labels.csv", "--json")
+def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path) -> None:
+    options = ("--mission", later_dive, "--labels", later_dive / "labels.csv")
     options = (*options, "--workspace", compared.workspace)
     page = tmp_path / "report.html"
-    ran = run_tokt("compare", "tiny-lbp", "tiny-thesis", *options, "-o", page)
-    assert ran.code == 0, ran.err
-    found = json.loads(ran.out)
+    found = told("compare", "tiny-lbp", "tiny-thesis", *options, "-o", page)
     assert (
         found["mode"] == "mission" and "Leave --mission out" in found["learning_curve"]["missing"]
     )
     for model in found["models"]:
-        evaluated = json.loads(run_tokt("evaluate", model["model"], *options).out)
+        evaluated = told("evaluate", model["model"], *options)
         for name in ("f1", "precision", "recall", "average_precision", "per_class", "confusion"):
             assert model["patch"][name] == evaluated["patch"][name]
         for name in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
@@ -307,16 +294,12 @@ def test_on_a_mission_the_figures_are_evaluates(compared, run_tokt, later_dive, 
 
 
 def test_open_ocean_alone_gives_no_verdict_but_false_statuses(
-    compared, run_tokt, later_dive, open_page, tmp_path
+    compared, told, later_dive, open_page, tmp_path
 ) -> None:
     page = tmp_path / "ocean.html"
-    ran = run_tokt(
-        *("compare", "tiny-lbp", "tiny-thesis", "--mission", later_dive, "--json", "-o", page),
-        *("--labels", later_dive / "labels.csv", "--frames", "109-111"),
-        *("--workspace", compared.workspace),
-    )
-    assert ran.code == 0, ran.err
-    found = json.loads(ran.out)
+    options = ("--mission", later_dive, "--labels", later_dive / "labels.csv", "-o", page)
+    options = (*options, "--frames", "109-111", "--workspace", compared.workspace)
+    found = told("compare", "tiny-lbp", "tiny-thesis", *options)
     assert found["pairs"] == [] and found["words"][0].startswith("Cannot tell which")
     assert [model["frames"]["ocean_frames"] for model in found["models"]] == [3, 3]
     assert open_page(page).locator('[data-is="falseStatus"]').first.inner_text() == "0 / 3"

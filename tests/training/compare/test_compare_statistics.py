@@ -1,9 +1,12 @@
-"""Intervals and tests over blocks, against known answers and simulated truth."""
+"""Intervals, tests and words of a comparison, against known answers and simulated truth."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy import stats
 from sklearn.metrics import average_precision_score, f1_score
 
 from tokt.training.compare.bootstrap import (
@@ -11,6 +14,7 @@ from tokt.training.compare.bootstrap import (
     ComparisonMetric,
     average_precision,
     block_numbers,
+    compare_f1,
     drawn_blocks,
     f1,
     interval,
@@ -20,6 +24,7 @@ from tokt.training.compare.bootstrap import (
     spread_of_ap,
     summed,
 )
+from tokt.training.compare.learning import learning_words
 from tokt.training.compare.pairs import holm, permutation_test
 
 
@@ -100,6 +105,23 @@ def test_a_model_against_itself_is_luck_and_a_planted_difference_is_not(n_blocks
     assert permutation_test(same, better, f1).p == found.p
 
 
+def test_exact_p_values_are_scipys() -> None:
+    for seed in range(5):
+        rng, block, truth, score = _blocks(seed, 6)
+        first, second = (
+            obstacle_counts(truth, score + rng.normal(0, 0.6, score.size) > 0, block, 6)
+            for _ in range(2)
+        )
+        both = np.concatenate([first, second])
+
+        def difference(a, b, axis, both=both):
+            return f1(both[a].sum(axis=a.ndim - 1)) - f1(both[b].sum(axis=b.ndim - 1))
+
+        asked = (np.arange(6), np.arange(6, 12)), difference
+        expected = stats.permutation_test(*asked, permutation_type="samples", vectorized=True)
+        assert permutation_test(first, second, f1).p == expected.pvalue
+
+
 def test_p_values_of_equal_models_are_uniform() -> None:
     p_values = []
     for seed in range(150):
@@ -133,3 +155,99 @@ def test_two_classes_of_one_side_are_compared_by_macro_f1() -> None:
     counts = measure.counts(targets, predicted, neither, neither, np.arange(4), 4)
     expected = f1_score(targets, predicted, average="macro")
     assert measure.figure(counts.sum(axis=0)) == pytest.approx(expected)
+
+
+# --- two models' F1 ---------------------------------------------------------------------------
+
+
+def _patches(seed: int, n_blocks: int = 12, each: int = 200):
+    rng = np.random.default_rng(seed)
+    truth = rng.random(n_blocks * each) < 0.3
+    groups = np.repeat([f"m#{block:05d}" for block in range(n_blocks)], each)
+    return rng, truth, groups
+
+
+def test_the_figures_are_scikit_learns() -> None:
+    rng, truth, groups = _patches(1)
+    first, second = truth ^ (rng.random(truth.size) < 0.1), truth ^ (rng.random(truth.size) < 0.2)
+    found = compare_f1(truth, first, second, groups)
+    assert np.isclose(found.f1_first, f1_score(truth, first))
+    assert np.isclose(found.f1_second, f1_score(truth, second))
+    assert found.verdict == "better" and found.low > 0 and found.blocks == 12
+    turned = compare_f1(truth, second, first, groups)
+    assert turned.verdict == "worse"
+    assert np.isclose(turned.low, -found.high) and np.isclose(turned.high, -found.low)
+
+
+def test_a_model_does_not_differ_from_itself() -> None:
+    _, truth, groups = _patches(2)
+    found = compare_f1(truth, ~truth, ~truth, groups)
+    assert (found.difference, found.low, found.high) == (0, 0, 0)
+    assert found.verdict == "cannot tell"
+
+
+def test_one_lucky_block_of_many_is_no_difference() -> None:
+    """Hundreds of patches differ, but all in one block: whole blocks are what is independent."""
+    _, truth, groups = _patches(3)
+    first = truth.copy()
+    second = np.where(groups == groups[0], ~truth, truth)
+    assert compare_f1(truth, first, second, groups).verdict == "cannot tell"
+
+
+def test_equal_models_are_seldom_called_different() -> None:
+    wrong = 0
+    for seed in range(40):
+        rng, truth, groups = _patches(100 + seed)
+        said = [truth ^ (rng.random(truth.size) < 0.15) for _ in range(2)]
+        wrong += compare_f1(truth, said[0], said[1], groups).verdict != "cannot tell"
+    assert wrong <= 8, "a 95 % interval over 12 blocks should miss 0 in about one of 15 cases"
+
+
+# --- words on a learning curve ----------------------------------------------------------------
+
+
+def _curve(low: float | None, high: float | None) -> dict[str, Any]:
+    half = {"difference": 0.05, "low": 0.01, "high": 0.09}
+    last = {"difference": 0.02, "low": low, "high": high}
+    stretch = {"mission": "m", "obstacle": 3, "low": -0.01, "high": 0.03, "help": 0.01}
+    return {
+        "measure_title": "F1",
+        "points": [{"fraction": fraction} for fraction in (0.25, 0.5, 0.75, 1.0)],
+        "gains": [half, last],
+        "by_label": [
+            {"label": "ocean", "n": 90, "wrong": [0.02, 0.01, 0.01, 0.01]},
+            {"label": "kelp", "n": 10, "wrong": [0.5, 0.4, 0.3, 0.2]},
+        ],
+        "stretches": [
+            stretch | {"frames": "1-9"},
+            stretch | {"frames": "20-29", "help": -0.1, "low": -0.2, "high": -0.02},
+        ],
+    }
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"),
+    [
+        (0.005, 0.04, "More labels of this kind would probably still help"),
+        (-0.004, 0.004, "More labels of this kind would hardly help"),
+        (-0.01, 0.05, "Cannot tell whether"),
+        (None, None, "Too few blocks to say"),
+    ],
+)
+def test_the_last_blocks_decide(low: float | None, high: float | None, said: str) -> None:
+    assert learning_words(_curve(low, high))[0].startswith(said)
+
+
+def test_classes_and_stretches_are_named() -> None:
+    _, classes, best, luck, harm = learning_words(_curve(0.1, 0.2))
+    assert "kelp is judged wrong most often (20.0% of 10" in classes
+    assert "fell by 20.0 percentage points" in classes
+    assert "frames 1-9 of m" in best and "none helps beyond doubt" in luck
+    assert "frames 20-29 of m made the other blocks worse by 0.100" in harm
+
+
+def test_a_best_stretch_that_harms_is_not_said_to_have_lowered_anything() -> None:
+    curve = _curve(0.1, 0.2)
+    curve["stretches"] = curve["stretches"][1:]
+    best = learning_words(curve)[2]
+    assert "with them F1 is -0.100 from what it is without" in best

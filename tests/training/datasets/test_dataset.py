@@ -48,17 +48,12 @@ key = "i"
 
 
 @pytest.fixture
-def build(tmp_path, run_tokt):
+def build(tmp_path, told):
     """Build a dataset and give its JSON."""
 
     def run(*arguments, name="tiny", block=4):
-        ran = run_tokt(
-            *("dataset", "build", name, "--json", "--block", block),
-            *("--workspace", tmp_path / "ws"),
-            *arguments,
-        )
-        assert ran.code == 0, ran.err
-        return json.loads(ran.out)
+        where = ("--block", block, "--workspace", tmp_path / "ws")
+        return told("dataset", "build", name, *where, *arguments)
 
     return run
 
@@ -191,14 +186,12 @@ def test_stored_frames_are_the_missions_own_files(trained, tiny):
     assert (dataset.path / "frames" / dataset.frames.file[3]).read_bytes() == original
 
 
-def test_annotators_in_conflict_are_left_out_with_a_note(tiny, tiny_truth, tmp_path, run_tokt):
+def test_annotators_in_conflict_are_left_out_with_a_note(tiny, tiny_truth, tmp_path, done):
     rows = [row for row in tiny_truth.labels() if row[2] in (8, 9)]
     second = [[*row[:-1], "ocean"] for row in rows if row[-1] == "subsea_installation"]
     extra = tiny_truth.write_labels(tmp_path / "second.csv", second)
-    ran = run_tokt(
-        *("dataset", "build", "two", *inputs(tiny), "--labels", extra, "--json"),
-        *("--workspace", tmp_path / "ws"),
-    )
+    where = ("--labels", extra, "--json", "--workspace", tmp_path / "ws")
+    ran = done("dataset", "build", "two", *inputs(tiny), *where)
     info = json.loads(ran.out)
     assert f"note: {len(second)} patches left out: annotators disagree" in ran.err
     assert info["labels"]["subsea_installation"] == 200 - len(second)
@@ -244,10 +237,9 @@ def test_building_removes_what_was_abandoned_but_not_what_is_being_written(build
     assert young.is_dir()
 
 
-def test_a_refused_build_leaves_nothing(tiny, own_tiny, tmp_path, run_tokt):
+def test_a_refused_build_leaves_nothing(own_tiny, tmp_path, refused):
     (own_tiny.path / "Left" / "tiny_L_30.png").write_bytes(b"not an image")
-    ran = run_tokt("dataset", "build", "x", *inputs(own_tiny), "--workspace", tmp_path / "ws")
-    assert ran.code == 2
+    refused("", "dataset", "build", "x", *inputs(own_tiny), "--workspace", tmp_path / "ws")
     assert list((tmp_path / "ws" / "datasets").iterdir()) == []
 
 
@@ -261,42 +253,35 @@ def stored(workspace) -> Path:
     return open_dataset("tiny", workspace / "datasets").path
 
 
-def train_on(stored, run_tokt):
-    workspace = stored.parents[2]
-    split = ("--folds", 3, "--embargo", 1)
-    return run_tokt("train", "tiny", "--extractor", "lbp", *split, "--workspace", workspace)
+def training_on(stored):
+    where = ("--folds", 3, "--embargo", 1, "--workspace", stored.parents[2])
+    return "train", "tiny", "--extractor", "lbp", *where
 
 
-def test_a_changed_frame_is_detected_at_training(stored, run_tokt):
+def test_a_changed_frame_is_detected_at_training(stored, refused):
     path = sorted((stored / "frames").iterdir())[5]
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     image[0, 0] ^= 1
     path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
-    ran = train_on(stored, run_tokt)
-    assert ran.code == 2
-    assert "has changed" in ran.err
+    refused("has changed", *training_on(stored))
 
 
-def test_a_changed_label_is_detected_at_training(stored, run_tokt):
+def test_a_changed_label_is_detected_at_training(stored, refused):
     patches = pd.read_parquet(stored / "patches.parquet")
     patches.loc[0, "label"] = "subsea_installation"
     patches.to_parquet(stored / "patches.parquet", index=False)
-    ran = train_on(stored, run_tokt)
-    assert ran.code == 2
-    assert "changed on disk" in ran.err
+    refused("changed on disk", *training_on(stored))
 
 
 @pytest.mark.parametrize("name", ["dataset.json", "patches.parquet", "frames.parquet"])
 @pytest.mark.parametrize("how", ["truncated", "gone"])
-def test_a_damaged_file_is_one_clear_line(stored, name, how, run_tokt):
+def test_a_damaged_file_is_one_clear_line(stored, name, how, refused):
     path = stored / name
     data = path.read_bytes()
     path.unlink()
     if how == "truncated":
         path.write_bytes(data[: len(data) // 2])
-    ran = train_on(stored, run_tokt)
-    assert ran.code == 2
-    assert "damaged" in ran.err
+    refused("damaged", *training_on(stored))
 
 
 @pytest.mark.parametrize("key", ["name", "hash", "grid", "taxonomy", "block_frames"])
@@ -396,23 +381,19 @@ def patch_folder(tmp_path) -> Path:
 
 
 def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
-    patch_folder, tmp_path, run_tokt, capsys
+    patch_folder, tmp_path, done, told, capsys
 ):
     where = ("--workspace", tmp_path / "ws")
-    built = run_tokt("dataset", "build", "cut", "--patches", patch_folder, *where)
-    assert built.code == 0, built.err
-    assert "UNGROUPED" in built.out
-    info = json.loads(run_tokt("dataset", "show", "cut", "--json", *where).out)
+    assert "UNGROUPED" in done("dataset", "build", "cut", "--patches", patch_folder, *where).out
+    info = told("dataset", "show", "cut", *where)
     assert info["block_frames"] is None
     assert (info["patches"], info["unsure_left_out"]) == (60, 30)
     # With the default embargo: file numbers are no frame numbers, so it must not bite.
-    ran = run_tokt("train", "cut", "--extractor", "lbp", "--json", *where)
-    assert ran.code == 0, ran.err
-    result = json.loads(ran.out)
+    result = told("train", "cut", "--extractor", "lbp", *where)
     assert result["cv"]["split"].startswith("UNGROUPED")
     assert result["cv"]["patches_tested"] == 60
     assert result["cv"]["patch"]["f1"] > 0.9
-    assert "UNGROUPED" in run_tokt("models", "show", "cut-lbp", *where).out
+    assert "UNGROUPED" in done("models", "show", "cut-lbp", *where).out
     request = SimpleNamespace(dataset=open_dataset("cut", tmp_path / "ws" / "datasets"))
     point = {"rule": MofNRule(), "operating_point": {"words": ""}}
     import_module("tokt.cli.train")._print_training(
@@ -422,23 +403,21 @@ def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
     assert "UNGROUPED" in said and "in a row" not in said  # patches are no frames
 
 
-def test_a_folder_that_is_no_class_is_refused(patch_folder, tmp_path, run_tokt):
+def test_a_folder_that_is_no_class_is_refused(patch_folder, tmp_path, refused):
     (patch_folder / "reef").rename(patch_folder / "coral")
-    ran = run_tokt("dataset", "build", "cut", "--patches", patch_folder, "--workspace", tmp_path)
-    assert ran.code == 2
-    assert "unknown class 'coral'" in ran.err
-    assert "append a [[classes]] table to taxonomy.toml in the workspace" in ran.err
+    command = ("dataset", "build", "cut", "--patches", patch_folder, "--workspace", tmp_path)
+    said = refused("unknown class 'coral'", *command)
+    assert "append a [[classes]] table to taxonomy.toml in the workspace" in said
 
 
-def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_path, run_tokt):
+def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_path, done):
     rows = tiny_truth.labels()
     for row in rows:
         if row[3] == 9:
             row[5] = {5: "reef", 9: "sand", 13: "sand"}.get(row[2], row[5])
     labels = tiny_truth.write_labels(tmp_path / "few.csv", rows)
     where = ("--labels", labels, "--task", "classes", "--block", 4, "--workspace", tmp_path)
-    ran = run_tokt("dataset", "build", "few", "--mission", tiny.path, *where)
-    assert ran.code == 0, ran.err
+    ran = done("dataset", "build", "few", "--mission", tiny.path, *where)
     assert [line for line in ran.err.splitlines() if line.startswith("WARNING")] == [
         "WARNING: sand is in 2 groups of frames only: its figures are rough; label it in 5 or more",
         "WARNING: reef is in 1 group of frames only: it cannot be held out, so training will "
@@ -482,13 +461,9 @@ def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progr
     assert time.process_time() - begun < 10  # of one core's time, about 1
 
 
-def test_one_mission_cannot_be_given_twice(tiny, tmp_path, run_tokt):
-    ran = run_tokt(
-        *("dataset", "build", "x", *inputs(tiny), "--mission", tiny.path),
-        *("--workspace", tmp_path),
-    )
-    assert ran.code == 2
-    assert "two missions are named 'tiny'" in ran.err
+def test_one_mission_cannot_be_given_twice(tiny, tmp_path, refused):
+    twice = (*inputs(tiny), "--mission", tiny.path, "--workspace", tmp_path)
+    refused("two missions are named 'tiny'", "dataset", "build", "x", *twice)
 
 
 def test_own_taxonomy_file(build, tiny, tmp_path):
@@ -508,7 +483,7 @@ def test_truth_helpers_agree_with_what_is_built(trained, tiny_truth: SimpleNames
     assert found == {(n, *cell) for n in range(1, 41) for cell in tiny_truth.cells(n)}
 
 
-def test_copies_of_a_frame_stay_on_one_side(own_tiny, tmp_path, run_tokt):
+def test_copies_of_a_frame_stay_on_one_side(own_tiny, tmp_path, done):
     """A renamed copy of a dive would otherwise put each test frame into the training part."""
     twin = tmp_path / "twin"
     shutil.copytree(own_tiny.path, twin)
@@ -517,12 +492,9 @@ def test_copies_of_a_frame_stay_on_one_side(own_tiny, tmp_path, run_tokt):
     both = rows + [row.replace(f"{name},", "twin,", 1) for row in rows[1:]]
     labels = tmp_path / "both.csv"
     labels.write_text("\n".join(both) + "\n")
-    ran = run_tokt(
-        *("dataset", "build", "both", "--mission", own_tiny.path, "--mission", twin),
-        *("--labels", labels, "--block", 4, "--workspace", tmp_path / "ws", "--json"),
-    )
-    assert ran.code == 0, ran.err
-    assert "40 frames are copies" in ran.err
+    missions = ("--mission", own_tiny.path, "--mission", twin, "--labels", labels)
+    where = ("--block", 4, "--workspace", tmp_path / "ws", "--json")
+    assert "40 frames are copies" in done("dataset", "build", "both", *missions, *where).err
     dataset = open_dataset("both", tmp_path / "ws" / "datasets")
     assert dataset.patches.groupby(["frame"]).group.nunique().max() == 1
     digests = dataset.patches.merge(dataset.frames, on=["mission", "camera", "frame"]).digest
@@ -530,18 +502,17 @@ def test_copies_of_a_frame_stay_on_one_side(own_tiny, tmp_path, run_tokt):
         assert not set(digests.iloc[fold.train]) & set(digests.iloc[fold.test])
 
 
-def test_labels_in_the_store_are_never_taken_for_another_dive(own_tiny, tmp_path, run_tokt):
+def test_labels_in_the_store_are_never_taken_for_another_dive(own_tiny, tmp_path, done, refused):
     space = ("--workspace", tmp_path / "ws")
-    assert run_tokt("labels", "import", own_tiny.labels, *space).code == 0
+    done("labels", "import", own_tiny.labels, *space)
     other = tmp_path / "other-dive"
     shutil.copytree(own_tiny.path, other)
-    ran = run_tokt("dataset", "build", "d", "--mission", other, *space)
-    assert ran.code == 2 and "no labels for mission 'other-dive'" in ran.err
-    ran = run_tokt("dataset", "build", "d", "--mission", other, "--labels", own_tiny.labels, *space)
-    assert ran.code == 0 and "are taken for the frames in" in ran.err
+    command = ("dataset", "build", "d", "--mission", other, *space)
+    refused("no labels for mission 'other-dive'", *command)
+    assert "are taken for the frames in" in done(*command, "--labels", own_tiny.labels).err
 
 
-def test_a_dataset_whose_classes_are_all_clear_is_refused(own_tiny, tmp_path, run_tokt):
+def test_a_dataset_whose_classes_are_all_clear_is_refused(own_tiny, tmp_path, refused):
     rows = own_tiny.labels.read_text().replace("subsea_installation", "sand").splitlines()
     taxonomy = tmp_path / "t.toml"
     text = Path(taxonomy_module.__file__).with_name("taxonomy.toml").read_text("utf-8")
@@ -549,8 +520,5 @@ def test_a_dataset_whose_classes_are_all_clear_is_refused(own_tiny, tmp_path, ru
     taxonomy.write_text(before + 'name = "sand"' + after.replace("true", "false", 1), "utf-8")
     labels = tmp_path / "l.csv"
     labels.write_text("\n".join(rows) + "\n")
-    ran = run_tokt(
-        *("dataset", "build", "d", "--mission", own_tiny.path, "--labels", labels),
-        *("--task", "classes", "--taxonomy", taxonomy, "--workspace", tmp_path / "ws"),
-    )
-    assert ran.code == 2 and "could never warn" in ran.err
+    asked = ("--task", "classes", "--taxonomy", taxonomy, "--workspace", tmp_path / "ws")
+    refused("could never warn", "dataset", "build", "d", *inputs(own_tiny, labels), *asked)

@@ -36,13 +36,10 @@ description = "brown algae"
 
 
 @pytest.fixture
-def evaluate(run_tokt, tiny, tmp_path):
+def evaluate(done, tiny):
     def run(model, *more, mission=None, labels=None):
-        ran = run_tokt(
-            *("evaluate", model, "--mission", mission or tiny.path, "--json"),
-            *("--labels", labels or tiny.labels, *more),
-        )
-        assert ran.code == 0, ran.err
+        on = ("--mission", mission or tiny.path, "--labels", labels or tiny.labels)
+        ran = done("evaluate", model, "--json", *on, *more)
         return json.loads(ran.out), ran.err
 
     return run
@@ -178,7 +175,7 @@ def test_partly_labelled_and_unsure_frames_are_not_judged(
 
 
 def test_several_classes_with_an_own_one_end_to_end(
-    evaluate, own_tiny, tiny_truth, tmp_path, run_tokt
+    evaluate, own_tiny, tiny_truth, tmp_path, done, refused
 ):
     """A class from a taxonomy file goes through dataset, training, bundle and predictions."""
     where = ("--workspace", tmp_path / ".tokt")
@@ -201,8 +198,7 @@ def test_several_classes_with_an_own_one_end_to_end(
         (*train, "--folds", 2, "--embargo", 1),
         ("export", "several", "-o", tmp_path / "several.tokt"),
     ):
-        ran = run_tokt(*command, *where)
-        assert ran.code == 0, ran.err
+        done(*command, *where)
     bundle = read_bundle(tmp_path / "several.tokt")
     assert bundle.model.classes == ("ocean", "subsea_installation", "kelp")
     assert bundle.model.obstacle == (False, True, True)
@@ -217,12 +213,8 @@ def test_several_classes_with_an_own_one_end_to_end(
     assert result["frames"]["obstacle_frames"] > 25
     shutil.rmtree(tmp_path / ".tokt")
     # With the packaged taxonomy the bundle works, but these labels do not.
-    ran = run_tokt(
-        *("evaluate", tmp_path / "several.tokt", "--mission", own_tiny.path),
-        *("--labels", labels, *where),
-    )
-    assert ran.code == 2
-    assert "unknown class 'kelp'" in ran.err
+    again = ("evaluate", tmp_path / "several.tokt", "--mission", own_tiny.path)
+    refused("unknown class 'kelp'", *again, "--labels", labels, *where)
 
 
 def test_a_frame_the_runtime_cannot_judge_is_no_correct_clear(evaluate, tiny_bundle, own_tiny):
@@ -236,10 +228,8 @@ def test_a_frame_the_runtime_cannot_judge_is_no_correct_clear(evaluate, tiny_bun
     assert after["mission_in_training"] is True
 
 
-def test_a_frame_that_cannot_be_described_is_one_line(run_tokt, tiny_bundle, own_tiny):
+def test_a_frame_that_cannot_be_described_is_one_line(refused, tiny_bundle, own_tiny):
     strip = open_mission(own_tiny.path).file(7, "left")
     cv2.imwrite(str(strip), np.zeros((2, 1000), np.uint8))
     frames = ("--mission", own_tiny.path, "--labels", own_tiny.labels, "--frames", "7")
-    ran = run_tokt("evaluate", tiny_bundle, *frames)
-    assert ran.code == 2
-    assert ran.err.splitlines()[-1].startswith("tokt: error: frame 7 cannot be scored: ")
+    refused("tokt: error: frame 7 cannot be scored: ", "evaluate", tiny_bundle, *frames)

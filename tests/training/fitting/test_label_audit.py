@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from tokt.labels.formats.audit_csv import read_audit
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
+from tokt.models.registry.registry import Registry
 from tokt.training.datasets.splits import Fold
 from tokt.training.fitting.label_audit import believable, label_margins
 
@@ -18,7 +17,7 @@ PLANTED = [(5, 0, 0), (6, 9, 9), (17, 1, 2), (18, 8, 0), (29, 4, 29 % 8), (30, 5
 
 
 @pytest.fixture(scope="module")
-def planted(tiny, tiny_truth, run_tokt, tmp_path_factory):
+def planted(tiny, tiny_truth, done, tmp_path_factory):
     """A workspace with dataset `spoilt`: the tiny mission with six wrong labels."""
     folder = tmp_path_factory.mktemp("audit")
     rows = tiny_truth.labels()
@@ -26,23 +25,16 @@ def planted(tiny, tiny_truth, run_tokt, tmp_path_factory):
         if (row[2], row[3], row[4]) in PLANTED:
             row[5] = "ocean" if row[5] == "subsea_installation" else "subsea_installation"
     labels = tiny_truth.write_labels(folder / "spoilt.csv", rows)
-    ran = run_tokt(
-        *("dataset", "build", "spoilt", "--mission", tiny.path, "--labels", labels),
-        *("--block", 4, "--workspace", folder / ".tokt"),
-    )
-    assert ran.code == 0, ran.err
+    where = ("--labels", labels, "--block", 4, "--workspace", folder / ".tokt")
+    done("dataset", "build", "spoilt", "--mission", tiny.path, *where)
     return folder / ".tokt"
 
 
-def test_planted_wrong_labels_come_first_and_no_label_is_changed(planted, run_tokt, tmp_path):
+def test_planted_wrong_labels_come_first_and_no_label_is_changed(planted, told, tmp_path):
     before = {path: path.read_bytes() for path in (planted / "datasets").rglob("*.parquet")}
     out = tmp_path / "audit.csv"
-    ran = run_tokt(
-        *("labels", "audit", "spoilt", "-o", out, "--top", 6, "--folds", 3, "--json"),
-        *("--workspace", planted),
-    )
-    assert ran.code == 0, ran.err
-    found = json.loads(ran.out)
+    options = ("-o", out, "--top", 6, "--folds", 3, "--workspace", planted)
+    found = told("labels", "audit", "spoilt", *options)
     assert {(p["frame"], p["row"], p["col"]) for p in found["patches"]} == set(PLANTED)
     margins = [patch["margin"] for patch in found["patches"]]
     assert margins == sorted(margins) and margins[-1] < 0
@@ -60,12 +52,8 @@ def test_planted_wrong_labels_come_first_and_no_label_is_changed(planted, run_to
     ]
 
 
-def test_audit_of_a_model_starts_from_its_registered_held_out_values(workspace, run_tokt):
-    from tokt.models.registry.registry import Registry
-
-    ran = run_tokt("labels", "audit", "tiny-lbp@challenger", "--json", "--workspace", workspace)
-    assert ran.code == 0, ran.err
-    found = json.loads(ran.out)
+def test_audit_of_a_model_starts_from_its_registered_held_out_values(workspace, told):
+    found = told("labels", "audit", "tiny-lbp@challenger", "--workspace", workspace)
     assert found["of"].startswith("model tiny-lbp/1 (tiny@")
     assert found["name"] == "tiny-lbp-1"
     assert "3 folds over whole blocks" in found["rule"]
@@ -90,12 +78,11 @@ def test_second_pass_learns_no_contradicted_label_but_half_of_a_class_at_least()
     assert kept.tolist() == [0, 2, 3, 4, 7]
 
 
-def test_what_cannot_be_audited_is_said(workspace, run_tokt):
-    nothing = run_tokt("labels", "audit", "nothing", "--workspace", workspace)
-    assert (nothing.code, nothing.out) == (2, "")
-    assert "no model 'nothing' in the registry" in nothing.err
-    folds = run_tokt("labels", "audit", "tiny-lbp/1", "--folds", 4, "--workspace", workspace)
-    assert folds.code == 2 and "model tiny-lbp/1 has its own" in folds.err
-    few = run_tokt("labels", "audit", "tiny", "--folds", 50, "--workspace", workspace)
-    assert few.code == 2 and "too few for 50 folds" in few.err
+def test_what_cannot_be_audited_is_said(workspace, refused):
+    for why, *asked in (
+        ("no model 'nothing' in the registry", "nothing"),
+        ("model tiny-lbp/1 has its own", "tiny-lbp/1", "--folds", 4),
+        ("too few for 50 folds", "tiny", "--folds", 50),
+    ):
+        refused(why, "labels", "audit", *asked, "--workspace", workspace)
     assert not (workspace / "audits").exists()

@@ -60,14 +60,11 @@ class Calibrated:
 
 
 @pytest.fixture(scope="module")
-def calibrated(rendered: Rendered, run_tokt: Run) -> Calibrated:
+def calibrated(rendered: Rendered, told: Run) -> Calibrated:
     """Nothing given but the baseline."""
     file, report = rendered.path.parent / "own.yml", rendered.path.parent / "own.html"
-    ran = run_tokt(
-        "calibrate", rendered.path, "-o", file, "--baseline", 305.5, "--report", report, "--json"
-    )
-    assert ran.code == 0, ran.err
-    return Calibrated(json.loads(ran.out), file, report)
+    options = ("-o", file, "--baseline", 305.5, "--report", report)
+    return Calibrated(told("calibrate", rendered.path, *options), file, report)
 
 
 def test_recovers_the_rendered_rig(rendered: Rendered, calibrated: Calibrated) -> None:
@@ -145,7 +142,7 @@ def test_a_shift_is_measured(rendered: Rendered, tmp_path: Path, run_tokt: Run) 
     assert re.search(r"shifted: .* a trim of \+[12]\.\d px .*moved down", ran.out), ran.out
 
 
-def test_what_cannot_be_done_is_one_line(rendered: Rendered, tmp_path: Path, run_tokt: Run) -> None:
+def test_what_cannot_be_done_is_one_line(rendered: Rendered, tmp_path: Path, refused: Run) -> None:
     water = tmp_path / "water"
     for side in ("Left", "Right"):
         (water / side).mkdir(parents=True)
@@ -168,23 +165,19 @@ def test_what_cannot_be_done_is_one_line(rendered: Rendered, tmp_path: Path, run
         (near, "-o", out, "--focal", "800", "--start", rendered.true_file): "not both",
     }
     for arguments, words in cases.items():
-        ran = run_tokt("calibrate", *arguments)
-        last = ran.err.strip().splitlines()[-1]
-        assert (ran.code, last.startswith("tokt: error: "), words in last) == (2, True, True), last
+        assert words in refused("", "calibrate", *arguments).splitlines()[-1]
         assert not out.exists()
 
 
-def test_starts_from_a_file(rendered: Rendered, tmp_path: Path, run_tokt: Run) -> None:
+def test_starts_from_a_file(rendered: Rendered, tmp_path: Path, done: Run) -> None:
     """K and D as given, principal point and distortion included; only the standing is found."""
     start, out = tmp_path / "start.yml", tmp_path / "own.json"
     lens = np.array([0.01, 0.02, 0.0, 0.0, 0.0])
     odd = rendered.truth.K1.copy()
     odd[:2, 2] += 3, -2
     write_calibration(start, replace(rendered.truth, K1=odd, D1=lens, D2=lens))
-    ran = run_tokt(
-        "calibrate", rendered.path, "-o", out, "--start", start, "--frames", "86-92", "--fit", "all"
-    )
-    assert ran.code == 0, ran.err
+    options = ("--start", start, "--frames", "86-92", "--fit", "all")
+    ran = done("calibrate", rendered.path, "-o", out, *options)
     found = load_calibration(out)
     np.testing.assert_allclose(found.K1, odd)
     np.testing.assert_allclose(found.D1, lens)
@@ -192,7 +185,7 @@ def test_starts_from_a_file(rendered: Rendered, tmp_path: Path, run_tokt: Run) -
 
 
 def test_the_printed_form_gives_focal_length_and_lens(
-    rendered: Rendered, tmp_path: Path, run_tokt: Run
+    rendered: Rendered, tmp_path: Path, done: Run
 ) -> None:
     """A principal point outside the frame is not used, and this is said."""
     eye = {"fx": 790.0, "fy": 780.0, "cx": 240.0, "cy": -22.0, "skew": 0,
@@ -202,9 +195,8 @@ def test_the_printed_form_gives_focal_length_and_lens(
     printed = tmp_path / "printed.json"
     printed.write_text(json.dumps(table), encoding="utf-8")
     out = tmp_path / "own.yml"
-    ran = run_tokt("calibrate", rendered.path, "-o", out, "--start", printed,
-                   "--frames", "86-92", "--fit", "all")  # fmt: skip
-    assert ran.code == 0, ran.err
+    options = ("--start", printed, "--frames", "86-92", "--fit", "all")
+    ran = done("calibrate", rendered.path, "-o", out, *options)
     assert "principal point at the centre" in ran.err
     found = load_calibration(out)
     np.testing.assert_allclose(np.diag(found.K1)[:2], 790.0)
@@ -213,15 +205,11 @@ def test_the_printed_form_gives_focal_length_and_lens(
 
 @pytest.mark.mission
 @pytest.mark.study
-def test_the_real_mission_fit_even_tested_odd(
-    mission_dir: Path, tmp_path: Path, run_tokt: Run
-) -> None:
+def test_the_real_mission_fit_even_tested_odd(mission_dir: Path, tmp_path: Path, told: Run) -> None:
     """Fourteen frames, for time; the reference's depths are in the mission's README."""
     out = tmp_path / "own.yml"
-    ran = run_tokt("calibrate", mission_dir, "-o", out, "--fit", "even", "--json",
-                   "--frames", "170-175,180-183,194-197")  # fmt: skip
-    assert ran.code == 0, ran.err
-    error = json.loads(ran.out)["vertical_error"]
+    options = ("--fit", "even", "--frames", "170-175,180-183,194-197")
+    error = told("calibrate", mission_dir, "-o", out, *options)["vertical_error"]
     assert error["before"]["median"] > 60
     assert error["after"]["median"] <= 0.6 and error["after"]["p90"] <= 1.6
     found, reference = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -102,14 +101,10 @@ def boards(cameras: Cameras, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_recovers_the_cameras(
-    cameras: Cameras, boards: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+    cameras: Cameras, boards: Path, tmp_path: Path, told: Callable[..., Any]
 ) -> None:
     file = tmp_path / "board.yml"
-    ran = run_tokt(
-        "calibrate", boards, "--board", "7x5", "--square", SQUARE_MM, "-o", file, "--json"
-    )
-    assert ran.code == 0, ran.err
-    said = json.loads(ran.out)
+    said = told("calibrate", boards, "--board", "7x5", "--square", SQUARE_MM, "-o", file)
     truth, found = cameras.calibration, load_calibration(file)
     assert said["boards"] == said["pairs"] == 14
     assert said["reprojection_px"]["stereo"] < 0.15
@@ -130,7 +125,7 @@ def test_recovers_the_cameras(
 
 
 def test_too_few_boards_are_one_line(
-    boards: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+    boards: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     few = tmp_path / "few"
     for side in ("Left", "Right"):
@@ -141,9 +136,8 @@ def test_too_few_boards_are_one_line(
         water = np.full((SIZE[1], SIZE[0]), 20, np.uint8)
         cv2.imwrite(str(few / side / "b_4.png"), water)
     file = tmp_path / "no.yml"
-    ran = run_tokt("calibrate", few, "--board", "7x5", "--square", 40, "-o", file)
-    assert ran.code == 2
-    assert ran.err.strip().splitlines()[-1].startswith("tokt: error: 3 of 4 pairs show the whole")
+    why = "tokt: error: 3 of 4 pairs show the whole"
+    refused(why, "calibrate", few, "--board", "7x5", "--square", 40, "-o", file)
     assert not file.exists()
 
 

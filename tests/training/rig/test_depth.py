@@ -26,6 +26,7 @@ from tokt.training.rig.depth.picture import DepthPicture
 
 pytestmark = pytest.mark.xdist_group("depth")  # what they share is made once
 
+Run = Callable[..., Any]
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M = 680, 512, 1100.0, 0.3
 X, Y, SQUARE_PX = 330, 150, 200
 DISPARITIES = {3: 100, 4: 112, 5: 126, 6: 126, 7: 112, 8: 100, 9: 90, 12: 90}
@@ -85,15 +86,12 @@ def sea(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def ran(sea: Path, tmp_path_factory: pytest.TempPathFactory, run_tokt: Callable[..., Any]) -> Any:
+def ran(sea: Path, tmp_path_factory: pytest.TempPathFactory, done: Run) -> Any:
     """The whole command, and where it wrote."""
     out = tmp_path_factory.mktemp("depth-out")
-    options = ("--out", out / "all", "--ply", out / "cloud.ply", "--pictures", "5,6")
-    done = run_tokt(
-        *("depth", sea, "--calibration", sea / "calibration.yml", "--rate", 4, "--json"), *options
-    )
-    assert done.code == 0, done.err
-    return json.loads(done.out), out, done.err
+    options = ("--out", out / "all", "--ply", out / "cloud.ply", "--pictures", "5,6", "--rate", 4)
+    ended = done("depth", sea, "--calibration", sea / "calibration.yml", *options, "--json")
+    return json.loads(ended.out), out, ended.err
 
 
 def read_ply(path: Path) -> NDArray[Any]:
@@ -177,17 +175,16 @@ def test_the_cloud_is_the_square_of_the_nearest_frame(ran: Any) -> None:
 
 
 def test_a_cloud_of_another_frame_cut_off_at_a_distance(
-    sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]
+    sea: Path, tmp_path: Path, done: Run, refused: Run
 ) -> None:
     """Nothing is left of it: the table is written, and the command says why there is no cloud."""
     command = ("depth", sea, "--calibration", sea / "calibration.yml", "--frames", "8")
-    options = ("--ply", tmp_path / "c.ply", "--out", tmp_path, "--pictures", "none")
-    told = run_tokt(*command, *options)
-    assert told.code == 0 and "1 with an obstacle" in told.out and "of frame 8" in told.out
+    command = (*command, "--out", tmp_path, "--pictures", "none", "--ply")
+    said = done(*command, tmp_path / "c.ply").out
+    assert "1 with an obstacle" in said and "of frame 8" in said
     assert np.median(read_ply(tmp_path / "c.ply")["z"]) == pytest.approx(depth_m(8), rel=0.01)
-    again = run_tokt(*command, "--ply", tmp_path / "d.ply", "--ply-farthest", 2, *options[2:])
-    assert again.code == 2 and again.err.count("error") == 1
-    assert "nothing in frame 8 was matched within 2 m" in again.err
+    why = "nothing in frame 8 was matched within 2 m"
+    assert refused(why, *command, tmp_path / "d.ply", "--ply-farthest", 2).count("error") == 1
     assert (tmp_path / "depth.csv").is_file() and not (tmp_path / "d.ply").exists()
 
 
@@ -215,34 +212,29 @@ def test_what_cannot_be_done_is_refused_before_the_work(
     words: str,
     sea: Path,
     tmp_path: Path,
-    run_tokt: Callable[..., Any],
+    refused: Run,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("mine")
-    ran = run_tokt("depth", sea, "--calibration", sea / "calibration.yml", *options)
-    assert ran.code == 2 and words in ran.err, ran.err
-    assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+    said = refused(words, "depth", sea, "--calibration", sea / "calibration.yml", *options)
+    assert said.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
 
 
-def test_people_are_told_why_nothing_could_be_judged(
-    sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_people_are_told_why_nothing_could_be_judged(sea: Path, tmp_path: Path, done: Run) -> None:
     (tmp_path / "c.yml").write_text(PLAIN.replace("680", "1360").replace("512", "1024"))
-    options = ("--frames", "4-5", "--pictures", "none", "--out", tmp_path / "out")
-    ran = run_tokt("depth", sea, "--calibration", tmp_path / "c.yml", *options)
-    assert ran.code == 0, ran.err
-    assert "2 unknown\n  unknown in 2: the left frame is 680x512, the calibration" in ran.out
-    towards = ("--frames", "3-5", "--pictures", "none", "--out", tmp_path / "out")
-    ran = run_tokt("depth", sea, "--calibration", sea / "calibration.yml", *towards)
-    assert "median depth: falls to frame 5; beside" in ran.out
+    command = ("depth", sea, "--pictures", "none", "--out", tmp_path / "out", "--calibration")
+    said = done(*command, tmp_path / "c.yml", "--frames", "4-5").out
+    assert "2 unknown\n  unknown in 2: the left frame is 680x512, the calibration" in said
+    said = done(*command, sea / "calibration.yml", "--frames", "3-5").out
+    assert "median depth: falls to frame 5; beside" in said
 
 
-def test_one_camera_has_no_depth(sea: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_one_camera_has_no_depth(sea: Path, tmp_path: Path, refused: Run) -> None:
     shutil.copytree(sea / "Left", tmp_path / "mono" / "Left")
-    ran = run_tokt("depth", tmp_path / "mono", "--calibration", sea / "calibration.yml")
-    assert ran.code == 2 and "no right camera" in ran.err
+    asked = (tmp_path / "mono", "--calibration", sea / "calibration.yml")
+    refused("no right camera", "depth", *asked)
 
 
 def rows_of(depths: dict[int, float | None]) -> list[DepthRow]:
@@ -337,12 +329,12 @@ def test_the_picture_tells_depth_unmatched_and_blind_apart() -> None:
 
 
 @pytest.mark.mission
-def test_the_towers_depth(mission_dir: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_the_towers_depth(mission_dir: Path, tmp_path: Path, told: Run) -> None:
     """Against the mission's own figures; a calibration fitted on frames of this dive."""
+    options = ("--frames", "50,170,186,205", "--pictures", "none", "--out", tmp_path)
     calibration = mission_dir.parent / "calibration.yml"
-    options = ("--frames", "50,170,186,205", "--pictures", "none", "--out", tmp_path, "--json")
-    ran = run_tokt("depth", mission_dir, "--calibration", calibration, *options)
-    rows = {row["frame"]: row for row in json.loads(ran.out)["rows"]}
+    found = told("depth", mission_dir, "--calibration", calibration, *options)
+    rows = {row["frame"]: row for row in found["rows"]}
     medians = [rows[frame]["median_m"] for frame in (170, 186, 205)]
     assert medians == pytest.approx([5.1, 1.84, 4.8], rel=0.05)
     assert rows[50]["status"] == 0 and rows[50]["valid_fraction"] <= 1e-5

@@ -27,9 +27,15 @@ from tokt.training.datasets.dataset import open_dataset
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import Hyperparameters, extractor_for, settings_named
 from tokt.training.search.mlflow_runs import SEARCH_TAG, TRIAL_TAG, SearchRuns
-from tokt.training.search.score import BlockConfusion, f1_of_counts
+from tokt.training.search.score import (
+    MAX_GIVEN_UP,
+    BlockConfusion,
+    f1_of_counts,
+    honest_score,
+    ranked,
+    winner,
+)
 from tokt.training.search.search import Budget, budget_from
-from tokt.training.search.selection_rule import MAX_GIVEN_UP, honest_score, ranked, winner
 from tokt.training.search.space import BUILT_IN, Trial, read_space
 from tokt.training.search.state import opened_state, read_finished
 from tokt.training.search.trial import TrialTask, run_task
@@ -312,16 +318,13 @@ def begin_like(trained: Path, workspace: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def searched(trained, tmp_path_factory, run_tokt, space_file):
+def searched(trained, tmp_path_factory, done, told, space_file):
     """A search of the tiny mission in two runs, stopped by its budget in between."""
     workspace = tmp_path_factory.mktemp("searched") / ".tokt"
     begin_like(trained, workspace)
     command = ("search", "tiny", "--space", space_file, *SPLIT, "--workspace", workspace)
-    first = run_tokt(*command, "--budget", 1)
-    assert first.code == 0, first.err
-    second = run_tokt(*command, "--nested", "--json")
-    assert second.code == 0, second.err
-    return workspace, command, first, json.loads(second.out)
+    first = done(*command, "--budget", 1)
+    return workspace, command, first, told(*command, "--nested")
 
 
 def search_runs(workspace: Path) -> list[Any]:
@@ -343,15 +346,14 @@ def test_an_extractor_that_cannot_be_tried_stops_no_other(searched):
     assert {rank["extractor"] for rank in result["ranks"]} == {"fine", "coarse", "both"}
 
 
-def test_a_space_of_nothing_to_learn_from_is_one_line(searched, run_tokt, tmp_path):
+def test_a_space_of_nothing_to_learn_from_is_one_line(searched, refused, tmp_path):
     workspace, _, _, result = searched
     spoiled = tmp_path / "space.toml"
     spoiled.write_text(SPACE.partition("fine = ")[0] + 'dead = "spec:dead.json"\n', "utf-8")
     (tmp_path / "dead.json").write_text(json.dumps(DEAD), "utf-8")
-    ran = run_tokt("search", "tiny", "--space", spoiled, *SPLIT, "--workspace", workspace)
-    assert ran.code == 2
-    assert "no extractor of the space can be tried" in ran.err
-    assert result["faults"]["dead"] in ran.err
+    command = ("search", "tiny", "--space", spoiled, *SPLIT, "--workspace", workspace)
+    said = refused("no extractor of the space can be tried", *command)
+    assert result["faults"]["dead"] in said
 
 
 def test_the_winner_is_registered_with_where_it_comes_from(searched):
@@ -392,12 +394,10 @@ def test_the_parent_shows_what_was_reported_last(trained):
     assert Registry(trained).client.get_run(runs.parent_id).data.metrics == {"winner_score": 0.8}
 
 
-def test_runs_are_parent_and_children_once(searched, run_tokt):
+def test_runs_are_parent_and_children_once(searched, told):
     workspace, command, _, result = searched
     before = search_runs(workspace)
-    again = run_tokt(*command, "--nested", "--json")
-    assert again.code == 0, again.err
-    repeated = json.loads(again.out)
+    repeated = told(*command, "--nested")
     assert repeated["model"] == result["model"]
     assert repeated["ranks"] == result["ranks"]
     runs = search_runs(workspace)
@@ -416,21 +416,15 @@ def test_runs_are_parent_and_children_once(searched, run_tokt):
     assert {run.info.status for run in mine} == {"FINISHED"}
 
 
-def test_a_cluster_that_is_not_there_is_one_line_and_loses_nothing(searched, run_tokt):
+def test_a_cluster_that_is_not_there_is_one_line_and_loses_nothing(searched, refused):
     """What is finished needs no cluster; the one trial left does."""
-    _, command, _, _ = searched
-    ran = run_tokt(*command, "--dask", "127.0.0.1:1")
-    assert ran.code == 2
-    assert "dask scheduler 127.0.0.1:1 cannot be reached" in ran.err
+    why = "dask scheduler 127.0.0.1:1 cannot be reached"
+    refused(why, *searched[1], "--dask", "127.0.0.1:1")
 
 
 @pytest.mark.parametrize("wrong", [("--budget", "soon"), ("--jobs", 0), ("--space", "none.toml")])
-def test_wrong_options_are_one_line(searched, run_tokt, wrong):
-    _, command, _, _ = searched
-    ran = run_tokt(*command, *wrong)
-    assert ran.code == 2
-    assert ran.err.startswith("tokt: error: ")
-    assert len(ran.err.splitlines()) == 1
+def test_wrong_options_are_one_line(searched, refused, wrong):
+    assert len(refused("", *searched[1], *wrong).splitlines()) == 1
 
 
 def test_a_trial_learns_from_changed_frames_where_the_space_says_so(searched, space_file, tmp_path):

@@ -17,6 +17,7 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.stereo.calibration import StereoCalibration
 
 from .frame_selection import Progress, stereo_frames
+from .matching import gray_frame
 from .vertical_error import VerticalError, row_error
 
 Float = NDArray[np.float64]
@@ -181,27 +182,21 @@ def _find(
     mission: Mission, frame: int, corners: tuple[int, int]
 ) -> tuple[BoardCorners, tuple[int, int]] | None:
     """The board in both pictures of a frame, and their size; None where one lacks it."""
-    places = []
-    sizes = set()
-    for camera in (LEFT, RIGHT):
-        try:
-            image = mission.read(frame, camera)
-        except FrameError:
-            return None
-        if image.ndim == 3:
-            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        found = _corners(image, corners)
-        if found is None:
-            return None
-        places.append(found)
-        sizes.add((image.shape[1], image.shape[0]))
-    if len(sizes) > 1:
+    try:
+        images = [gray_frame(mission, frame, camera) for camera in (LEFT, RIGHT)]
+    except FrameError:
+        return None
+    left = _corners(images[0], corners)
+    right = None if left is None else _corners(images[1], corners)
+    if left is None or right is None:
+        return None
+    height, width = images[0].shape
+    if images[1].shape != images[0].shape:
         raise ToktError(f"frame {frame}: the left and the right picture differ in size")
-    left, right = places
     # A board that looks the same upside down may be counted from opposite corners.
     if (left[-1] - left[0]) @ (right[-1] - right[0]) < 0:
         right = right[::-1]
-    return BoardCorners(frame, left, right), sizes.pop()
+    return BoardCorners(frame, left, right), (width, height)
 
 
 def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None:

@@ -11,7 +11,7 @@ import numpy as np
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 
-from .matching import FrameMatches, match_frame
+from .matching import FrameMatches, gray_frame, match_frame
 
 T = TypeVar("T")
 Progress = Callable[[Iterable[int], int, str], Iterable[int]]
@@ -103,11 +103,9 @@ def match_mission(
 def texture(mission: Mission, frame: int) -> float:
     """Share of the left picture that has local contrast; 0 for one that cannot be read."""
     try:
-        image = mission.read(frame, LEFT)
+        image = gray_frame(mission, frame, LEFT)
     except FrameError:
         return 0.0
-    if image.ndim == 3:
-        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
     size = (_WIDTH, max(1, round(image.shape[0] * _WIDTH / image.shape[1])))
     view = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     detail = view - cv2.GaussianBlur(view, (0, 0), _LOCAL_PX)

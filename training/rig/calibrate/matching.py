@@ -16,6 +16,8 @@ from tokt.features.common.errors import FrameError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 
 Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
 _HALVED_FROM = 1000
 """Frames this wide are matched at half resolution: SIFT doubles the picture by itself, and the
 noise of neighbouring pixels, which a nearly black frame is full of, averages out."""
@@ -37,7 +39,6 @@ _RETURN_PX, _MOVE_PX = 0.5, 4.0
 full frame, it may come back from the other view, and move from where SIFT had it."""
 _MIN_MATCHES = 16
 """A fundamental matrix has 7 degrees of freedom: from fewer matches it would fit anything."""
-Int = NDArray[np.int64]
 _REACH = 3
 """A frame is linked to this many frames before it: a point may be missed in between."""
 
@@ -69,6 +70,14 @@ def view_scale(width: int) -> float:
     return 0.5 if width >= _HALVED_FROM else 1.0
 
 
+def gray_frame(mission: Mission, frame: int, camera: str) -> NDArray[np.uint8]:
+    """One frame in grey levels. Raises FrameError if it cannot be read."""
+    image = mission.read(frame, camera)
+    if image.ndim == 3:
+        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    return image
+
+
 def gray_view(
     mission: Mission, frame: int, camera: str
 ) -> tuple[NDArray[np.float32], tuple[int, int]]:
@@ -79,9 +88,7 @@ def gray_view(
     FrameError
         If it cannot be read.
     """
-    image = mission.read(frame, camera)
-    if image.ndim == 3:
-        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    image = gray_frame(mission, frame, camera)
     height, width = image.shape
     scale = view_scale(width)
     size = (round(width * scale), round(height * scale))

@@ -16,6 +16,8 @@ from .adjustment import Adjusted, Path, Problem, adjust
 from .matching import FrameMatches, Tracks, build_tracks
 from .rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
 
+Float = NDArray[np.float64]
+
 PRIORS: Mapping[str, float] = {
     **dict.fromkeys(DISTORTION, 0.5),
     **dict.fromkeys(PRINCIPAL, 30.0),
@@ -27,7 +29,6 @@ _WRONG_PX = 4.0
 """An observation that is this far off once the rig fits is a wrong match, and dropped."""
 _MIN_FRAMES = 3
 _MIN_FOLLOWED = 30
-Float = NDArray[np.float64]
 _BELIEFS = {
     "rotation_y": 0.02,
     "direction_y": 0.1,
