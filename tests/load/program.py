@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tokt.features.common.errors import ToktError
@@ -41,9 +41,12 @@ def program(*arguments: object, said: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def ended(name: str, process: subprocess.Popen[str], said: Path) -> ToktError:
-    """The error of a program that ended too soon, with the last line it wrote."""
+    """The error of a program that ended too soon, or hangs, with the last line it wrote."""
     last = (said.read_text("utf-8", "replace").strip().splitlines() or ["it said nothing"])[-1]
-    return ToktError(f"tokt {name} ended with {process.wait(_END_S)}: {last}")
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(_END_S)
+    how = "hangs" if process.returncode is None else f"ended with {process.returncode}"
+    return ToktError(f"tokt {name} {how}: {last}")
 
 
 @contextmanager

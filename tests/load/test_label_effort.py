@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis.extra import numpy as npst
+from scipy import ndimage
 
 from tests.load.effort.effort import WAYS, label_on_page, wrong_labels
 from tests.load.effort.halves import (
@@ -34,31 +34,17 @@ COLS = DEFAULT_GRID.cols
 MASKS = npst.arrays(bool, (DEFAULT_GRID.rows, COLS))
 
 
-def around(cell: int) -> set[int]:
-    """Cells across an edge."""
-    row, col = divmod(cell, COLS)
-    near = {(row - 1, col), (row + 1, col), (row, col - 1), (row, col + 1)}
-    return {r * COLS + c for r, c in near if 0 <= r < DEFAULT_GRID.rows and 0 <= c < COLS}
-
-
-def area_of(cell: int, may: set[int]) -> frozenset[int]:
-    """All cells that can be reached from one inside `may`."""
-    found, new = {cell}, {cell}
-    while new:
-        new = {n for one in new for n in around(one) & may} - found
-        found |= new
-    return frozenset(found)
-
-
 @given(MASKS, MASKS)
 def test_drags_paint_what_they_must_and_nothing_they_may_not(need: Any, also: Any) -> None:
     needed = set(np.flatnonzero(need).tolist())
     allowed = set(np.flatnonzero(need | also).tolist())
     paths = drags(needed, allowed)
-    painted = {cell for path in paths for cell in path}
-    assert needed <= painted <= allowed
-    assert all(b in around(a) for path in paths for a, b in pairwise(path))
-    assert len(paths) == len({area_of(cell, allowed) for cell in needed})
+    assert needed <= {cell for path in paths for cell in path} <= allowed
+    for path in paths:  # always across an edge
+        steps = np.diff([divmod(cell, COLS) for cell in path], axis=0)
+        assert (np.abs(steps).sum(axis=1) == 1).all()
+    areas, _ = ndimage.label(need | also)
+    assert len(paths) == len(np.unique(areas[need]))
 
 
 @pytest.mark.parametrize(

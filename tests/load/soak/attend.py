@@ -1,4 +1,4 @@
-"""What is done to a soaked run from outside meanwhile: looks at it, and another model for it."""
+"""Looks at a soaked run from outside, and another model for it now and then."""
 
 from __future__ import annotations
 
