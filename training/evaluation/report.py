@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jinja2
@@ -15,13 +16,17 @@ def _signed(value: float | None) -> str:
     return "–" if value is None else f"{value:+.3f}"
 
 
-def report_page(room: str, **values: Any) -> str:
+def report_page(
+    room: str, filters: Mapping[str, Callable[..., Any]] | None = None, **values: Any
+) -> str:
     """A room's ``report.html``, which extends the ``base.html`` beside this module, filled in.
 
     Parameters
     ----------
     room : str
         The package that the template lies in, as ``__package__`` has it.
+    filters : mapping of str to callable, optional
+        The template's own, by name; ``figure`` and ``signed`` are there.
     **values
         What the template names. Text is escaped; JSON holds no NaN.
     """
@@ -34,6 +39,6 @@ def report_page(room: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(figure=_figure, signed=_signed)
+    environment.filters.update(figure=_figure, signed=_signed, **(filters or {}))
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return environment.get_template("report.html").render(values)

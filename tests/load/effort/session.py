@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any
 
 from tests.load.page.tab import Tab
@@ -44,7 +45,7 @@ _LOADED = """async (frames) => {
   return needed.every((frame) => labelsOf("left", frame));
 }"""
 _HELD = """async (frames) => {
-  const { hintsOf } = await import("/static/saving/unconfirmed.js");
+  const { hintsOf } = await import("/static/frame/painting.js");
   const { labelsOf } = await import("/static/saving/labels.js");
   return frames.map((frame) => {
     const hints = hintsOf("left", frame);
@@ -135,14 +136,13 @@ class LabelSession:
     def _label(self, shown: list[int], more: bool) -> None:
         """Correct what one key would not make right, press that key, and go on."""
         # Accepting comes first: it is as good where both leave the same to be done.
-        end = min(self._ends, key=lambda key: self._strokes_left(shown, key))
+        end = min(self._ends, key=lambda key: self._order(self._wrong(shown, key))[0])
         for _ in range(_ROUNDS):
-            wrong = self._wrong(shown, end).values()
-            wanted = {label for cells in wrong for label in cells.values()}
-            if not wanted:
+            _, order = self._order(self._wrong(shown, end))
+            if not order:
                 break
-            for label in sorted(wanted, key=lambda label: (label != self._chosen, label)):
-                self._paint(shown, end, label)
+            for at, label in enumerate(order):
+                self._paint(shown, end, label, order[at + 1 :])
         else:
             raise ToktError(f"the page does not keep what is painted in frames {shown}")
         key = end if self._missing(shown) else NEXT
@@ -151,33 +151,51 @@ class LabelSession:
         if key == REST and more and not self._way.sheet:
             self._press(_FRAME_KEYS[NEXT])
 
-    def _paint(self, shown: list[int], end: str, label: str) -> None:
+    def _order(self, wrong: Mapping[int, Mapping[int, str]]) -> tuple[int, Sequence[str]]:
+        """In which order painting the classes takes fewest strokes and keys, and how many."""
+        wanted = sorted({label for cells in wrong.values() for label in cells.values()})
+
+        def actions(order: Sequence[str]) -> int:
+            strokes = sum(
+                len(self._paths(frame, cells, label, order[at + 1 :]))
+                for at, label in enumerate(order)
+                for frame, cells in wrong.items()
+            )
+            return strokes + len(order) - (order[:1] == (self._chosen,))
+
+        return min((actions(order), order) for order in permutations(wanted))
+
+    def _paint(self, shown: list[int], end: str, label: str, later: Sequence[str]) -> None:
         """Paint a class in all frames where it is missing, or in all at once where they agree."""
         if self._way.drags and len(shown) > 1:
             wrong = self._wrong(shown, end)
-            alike = set.intersection(*(self._may_be(frame, label) for frame in shown))
-            for path in drags({cell for cells in wrong.values() for cell in cells} & alike, alike):
+            alike = set.intersection(
+                *(self._may_cross(frame, cells, label, later) for frame, cells in wrong.items())
+            )
+            need = {
+                cell for cells in wrong.values() for cell, want in cells.items() if want == label
+            }
+            for path in drags(need & alike, alike):
                 if sum(not wrong[frame].keys().isdisjoint(path) for frame in shown) > 1:
                     self._stroke(shown[0], label, path, in_all=True)
         for frame in shown:
-            for path in self._paths(frame, self._wrong([frame], end)[frame], label):
+            for path in self._paths(frame, self._wrong([frame], end)[frame], label, later):
                 self._stroke(frame, label, path)
 
-    def _strokes_left(self, shown: list[int], end: str) -> int:
-        """How many strokes, and keys before them, what a key would leave wrong takes."""
-        wrong = self._wrong(shown, end)
-        labels = {label for cells in wrong.values() for label in cells.values()}
-        paths = [
-            self._paths(frame, cells, each) for frame, cells in wrong.items() for each in labels
-        ]
-        return sum(map(len, paths)) + len(labels - {self._chosen})
-
-    def _paths(self, frame: int, wrong: Mapping[int, str], label: str) -> list[list[int]]:
+    def _paths(
+        self, frame: int, wrong: Mapping[int, str], label: str, later: Sequence[str]
+    ) -> list[list[int]]:
         """The strokes that paint a class where it is wanted in a frame."""
         need = {cell for cell, want in wrong.items() if want == label}
         if not self._way.drags:
             return [[cell] for cell in sorted(need)]
-        return drags(need, self._may_be(frame, label))
+        return drags(need, self._may_cross(frame, wrong, label, later))
+
+    def _may_cross(
+        self, frame: int, wrong: Mapping[int, str], label: str, later: Sequence[str]
+    ) -> set[int]:
+        """The patches that may have this label, or are painted over by a class that comes later."""
+        return self._may_be(frame, label) | {cell for cell, want in wrong.items() if want in later}
 
     def _may_be(self, frame: int, label: str) -> set[int]:
         """The patches that may have this label."""

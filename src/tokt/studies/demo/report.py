@@ -7,11 +7,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from tokt import __version__
@@ -28,6 +26,7 @@ from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
 from tokt.training.evaluation.evaluate import ScoredMission
 from tokt.training.evaluation.pictures import beside_labels, draw, jpeg_uri
+from tokt.training.evaluation.report import report_page
 from tokt.training.fitting.train import Trained
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
@@ -202,16 +201,12 @@ def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
     bundle_file : Path
         The exported champion.
     """
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters["figure"] = lambda value: "–" if value is None else f"{value:.3f}"
-    environment.filters["first"] = _first_words
-    template = environment.from_string(
-        resources.files(__package__).joinpath("report.html").read_text("utf-8")
-    )
     labels = _labels_by_frame(run)
     champion, trained = run.bundles[run.champion], run.trained[run.champion]
     latency = [entry["latency_ms"] for entry in run.log]
-    html = template.render(
+    html = report_page(
+        __package__,
+        {"first": _first_words},
         run=run,
         champion=champion,
         provenance=champion.content.provenance,

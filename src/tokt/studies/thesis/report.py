@@ -9,21 +9,20 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
-from importlib import resources
 from typing import Any
 
-import jinja2
 import numpy as np
 import pandas as pd
 
 from tokt.training.evaluation.pictures import png_uri
+from tokt.training.evaluation.report import report_page
 
 from .exhibit import ClaimAgreement, Exhibit, Table
 
 FORMAT = 1
 SHOWN_ROWS = 60
 """Rows of a table that the results and the report hold; its CSV file holds all."""
-_CLASSES = dict(zip(map(str, ClaimAgreement), ("yes", "partly", "no", "open"), strict=True))
+_CLASSES = dict(zip(map(str, ClaimAgreement), ("good", "partly", "bad", "open"), strict=True))
 
 
 def table_csv(table: Table) -> str:
@@ -83,13 +82,6 @@ def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
     results : dict
         Everything else, as results.json has it.
     """
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"cell": cell, "agreement_class": _CLASSES.__getitem__}
-    template = environment.from_string(
-        resources.files(__package__).joinpath("report.html").read_text("utf-8")
-    )
     pictures = {
         plot_file(exhibit, plot.name): png_uri(plot.png)
         for exhibit in exhibits
@@ -99,7 +91,8 @@ def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
         claim["agreement"] for exhibit in results["exhibits"] for claim in exhibit["claims"]
     )
     counts = [(word, claims[word]) for word in _CLASSES if claims[word]]
-    return str(template.render(run=results, pictures=pictures, counts=counts))
+    filters = {"cell": cell, "agreement_class": _CLASSES.__getitem__}
+    return report_page(__package__, filters, run=results, pictures=pictures, counts=counts)
 
 
 def plot_file(exhibit: Exhibit, name: str) -> str:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 import pandas as pd
 
@@ -17,6 +15,7 @@ from tokt import __version__
 from tokt.features.common import atomic
 from tokt.studies.simulation.loop.track import IN_VIEW_M, Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
+from tokt.training.evaluation.report import report_page
 
 from .maps import Chart, animation, overview, still
 from .outcome import CONFIDENCE, FRESH_S, outcome_of, table
@@ -98,14 +97,9 @@ def _sections(tracks: Sequence[Track], charts: Sequence[Chart]) -> list[_Section
 
 
 def _page(rows: pd.DataFrame, sections: Sequence[_Section], words: Sequence[str]) -> str:
-    template = jinja2.Environment(
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    ).from_string(resources.files(__package__).joinpath("report.html").read_text("utf-8"))
     titles = {section.nearest.scene: section.nearest.title for section in sections}
-    return template.render(
+    return report_page(
+        __package__,
         version=__version__,
         words=words,
         rows=[_shown(row, titles) for row in rows.to_dict("records")],
