@@ -431,6 +431,7 @@ def test_version_2_of_lbp_and_haralick(colour: Image) -> None:
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
+        ({**Haralick(True).spec, "ignore_zeros": 1}, "ignore_zeros is true or false"),
         ({**Haralick(True).spec, "version": 2}, "missing in its spec: scale"),
         ({**Haralick(True, None, "log").spec, "version": 1}, "unknown .* spec: scale"),
         ({**Haralick(True, None, "log").spec, "scale": "ln"}, "scale is 'linear' or 'log'"),

@@ -32,11 +32,14 @@ def test_yesterdays_file_is_read(tmp_path):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("margin", "-1.25"), ("row", -1), ("frame", 1.5), ("label", None), ("margin", 1e999)],
+    [
+        *[("margin", "-1.25"), ("row", -1), ("frame", 1.5), ("label", None), ("margin", 1e999)],
+        *[("format", 0), ("format", "1"), ("rule", 3), ("name", None)],
+    ],
 )
 def test_a_damaged_file_is_refused(tmp_path, field, value):
     damaged = json.loads(FORMAT_1)
-    damaged["patches"][0][field] = value
+    (damaged if field in damaged else damaged["patches"][0])[field] = value
     file = tmp_path / "dive.json"
     file.write_text(json.dumps(damaged), "utf-8")
     refuses("is damaged; audit again", read_audit, file)

@@ -62,6 +62,11 @@ def test_what_is_no_label_file(tmp_path: Path) -> None:
     assert format_to_write(tmp_path / "patches") == "patches"
 
 
+def test_a_label_that_is_taken_back_goes_into_no_file() -> None:
+    with pytest.raises(ValueError, match="has no label"):
+        to_attributes(replace(said(), label=None))
+
+
 @given(data=st.binary(max_size=200), suffix=st.sampled_from([".csv", ".json"]))
 def test_any_bytes_are_refused_or_told(tmp_path_factory, data, suffix):
     path = tmp_path_factory.getbasetemp() / f"any{suffix}"

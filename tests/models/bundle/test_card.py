@@ -19,6 +19,8 @@ RECIPE: dict[str, Any] = {
             {"name": "lbp", "points": 24, "radius": 8, "border": "frame", "image": DEEP},
             {"name": "lines", "samples": [8, 16], "image": DEEP},
             {"name": "context", "part": {"name": "haralick"}, "statistic": "mean"},
+            {"name": "moments"},
+            {"name": "of tomorrow", "bins": 3},
         ],
     },
     "operating_point": {
@@ -100,7 +102,8 @@ def test_card_states_what_was_measured() -> None:
         "`lbp`, 12 features a patch: LBP (24,8) across patch edges + lines of 8, 16 samples on the "
         "picture below one grey level (background of 31 px taken away by frame, gain 8.0, "
         "levels 256); Haralick's 13 figures of grey-level co-occurrence, of each patch and the "
-        "mean of its neighbours",
+        "mean of its neighbours + moments and percentiles of the grey levels + "
+        '{"bins": 3, "name": "of tomorrow"}',
         "2 patches over the threshold by more than 0.5, each in 2 of 3 frames",
         "a status comes 1 frame after a patch first exceeds the margin, at the earliest",
         "- lowest fold: F1 0.250 on frames 101,103",
