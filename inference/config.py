@@ -170,9 +170,7 @@ class ModelConfig:
     """Which models judge."""
 
     store: Path | None = option(
-        None,
-        "Run this store's active model, and the next one when it changes.",
-        not_with="bundle",
+        None, "Run this store's active model, and the next one when it changes.", not_with="bundle"
     )
     bundle: Path | None = option(None, "Run the model in this file.", not_with="store")
     threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")

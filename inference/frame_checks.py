@@ -109,9 +109,7 @@ def _some_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def frame_fault(
-    frame: NDArray[np.uint8],
-    gray: NDArray[np.uint8] | None = None,
-    grid: Grid | None = None,
+    frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, grid: Grid | None = None
 ) -> Fault:
     """Why a frame is outside what can be judged, or an empty string.
 

@@ -94,11 +94,7 @@ def check_views(
             raise TypeError("views are arrays of uint8")
     if left.ndim != 2 or not left.shape == right.shape == wanted.shape:
         raise ValueError(f"views of one shape are needed: {left.shape}, {right.shape}")
-    return (
-        np.ascontiguousarray(left),
-        np.ascontiguousarray(right),
-        np.ascontiguousarray(wanted),
-    )
+    return (np.ascontiguousarray(left), np.ascontiguousarray(right), np.ascontiguousarray(wanted))
 
 
 def padded(view: NDArray[np.uint8], settings: BlockMatching, value: int) -> NDArray[np.uint8]:

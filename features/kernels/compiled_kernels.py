@@ -107,12 +107,7 @@ def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
 
 
 def lbp_counts(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    points: int,
-    radius: float,
-    border: str,
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
     """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
@@ -256,12 +251,7 @@ def resized_gray(
 
 
 def lbp_nearest_counts(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    points: int,
-    radius: float,
-    border: str,
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
     """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
 
@@ -313,11 +303,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
 
 
 def line_sums(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    middle: int,
-    samples: Sequence[int],
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> NDArray[np.int64]:
     """Sums along lines in 8 directions, over each patch's pixels.
 

@@ -37,12 +37,7 @@ _CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cach
 
 
 def lbp_counts(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    points: int,
-    radius: float,
-    border: str,
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> Counts:
     """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
@@ -393,12 +388,7 @@ def _patch_sums(values: NDArray[np.integer], grid: Grid) -> Counts:
 
 
 def lbp_nearest_counts(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    points: int,
-    radius: float,
-    border: str,
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> Counts:
     """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
 
@@ -470,11 +460,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> Cou
 
 
 def line_sums(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    middle: int,
-    samples: Sequence[int],
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> Counts:
     """How much longer bright or dark lines through a patch's pixels are in one direction.
 

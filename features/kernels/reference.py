@@ -25,12 +25,7 @@ DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahot
 
 
 def lbp_counts(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    points: int,
-    radius: float,
-    border: str,
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
     """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
@@ -173,12 +168,7 @@ def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArr
 
 
 def lbp_nearest_counts(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    points: int,
-    radius: float,
-    border: str,
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
     """`lbp_counts` with each point moved to the nearest whole pixel; pattern by pattern."""
     views = [gray] if border == "frame" else list(grid.cells(gray))
@@ -211,11 +201,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
 
 
 def line_sums(
-    gray: NDArray[np.uint8],
-    grid: Grid,
-    middle: int,
-    samples: Sequence[int],
-    threads: int = 1,
+    gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> NDArray[np.int64]:
     """Sums along lines in 8 directions, over each patch's pixels.
 

@@ -210,11 +210,7 @@ def as_json(event: ReceivedDatagram | Silence) -> str:
     else:
         told = {"from": event.sender, **event.fields}
         if event.lost is not None:
-            told |= {
-                "lost": event.lost,
-                "restarted": event.restarted,
-                "overtaken": event.overtaken,
-            }
+            told |= {"lost": event.lost, "restarted": event.restarted, "overtaken": event.overtaken}
     return json.dumps(told, allow_nan=False)
 
 

@@ -82,10 +82,7 @@ def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
         detection.mask, detection.method, detection.model, detection.distance_m, health
     )
     whole = replace(
-        verdict,
-        closing_m_s=detection.closing_m_s,
-        contact_s=detection.contact_s,
-        reason=reason,
+        verdict, closing_m_s=detection.closing_m_s, contact_s=detection.contact_s, reason=reason
     )
     return Judgement(whole, detection.decision_values, detection.features)
 

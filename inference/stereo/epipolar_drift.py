@@ -114,10 +114,7 @@ class EpipolarOffset:
 
 
 def epipolar_offset(
-    left_view: NDArray[np.float32],
-    right_view: NDArray[np.float32],
-    matches: Matches,
-    scale: float,
+    left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches, scale: float
 ) -> EpipolarOffset | None:
     """Measure how the rows of a pair lie to each other, from its block matches.
 

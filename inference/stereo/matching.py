@@ -68,10 +68,7 @@ def local_mean_and_sigma(
 
 
 def even_contrast(
-    view: NDArray[np.float32],
-    mean: NDArray[np.float32],
-    sigma: NDArray[np.float32],
-    gain: float,
+    view: NDArray[np.float32], mean: NDArray[np.float32], sigma: NDArray[np.float32], gain: float
 ) -> NDArray[np.uint8]:
     """The view with the same local contrast everywhere, 128 being the local mean.
 
@@ -227,10 +224,7 @@ class DenseMatcher:
         valid = self._without_specks(disparity[matched], seen[matched])
         sparse = disparity[matched].astype(np.float32) / np.float32(PER_PIXEL)
         return Matches(
-            self._spread(sparse),
-            self._spread(valid).view(bool),
-            textured.view(bool),
-            self.searched,
+            self._spread(sparse), self._spread(valid).view(bool), textured.view(bool), self.searched
         )
 
     def _spread(self, values: NDArray[Any]) -> NDArray[Any]:

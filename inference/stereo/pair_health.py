@@ -305,10 +305,7 @@ class PairHealth:
         return fault
 
     def _frozen_fault(
-        self,
-        left_view: NDArray[np.float32],
-        right_view: NDArray[np.float32],
-        matches: Matches,
+        self, left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches
     ) -> PairFault | None:
         """A camera that repeats its picture exactly, which noise forbids, while the other's
         changes. Where both repeat, the source may repeat a pair, yet not for long.

@@ -24,11 +24,7 @@ _INTEGER = re.compile(r"-?[0-9]{1,18}")
 
 
 def read_label_csv(
-    path: Path,
-    taxonomy: Taxonomy,
-    *,
-    annotator: str | None = None,
-    grid: Grid = DEFAULT_GRID,
+    path: Path, taxonomy: Taxonomy, *, annotator: str | None = None, grid: Grid = DEFAULT_GRID
 ) -> list[LabelRecord]:
     """Read a whole label file, or refuse it with its first mistake and that line's number.
 

@@ -72,10 +72,7 @@ def write_label_studio(
                     for n, mine in enumerate(people, annotations + 1)
                 ],
                 "predictions": [
-                    {
-                        "model_version": mine[0][0].model_version,
-                        "result": _result(mine, frame.size),
-                    }
+                    {"model_version": mine[0][0].model_version, "result": _result(mine, frame.size)}
                     for mine in models
                 ],
             }

@@ -20,15 +20,7 @@ from tokt.labels.taxonomy import UNSURE
 from .box_attributes import changed_by_hand, from_attributes
 from .boxes import Box, Size, patch_box, patches_in_box
 from .images import FrameKey, MissionImages
-from .options import (
-    ImportResult,
-    ReadOptions,
-    Remarks,
-    WriteOptions,
-    count,
-    lines,
-    mission_images,
-)
+from .options import ImportResult, ReadOptions, Remarks, WriteOptions, count, lines, mission_images
 from .text_file import naming
 
 _SHOWN = 100

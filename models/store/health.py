@@ -76,10 +76,7 @@ def _signature(bundle: Bundle, keys: TrustedKeys | None) -> dict[str, Any] | Non
     """Who is said to have signed it; checked only where the store asks for a signature."""
     if bundle.signature is None:
         return None
-    return {
-        "key_id": bundle.signature.key_id,
-        "checked": keys is not None and keys.required,
-    }
+    return {"key_id": bundle.signature.key_id, "checked": keys is not None and keys.required}
 
 
 def store_findings(path: Path) -> Iterator[Finding]:

@@ -24,13 +24,7 @@ from tokt.inference.outputs.udp import decode, encode_v2
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
 from tokt.inference.verdict import unknown_verdict
-from tokt.models.bundle.bundle import (
-    Bundle,
-    BundleContent,
-    Golden,
-    bundle_bytes,
-    bundle_from_bytes,
-)
+from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.bundle.signature import MEMBER as SIGNATURE
 from tokt.models.bundle.signature import Signature
 from tokt.models.distribution import Distribution, bin_counts, drift_words, quantile_edges

@@ -395,11 +395,7 @@ def test_policies_where_one_detector_cannot_judge() -> None:
     alone = texture_and("fails", FallbackPolicy, texture_fails=True, warned=False)
     row("texture fails, and the pair does not fit (`fallback`)", alone, "frames by reason")
     warned = texture_and("fails", EitherPolicy, texture_fails=False, warned=True)
-    row(
-        "texture sees clear water, the pair does not match (`either`)",
-        warned,
-        "frames by reason",
-    )
+    row("texture sees clear water, the pair does not match (`either`)", warned, "frames by reason")
     fallen = texture_and("clear", FallbackPolicy, texture_fails=True, warned=False)
     assert ("clear", "detector_failed") in fallen.of("clear")
     row("texture fails, disparity judges (`fallback`)", fallen, "frames by reason: detector_failed")

@@ -154,10 +154,7 @@ def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent: Sent, hand_clock: An
 
 
 @given(
-    st.sampled_from([EMPTY, FULL, BLIND]),
-    st.floats(0, 100),
-    st.floats(0, 1),
-    st.floats(0.01, 10),
+    st.sampled_from([EMPTY, FULL, BLIND]), st.floats(0, 100), st.floats(0, 1), st.floats(0.01, 10)
 )
 def test_age_never_makes_a_clear(verdict: Any, age_s: float, part: float, stale_s: float) -> None:
     said = mark_stale(verdict, age_s, part * age_s, stale_s)

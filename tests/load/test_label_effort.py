@@ -14,12 +14,7 @@ from hypothesis.extra import numpy as npst
 from scipy import ndimage
 
 from tests.load.effort.effort import WAYS, label_on_page, wrong_labels
-from tests.load.effort.halves import (
-    labels_by_frame,
-    most_frequent_obstacle,
-    target_of,
-    two_halves,
-)
+from tests.load.effort.halves import labels_by_frame, most_frequent_obstacle, target_of, two_halves
 from tests.load.effort.session import FREE, drags
 from tests.load.page.mission import copy_frames
 from tests.load.page.tab import chromium

@@ -39,7 +39,7 @@ MODULE = re.compile(r"""\b(?:from|import)\b[\s(]*["'`](\.{0,2}/[^"'`]+)["'`]""")
 FILLED_IN = re.compile(r"\$\{[^}]*\}")
 
 pytestmark = [
-    pytest.mark.xdist_group("wheel"),  # it is built once
+    pytest.mark.xdist_group("wheel")  # it is built once
 ]
 on_posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 

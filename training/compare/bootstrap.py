@@ -98,10 +98,7 @@ def macro_f1(counts: _Counts) -> NDArray[np.float64]:
 
 
 def ranked_counts(
-    truth: NDArray[np.bool_],
-    score: NDArray[np.float64],
-    block: NDArray[np.int64],
-    blocks: int,
+    truth: NDArray[np.bool_], score: NDArray[np.float64], block: NDArray[np.int64], blocks: int
 ) -> _Counts:
     """Obstacle and clear patches between thresholds, best first, shape (blocks, thresholds, 2).
 

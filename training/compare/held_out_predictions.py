@@ -83,10 +83,7 @@ def _frames(table: pd.DataFrame, truth: NDArray[np.bool_], grid: Grid) -> pd.Dat
 
 
 def _predictions(
-    bundle: Bundle,
-    recipe: Mapping[str, Any],
-    table: pd.DataFrame,
-    frame: NDArray[np.int64],
+    bundle: Bundle, recipe: Mapping[str, Any], table: pd.DataFrame, frame: NDArray[np.int64]
 ) -> ModelPredictions:
     """A model on the patches of a table; `frame` is each one's row in the series."""
     columns = [name for name in table if str(name).startswith("value_")]

@@ -40,10 +40,7 @@ def _check_grids(bundles: Sequence[Bundle]) -> None:
 
 
 def check_unseen(
-    bundles: Sequence[Bundle],
-    mission: Mission,
-    frames: Sequence[int],
-    progress: Callable[..., Any],
+    bundles: Sequence[Bundle], mission: Mission, frames: Sequence[int], progress: Callable[..., Any]
 ) -> None:
     """Refuse models that learnt from the very frames they would be compared on.
 

@@ -208,10 +208,7 @@ def _pairs(
 
 
 def _ap_pair(ap: _Resampled, a: str, b: str, blocks: int) -> dict[str, Any]:
-    return {
-        "difference": ap.value(a) - ap.value(b),
-        "interval": _bounds(ap.change(a, b), blocks),
-    }
+    return {"difference": ap.value(a) - ap.value(b), "interval": _bounds(ap.change(a, b), blocks)}
 
 
 def _method(blocks: int, unit: str, questions: int) -> str:

@@ -222,10 +222,7 @@ def log_comparison(result: dict[str, Any], html: str, registry: Registry) -> str
     """
     labels = [model["model"] for model in result["models"]]
     experiment = registry.experiment_id()
-    with (
-        registry.reported(),
-        mlflow.start_run(experiment_id=experiment, run_name=RUN_NAME) as run,
-    ):
+    with registry.reported(), mlflow.start_run(experiment_id=experiment, run_name=RUN_NAME) as run:
         mlflow.set_tags(
             {
                 "kind": "compare",

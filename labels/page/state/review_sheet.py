@@ -41,10 +41,7 @@ class Patches(Sequence[Patch]):
     """Patches in order, made when they are looked at: there may be a million."""
 
     def __init__(
-        self,
-        cells: Sequence[CellName],
-        values: NDArray[np.float64],
-        order: NDArray[np.int64],
+        self, cells: Sequence[CellName], values: NDArray[np.float64], order: NDArray[np.int64]
     ) -> None:
         self._cells, self._values, self._order = cells, values, order
 
@@ -110,10 +107,7 @@ class PatchRanker:
         self._last: tuple[Hashable, str, Ranked] | None = None
 
     def patches(
-        self,
-        cells_by_class: Mapping[str, Sequence[CellName]],
-        label: str,
-        version: Hashable = None,
+        self, cells_by_class: Mapping[str, Sequence[CellName]], label: str, version: Hashable = None
     ) -> Ranked:
         """The patches of a label, odd ones first.
 

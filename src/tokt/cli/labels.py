@@ -35,8 +35,7 @@ labels_app = typer.Typer(
 )
 
 LabelFile = Annotated[
-    Path,
-    typer.Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches."),
+    Path, typer.Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches.")
 ]
 FormatOption = Annotated[
     str | None,

@@ -66,9 +66,7 @@ def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = Fal
 
 @models_app.command("show")
 def show(
-    model: ModelArgument,
-    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
-    json: JsonOption = False,
+    model: ModelArgument, workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False
 ) -> None:
     """Show a model's card: description, figures, origin."""
     from tokt.models.registry.load import load_model
@@ -309,8 +307,7 @@ def store(
     trust: Annotated[
         Path | None,
         typer.Option(
-            metavar="KEY.pub",
-            help="Trust this key; accept only signed bundles from now on.",
+            metavar="KEY.pub", help="Trust this key; accept only signed bundles from now on."
         ),
     ] = None,
     distrust: Annotated[

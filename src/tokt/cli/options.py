@@ -16,10 +16,7 @@ DEFAULT_WORKSPACE = Path(".tokt")
 WorkspaceOption = Annotated[
     Path,
     typer.Option(
-        "--workspace",
-        metavar="DIR",
-        help="Folder that holds tokt's state.",
-        show_default=True,
+        "--workspace", metavar="DIR", help="Folder that holds tokt's state.", show_default=True
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]

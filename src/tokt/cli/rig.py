@@ -10,12 +10,7 @@ import typer
 
 from tokt.features.common.errors import ToktError
 
-from .options import (
-    FramesOption,
-    JsonOption,
-    describe_calibration_file,
-    read_calibration_file,
-)
+from .options import FramesOption, JsonOption, describe_calibration_file, read_calibration_file
 from .output import print_json, progress, say
 
 if TYPE_CHECKING:

@@ -178,8 +178,7 @@ def reproduce(
         Path, typer.Option("-o", "--output", help="Folder for report.html, results.json, tables.")
     ],
     ocean: Annotated[
-        Path | None,
-        typer.Option(help="The thesis's image of open ocean. Default: an early frame."),
+        Path | None, typer.Option(help="The thesis's image of open ocean. Default: an early frame.")
     ] = None,
     other: Annotated[
         Path | None,
@@ -194,8 +193,7 @@ def reproduce(
         typer.Option(help="Mask of --dark drawn by a person: white where an obstacle is."),
     ] = None,
     calibration: Annotated[
-        Path | None,
-        typer.Option(help="Stereo calibration. Default: calibrate from the frames."),
+        Path | None, typer.Option(help="Stereo calibration. Default: calibrate from the frames.")
     ] = None,
     labels: Annotated[
         Path | None,
@@ -270,15 +268,11 @@ def bench(
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(
-            help="Number of frames to compare results on. Default: all.",
-            min=1,
-        ),
+        typer.Option(help="Number of frames to compare results on. Default: all.", min=1),
     ] = None,
-    out: Annotated[
-        Path,
-        typer.Option(help="Folder for bench.json and bench.png."),
-    ] = Path("bench-out"),
+    out: Annotated[Path, typer.Option(help="Folder for bench.json and bench.png.")] = Path(
+        "bench-out"
+    ),
     quick: Annotated[
         bool, typer.Option("--quick", help="Measure few frames, few times: a first look only.")
     ] = False,

@@ -12,10 +12,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
 grids = st.builds(
-    Grid,
-    rows=st.integers(1, 14),
-    cols=st.integers(1, 14),
-    width=st.none() | st.integers(42, 500),
+    Grid, rows=st.integers(1, 14), cols=st.integers(1, 14), width=st.none() | st.integers(42, 500)
 )
 sides = st.integers(1, 400)
 

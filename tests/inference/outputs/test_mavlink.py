@@ -405,10 +405,7 @@ def test_without_pymavlink_the_extra_is_named(tmp_path: Path) -> None:
 
 
 def test_the_command_sends_what_the_frames_show(
-    make_mission: Callable[..., Path],
-    bundle_file: Path,
-    receiver: socket.socket,
-    closed_port: int,
+    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, closed_port: int
 ) -> None:
     folder = make_mission([[(4, 0)], [(4, 9)], []])  # something left, something right, water
     command = [

@@ -57,11 +57,7 @@ PICTURES = st.none() | arrays(
 @given(
     frames=st.lists(
         st.tuples(
-            st.integers(0, 10**9),
-            st.floats(0, 2e9),
-            PICTURES,
-            PICTURES,
-            st.integers(0, 1_000_000),
+            st.integers(0, 10**9), st.floats(0, 2e9), PICTURES, PICTURES, st.integers(0, 1_000_000)
         ),
         max_size=4,
     ),

@@ -101,10 +101,7 @@ BARREL = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) turns back at r
         ({"K2": CAMERA * [[1.1], [1.1], [1]]}, "focal lengths of the cameras differ"),
         ({"K1": CAMERA * [[1], [1.03], [1]]}, "fx and fy differ by more than 2 %"),
         ({"K1": np.add(CAMERA, [[0, 0, 150], [0, 0, 0], [0, 0, 0]])}, "150 px from the"),
-        (
-            {"K1": np.add(CAMERA, [[0, 6, 0], [0, 0, 0], [0, 0, 0]])},
-            "skew 6 px is left.* 2.4 px",
-        ),
+        ({"K1": np.add(CAMERA, [[0, 6, 0], [0, 0, 0], [0, 0, 0]])}, "skew 6 px is left.* 2.4 px"),
         ({"D1": BARREL}, "folds back 243 px"),  # 600 * 0.6086 * 2 / 3
         ({"D1": -BARREL}, None),
         ({"D2": np.array([0, 0, 0.1, 0, 0])}, "order k1 k2 p1 p2 k3"),

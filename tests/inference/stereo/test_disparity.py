@@ -74,9 +74,7 @@ def sea() -> np.ndarray:
     return left
 
 
-def test_a_saturated_pair_can_show_an_obstacle_but_is_never_clear(
-    plain: DisparityDetector,
-) -> None:
+def test_a_saturated_pair_can_show_an_obstacle_but_is_never_clear(plain: DisparityDetector) -> None:
     left, right = pair(700, y=650)
     left[:600], right[:600] = 255, 255
     found = plain.detect(Frame(1, 0.0, left, right))

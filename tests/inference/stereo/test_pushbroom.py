@@ -107,9 +107,7 @@ def fence() -> np.ndarray:
 
 @pytest.mark.parametrize("texture", [slanting_bar, fence])
 def test_what_matches_at_other_disparities_as_well_is_no_hit(
-    detector: PushbroomDetector,
-    texture: Callable[[], np.ndarray],
-    monkeypatch: pytest.MonkeyPatch,
+    detector: PushbroomDetector, texture: Callable[[], np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     between = draw(3.5, texture(), x=560)
     assert not detector.look(*between).any()
@@ -124,9 +122,7 @@ def test_a_wrong_right_frame_gives_no_hit(detector: PushbroomDetector) -> None:
     assert not detector.look(left, EMPTY[1]).any()
 
 
-def test_an_obstacle_is_remembered_for_some_frames_as_it_was(
-    detector: PushbroomDetector,
-) -> None:
+def test_an_obstacle_is_remembered_for_some_frames_as_it_was(detector: PushbroomDetector) -> None:
     first = detector.detect(Frame(1, 0.0, *draw(4.0)))
     then = detector.detect(Frame(2, 0.0, *EMPTY))
     assert then.distance_m == first.distance_m and (corners(then) == corners(first)).all()
@@ -211,9 +207,7 @@ def test_a_camera_that_sees_nothing_makes_no_clear(detector: PushbroomDetector) 
     assert is_clear(detector.detect(Frame(5, 0.0, noise(7), noise(8))))
 
 
-def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(
-    detector: PushbroomDetector,
-) -> None:
+def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector: PushbroomDetector) -> None:
     left, right = EMPTY
     cases = {
         "no right": Frame(1, 0.0, left, None, NO_FAULT, Fault(Reason.MISSING, "no right frame 1")),

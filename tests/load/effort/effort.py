@@ -20,14 +20,7 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
-from .halves import (
-    Half,
-    labels_by_frame,
-    most_frequent_obstacle,
-    target_of,
-    train_on,
-    two_halves,
-)
+from .halves import Half, labels_by_frame, most_frequent_obstacle, target_of, train_on, two_halves
 from .session import FREE, LabelSession, Target, Workflow
 
 if TYPE_CHECKING:

@@ -211,10 +211,7 @@ def run_label_bench(
         if mission is None:
             say("-- render a mission")
             simulate_mission(
-                folder / "rendered",
-                n_frames=extent.rendered,
-                width=extent.width,
-                progress=progress,
+                folder / "rendered", n_frames=extent.rendered, width=extent.width, progress=progress
             )
         shown = open_mission(mission or folder / "rendered")
         if EFFORT in parts:

@@ -23,11 +23,7 @@ from tokt.studies.baselines.thesis_texture import GRID, haralick_directions
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.speed.cases import HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame
 from tokt.studies.speed.haralick_agreement import HaralickAgreement
-from tokt.studies.speed.models import (
-    FEATURE_SETS,
-    examples_from_two_images,
-    fit_extractor_pair,
-)
+from tokt.studies.speed.models import FEATURE_SETS, examples_from_two_images, fit_extractor_pair
 from tokt.studies.speed.paired_timing import BASELINE, OURS, in_turns, result, single_thread
 from tokt.studies.speed.process_cases import first_verdict
 from tokt.studies.speed.report import about_lines

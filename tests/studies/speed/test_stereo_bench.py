@@ -157,12 +157,7 @@ def test_both_cases_of_a_mission(
 def test_times_by_kind() -> None:
     times = {BASELINE: np.array([4.0, 1, 8, 4, 1, 8]), OURS: np.array([2.0, 1, 2, 2, 1, 2])}
     found = by_kind(times, np.array([True, False, True]))
-    assert found["with_obstacle"] == {
-        "pairs": 2,
-        "baseline_ms": 6000,
-        "ours_ms": 2000,
-        "ratio": 3,
-    }
+    assert found["with_obstacle"] == {"pairs": 2, "baseline_ms": 6000, "ours_ms": 2000, "ratio": 3}
     assert found["without_obstacle"]["ratio"] == 1
     assert by_kind(times, np.zeros(3, bool))["with_obstacle"] is None
 

@@ -288,11 +288,7 @@ def test_points_that_stand_alone_are_left_out() -> None:
 
 @given(
     st.lists(
-        st.tuples(
-            *[st.floats(-1e6, 1e6, width=32)] * 3,
-            *[st.integers(0, 255)] * 3,
-        ),
-        max_size=5,
+        st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3, *[st.integers(0, 255)] * 3), max_size=5
     ),
     st.text(max_size=20),
 )

@@ -165,10 +165,7 @@ class Rig:
         """By name, the derivative of the left and of the right pixels, (n, 2) each."""
         none = np.zeros(left.shape[:2])
         ratio, focal = self.values["focal_ratio"], self.values["focal"]
-        by_focal = (
-            left[..., _F] @ [1.0, self.aspect[0]],
-            right[..., _F] @ [1.0, self.aspect[1]],
-        )
+        by_focal = (left[..., _F] @ [1.0, self.aspect[0]], right[..., _F] @ [1.0, self.aspect[1]])
         columns = {f"rotation_{axis}": (none, right[..., i]) for i, axis in enumerate("xyz")}
         by_direction = right[..., _T] @ self._direction_slopes()
         columns |= {f"direction_{a}": (none, by_direction[..., i]) for i, a in enumerate("yz")}

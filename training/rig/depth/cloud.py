@@ -50,10 +50,7 @@ class PointCloud:
 
 
 def cloud_of(
-    rectifier: Rectifier,
-    matches: Matches,
-    left: NDArray[np.uint8],
-    farthest_m: float = FARTHEST_M,
+    rectifier: Rectifier, matches: Matches, left: NDArray[np.uint8], farthest_m: float = FARTHEST_M
 ) -> PointCloud:
     """The points that one pair shows.
 

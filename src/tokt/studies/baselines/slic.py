@@ -58,11 +58,7 @@ class SlicTexture:
 
     @classmethod
     def train(
-        cls,
-        ocean: NDArray[np.uint8],
-        other: NDArray[np.uint8],
-        describe: DescribePatch,
-        name: str,
+        cls, ocean: NDArray[np.uint8], other: NDArray[np.uint8], describe: DescribePatch, name: str
     ) -> SlicTexture:
         """Train as the thesis's program does: on all superpixels of two images.
 

@@ -168,11 +168,7 @@ class LbpKernel(Case[Picture]):
 
     def findings(self) -> dict[str, Any]:
         """Patches looked at, and those with another count."""
-        return {
-            "of": KERNEL_WORK,
-            "patches_checked": self.checked,
-            "patches_different": self.wrong,
-        }
+        return {"of": KERNEL_WORK, "patches_checked": self.checked, "patches_different": self.wrong}
 
 
 class HaralickKernel(Case[Picture]):
@@ -212,11 +208,7 @@ class HaralickKernel(Case[Picture]):
 
     def findings(self) -> dict[str, Any]:
         """How near the features were."""
-        return {
-            "of": KERNEL_WORK,
-            "patches_checked": self.checked,
-            **self._agreement.to_json(),
-        }
+        return {"of": KERNEL_WORK, "patches_checked": self.checked, **self._agreement.to_json()}
 
 
 class WholeFrame(Case[Picture]):

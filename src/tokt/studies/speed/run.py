@@ -28,15 +28,7 @@ from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .cases import (
-    BestFrame,
-    Case,
-    HaralickKernel,
-    LbpKernel,
-    Picture,
-    WholeFrame,
-    textured_frame,
-)
+from .cases import BestFrame, Case, HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame
 from .models import (
     FEATURE_SETS,
     ModelPair,

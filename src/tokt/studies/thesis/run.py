@@ -70,10 +70,7 @@ EXHIBITS: tuple[Planned, ...] = (
 
 
 def run_reproduce(
-    request: ReproduceRequest,
-    say: Say,
-    progress: Progress,
-    exhibits: Sequence[Planned] = EXHIBITS,
+    request: ReproduceRequest, say: Say, progress: Progress, exhibits: Sequence[Planned] = EXHIBITS
 ) -> dict[str, Any]:
     """Make every exhibit and write them into the request's folder.
 

@@ -115,8 +115,7 @@ def test_two_cameras_share_the_bandwidth(simulator, delivered):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["1", RIGHT_ID, "02-2130A-06002", "169.254.1.2", "00:0F:31:00:00:02", "000F31000002"],
+    "name", ["1", RIGHT_ID, "02-2130A-06002", "169.254.1.2", "00:0F:31:00:00:02", "000F31000002"]
 )
 def test_all_the_ways_to_name_a_camera(name, simulator, delivered):
     one = started(driver(name, pixel_format="Mono8"), delivered)

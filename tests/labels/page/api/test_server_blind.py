@@ -140,10 +140,7 @@ def test_actions_undo_and_seen(server) -> None:
 
 
 def test_events(server) -> None:
-    with (
-        server.events(who="anna", blind=1) as blind,
-        server.events(who="anna", blind=0) as seeing,
-    ):
+    with server.events(who="anna", blind=1) as blind, server.events(who="anna", blind=0) as seeing:
         assert blind.next("status")["model"] is None
         assert seeing.next("status")["model"]["total"] == 40
         server.paint("e1", 5, [0], THEIRS, who=OTHERS)

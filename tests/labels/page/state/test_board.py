@@ -175,10 +175,7 @@ _said = st.tuples(
 @settings(max_examples=scaled(15))
 @given(st.lists(st.lists(_said, max_size=8), min_size=1, max_size=3))
 def test_board_says_what_the_store_says(parts) -> None:
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        LabelStore(Path(folder) / "labels.db") as store,
-    ):
+    with tempfile.TemporaryDirectory() as folder, LabelStore(Path(folder) / "labels.db") as store:
         board = _board(store)
         for part in parts:
             for who, (camera, frame), cell, label, source in part:

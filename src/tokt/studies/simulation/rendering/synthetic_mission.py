@@ -264,11 +264,7 @@ def _scene_json(scene: MissionScene, frames: list[RenderedFrame]) -> str:
         "least_contrast_grey_levels": MIN_CONTRAST,
         "water": scene.water.to_json(),
         "frames": [
-            {
-                "frame": frame.number,
-                "nearest_m": frame.nearest_m,
-                "to_collar_m": frame.to_collar_m,
-            }
+            {"frame": frame.number, "nearest_m": frame.nearest_m, "to_collar_m": frame.to_collar_m}
             for frame in frames
         ],
     }

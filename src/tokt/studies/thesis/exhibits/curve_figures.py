@@ -171,10 +171,7 @@ def _words(context: StudyContext) -> tuple[str, ...]:
 
 
 def _tables(
-    context: StudyContext,
-    scores: Scores,
-    together: pd.DataFrame,
-    nearness: Nearness,
+    context: StudyContext, scores: Scores, together: pd.DataFrame, nearness: Nearness
 ) -> tuple[Table, ...]:
     curves = context.curves
     titles = {name: method.title for name, method in curves.methods.items()}

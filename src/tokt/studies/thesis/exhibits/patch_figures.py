@@ -56,11 +56,7 @@ _APART, _DISTANCE_AREA, _MODEL_AREA = (
     "ROC area, distance from ocean",
     "ROC area, the thesis's model",
 )
-_QUOTED = {
-    _APART: "hellinger",
-    _DISTANCE_AREA: "distance_roc_area",
-    _MODEL_AREA: "model_roc_area",
-}
+_QUOTED = {_APART: "hellinger", _DISTANCE_AREA: "distance_roc_area", _MODEL_AREA: "model_roc_area"}
 """By column, the end of the name of a figure that other pages quote."""
 
 Cells = Mapping[str, int]

@@ -33,11 +33,7 @@ from tokt.studies.thesis.frame_drawing import (
     show_frame,
     show_mask,
 )
-from tokt.studies.thesis.patch_scores import (
-    PatchScore,
-    patches_of_mask,
-    score_patches,
-)
+from tokt.studies.thesis.patch_scores import PatchScore, patches_of_mask, score_patches
 
 from .runtime_tables import agreement_of
 

@@ -282,10 +282,7 @@ def _undistort(left: Image, right: Image) -> None:
 
 
 def tokt_texture(
-    extractor: Extractor,
-    model: LinearModel,
-    key: str = "tokt_texture",
-    title: str = "tokt texture",
+    extractor: Extractor, model: LinearModel, key: str = "tokt_texture", title: str = "tokt texture"
 ) -> TimedMethod:
     """A texture model as tokt deploys it: its kernels, and one matrix product for all patches."""
 
