@@ -54,14 +54,15 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out what a run of some tiers has no test of: importing it takes longer than most tests.
 
-    A file of the core may hold tests that are marked with another tier.
+    A file of the core may hold tests that are marked with another tier, any file tests of the real
+    mission.
     """
     chosen = config.option.markexpr
     if not chosen or collection_path.suffix != ".py" or tier_of(collection_path) is CORE:
         return None
     names = {tier_of(collection_path).name, *(["proof"] if is_proof(collection_path) else [])}
-    kept = Expression.compile(chosen).evaluate(lambda name, **_: name in names)
-    return None if kept else True
+    fits = Expression.compile(chosen).evaluate
+    return None if fits(names.__contains__) or fits({*names, "mission"}.__contains__) else True
 
 
 def pytest_collectstart(collector: pytest.Collector) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from _pytest.mark.expression import Expression
 
+from tests.conftest import pytest_ignore_collect
 from tests.tiers import CORE, HERE, PROOF, TIERS, is_proof, tier_of
 
 ROOT = HERE.parent
@@ -68,6 +70,13 @@ def test_make_test_has_the_proof_and_the_rest_is_run_after_it() -> None:
     assert everything == "$(PYTEST)"
     landing = re.findall(r"^make .*$", (ROOT / ".ci" / "run").read_text("utf-8"), re.MULTILINE)
     assert landing == ["make test EXAMPLES=full", "make test-rest", "make check"]
+
+
+def test_a_run_of_the_missions_tests_leaves_none_of_their_files_out() -> None:
+    config = SimpleNamespace(option=SimpleNamespace(markexpr="mission"))
+    files = [path for path in FILES if "pytest.mark.mission" in path.read_text("utf-8")]
+    assert any(tier_of(path) is not CORE for path in files)
+    assert [path for path in files if pytest_ignore_collect(path, config)] == []
 
 
 def test_every_test_carries_one_tier(request: pytest.FixtureRequest) -> None:
