@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from tests.waiting import MAX_S
 from tokt.features.extractors.extractor import extractor_named
-from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import Quantization
 from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
@@ -99,9 +98,7 @@ class NoiseScorer:
     def model(self) -> NoiseScorer:
         return self
 
-    def features(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
-    ) -> NDArray[np.float64]:
+    def features(self, frame, pictures=None, threads=1) -> NDArray[np.float64]:
         height, width = self.grid.resized(*frame.shape[:2])
         gray = frame if frame.ndim == 2 else frame.mean(axis=2).astype(np.uint8)
         cells = self.grid.cells(np.asarray(cv2.resize(gray, (width, height))))

@@ -11,11 +11,9 @@ import cv2
 import numpy as np
 
 from tokt.features.frames.mission import open_mission
-from tokt.inference.clock import SYSTEM_STOPWATCH, Clock, Stopwatch
-from tokt.inference.frame import Source
-from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.clock import SYSTEM_STOPWATCH, Clock
+from tokt.inference.policy.assembly import Assembly, assemble
 from tokt.inference.policy.temporal_cues import Anchor
-from tokt.inference.publisher import Observer
 from tokt.inference.recording.run_log import RunLog, new_run_id
 from tokt.inference.recording.run_start import START, ModelName, RunStart, UsedFile
 from tokt.inference.report import Event, EventQueue
@@ -26,13 +24,7 @@ from tokt.models.bundle.bundle import Bundle, Golden, bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 
-def variant(
-    like: Path,
-    path: Path,
-    threshold: float = 0.0,
-    rule: MofNRule | None = None,
-    golden: np.ndarray | None = None,
-) -> Path:
+def variant(like, path, threshold=0.0, rule=None, golden=None) -> Path:
     """A bundle with another threshold or frame rule, or for frames of another size."""
     bundle = read_bundle(like)
     content = bundle.content
@@ -84,17 +76,17 @@ class Switch:
 
 
 def log_run(
-    source: Source,
-    start: RunStart,
-    log: Path,
-    clock: Clock,
-    model: Bundle | Callable[[], Bundle],
-    stereo: StereoSetup | None = None,
-    stopwatch: Stopwatch = SYSTEM_STOPWATCH,
-    switch: Switch | None = None,
-    observers: Callable[[str], Sequence[Observer]] = lambda run: (),
-    values: bool = True,
-) -> str:
+    source,
+    start,
+    log,
+    clock,
+    model,
+    stereo=None,
+    stopwatch=SYSTEM_STOPWATCH,
+    switch=None,
+    observers=lambda run: (),
+    values=True,
+):
     """Run a source to its end, with a log; its run's id."""
     run = new_run_id(clock)
     load = model if callable(model) else lambda: model

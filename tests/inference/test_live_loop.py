@@ -62,8 +62,8 @@ def silence(clock: HandClock, said: list[Any]) -> None:
 
 
 def test_unknown_is_said_before_between_and_after_frames(
-    noise_scorer: Any, draw_frame: Draw, receiver: Any, hand_clock: HandClock
-) -> None:
+    noise_scorer, draw_frame, receiver, hand_clock
+):
     source, listener = HandSource(hand_clock), Listener()
     sender = UdpSender(*receiver.getsockname(), 2)
     policy = SinglePolicy(TextureDetector(noise_scorer))
@@ -86,8 +86,8 @@ def test_unknown_is_said_before_between_and_after_frames(
 
 
 def test_a_detector_that_hangs_is_told_of_and_its_late_clear_is_not_believed(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
+    noise_scorer, draw_frame, hand_clock
+):
     source, slow = HandSource(hand_clock), Slow(noise_scorer)
     said: list[Report] = []
 
@@ -114,9 +114,7 @@ def test_a_detector_that_hangs_is_told_of_and_its_late_clear_is_not_believed(
     assert [one.verdict.status for one in said] == [UNKNOWN, UNKNOWN, UNKNOWN, OBSTACLE]
 
 
-def test_a_loop_that_is_too_slow_judges_the_newest_frame(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
+def test_a_loop_that_is_too_slow_judges_the_newest_frame(noise_scorer, draw_frame, hand_clock):
     source, slow, listener = HandSource(hand_clock), Slow(noise_scorer), Listener()
     runtime = Runtime(source, SinglePolicy(slow), [], hand_clock, [listener], Limits(60, 60))
     thread, ended = run(runtime)
@@ -135,9 +133,7 @@ def test_a_loop_that_is_too_slow_judges_the_newest_frame(
     assert (ended[0].dropped, ended[0].reasons["overload"]) == (4, 1)
 
 
-def test_a_frame_that_waited_too_long_is_stale(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
+def test_a_frame_that_waited_too_long_is_stale(noise_scorer, draw_frame, hand_clock) -> None:
     source, listener = HandSource(hand_clock), Listener()
     policy = SinglePolicy(TextureDetector(noise_scorer))
     thread, _ = run(Runtime(source, policy, [], hand_clock, [listener]))
@@ -149,9 +145,7 @@ def test_a_frame_that_waited_too_long_is_stale(
     assert (verdict.status, verdict.reason) == (UNKNOWN, Reason.STALE)
 
 
-def test_a_source_that_dies_ends_the_loop_with_its_error(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
+def test_a_source_that_dies_ends_the_loop_with_its_error(noise_scorer, draw_frame, hand_clock):
     source, listener = HandSource(hand_clock), Listener()
     policy = SinglePolicy(TextureDetector(noise_scorer))
     thread, ended = run(Runtime(source, policy, [], hand_clock, [listener]))
@@ -177,8 +171,8 @@ def test_a_heartbeat_that_dies_ends_the_loop(noise_scorer: Any, hand_clock: Hand
 
 
 def test_the_loop_shows_that_it_lives_and_does_what_is_to_be_done_between_frames(
-    noise_scorer: Any, hand_clock: HandClock
-) -> None:
+    noise_scorer, hand_clock
+):
     source, listener = HandSource(hand_clock), Listener()
     signs: list[threading.Thread] = []
     rounds: list[threading.Thread] = []

@@ -50,9 +50,7 @@ def publisher(sent: Sent, hand_clock: Any) -> ReportPublisher:
     return ReportPublisher([sent], hand_clock, Limits(), live=True)
 
 
-def test_a_report_has_frame_time_age_and_latency(
-    publisher: ReportPublisher, sent: Sent, hand_clock: Any
-) -> None:
+def test_a_report_has_frame_time_age_and_latency(publisher, sent, hand_clock) -> None:
     frame = a_frame(hand_clock, 7)
     hand_clock.now += 0.1  # it waits
     publisher.begin(frame)
@@ -68,8 +66,8 @@ def test_a_report_has_frame_time_age_and_latency(
     ("waits_s", "takes_s", "reason"), [(0.6, 0.01, Reason.STALE), (0.3, 0.3, Reason.LATE)]
 )
 def test_an_old_clear_is_unknown_and_an_old_obstacle_stays(
-    publisher: ReportPublisher, hand_clock: Any, waits_s: float, takes_s: float, reason: Reason
-) -> None:
+    publisher, hand_clock, waits_s, takes_s, reason
+):
     said = []
     for verdict in (EMPTY, FULL, BLIND):
         frame = a_frame(hand_clock)
@@ -85,9 +83,7 @@ def test_an_old_clear_is_unknown_and_an_old_obstacle_stays(
     assert all(" ms old" in one.health for one in said[:2])
 
 
-def test_the_time_of_day_has_no_say_in_a_frame_s_age(
-    publisher: ReportPublisher, hand_clock: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_time_of_day_has_no_say_in_a_frame_s_age(publisher, hand_clock, monkeypatch) -> None:
     frame = a_frame(hand_clock)
     monkeypatch.setattr(hand_clock, "time", lambda: 0.0)  # set back by years
     publisher.begin(frame)
@@ -96,9 +92,7 @@ def test_the_time_of_day_has_no_say_in_a_frame_s_age(
     assert report.age_ms == pytest.approx(20) and report.verdict.status == CLEAR
 
 
-def test_silence_is_broken_by_unknown_with_the_reason(
-    publisher: ReportPublisher, sent: Sent, hand_clock: Any
-) -> None:
+def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_clock) -> None:
     hand_clock.now += 0.49
     publisher.heartbeat()
     assert not sent.reports
@@ -132,9 +126,7 @@ def test_silence_is_broken_by_unknown_with_the_reason(
     assert publisher.heartbeats() == []
 
 
-def test_frames_that_there_was_no_time_for_are_told(
-    publisher: ReportPublisher, hand_clock: Any
-) -> None:
+def test_frames_that_there_was_no_time_for_are_told(publisher: ReportPublisher, hand_clock: Any):
     frame = a_frame(hand_clock)
     publisher.begin(frame)
     report = publisher.publish(frame, Judgement(EMPTY), left_out=2)

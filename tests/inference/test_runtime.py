@@ -4,7 +4,6 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +28,8 @@ def lines(path: Path) -> list[dict[str, Any]]:
 
 
 def test_every_frame_has_a_line_whatever_happens_to_it(
-    make_mission: Callable[..., Path], noise_scorer: Any, hand_clock: Any, tmp_path: Path
-) -> None:
+    make_mission, noise_scorer, hand_clock, tmp_path
+):
     folder = make_mission([[], [(4, 4)], [], [(1, 1)], []])
     (folder / "Left" / "t_L_3.jpg").write_bytes(b"\xff\xd8 not much of a picture")
 
@@ -56,8 +55,8 @@ def test_every_frame_has_a_line_whatever_happens_to_it(
 
 
 def test_no_receiver_never_slows_or_stops_the_loop(
-    make_mission: Callable[..., Path], noise_scorer: Any, closed_port: int, tmp_path: Path
-) -> None:
+    make_mission, noise_scorer, closed_port, tmp_path
+):
     folder = make_mission([[(1, 1)]] * 40)
     senders = [UdpSender("127.0.0.1", closed_port, version) for version in (1, 2)]
     took: list[float] = []
@@ -82,9 +81,7 @@ def test_no_receiver_never_slows_or_stops_the_loop(
     assert np.median(took) < 0.1  # one that waited for an answer would wait a second and more
 
 
-def test_a_receiver_that_does_not_read_never_slows_the_loop(
-    noise_scorer: Any, receiver: Any, draw_frame: Callable[..., np.ndarray]
-) -> None:
+def test_a_receiver_that_does_not_read_never_slows_the_loop(noise_scorer, receiver, draw_frame):
     class Same:
         live = False
 
@@ -102,9 +99,7 @@ def test_a_receiver_that_does_not_read_never_slows_the_loop(
     assert summary.frames == 500  # where it waited for room, it would wait for ever
 
 
-def test_datagrams_carry_what_the_log_says(
-    make_mission: Callable[..., Path], noise_scorer: Any, receiver: Any, tmp_path: Path
-) -> None:
+def test_datagrams_carry_what_the_log_says(make_mission, noise_scorer, receiver, tmp_path) -> None:
     folder = make_mission([[], [(4, 4), (7, 2)]])
     sender = UdpSender(*receiver.getsockname(), 2)
     log = RunLog(tmp_path / "log.jsonl", "a-run", values=True)
@@ -119,9 +114,7 @@ def test_datagrams_carry_what_the_log_says(
         assert {name: line[name] for name in heard} == heard
 
 
-def test_logged_decision_values_are_exact(
-    make_mission: Callable[..., Path], noise_scorer: Any, tmp_path: Path
-) -> None:
+def test_logged_decision_values_are_exact(make_mission, noise_scorer, tmp_path) -> None:
     folder = make_mission([[(4, 4)]])
     log = RunLog(tmp_path / "log.jsonl", "a-run", values=True)
     source = open_source(str(folder), SYSTEM_CLOCK)
@@ -136,9 +129,7 @@ def test_logged_decision_values_are_exact(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
-def test_a_full_disk_is_counted_and_the_loop_goes_on(
-    make_mission: Callable[..., Path], noise_scorer: Any, tmp_path: Path
-) -> None:
+def test_a_full_disk_is_counted_and_the_loop_goes_on(make_mission, noise_scorer, tmp_path) -> None:
     (tmp_path / "log.jsonl").symlink_to("/dev/full")
     log = RunLog(tmp_path / "log.jsonl", "a-run")
     source = open_source(str(make_mission([[]] * 3)), SYSTEM_CLOCK)

@@ -20,12 +20,7 @@ from tokt.models.store.store import Store
 TWO = (("ocean", False), ("other", True))
 
 
-def small_content(
-    seed: int = 0,
-    extractor: str = "lbp",
-    classes: tuple[tuple[str, bool], ...] = TWO,
-    name: str = "small",
-) -> BundleContent:
+def small_content(seed=0, extractor="lbp", classes=TWO, name="small") -> BundleContent:
     """What a bundle of a 2x3 grid on 48x32 frames holds.
 
     The golden values come from the scaler and the classifier apart, not from the folded model.

@@ -7,7 +7,7 @@ import io
 import json
 import warnings
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from tokt.features.common.canonical import json_sha256
@@ -22,10 +22,7 @@ def unpack(data: bytes) -> Members:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def pack(
-    members: Mapping[str, bytes] | Iterable[tuple[str, bytes]],
-    compression: int = zipfile.ZIP_STORED,
-) -> bytes:
+def pack(members, compression=zipfile.ZIP_STORED) -> bytes:
     """A zip of members; of pairs, a name may be there twice."""
     pairs = members.items() if isinstance(members, Mapping) else members
     buffer = io.BytesIO()

@@ -58,9 +58,7 @@ def write_and_kill(tmp_path: Path) -> Iterator[Callable[[float], None]]:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
-def test_killed_writers_leave_whole_content(
-    tmp_path: Path, write_and_kill: Callable[[float], None]
-) -> None:
+def test_killed_writers_leave_whole_content(tmp_path, write_and_kill) -> None:
     assert signal.SIGKILL
     delays = random.Random(1)
     (tmp_path / "file").write_bytes(b"a" * SIZE)

@@ -86,9 +86,7 @@ def test_formats_without_a_mosaic_keep_their_pixels(height: int, width: int) -> 
     kind=st.sampled_from([bytes, bytearray, memoryview, np.asarray]),
     reuse=st.booleans(),
 )
-def test_a_frame_never_changes_with_the_driver_s_buffer(
-    pixel_format: str, height: int, width: int, kind: type, reuse: bool
-) -> None:
+def test_a_frame_never_changes_with_the_driver_s_buffer(pixel_format, height, width, kind, reuse):
     buffer = raw_data(pixel_format, height, width)
     expected = frame_from_camera(buffer.copy(), height, width, pixel_format)
     shape = (height, width) if pixel_format == "Mono8" else (height, width, 3)
@@ -107,9 +105,7 @@ def test_a_frame_never_changes_with_the_driver_s_buffer(
     width=sizes,
     off=st.integers(-8, 8).filter(bool),
 )
-def test_data_of_another_size_are_refused(
-    pixel_format: str, height: int, width: int, off: int
-) -> None:
+def test_data_of_another_size_are_refused(pixel_format: str, height: int, width: int, off: int):
     right = raw_size(pixel_format, height, width)
     with pytest.raises(ValueError, match=f"{width}x{height} has {right} bytes, not {right + off}"):
         frame_from_camera(bytes(right + off), height, width, pixel_format)

@@ -146,9 +146,7 @@ def test_junk(head: bytes, data: bytes) -> None:
         max_size=4,
     )
 )
-def test_damaged_pictures(
-    picture: tuple[bytes, Image], edits: list[tuple[float, int, bool]]
-) -> None:
+def test_damaged_pictures(picture: tuple[bytes, Image], edits: list[tuple[float, int, bool]]):
     """Up to four bytes replaced, in the headers or anywhere."""
     data = bytearray(picture[0])
     for where, value, anywhere in edits:

@@ -167,9 +167,7 @@ def test_truncated_video(video: Path, tmp_path: Path, share: float) -> None:
 
 
 @pytest.mark.parametrize("damage", [b"\x00", b"\xff\xd8"])
-def test_a_damaged_frame_does_not_move_the_numbers(
-    video: Path, tmp_path: Path, damage: bytes
-) -> None:
+def test_a_damaged_frame_does_not_move_the_numbers(video: Path, tmp_path: Path, damage: bytes):
     data = bytearray(video.read_bytes())
     position = data.index(b"movi")
     for _ in range(6):

@@ -81,9 +81,7 @@ def test_any_size(kernels: Kernels, data: st.DataObject) -> None:
 @pytest.mark.parametrize("depth", [(), (3,)])
 @pytest.mark.parametrize("down", TIES)
 @pytest.mark.parametrize("across", TIES)
-def test_sums_halfway_between_two_grey_levels(
-    kernels: Kernels, down: tuple[int, int], across: tuple[int, int], depth: tuple[int, ...]
-) -> None:
+def test_sums_halfway_between_two_grey_levels(kernels, down, across, depth) -> None:
     """Stripes and noise of two neighbouring levels, and noise of all levels."""
     shape = down[0] * 7, across[0] * 11, *depth
     height, width = down[1] * 7, across[1] * 11
@@ -99,9 +97,7 @@ def test_sums_halfway_between_two_grey_levels(
 @fast
 @pytest.mark.parametrize("size", [(1500, 2000), (2000, 700), (700, 3000)])
 @pytest.mark.parametrize("target", [(3, 4), (5, 5), (1, 1), (7, 2), (11, 60)])
-def test_reductions_by_hundreds(
-    kernels: Kernels, size: tuple[int, int], target: tuple[int, int]
-) -> None:
+def test_reductions_by_hundreds(kernels: Kernels, size: tuple[int, int], target: tuple[int, int]):
     """Rounding adds up over so many pixels, and differently in each order of adding."""
     rng = np.random.default_rng(5)
     for level in (128, 200, 254):

@@ -60,15 +60,8 @@ def opencv(left: np.ndarray, right: np.ndarray, matching: BlockMatching) -> np.n
     share=st.sampled_from([0.01, 0.3, 1.0]),
 )
 def test_the_wanted_pixels_have_opencvs_disparities(
-    kernels: Kernels,
-    matching: BlockMatching,
-    height: int,
-    width: int,
-    seed: int,
-    blur: float,
-    levels: int,
-    share: float,
-) -> None:
+    kernels, matching, height, width, seed, blur, levels, share
+):
     left, right = views(height, width, seed, blur, levels)
     wanted = (np.random.default_rng(seed).random(left.shape) < share).astype(np.uint8)
     found = kernels.block_disparity(left, right, matching, wanted)

@@ -120,9 +120,7 @@ def test_numpy_where_nothing_is_compiled(without_extension: Path) -> None:
     assert out.startswith("numpy | no compiled ones: they were not built; install tokt again")
 
 
-def test_compiled_asked_for_but_not_there(
-    without_extension: Path, tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_compiled_asked_for_but_not_there(without_extension, tiny_bundle, tmp_path) -> None:
     command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
     code, out, err = run(*command, kernels="compiled", path=without_extension)
     assert (code, out) == (2, "")

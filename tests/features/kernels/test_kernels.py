@@ -83,9 +83,7 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
 @fast
 @examples(200)
 @given(drawn=pictures(), circle=CIRCLES, border=BORDERS)
-def test_lbp_equals_scikit_image(
-    kernels: Kernels, drawn: tuple[Image, Grid], circle: tuple[int, float], border: str
-) -> None:
+def test_lbp_equals_scikit_image(kernels, drawn, circle, border) -> None:
     gray, grid = drawn
     found = kernels.lbp_counts(gray, grid, *circle, border)
     assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
@@ -97,9 +95,7 @@ def test_lbp_equals_scikit_image(
     "circle",
     [(1, 1), (2, 1.5), *((points, 3) for points in (10, 11, 12, 13, 16, 17, 31, 32, 33, 63, 64))],
 )
-def test_every_number_of_points_fits(
-    kernels: Kernels, circle: tuple[int, float], border: str
-) -> None:
+def test_every_number_of_points_fits(kernels: Kernels, circle: tuple[int, float], border: str):
     gray, grid = paint("few levels", (70, 140), 5, 100, 0), Grid(2, 1, None)
     found = kernels.lbp_counts(gray, grid, *circle, border)
     assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
@@ -133,9 +129,7 @@ def test_haralick_is_exact(kernels: Kernels, drawn: tuple[Image, Grid], ignore_z
 @fast
 @pytest.mark.parametrize("high", [1, 17, 254, 255])
 @pytest.mark.parametrize("ignore_zeros", [False, True])
-def test_bright_patches_with_one_other_pixel_are_exact(
-    kernels: Kernels, high: int, ignore_zeros: bool
-) -> None:
+def test_bright_patches_with_one_other_pixel_are_exact(kernels, high, ignore_zeros) -> None:
     """Here a variance from the mean of squares has no digit left."""
     patch = np.full((80, 150), high, np.uint8)
     patch[40, 70] -= 1
@@ -197,9 +191,7 @@ def test_numpy_haralick_equals_compiled(drawn: tuple[Image, Grid], ignore_zeros:
 @fast
 @examples(50)
 @given(drawn=pictures(4_000), ignore_zeros=st.booleans())
-def test_turned_and_mirrored_patches_have_the_same_haralick_features(
-    kernels: Kernels, drawn: tuple[Image, Grid], ignore_zeros: bool
-) -> None:
+def test_turned_and_mirrored_patches_have_the_same_haralick_features(kernels, drawn, ignore_zeros):
     """The four directions map onto each other."""
     patch = drawn[1].cells(drawn[0])[0]
     found = kernels.haralick_features(patch, ONE, ignore_zeros)[0]
@@ -288,9 +280,7 @@ def test_every_instruction_level_gives_the_same_bits(levels: Any) -> None:
 @fast
 @examples(40)
 @given(drawn=pictures())
-def test_any_number_of_threads_gives_the_same_bits(
-    kernels: Kernels, drawn: tuple[Image, Grid]
-) -> None:
+def test_any_number_of_threads_gives_the_same_bits(kernels: Kernels, drawn: tuple[Image, Grid]):
     """More threads than rows of patches among them."""
     alone = described(kernels, *drawn)
     for threads in (2, 3, 7):

@@ -7,7 +7,6 @@ import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -78,13 +77,8 @@ SILENT = unknown_verdict(Fault(Reason.STALE, "no frame"))
 
 
 def test_a_run_s_numbers_are_all_there(
-    make_mission: Callable[..., Path],
-    noise_scorer: Any,
-    receiver: Any,
-    closed_port: int,
-    serve: Callable[..., Metrics],
-    tmp_path: Path,
-) -> None:
+    make_mission, noise_scorer, receiver, closed_port, serve, tmp_path
+):
     senders = {
         "here": UdpSender(*receiver.getsockname(), 2),
         "refused": UdpSender("255.255.255.255", closed_port, 2),  # without leave to broadcast
@@ -121,9 +115,7 @@ def test_a_run_s_numbers_are_all_there(
         sender.close()
 
 
-def test_counters_by_reason_and_histograms_are_exact(
-    hand_clock: Any, serve: Callable[..., Metrics]
-) -> None:
+def test_counters_by_reason_and_histograms_are_exact(hand_clock, serve) -> None:
     counts = RunCounts(hand_clock)
     metrics = serve(counts, hand_clock)
     frame = Frame(1, 1.0, None, None, missed=3)
@@ -167,9 +159,7 @@ def test_the_model_and_what_becomes_of_it(hand_clock: Any, serve: Callable[..., 
     assert not [key for key in scrape(metrics) if key[0] == "tokt_model_info"]
 
 
-def test_what_other_parts_count_is_asked_of_them(
-    hand_clock: Any, serve: Callable[..., Metrics]
-) -> None:
+def test_what_other_parts_count_is_asked_of_them(hand_clock: Any, serve: Callable[..., Metrics]):
     from tokt.inference.monitoring.drift import DriftState
     from tokt.inference.sources.cameras.live_source import CameraCounts
 
@@ -210,9 +200,7 @@ def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clo
     assert ages == [0]
 
 
-def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end(
-    hand_clock: Any, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end(hand_clock, capfd):
     metrics = Metrics("127.0.0.1", 0, RunCounts(hand_clock), MetricSources(), hand_clock)
     with socket.create_connection(("127.0.0.1", metrics.port)) as rude:
         rude.sendall(b"\x00\xff not HTTP\r\n\r\n")

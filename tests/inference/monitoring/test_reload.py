@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.inference.live import HandSource, Listener
@@ -46,9 +45,7 @@ def store(tmp_path: Path, make_bundle: Callable[[str], Bundle]) -> Store:
 class Watched:
     """A watch over a store, looked at by hand; what it put and told."""
 
-    def __init__(
-        self, store: Store, clock: Any, misfit: str = "", copy_of: Bundle | None = None
-    ) -> None:
+    def __init__(self, store: Store, clock: Any, misfit: str = "", copy_of: Bundle | None = None):
         self.put: list[str] = []
         self.checks = 0
         self.watch = ModelReloader(
@@ -73,9 +70,7 @@ class Watched:
         return [f"{event.name}: {event.words}" for event in self.watch.exchange()]
 
 
-def test_a_new_model_is_put_between_frames_and_told(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+def test_a_new_model_is_put_between_frames_and_told(store, make_bundle, hand_clock) -> None:
     watched = Watched(store, hand_clock)
     assert watched.look() == [] and watched.checks == 0
     store.deploy(make_bundle("2"))
@@ -85,9 +80,7 @@ def test_a_new_model_is_put_between_frames_and_told(
     assert len(watched.look()) == 1 and watched.put[-1] == "noise/1"
 
 
-def test_a_damaged_one_is_refused_once_and_tried_again_later(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+def test_a_damaged_one_is_refused_once_and_tried_again_later(store, make_bundle, hand_clock):
     watched = Watched(store, hand_clock)
     entry = store.deploy(make_bundle("2"))
     file = store.path / "versions" / entry.sha256 / "bundle.tokt"
@@ -104,9 +97,7 @@ def test_a_damaged_one_is_refused_once_and_tried_again_later(
     assert len(watched.look()) == 1 and watched.put == ["noise/2"]
 
 
-def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(
-    store: Store, hand_clock: Any
-) -> None:
+def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(store: Store, hand_clock: Any):
     active = store.active()
     store.bundle_file(active.sha256).write_bytes(b"damaged")
     watched = Watched(store, hand_clock, copy_of=active)
@@ -117,8 +108,8 @@ def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(
 
 
 def test_the_fault_of_one_that_became_active_meanwhile_is_not_the_other_s(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+    store, make_bundle, hand_clock
+):
     watched = Watched(store, hand_clock)
     store.deploy(make_bundle("2"))
     watched.watch._check = lambda _: BundleCheck(make_bundle("3").sha256, "3 is damaged")
@@ -133,18 +124,14 @@ def test_a_damaged_pointer_changes_nothing(store: Store, hand_clock: Any) -> Non
     assert watched.look() == [] and watched.put == []
 
 
-def test_one_that_does_not_fit_the_run_is_refused(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+def test_one_that_does_not_fit_the_run_is_refused(store, make_bundle, hand_clock) -> None:
     watched = Watched(store, hand_clock, misfit="its frames are 480 px wide")
     store.deploy(make_bundle("2"))
     assert "refused: its frames are 480 px wide" in watched.look()[0]
     assert watched.put == []
 
 
-def test_one_that_kills_its_checks_is_refused(
-    store: Store, make_bundle: Callable[[str], Bundle], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_that_kills_its_checks_is_refused(store, make_bundle, monkeypatch) -> None:
     monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", "/bin/false")
     assert "died with exit code 1" in check_in_child(store).fault
     monkeypatch.setattr(
@@ -154,12 +141,8 @@ def test_one_that_kills_its_checks_is_refused(
 
 
 def test_a_run_goes_over_to_the_new_model_and_remembers_it(
-    store: Store,
-    make_bundle: Callable[[str], Bundle],
-    draw_frame: Callable[..., np.ndarray],
-    monkeypatch: pytest.MonkeyPatch,
-    hand_clock: Any,
-) -> None:
+    store, make_bundle, draw_frame, monkeypatch, hand_clock
+):
     monkeypatch.setattr("tokt.inference.monitoring.reload.POLL_S", 0.05)
     first = store.active()
     slot = ReloadableTextureDetector(TextureDetector(first))

@@ -156,9 +156,7 @@ def test_it_fits_the_terminal_and_nothing_moves_the_cursor(hand_clock: Any) -> N
         assert whole.startswith(cut.rstrip()) and len(cut) <= max(1, columns - 1)
 
 
-def test_one_line_is_rewritten_and_events_stand_above_it(
-    terminal: Callable[[int], tuple[int, Any]],
-) -> None:
+def test_one_line_is_rewritten_and_events_stand_above_it(terminal) -> None:
     shown, stream = terminal(60)
     counts = RunCounts(SYSTEM_CLOCK)
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
@@ -187,9 +185,7 @@ def test_one_line_is_rewritten_and_events_stand_above_it(
     assert screen(text + shown_text(shown))[1:] == [""]
 
 
-def test_a_terminal_that_is_held_keeps_nobody_waiting(
-    terminal: Callable[[int], tuple[int, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_that_is_held_keeps_nobody_waiting(terminal, monkeypatch) -> None:
     monkeypatch.setattr(status_line, "_JOIN_S", 0.2)
     shown, stream = terminal(60)  # nobody reads its other end
     counts = RunCounts(SYSTEM_CLOCK)
@@ -228,9 +224,7 @@ def test_a_stream_that_is_no_file_gets_lines() -> None:
     assert stream.getvalue() == "00:00:00Z it begins\n"
 
 
-def test_a_dumb_terminal_gets_lines_too(
-    terminal: Callable[[int], tuple[int, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dumb_terminal_gets_lines_too(terminal, monkeypatch) -> None:
     shown, stream = terminal(60)
     monkeypatch.setenv("TERM", "dumb")
     counts = RunCounts(SYSTEM_CLOCK)

@@ -151,9 +151,7 @@ def test_one_that_has_done_its_work_ends_it(keep: Callable[..., Kept]) -> None:
     assert kept.ended() == 0 and len(kept.lives()) == 1
 
 
-def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(
-    keep: Callable[..., Kept],
-) -> None:
+def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(keep: Callable[..., Kept]):
     kept = keep("tell('READY=1'); tell('STOPPING=1'); time.sleep(600)")
     until(lambda: kept.dog._finished)
     kept.pass_time(lambda: not kept.thread.is_alive())
@@ -170,9 +168,7 @@ def test_what_the_one_before_said_is_no_sign_of_the_next(keep: Callable[..., Kep
     kept.wait_for(3)
 
 
-def test_a_runtime_that_cannot_be_started_is_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch) -> None:
     starts: list[str] = []
 
     def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
@@ -204,9 +200,7 @@ def _alive(pid: int) -> bool:
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="systemd's socket is a unix one")
 @pytest.mark.parametrize("abstract", [False, True])
-def test_systemd_hears_the_words_of_sd_notify(
-    tmp_path: Path, hand_clock: Any, abstract: bool
-) -> None:
+def test_systemd_hears_the_words_of_sd_notify(tmp_path: Path, hand_clock: Any, abstract: bool):
     if abstract and sys.platform != "linux":
         pytest.skip("only Linux has abstract names")
     name = f"@tokt-{os.getpid()}" if abstract else str(tmp_path / "notify")

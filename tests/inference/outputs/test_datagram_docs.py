@@ -144,9 +144,7 @@ def test_the_format_string_reads_the_example() -> None:
     st.integers(-(2**31), 2**31 - 1),
     st.floats(0, 255),
 )
-def test_the_format_string_reads_every_v1_datagram(
-    status: int, x: int, y: int, mean: float
-) -> None:
+def test_the_format_string_reads_every_v1_datagram(status: int, x: int, y: int, mean: float):
     data = encode_v1(Verdict(status, x, y, None, mean, None, "texture", None))
     assert data is not None and len(data) <= 120
     assert scan(data) == (4, (status, x, y, float(f"{mean:.12g}")), b"")

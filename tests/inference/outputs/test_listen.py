@@ -186,9 +186,7 @@ def listening(closed_port: int) -> Callable[..., subprocess.Popen[str]]:
     return start
 
 
-def test_the_command_tells_silence_and_loss(
-    listening: Callable[..., subprocess.Popen[str]], closed_port: int
-) -> None:
+def test_the_command_tells_silence_and_loss(listening, closed_port) -> None:
     process = listening("--timeout", "0.3", "--json")
     assert process.stdout is not None
     nobody = json.loads(process.stdout.readline())

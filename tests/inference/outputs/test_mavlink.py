@@ -44,9 +44,7 @@ DARK = unknown_verdict(Fault(Reason.DARK, "left: too dark"))
 LEFT, AHEAD, RIGHT = slice(0, 60), slice(150, 210), slice(300, 360)
 
 
-def seen(
-    columns: slice | None, method: str = "texture", distance_m: float | None = None
-) -> Verdict:
+def seen(columns, method="texture", distance_m=None) -> Verdict:
     """The verdict on a 360x271 mask that is white in these columns."""
     mask = np.zeros((271, 360), np.uint8)
     if columns is not None:
@@ -136,9 +134,7 @@ def test_sectors_are_of_the_body_and_five_degrees_wide(link: Callable[..., Link]
     ("method", "most"),
     [("disparity", 1060), ("texture+disparity", 1060), ("pushbroom", 800), ("texture", 100)],
 )
-def test_clear_reaches_as_far_as_was_measured(
-    link: Callable[..., Link], method: str, most: int
-) -> None:
+def test_clear_reaches_as_far_as_was_measured(link: Callable[..., Link], method: str, most: int):
     said = link().says(seen(None, method))
     sectors = said["OBSTACLE_DISTANCE"]
     assert sectors.max_distance == most
@@ -199,9 +195,7 @@ def test_the_messages_can_be_chosen(link: Callable[..., Link]) -> None:
     assert set(alone.says(DARK)) == {"HEARTBEAT"}
 
 
-def test_the_heartbeat_comes_once_a_second_and_tells_the_state(
-    link: Callable[..., Link], hand_clock: Any
-) -> None:
+def test_the_heartbeat_comes_once_a_second_and_tells_the_state(link, hand_clock) -> None:
     wire = link(system=7, component=191)
     states = []
     for verdict in (
@@ -221,9 +215,7 @@ def test_the_heartbeat_comes_once_a_second_and_tells_the_state(
     assert (beat.get_srcSystem(), beat.get_srcComponent()) == (7, 191)
 
 
-def test_times_count_from_boot_and_never_step_back(
-    link: Callable[..., Link], hand_clock: Any
-) -> None:
+def test_times_count_from_boot_and_never_step_back(link: Callable[..., Link], hand_clock: Any):
     wire = link()
     said = wire.says(seen(None), 40.0)
     assert said["OBSTACLE_DISTANCE"].time_usec == 99_960_000
@@ -260,8 +252,8 @@ verdicts = st.builds(
 @settings(max_examples=scaled(80))
 @given(verdicts, anything, st.sampled_from(WhenUnknown), st.floats(0.1, 100), st.floats(10, 170))
 def test_unknown_is_never_no_obstacle_and_an_obstacle_always_one(
-    verdict: Verdict, age_ms: float, unknown: WhenUnknown, assumed_m: float, fov_deg: float
-) -> None:
+    verdict, age_ms, unknown, assumed_m, fov_deg
+):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(MAX_S)
@@ -404,9 +396,7 @@ def test_without_pymavlink_the_extra_is_named(tmp_path: Path) -> None:
     assert done.stdout == "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'\n"
 
 
-def test_the_command_sends_what_the_frames_show(
-    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, closed_port: int
-) -> None:
+def test_the_command_sends_what_the_frames_show(make_mission, bundle_file, receiver, closed_port):
     folder = make_mission([[(4, 0)], [(4, 9)], []])  # something left, something right, water
     command = [
         *(sys.executable, "-m", "tokt", "run", "--bundle", str(bundle_file)),

@@ -59,9 +59,7 @@ def test_v1_is_the_design_example_byte_for_byte() -> None:
 
 
 @given(st.sampled_from([0, 1]), positions, positions, means)
-def test_an_independent_parser_reads_v1_over_a_real_socket(
-    status: int, x: int, y: int, mean: float
-) -> None:
+def test_an_independent_parser_reads_v1_over_a_real_socket(status, x, y, mean) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(MAX_S)
@@ -140,9 +138,7 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
     any_float,
     st.none() | any_float,
 )
-def test_v2_round_trip_never_holds_what_json_cannot(
-    verdict: Verdict, t: float, latency_ms: float, age_ms: float | None
-) -> None:
+def test_v2_round_trip_never_holds_what_json_cannot(verdict, t, latency_ms, age_ms) -> None:
     data = encode_v2(Report(3, 4, t, latency_ms, verdict, age_ms))
     assert (
         b"NaN" not in data.split(b'"method"')[0] and b"Infinity" not in data.split(b'"method"')[0]

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -100,9 +99,7 @@ def test_fallback_asks_disparity_only_where_texture_cannot_judge() -> None:
     assert FallbackPolicy(Says("texture", "dark"), Warns()).judge(FRAME).verdict.status == -1
 
 
-def test_a_picture_in_memory_is_judged_like_a_frame(
-    noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
-) -> None:
+def test_a_picture_in_memory_is_judged_like_a_frame(noise_scorer, draw_frame) -> None:
     image = draw_frame([(2, 3)])
     judged = judge_image(noise_scorer, image)
     expected = SinglePolicy(TextureDetector(noise_scorer)).judge(Frame(9, 8.0, image, None))

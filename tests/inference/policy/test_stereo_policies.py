@@ -85,9 +85,7 @@ POLICIES = ("texture", "disparity", "either", "fallback")
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_the_tower_is_an_obstacle_and_the_water_clear(
-    name: str, policy: Callable[[str], Policy], pair: Callable[[int], Frame]
-) -> None:
+def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair) -> None:
     judge = policy(name)
     assert said(judge, pair(WATER)).status == CLEAR
     verdict = said(judge, pair(TOWER))
@@ -107,13 +105,7 @@ def test_the_tower_is_an_obstacle_and_the_water_clear(
         ("fallback", OBSTACLE, "texture"),
     ],
 )
-def test_without_the_right_camera(
-    name: str,
-    tower: int,
-    method: str,
-    policy: Callable[[str], Policy],
-    pair: Callable[[int], Frame],
-) -> None:
+def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
     seen = pair(TOWER)
     frame = Frame(
         TOWER, 0.0, seen.left, None, NO_FAULT, Fault(Reason.CAMERA_LOST, "the right camera is gone")
@@ -126,9 +118,7 @@ def test_without_the_right_camera(
 
 @pytest.mark.parametrize("name", POLICIES)
 @pytest.mark.parametrize("number", [TOWER, WATER])
-def test_a_dark_left_camera_is_unknown_whatever_the_policy(
-    name: str, number: int, policy: Callable[[str], Policy], pair: Callable[[int], Frame]
-) -> None:
+def test_a_dark_left_camera_is_unknown_whatever_the_policy(name, number, policy, pair) -> None:
     seen = pair(number)
     assert seen.left is not None
     frame = Frame(number, 0.0, seen.left // 32, seen.right)
@@ -136,9 +126,7 @@ def test_a_dark_left_camera_is_unknown_whatever_the_policy(
     assert verdict.status == UNKNOWN and "dark" in verdict.health
 
 
-def test_a_killed_model_file_leaves_disparity(
-    bundle_file: Path, tmp_path: Path, stereo: StereoSetup, pair: Callable[[int], Frame]
-) -> None:
+def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pair) -> None:
     killed = tmp_path / "killed.tokt"
     killed.write_bytes(bundle_file.read_bytes()[:-200])
     judge = assemble("fallback", lambda: read_bundle(killed), stereo).policy
@@ -149,9 +137,7 @@ def test_a_killed_model_file_leaves_disparity(
     assert said(judge, pair(WATER)).status == CLEAR
 
 
-def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(
-    policy: Callable[[str], Policy], pair: Callable[[int], Frame], mission: Path
-) -> None:
+def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(policy, pair, mission) -> None:
     other = read_image(mission / "Right" / f"tokt1_R_{TOWER - 10}.jpg")
     frame = Frame(TOWER, 0.0, pair(TOWER).left, other)
     assert said(policy("disparity"), frame).status == UNKNOWN

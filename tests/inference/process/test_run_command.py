@@ -7,12 +7,10 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import pytest
 
 from tests.waiting import MAX_S, until
@@ -42,9 +40,7 @@ def lines(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def test_a_run_sends_logs_and_sums_up(
-    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
-) -> None:
+def test_a_run_sends_logs_and_sums_up(make_mission, bundle_file, receiver, tmp_path) -> None:
     folder = make_mission([[], [(4, 4)], [], [(2, 7)]])
     port = receiver.getsockname()[1]
     log = tmp_path / "log.jsonl"
@@ -69,8 +65,8 @@ def test_a_run_sends_logs_and_sums_up(
 
 
 def test_a_store_s_active_model_runs_to_two_receivers(
-    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
-) -> None:
+    make_mission, bundle_file, receiver, tmp_path
+):
     Store(tmp_path / "store").deploy(read_bundle(bundle_file))
     address = f"127.0.0.1:{receiver.getsockname()[1]}"
     done = tokt(
@@ -84,8 +80,8 @@ def test_a_store_s_active_model_runs_to_two_receivers(
 
 
 def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
-    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
-) -> None:
+    make_mission, bundle_file, receiver, tmp_path
+):
     folder, log = make_mission([[(6, 2), (6, 3)], []]), tmp_path / "log.jsonl"
     done = tokt(
         *("run", "--bundle", bundle_file, "--source", folder, "--policy", "texture"),
@@ -108,8 +104,8 @@ def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
 
 
 def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
-    make_mission: Callable[..., Path], bundle_file: Path, closed_port: int, tmp_path: Path
-) -> None:
+    make_mission, bundle_file, closed_port, tmp_path
+):
     """The command line wins: its bundle over the file's store, which is not there."""
     folder, log = make_mission([[], [(4, 4)]]), tmp_path / "log.jsonl"
     file = tmp_path / "dive.toml"
@@ -136,13 +132,7 @@ def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_ends_cleanly(
-    make_mission: Callable[..., Path],
-    bundle_file: Path,
-    closed_port: int,
-    tmp_path: Path,
-    number: signal.Signals,
-) -> None:
+def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path, number) -> None:
     log = tmp_path / "log.jsonl"
     process = start(
         *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)]] * 200)),
@@ -195,13 +185,7 @@ def test_ctrl_c_ends_cleanly(
         (["--bundle", "B", "--pixel-format", "RGB8"], "choose from Mono8, BayerRG8"),
     ],
 )
-def test_mistakes_are_one_line(
-    make_mission: Callable[..., Path],
-    bundle_file: Path,
-    run_tokt: Callable[..., Any],
-    arguments: list[str],
-    message: str,
-) -> None:
+def test_mistakes_are_one_line(make_mission, bundle_file, run_tokt, arguments, message) -> None:
     given = [str(bundle_file) if word == "B" else word for word in arguments]
     ran = run_tokt("run", "--source", make_mission([[]]), *given)
     assert ran.code == 2
@@ -209,9 +193,7 @@ def test_mistakes_are_one_line(
     assert message in ran.err and ran.out == ""
 
 
-def test_threads_change_no_verdict(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path, closed_port: int
-) -> None:
+def test_threads_change_no_verdict(make_mission, bundle_file, tmp_path, closed_port) -> None:
     folder = make_mission([[], [(4, 4), (9, 9)], [(0, 0)]])
     logs = []
     for threads in (1, 2):
@@ -232,8 +214,8 @@ def test_threads_change_no_verdict(
 
 
 def test_raw_camera_frames_are_judged_as_their_pictures(
-    draw_frame: Callable[..., np.ndarray], bundle_file: Path, tmp_path: Path, closed_port: int
-) -> None:
+    draw_frame, bundle_file, tmp_path, closed_port
+):
     """A gray scene has the same mosaic in every pattern: its own pixels."""
     folder = tmp_path / "raw"
     folder.mkdir()
@@ -253,8 +235,8 @@ def test_raw_camera_frames_are_judged_as_their_pictures(
 
 @pytest.mark.mission
 def test_a_run_without_its_model_goes_on_with_disparity(
-    mission: Path, calibration_path: Path, tmp_path: Path, closed_port: int
-) -> None:
+    mission, calibration_path, tmp_path, closed_port
+):
     broken = tmp_path / "broken.tokt"
     broken.write_bytes(b"PK not really")
     log = tmp_path / "log.jsonl"
@@ -283,9 +265,7 @@ def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> No
     assert shown[0]["x"] == -120 and "not a tokt datagram" in shown[1]["error"]
 
 
-def test_listen_ends_quietly_when_its_reader_does(
-    closed_port: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_listen_ends_quietly_when_its_reader_does(closed_port, monkeypatch) -> None:
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)  # as a user's shell has it
     process = start("listen", "--port", closed_port)
     assert process.stderr is not None and process.stdout is not None

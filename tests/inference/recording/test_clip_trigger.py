@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 
 from tokt.features.common.errors import ToktError
@@ -18,9 +16,7 @@ RULE = unknown_verdict(Fault(Reason.FRAME_RULE, "frames before are not known"))
 LOST = unknown_verdict(Fault(Reason.CAMERA_LOST, "gone"))
 
 
-def kept(
-    trigger: ClipTrigger, verdict_at: Callable[[float], Verdict], seconds: float
-) -> list[float]:
+def kept(trigger, verdict_at, seconds) -> list[float]:
     """Times of the frames that are kept, at 10 a second."""
     times = [tenth / 10 for tenth in range(round(10 * seconds))]
     return [now for now in times if trigger.should_keep(now, verdict_at(now))]

@@ -73,9 +73,7 @@ def test_files_of_others_with_similar_names_are_left_alone(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("renames", range(5))
-def test_a_step_that_dies_after_any_rename_loses_no_line(
-    renames: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_that_dies_after_any_rename_loses_no_line(renames, tmp_path, monkeypatch) -> None:
     path, roomy = tmp_path / "run.jsonl", LogRotation(SMALL.max_mb, keep=20)
     write(path, 100, 130, roomy)  # 4 files
     whole, done = Path.replace, 0
@@ -101,9 +99,7 @@ def test_a_step_that_dies_after_any_rename_loses_no_line(
     assert numbers(path) == list(range(100, 181))
 
 
-def test_a_step_that_cannot_be_goes_on_in_the_same_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_that_cannot_be_goes_on_in_the_same_file(tmp_path, monkeypatch) -> None:
     path = tmp_path / "run.jsonl"
 
     def refused(self: Path, target: Path) -> Path:

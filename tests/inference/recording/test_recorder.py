@@ -70,12 +70,7 @@ class Sea:
 def sea(tmp_path: Path, hand_clock: Any) -> Callable[..., Sea]:
     """A recorder into ``tmp_path / "rec"`` with frames to see."""
 
-    def start(
-        around: tuple[float, float] = (0.375, 0.25),
-        disk: DiskLimits = ROOMY,
-        run: str = "run-1",
-        **more: Any,
-    ) -> Sea:
+    def start(around=(0.375, 0.25), disk=ROOMY, run="run-1", **more) -> Sea:
         folder = tmp_path / "rec"
         return Sea(Recorder(folder, run, hand_clock, ClipPadding(*around), disk, **more))
 
@@ -148,9 +143,7 @@ def test_frames_around_a_detection_are_a_mission(sea: Callable[..., Sea], tmp_pa
     assert (at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.clips) == (7, 0, 1)
 
 
-def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea, tmp_path) -> None:
     at_sea = sea()
     at_sea.see(OBSTACLE, 2, right_fault=UNPAIRED)
     torn = Fault(Reason.INCOMPLETE, "the left frame is torn")
@@ -172,9 +165,7 @@ def test_without_a_detection_there_is_no_folder(sea: Callable[..., Sea], tmp_pat
     assert [path.name for path in (tmp_path / "rec").iterdir()] == [".recording.lock"]
 
 
-def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea, tmp_path) -> None:
     at_sea = sea(around=(0.5, 0))
     at_sea.see(CLEAR, 2)
     at_sea.recorder.event(Event(1.0, "model", "another", {"label": "reef/8"}))
@@ -186,9 +177,7 @@ def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(
     assert found == [1, 2, "model", 3, 4, 5]
 
 
-def test_drift_and_a_challenger_that_differs_open_moments(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_drift_and_a_challenger_that_differs_open_moments(sea: Callable[..., Sea], tmp_path: Path):
     at_sea = sea(around=(0.125, 0.125))
     at_sea.see(CLEAR, 5)
     at_sea.recorder.event(Event(1.0, "drift", "out of range"))
@@ -221,9 +210,7 @@ def test_the_oldest_moments_of_the_run_make_room(sea: Callable[..., Sea], tmp_pa
     assert recorder.dropped == 0 and recorder.fault == "" and recorder.removed_bytes > 0
 
 
-def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path) -> None:
     at_sea = sea(disk=DiskLimits(0.2, 0))
     at_sea.see(OBSTACLE, 40)
     at_sea.recorder.close()
@@ -232,9 +219,7 @@ def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(
     assert at_sea.recorder.dropped == 40 - len(numbers) and at_sea.recorder.fault == NO_ROOM
 
 
-def test_earlier_recordings_are_never_touched(
-    sea: Callable[..., Sea], tmp_path: Path, hand_clock: Any
-) -> None:
+def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock) -> None:
     before = tmp_path / "rec" / "run-0" / "Left" / "run-0_L_1.png"
     before.parent.mkdir(parents=True)
     before.write_bytes(bytes(900_000))
@@ -266,9 +251,7 @@ def test_the_disk_keeps_its_reserve(sea: Callable[..., Sea], tmp_path: Path) -> 
     assert not (tmp_path / "rec" / "run-1").exists()
 
 
-def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(
-    sea: Callable[..., Sea], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(sea, tmp_path, monkeypatch):
     go_on, write = threading.Event(), RecordingFolder.write
 
     def slow(self: RecordingFolder, encoded: Any) -> None:
@@ -292,9 +275,7 @@ def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(
     assert judged == numbers == list(range(8, 8 + len(numbers)))
 
 
-def test_frames_before_a_detection_are_bounded_in_memory(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_frames_before_a_detection_are_bounded_in_memory(sea: Callable[..., Sea], tmp_path: Path):
     at_sea = sea(around=(30, 0), memory_mb=0.1)
     at_sea.see(CLEAR, 200)
     assert at_sea.recorder._before_bytes <= 1e5
@@ -317,9 +298,7 @@ def test_numbers_that_come_again_are_left_out(sea: Callable[..., Sea], tmp_path:
     assert at_sea.recorder.dropped == 2
 
 
-def test_a_recording_that_is_taken_away_begins_anew(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_recording_that_is_taken_away_begins_anew(sea: Callable[..., Sea], tmp_path: Path):
     at_sea = sea(around=(0, 0))
     at_sea.recorder.event(Event(1.0, "start", "it begins"))
     at_sea.see(OBSTACLE, 3)
@@ -352,9 +331,7 @@ def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_pa
     assert [path.name for path in (tmp_path / "run-1" / "Left").iterdir()] == ["run-1_L_3.png"]
 
 
-def test_one_process_records_into_a_folder(
-    sea: Callable[..., Sea], tmp_path: Path, hand_clock: Any
-) -> None:
+def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock) -> None:
     first = sea()
     with pytest.raises(ToktError, match="another tokt"):
         sea(run="run-2")

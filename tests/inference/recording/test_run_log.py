@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +26,8 @@ NOTHING = unknown_verdict(Fault(Reason.STALE, "no frame judged for 0.5 s"))
 
 
 def test_a_frame_s_line_has_what_was_sent_and_what_was_seen(
-    make_mission: Callable[..., Path], noise_scorer: Any, hand_clock: Any, tmp_path: Path
-) -> None:
+    make_mission, noise_scorer, hand_clock, tmp_path
+):
     folder = make_mission([[], [(4, 4)]])
     (folder / "Right" / "t_R_2.jpg").unlink()
     reports: list[Report] = []

@@ -69,9 +69,7 @@ def replayed(run_tokt: Callable[..., Any], *arguments: object, code: int = 0) ->
     return dict(json.loads(ran.out))
 
 
-def test_the_same_bundle_gives_the_same_verdicts(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_the_same_bundle_gives_the_same_verdicts(make_mission, ruled, tmp_path, run_tokt) -> None:
     folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
     (folder / "Left" / "t_L_6.jpg").unlink()
     (folder / "Left" / "t_L_9.jpg").write_bytes(b"no picture")
@@ -87,8 +85,8 @@ def test_the_same_bundle_gives_the_same_verdicts(
 
 
 def test_another_bundle_differs_where_it_sees_otherwise(
-    make_mission: Mission, bundle_file: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+    make_mission, bundle_file, tmp_path, run_tokt
+):
     folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
     model = read_bundle(bundle_file)
     log_run(
@@ -112,8 +110,8 @@ def test_another_bundle_differs_where_it_sees_otherwise(
 
 
 def test_changed_and_missing_pictures_are_told_and_not_counted(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+    make_mission, ruled, tmp_path, run_tokt
+):
     folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
     log_run(
         mission_source(folder, SYSTEM_CLOCK), texture_start(folder, ruled), log, SYSTEM_CLOCK,
@@ -138,8 +136,8 @@ def test_changed_and_missing_pictures_are_told_and_not_counted(
 
 
 def test_a_model_that_was_exchanged_is_exchanged_at_the_same_frame(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+    make_mission, ruled, tmp_path, run_tokt
+):
     folder, log = make_mission([[(4, 4)]] * 9), tmp_path / "run.jsonl"
     blind = variant(ruled, tmp_path / "blind.tokt", threshold=10.0)
     store = Store(tmp_path / "store")
@@ -166,8 +164,8 @@ def test_a_model_that_was_exchanged_is_exchanged_at_the_same_frame(
 
 
 def test_lines_that_are_lost_leave_what_comes_after_unknown(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+    make_mission, ruled, tmp_path, run_tokt
+):
     folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
     model, start = read_bundle(ruled), texture_start(folder, ruled)
     log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, model)
@@ -223,8 +221,8 @@ def rig(tmp_path_factory: pytest.TempPathFactory, bundle_file: Path) -> Any:
 
 @pytest.mark.parametrize("policy", ["either", "fallback"])
 def test_pairs_late_durations_and_speeds_come_out_the_same(
-    policy: str, rig: Any, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
-) -> None:
+    policy, rig, tmp_path, hand_clock, run_tokt
+):
     folder, bundle, calibration = rig
     stereo = StereoSetup(load_calibration(calibration))
     start = stereo_start(texture_start(folder, bundle), policy, used_file(calibration))
@@ -242,9 +240,7 @@ def test_pairs_late_durations_and_speeds_come_out_the_same(
     assert found["same"] and found["compared"] == 7, found
 
 
-def test_a_run_that_began_without_a_model_comes_out_the_same(
-    rig: Any, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_a_run_that_began_without_a_model_comes_out_the_same(rig, tmp_path, run_tokt) -> None:
     folder, bundle, calibration = rig
     model, stereo = read_bundle(bundle), StereoSetup(load_calibration(calibration))
     fault = "bundle x.tokt: truncated"
@@ -283,9 +279,8 @@ def approach(make_mission: Mission) -> Path:
 
 
 def test_a_trend_comes_out_the_same_after_flicker_and_an_exchange(
-    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
+    approach, bundle_file, tmp_path, hand_clock, run_tokt
+):
     log = tmp_path / "run.jsonl"
     switch = Switch(hand_clock, {21: read_bundle(bundle_file)})
     log_approach(approach, bundle_file, log, hand_clock, switch)
@@ -304,9 +299,8 @@ def test_a_trend_comes_out_the_same_after_flicker_and_an_exchange(
 
 
 def test_after_lost_lines_a_trend_is_compared_once_its_seconds_are_known(
-    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
+    approach, bundle_file, tmp_path, hand_clock, run_tokt
+):
     log = tmp_path / "run.jsonl"
     log_approach(approach, bundle_file, log, hand_clock)
     kept = lines(log)
@@ -321,9 +315,8 @@ def test_after_lost_lines_a_trend_is_compared_once_its_seconds_are_known(
 
 
 def test_a_log_of_before_there_were_trends_comes_out_the_same(
-    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
+    approach, bundle_file, tmp_path, hand_clock, run_tokt
+):
     log = tmp_path / "run.jsonl"
     log_approach(approach, bundle_file, log, hand_clock)
     new = ("trend", "trend_confidence", "expansion_contact_s", "anchor_x", "anchor_y")
@@ -342,8 +335,8 @@ def test_a_log_of_before_there_were_trends_comes_out_the_same(
 
 
 def test_a_recording_is_compared_where_enough_of_it_is_known(
-    draw_frame: Any, ruled: Path, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
-) -> None:
+    draw_frame, ruled, tmp_path, hand_clock, run_tokt
+):
     folder, log = tmp_path / "dive", tmp_path / "run.jsonl"
     folder.mkdir()
     for number in range(1, 17):
@@ -376,9 +369,7 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
     assert found["status_differs"] > 0 and found["not_compared"] == before
 
 
-def test_a_calibration_that_is_another_one_is_refused(
-    rig: Any, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_a_calibration_that_is_another_one_is_refused(rig, tmp_path, run_tokt) -> None:
     folder, bundle, calibration = rig
     own = tmp_path / "rig.yml"
     shutil.copy(calibration, own)
@@ -394,8 +385,8 @@ def test_a_calibration_that_is_another_one_is_refused(
 
 
 def test_old_frames_overload_and_a_frozen_camera_in_real_time(
-    draw_frame: Any, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any], hand_clock: Any
-) -> None:
+    draw_frame, ruled, tmp_path, run_tokt, hand_clock
+):
     folder = tmp_path / "dive" / "Left"
     folder.mkdir(parents=True)
     source, log = HandSource(hand_clock), tmp_path / "run.jsonl"
@@ -431,9 +422,7 @@ def test_old_frames_overload_and_a_frozen_camera_in_real_time(
     assert found["same"] and found["compared"] == len(reasons), found
 
 
-def test_other_software_is_told(
-    make_mission: Mission, bundle_file: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_other_software_is_told(make_mission, bundle_file, tmp_path, run_tokt) -> None:
     folder, log = make_mission([[]]), tmp_path / "run.jsonl"
     start = texture_start(folder, bundle_file)
     older = replace(start, software={**start.software, "tokt": "0.0.9", "kernels": "numpy"})
@@ -474,9 +463,8 @@ def begin_with(log: Path, **fields: object) -> None:
     ],
 )
 def test_a_log_that_cannot_be_replayed_is_one_clear_line(
-    damage: Callable[[Path], object], words: str, make_mission: Mission, bundle_file: Path,
-    tmp_path: Path, run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
+    damage, words, make_mission, bundle_file, tmp_path, run_tokt
+):
     folder, log = make_mission([[]]), tmp_path / "run.jsonl"
     start = texture_start(folder, bundle_file)
     log_run(
@@ -488,9 +476,8 @@ def test_a_log_that_cannot_be_replayed_is_one_clear_line(
 
 
 def test_a_bundle_that_is_another_one_is_not_taken_for_the_run_s(
-    make_mission: Mission, ruled: Path, bundle_file: Path, tmp_path: Path,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
+    make_mission, ruled, bundle_file, tmp_path, run_tokt
+):
     folder, log = make_mission([[]]), tmp_path / "run.jsonl"
     start = texture_start(folder, ruled)
     log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(ruled))

@@ -18,7 +18,7 @@ from tests.inference.live import HandSource, Listener
 from tests.inference.logged_runs import mission_source, variant
 from tests.waiting import MAX_S, until
 from tokt.features.common.errors import ToktError
-from tokt.inference.clock import SYSTEM_CLOCK, Clock
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import assemble
 from tokt.inference.policy.policy import Judgement
@@ -30,7 +30,7 @@ from tokt.inference.replay.shadow_report import read_shadow
 from tokt.inference.report import EventQueue, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.verdict import unknown_verdict
-from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.bundle.bundle import read_bundle
 from tokt.models.operating_point import MofNRule
 
 SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5)], []]
@@ -39,14 +39,7 @@ SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5
 class Shadowed:
     """A run of policy texture with a challenger."""
 
-    def __init__(
-        self,
-        model: Bundle,
-        challenger: Challenger,
-        source: Any,
-        log: Path,
-        clock: Clock = SYSTEM_CLOCK,
-    ) -> None:
+    def __init__(self, model, challenger, source, log, clock=SYSTEM_CLOCK) -> None:
         self.events = EventQueue()
         self.listener = Listener()
         self.shadow = Shadow(
@@ -68,9 +61,7 @@ def lines(log: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in log.read_text().splitlines()]
 
 
-def test_the_same_model_agrees_on_every_frame(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path
-) -> None:
+def test_the_same_model_agrees_on_every_frame(make_mission, bundle_file, tmp_path) -> None:
     folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
     (folder / "Left" / "t_L_6.jpg").write_bytes(b"no picture")
     model = read_bundle(bundle_file)
@@ -89,10 +80,7 @@ def test_the_same_model_agrees_on_every_frame(
     assert run.told() == []
 
 
-def test_where_another_model_says_otherwise_is_found(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
+def test_where_another_model_says_otherwise_is_found(make_mission, bundle_file, tmp_path, run_tokt):
     folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
     blind = read_bundle(variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0))
     challenger = Challenger.of(blind, "texture")
@@ -117,9 +105,8 @@ def test_where_another_model_says_otherwise_is_found(
 
 
 def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
-    draw_frame: Any, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    request: pytest.FixtureRequest,
-) -> None:  # fmt: skip
+    draw_frame, bundle_file, tmp_path, hand_clock, request
+):
     log, source = tmp_path / "shadow.jsonl", HandSource(hand_clock)
     rule = MofNRule(m=2, n=3)
     model = read_bundle(variant(bundle_file, tmp_path / "ruled.tokt", rule=rule))
@@ -166,9 +153,8 @@ def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
 
 
 def test_a_challenger_that_cannot_be_loaded_or_hangs_is_told_once(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    make_mission, bundle_file, tmp_path, monkeypatch
+):
     folder, log = make_mission(SCENES[:4]), tmp_path / "shadow.jsonl"
     model = read_bundle(bundle_file)
     damaged = replace(Challenger.of(model, "texture"), data=model.data[:300])
@@ -189,9 +175,8 @@ def test_a_challenger_that_cannot_be_loaded_or_hangs_is_told_once(
 
 
 def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
-    draw_frame: Any, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest,
-) -> None:  # fmt: skip
+    draw_frame, bundle_file, tmp_path, hand_clock, monkeypatch, request
+):
     model, told = read_bundle(bundle_file), EventQueue()
     verdict = unknown_verdict(Fault(Reason.DARK, "dark"))
 
@@ -275,9 +260,7 @@ def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path: Path) 
     assert latency is not None and latency["median"] == 50.5 and latency["max"] == 90.0
 
 
-def test_what_is_no_shadow_log_is_one_clear_line(
-    tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_what_is_no_shadow_log_is_one_clear_line(tmp_path: Path, run_tokt: Callable[..., Any]):
     path = tmp_path / "s.jsonl"
     cases = {
         "does not exist": [],

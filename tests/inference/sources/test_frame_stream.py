@@ -5,10 +5,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -134,9 +133,7 @@ def test_stop_ends_a_wait() -> None:
         (["--watchdog"], "--watchdog is not for a stream"),
     ],
 )
-def test_options_that_would_do_nothing(
-    options: list[str], words: str, run_tokt: Callable[..., Any]
-) -> None:
+def test_options_that_would_do_nothing(options, words, run_tokt) -> None:
     ran = run_tokt("run", "--source", "stream:127.0.0.1:9", "--bundle", "x.tokt", *options)
     assert ran.code == 2 and words in ran.err
 

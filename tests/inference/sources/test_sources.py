@@ -12,9 +12,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.sources.files import open_source
 
 
-def test_a_stereo_folder_gives_pairs_in_numeric_order(
-    make_mission: Callable[..., Path], hand_clock: Any
-) -> None:
+def test_a_stereo_folder_gives_pairs_in_numeric_order(make_mission, hand_clock) -> None:
     source = open_source(str(make_mission([[]] * 12)), hand_clock)
     frames = list(source)
     assert [frame.number for frame in frames] == list(range(1, 13))
@@ -22,9 +20,7 @@ def test_a_stereo_folder_gives_pairs_in_numeric_order(
     assert frames[0].t == 1_000_100.0
 
 
-def test_a_truncated_jpeg_is_a_frame_with_a_reason(
-    make_mission: Callable[..., Path], hand_clock: Any
-) -> None:
+def test_a_truncated_jpeg_is_a_frame_with_a_reason(make_mission, hand_clock) -> None:
     folder = make_mission([[(1, 1)]] * 3)
     file = folder / "Left" / "t_L_2.jpg"
     file.write_bytes(file.read_bytes()[:-500])
@@ -68,16 +64,12 @@ def test_stop_ends_even_a_long_wait(make_mission: Callable[..., Path], hand_cloc
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_rate_is_positive(
-    make_mission: Callable[..., Path], hand_clock: Any, rate: float
-) -> None:
+def test_a_rate_is_positive(make_mission: Callable[..., Path], hand_clock: Any, rate: float):
     with pytest.raises(ToktError, match="rate"):
         open_source(str(make_mission([[]])), hand_clock, rate=rate)
 
 
-def test_frames_are_chosen_and_named_when_absent(
-    make_mission: Callable[..., Path], hand_clock: Any
-) -> None:
+def test_frames_are_chosen_and_named_when_absent(make_mission, hand_clock) -> None:
     folder = str(make_mission([[]] * 4))
     assert [frame.number for frame in open_source(folder, hand_clock, [4, 2])] == [2, 4]
     with pytest.raises(ToktError, match="has frames 1-4, not 7-8"):
@@ -86,8 +78,8 @@ def test_frames_are_chosen_and_named_when_absent(
 
 @pytest.mark.parametrize("stereo", [True, False])
 def test_a_frame_that_only_the_right_camera_has_is_one_without_a_picture(
-    make_mission: Callable[..., Path], hand_clock: Any, stereo: bool
-) -> None:
+    make_mission, hand_clock, stereo
+):
     folder = make_mission([[]] * 4)
     (folder / "Left" / "t_L_2.jpg").unlink()
     frames = list(open_source(str(folder), hand_clock, stereo=stereo))
@@ -102,9 +94,7 @@ def test_other_sources_are_unknown(text: str, hand_clock: Any) -> None:
         open_source(text, hand_clock)
 
 
-def test_a_video_gives_its_frames(
-    tmp_path: Path, draw_frame: Callable[..., np.ndarray], hand_clock: Any
-) -> None:
+def test_a_video_gives_its_frames(tmp_path, draw_frame, hand_clock) -> None:
     path = tmp_path / "dive.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (360, 270))
     for number in range(4):
@@ -132,8 +122,6 @@ def test_a_raw_frame_is_made_a_colour_picture(tmp_path: Path, hand_clock: Any) -
 
 
 @pytest.mark.parametrize("pixel_format", ["", "BGR8", "BayerXX8"])
-def test_other_pixel_formats_are_refused(
-    make_mission: Callable[..., Path], hand_clock: Any, pixel_format: str
-) -> None:
+def test_other_pixel_formats_are_refused(make_mission, hand_clock, pixel_format) -> None:
     with pytest.raises(ToktError, match="choose from Mono8, BayerRG8"):
         open_source(str(make_mission([[]])), hand_clock, pixel_format=pixel_format)

@@ -72,9 +72,7 @@ turned = cv2.Rodrigues(np.array([0.0, 0.3, 0.0]))[0]
         ({"format_version": 2}, "a newer tokt"),
     ],
 )
-def test_what_is_wrong_is_said(
-    write: Callable[..., Path], changes: dict[str, Any], message: str
-) -> None:
+def test_what_is_wrong_is_said(write: Callable[..., Path], changes: dict[str, Any], message: str):
     with pytest.raises(ToktError, match=message):
         load_calibration(write(**changes))
 
@@ -113,9 +111,7 @@ BARREL = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) turns back at r
         ({"T_mm": None, "T": np.array([-300.0, 0, 0])}, "no unit: it is taken for millimetres"),
     ],
 )
-def test_what_is_odd_is_said(
-    write: Callable[..., Path], changes: dict[str, Any], words: str | None
-) -> None:
+def test_what_is_odd_is_said(write, changes, words) -> None:
     described = read_calibration(write(**changes))
     assert described.usable() is described.calibration
     found = [oddity for oddity in described.oddities if words and re.search(words, oddity)]

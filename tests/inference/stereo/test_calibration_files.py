@@ -93,9 +93,7 @@ THESIS = {
 @pytest.mark.parametrize(
     ("text", "size"), [(OF_YESTERDAY, (1360, 1024)), (VERSION_1, (1400, 1040))]
 )
-def test_files_of_earlier_versions_are_read(
-    tmp_path: Path, text: str, size: tuple[int, int]
-) -> None:
+def test_files_of_earlier_versions_are_read(tmp_path: Path, text: str, size: tuple[int, int]):
     (tmp_path / "c.yml").write_text(text)
     calibration = load_calibration(tmp_path / "c.yml")
     assert calibration.frame_size == size
@@ -166,9 +164,7 @@ def test_the_thesis_s_printed_form(tmp_path: Path) -> None:
         ({"rotation_vector_rad": [1e300, 0, 0]}, "beyond 1e"),
     ],
 )
-def test_printed_tables_that_are_wrong(
-    tmp_path: Path, change: Mapping[str, Any], message: str
-) -> None:
+def test_printed_tables_that_are_wrong(tmp_path: Path, change: Mapping[str, Any], message: str):
     (tmp_path / "c.json").write_text(json.dumps({**THESIS, **change}))
     with pytest.raises(ToktError, match=message):
         load_calibration(tmp_path / "c.json")
@@ -218,9 +214,7 @@ def test_what_nests_too_deep_or_is_too_large_is_refused(tmp_path: Path) -> None:
         load_calibration(tmp_path / "c.yml")
 
 
-def test_oddities_are_said_on_standard_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_oddities_are_said_on_standard_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "c.yml").write_text(OF_YESTERDAY)
     read_calibration_file(tmp_path / "c.yml")
     assert capsys.readouterr().err.endswith("frames' size: taken for 1360x1024\n")
@@ -285,9 +279,7 @@ written = settings(max_examples=scaled(12))
 @pytest.mark.parametrize("name", ["c.yml", "c.json", "c.xml", "c.m"])
 @given(calibrations(), words)
 @written
-def test_what_is_written_is_read_to_the_last_digit(
-    folder: Path, name: str, calibration: StereoCalibration, note: str
-) -> None:
+def test_what_is_written_is_read_to_the_last_digit(folder, name, calibration, note) -> None:
     path = folder / name
     if name == "c.m":
         path.write_text(bouguet(calibration))
@@ -302,9 +294,7 @@ def test_what_is_written_is_read_to_the_last_digit(
 
 @given(calibrations(), st.data())
 @settings(max_examples=scaled(25))
-def test_damaged_files_are_refused_or_read_never_worse(
-    folder: Path, calibration: StereoCalibration, data: st.DataObject
-) -> None:
+def test_damaged_files_are_refused_or_read_never_worse(folder, calibration, data) -> None:
     name = data.draw(st.sampled_from(["d.yml", "d.json", "d.xml", "d.m", "printed.json"]))
     path = folder / name
     texts: dict[str, Callable[[], object]] = {
@@ -327,9 +317,7 @@ def test_damaged_files_are_refused_or_read_never_worse(
 
 @given(calibrations(), st.sampled_from(["K1", "D1", "K2", "D2", "R", "T_mm"]), st.data())
 @written
-def test_no_form_takes_a_number_that_is_not_finite(
-    folder: Path, calibration: StereoCalibration, part: str, data: st.DataObject
-) -> None:
+def test_no_form_takes_a_number_that_is_not_finite(folder, calibration, part, data) -> None:
     name = data.draw(st.sampled_from(["n.yml", "n.json", "n.xml", "n.m"]))
     array = getattr(calibration, part).copy()
     column = (0, 2) if part.startswith("K") else data.draw(st.integers(0, array.size - 1))

@@ -60,9 +60,7 @@ def test_a_square_is_found_where_it_is_at_its_distance(plain: DisparityDetector)
     assert np.abs(corners - expected).max() <= 24  # half a block, in pixels at full size
 
 
-def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(
-    plain: DisparityDetector,
-) -> None:
+def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(plain: DisparityDetector):
     found = plain.detect(Frame(1, 0.0, *pair(230)))  # its right view starts at 30
     assert found.mask is not None and found.mask[:, : 400 * 360 // WIDTH].any()
 
@@ -115,16 +113,12 @@ EVERYWHERE, THIRD = slice(None), slice(WIDTH // 3, 2 * WIDTH // 3)
 
 @pytest.mark.parametrize("columns", [EVERYWHERE, THIRD])
 @pytest.mark.parametrize("depth_m", [1.0, 1.4])
-def test_what_is_nearer_than_is_searched_is_unknown_not_clear(
-    depth_m: float, columns: slice, plain: DisparityDetector
-) -> None:
+def test_what_is_nearer_than_is_searched_is_unknown_not_clear(depth_m, columns, plain) -> None:
     found = plain.detect(Frame(1, 0.0, *plane(depth_m, columns)))
     assert found.mask is None and "something too near" in found.fault and found.vetoes_clear
 
 
-def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(
-    plain: DisparityDetector,
-) -> None:
+def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(plain) -> None:
     wall = plane(6.0, EVERYWHERE)
     alone = plain.detect(Frame(1, 0.0, *wall))
     near_x = (THIRD.start, THIRD.start - round(CAMERA[0, 0] * 0.3 / 1.0))
@@ -195,9 +189,7 @@ def test_a_calibration_that_turns_the_view_away_is_refused() -> None:
         ({"T_mm": 10 * PLAIN.T_mm}, 1.0, "at most 2047 can be"),
     ],
 )
-def test_a_calibration_with_which_hardly_anything_is_searched_is_refused(
-    changes: dict[str, np.ndarray], scale: float, message: str
-) -> None:
+def test_a_calibration_with_which_hardly_anything_is_searched_is_refused(changes, scale, message):
     with pytest.raises(ToktError, match=message):
         DisparityDetector(replace(PLAIN, **changes), Grid(), scale=scale)
 
@@ -221,18 +213,14 @@ def picture(mission: Path, camera: str, number: int) -> np.ndarray:
     return read_image(mission / camera / f"tokt1_{camera[0]}_{number}.jpg")
 
 
-def matched(
-    detector: DisparityDetector, mission: Path, left: int, right: int, turn: bool = False
-) -> Matches:
+def matched(detector, mission, left, right, turn=False) -> Matches:
     other = picture(mission, "Right", right)
     other = np.ascontiguousarray(other[::-1]) if turn else other
     return detector.match(picture(mission, "Left", left), other)
 
 
 @pytest.mark.mission
-def test_control_another_right_frame_leaves_no_match(
-    mission: Path, real: DisparityDetector
-) -> None:
+def test_control_another_right_frame_leaves_no_match(mission: Path, real: DisparityDetector):
     assert matched(real, mission, 180, 180).valid.mean() > 0.2
     for other in (50, 170, 175, 183, 186, 200):
         assert matched(real, mission, 180, other).valid.mean() <= 0.003
@@ -253,9 +241,7 @@ def test_ocean_frames_have_no_match(mission: Path, real: DisparityDetector) -> N
 
 
 @pytest.mark.mission
-def test_the_tower_is_an_obstacle_at_its_measured_depth(
-    mission: Path, real: DisparityDetector
-) -> None:
+def test_the_tower_is_an_obstacle_at_its_measured_depth(mission: Path, real: DisparityDetector):
     for number, depth_m in ((142, 9.6), (170, 5.1), (186, 1.84), (205, 4.8)):
         found = matched(real, mission, number, number)
         median = real.rectifier.focal_baseline_px_m / np.median(found.disparity_px[found.valid])

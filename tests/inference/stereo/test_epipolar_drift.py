@@ -186,9 +186,7 @@ def test_on_the_sea_trial(mission: Path, calibration_path: Path) -> None:
     detector = DisparityDetector(load_calibration(calibration_path), Grid())
     rectifier = detector.rectifier
 
-    def add(
-        drift: EpipolarDriftCorrection, number: int, right_number: int, lower_px: float = 0.0
-    ) -> EpipolarOffset:
+    def add(drift, number, right_number, lower_px=0.0) -> EpipolarOffset:
         left = read_image(mission / "Left" / f"tokt1_L_{number}.jpg")
         right = read_image(mission / "Right" / f"tokt1_R_{right_number}.jpg")
         down = np.array([[1, 0, 0], [0, 1, lower_px]])

@@ -40,9 +40,7 @@ def with_texture(view: View, columns: slice) -> View:
     return view
 
 
-def matches(
-    textured: float = 0.0, matched: float = 0.0, searched: bool = True, seed: int = 0
-) -> Matches:
+def matches(textured=0.0, matched=0.0, searched=True, seed=0) -> Matches:
     """Matches of a view of which one part is textured and another matched."""
     order = np.random.default_rng(seed).permutation(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
     part = order / (HEIGHT * WIDTH)
@@ -129,9 +127,7 @@ def test_rows_that_do_not_agree(offset: EpipolarOffset, told: str) -> None:
     assert "rows" in fault.reason and told in fault.reason
 
 
-def judge(
-    health: PairHealth, left: View, right: View, drift: EpipolarDriftCorrection
-) -> PairFault | None:
+def judge(health, left, right, drift) -> PairFault | None:
     return health.judge(left, right, OPEN_WATER, None, drift)
 
 
@@ -190,9 +186,7 @@ class StubTrim(EpipolarDriftCorrection):
         (StubTrim(None, 1.4), "1.4 px from pair to pair"),
     ],
 )
-def test_rows_that_differ_from_those_before_are_out_of_step(
-    drift: EpipolarDriftCorrection, told: str | None
-) -> None:
+def test_rows_that_differ_from_those_before_are_out_of_step(drift, told) -> None:
     fault = PairHealth().judge(water(), water(seed=1), SEEN, GOOD, drift)
     assert (fault is None) == (told is None)
     if fault is not None and told is not None:
@@ -215,9 +209,7 @@ RIGHT = LEFT + 100
         (LEFT, RIGHT[::-1], MISFIT),
     ],
 )
-def test_the_cause_of_a_misfit_is_found_with_one_matching_a_pair(
-    left: Frame, right: Frame, told: str
-) -> None:
+def test_the_cause_of_a_misfit_is_found_with_one_matching_a_pair(left, right, told) -> None:
     matched: list[tuple[Frame, Frame]] = []
 
     def match(one: Frame, other: Frame) -> Matches:

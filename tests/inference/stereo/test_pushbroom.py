@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,9 +67,7 @@ def is_clear(found: Detection) -> bool:
 
 
 @pytest.mark.parametrize("distance_m", [*DISTANCES_M, 3.9, 6.25])
-def test_what_stands_at_a_distance_is_found_where_it_is(
-    detector: PushbroomDetector, distance_m: float
-) -> None:
+def test_what_stands_at_a_distance_is_found_where_it_is(detector, distance_m) -> None:
     found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
     assert found.distance_m == pytest.approx(distance_m, rel=0.03)
     square = np.array([X, Y, X + SQUARE_PX, Y + SQUARE_PX])
@@ -79,17 +76,13 @@ def test_what_stands_at_a_distance_is_found_where_it_is(
 
 
 @pytest.mark.parametrize("distance_m", [1.5, 2.4, 5.0, 12.0])
-def test_what_stands_elsewhere_is_not_found_and_not_called_clear(
-    detector: PushbroomDetector, distance_m: float
-) -> None:
+def test_what_stands_elsewhere_is_not_found_and_not_called_clear(detector, distance_m) -> None:
     found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
     assert found.mask is None and found.vetoes_clear
     assert found.fault.startswith("something is in view, but at none of 8, 6, 4, 3 and 2 m")
 
 
-def test_an_even_sea_is_clear_and_the_note_says_what_that_means(
-    detector: PushbroomDetector,
-) -> None:
+def test_an_even_sea_is_clear_and_the_note_says_what_that_means(detector: PushbroomDetector):
     found = detector.detect(Frame(1, 0.0, *EMPTY))
     assert is_clear(found) and "sees only at" in found.note
 
@@ -106,9 +99,7 @@ def fence() -> np.ndarray:
 
 
 @pytest.mark.parametrize("texture", [slanting_bar, fence])
-def test_what_matches_at_other_disparities_as_well_is_no_hit(
-    detector: PushbroomDetector, texture: Callable[[], np.ndarray], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_matches_at_other_disparities_as_well_is_no_hit(detector, texture, monkeypatch):
     between = draw(3.5, texture(), x=560)
     assert not detector.look(*between).any()
     monkeypatch.setattr(pushbroom, "INVARIANCE_RATIO", 1e6)  # without the invariance filter
@@ -260,9 +251,7 @@ def real(calibration_path: Path) -> PushbroomDetector:
     return PushbroomDetector(load_calibration(calibration_path), Grid())
 
 
-def look(
-    detector: PushbroomDetector, mission: Path, left: int, right: int, turn: bool = False
-) -> np.ndarray:
+def look(detector, mission, left, right, turn=False) -> np.ndarray:
     """The depths found in frames of the sea trial."""
     other = read_image(mission / "Right" / f"tokt1_R_{right}.jpg")
     other = np.ascontiguousarray(other[::-1]) if turn else other
@@ -270,9 +259,7 @@ def look(
 
 
 @pytest.mark.mission
-def test_the_tower_is_met_as_it_crosses_each_distance(
-    mission: Path, real: PushbroomDetector
-) -> None:
+def test_the_tower_is_met_as_it_crosses_each_distance(mission: Path, real: PushbroomDetector):
     # Frames with even numbers: the settings were chosen on the odd ones.
     for number, distance_m in (
         (150, 8),

@@ -108,9 +108,7 @@ UNFIT: dict[str, Callable[[Picture], Picture | None]] = {
 @pytest.mark.parametrize("kind", DETECTORS)
 @given(st.sampled_from(SIZES), st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(ALIKE)))
 @settings(max_examples=scaled(12))
-def test_a_pair_is_judged_however_it_lies_in_memory(
-    kind: str, size: tuple[int, int], left: str, right: str
-) -> None:
+def test_a_pair_is_judged_however_it_lies_in_memory(kind, size, left, right) -> None:
     first, second = pair(size)
     plain = detector(kind, size).detect(Frame(1, 0.0, first, second))
     found = detector(kind, size).detect(Frame(1, 0.0, ALIKE[left](first), ALIKE[right](second)))
@@ -144,9 +142,7 @@ class Texture:
     st.booleans(),
 )
 @settings(max_examples=scaled(30))
-def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(
-    kind: str, size: tuple[int, int], names: list[str], judges: bool
-) -> None:
+def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(kind, size, names, judges) -> None:
     ways = [(ALIKE | UNFIT)[name] for name in names]
     pictures = [way(picture) for way, picture in zip(ways, pair(size), strict=True)]
     frame = Frame(1, 0.0, *pictures)
@@ -176,9 +172,7 @@ def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(
     )
 )
 @settings(max_examples=scaled(8))
-def test_a_good_pair_is_an_obstacle_whatever_came_before_it(
-    kind: str, before: list[tuple[str, str, bool]]
-) -> None:
+def test_a_good_pair_is_an_obstacle_whatever_came_before_it(kind, before) -> None:
     judge = SinglePolicy(detector(kind, SIZES[0])).judge
     for number, (fit, unfit, right_is_unfit) in enumerate(before):
         left, right = pair(SIZES[0], number)
@@ -234,9 +228,7 @@ def in_right_view(points: np.ndarray, rectifier: Rectifier) -> np.ndarray:
 
 @given(rigs(), scales, st.integers(0, 1000))
 @few
-def test_both_views_see_a_point_in_one_row_with_the_disparity_of_its_depth(
-    rig: StereoCalibration, scale: float, seed: int
-) -> None:
+def test_both_views_see_a_point_in_one_row_with_the_disparity_of_its_depth(rig, scale, seed):
     rectifier = Rectifier(rig, scale)
     rng = np.random.default_rng(seed)
     rays = rng.uniform(-0.2, 0.2, (30, 2))
@@ -253,9 +245,7 @@ def test_both_views_see_a_point_in_one_row_with_the_disparity_of_its_depth(
 
 @given(rigs(), scales, st.integers(0, 1000))
 @few
-def test_points_in_metres_are_where_both_cameras_see_them(
-    rig: StereoCalibration, scale: float, seed: int
-) -> None:
+def test_points_in_metres_are_where_both_cameras_see_them(rig, scale, seed) -> None:
     rectifier = Rectifier(rig, scale)
     rng = np.random.default_rng(seed)
     width, height = rectifier.size
@@ -276,9 +266,7 @@ def test_points_in_metres_are_where_both_cameras_see_them(
 
 @given(rigs(), st.sampled_from([0.5, 1.0]), st.floats(-4, 4))
 @few
-def test_the_views_show_what_the_points_say(
-    rig: StereoCalibration, scale: float, shift_px: float
-) -> None:
+def test_the_views_show_what_the_points_say(rig: StereoCalibration, scale: float, shift_px: float):
     rectifier = Rectifier(rig, scale)
     width, height = rig.frame_size
     across = np.arange(width, dtype=np.uint8)[None].repeat(height, axis=0)
@@ -296,9 +284,7 @@ def test_the_views_show_what_the_points_say(
 
 @given(rigs(), st.sampled_from([(90, 120), (61, 77)]))
 @few
-def test_a_mask_of_the_view_is_moved_to_the_left_frame(
-    rig: StereoCalibration, shape: tuple[int, int]
-) -> None:
+def test_a_mask_of_the_view_is_moved_to_the_left_frame(rig, shape) -> None:
     rectifier = Rectifier(rig)
     width, height = rectifier.size
     view = np.arange(1, width + 1, dtype=np.uint8)[None].repeat(height, axis=0)

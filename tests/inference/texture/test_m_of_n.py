@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import socket
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -76,9 +73,7 @@ STEPS = st.tuples(VALUES | st.just(ValueError("broken")), st.sampled_from([0, 0,
     st.lists(STEPS, max_size=10),
     st.data(),
 )
-def test_verdicts_are_the_rule_s(
-    window: int, least: int, now: float | None, steps: list[tuple[Any, int]], data: Any
-) -> None:
+def test_verdicts_are_the_rule_s(window, least, now, steps, data) -> None:
     rule = MofNRule(0.5, least, data.draw(st.integers(1, window)), window, now)
     policy = SinglePolicy(TextureDetector(Script(rule, [answer for answer, _ in steps])))
     state = MofNState(rule)
@@ -130,9 +125,7 @@ class Says:
 
 @pytest.mark.parametrize("policy", [EitherPolicy, FallbackPolicy])
 @pytest.mark.parametrize(("white", "status"), [(False, UNKNOWN), (True, OBSTACLE)])
-def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(
-    policy: Any, white: bool, status: int
-) -> None:
+def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(policy, white, status) -> None:
     texture = TextureDetector(Script(MofNRule(m=2, n=3), [[1, 1, 1, 1]]))
     verdict = policy(texture, Says(white)).judge(frames([0])[0]).verdict
     assert verdict.status == status
@@ -140,12 +133,8 @@ def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(
 
 
 def test_the_loop_applies_the_rule_across_a_frame_that_cannot_be_read(
-    make_mission: Callable[..., Path],
-    bundle_file: Path,
-    run_tokt: Callable[..., Any],
-    receiver: socket.socket,
-    tmp_path: Path,
-) -> None:
+    make_mission, bundle_file, run_tokt, receiver, tmp_path
+):
     """2 of 3: nothing, patch, same patch, unreadable, same, nothing, nothing, (gap) twice."""
     seen = [[], [(4, 4)], [(4, 4)], [(0, 0)], [(4, 4)], [], [], [(1, 1)], [(1, 1)], [(1, 1)]]
     folder = make_mission(seen)
@@ -176,9 +165,7 @@ def test_the_loop_applies_the_rule_across_a_frame_that_cannot_be_read(
     assert heard == [b"0", b"1", b"1", b"0", b"1"]
 
 
-def test_a_source_counts_missing_frames_in_the_mission_s_own_step(
-    make_mission: Callable[..., Path], hand_clock: Any
-) -> None:
+def test_a_source_counts_missing_frames_in_the_mission_s_own_step(make_mission, hand_clock) -> None:
     folder = make_mission([[]] * 6)
     for camera, letter in (("Left", "L"), ("Right", "R")):
         for number in range(6, 0, -1):

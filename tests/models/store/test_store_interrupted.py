@@ -138,9 +138,7 @@ def state(store: Store) -> tuple[Any, ...]:
     return (entries, events, good)
 
 
-def prepared(
-    store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle], name: str
-) -> None:
+def prepared(store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle], name: str):
     if name in ("distrust", "accept unsigned"):
         store.trust(keys["boat"].public, "boat")
     if name == "remember":
