@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.calls import refuses
-from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import (
     CLEAR,
     OBSTACLE,
@@ -176,8 +175,7 @@ def test_a_rule_out_of_bounds_is_refused_in_words(wrong: dict[str, object]) -> N
     ],
 )
 def test_what_is_no_operating_point_is_refused(value: object) -> None:
-    with pytest.raises(ToktError):
-        OperatingPoint.from_json(value)
+    refuses("", OperatingPoint.from_json, value)
 
 
 @pytest.mark.parametrize(

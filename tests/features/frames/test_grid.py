@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
@@ -106,8 +107,7 @@ def test_text_forms() -> None:
     ],
 )
 def test_refused_text(text: str) -> None:
-    with pytest.raises(ToktError):
-        Grid.parse(text)
+    refuses("", Grid.parse, text)
 
 
 json_values = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)
@@ -131,19 +131,15 @@ def test_json_is_read_exactly_or_refused(value: Any) -> None:
     "value", [{"rows": 10, "cols": 10.5, "width": 360}, {"rows": 1}, None, [1]]
 )
 def test_json_of_another_kind_is_refused(value: Any) -> None:
-    with pytest.raises(ToktError):
-        Grid.from_json(value)
+    refuses("", Grid.from_json, value)
 
 
 @pytest.mark.parametrize(("height", "width"), [(29, 360), (2, 360), (0, 360)])
 def test_too_small_a_frame(height: int, width: int) -> None:
     grid = Grid(10, 10, 360)
-    with pytest.raises(ToktError, match="least is 3x3"):
-        grid.patch_size(height, width)
-    with pytest.raises(ToktError):
-        grid.boxes(height, width)
-    with pytest.raises(ToktError):
-        grid.cells(np.zeros((height, width), np.uint8))
+    refuses("least is 3x3", grid.patch_size, height, width)
+    refuses("", grid.boxes, height, width)
+    refuses("", grid.cells, np.zeros((height, width), np.uint8))
 
 
 def test_contains() -> None:

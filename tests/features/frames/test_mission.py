@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.calls import refuses
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import format_frames, open_mission, parse_frames
 
@@ -81,23 +82,17 @@ def test_a_camera_without_frames_is_none(tmp_path: Path) -> None:
 
 
 def test_refused_folders(tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match="does not exist"):
-        open_mission(tmp_path / "none")
-    with pytest.raises(ToktError, match="no frames"):
-        open_mission(tmp_path)
+    refuses("does not exist", open_mission, tmp_path / "none")
+    refuses("no frames", open_mission, tmp_path)
     _write(tmp_path / "only right" / "Right" / "r_1.png", 1)
-    with pytest.raises(ToktError, match="no frames"):
-        open_mission(tmp_path / "only right")
+    refuses("no frames", open_mission, tmp_path / "only right")
     _write(tmp_path / "unnumbered" / "cover.png", 1)
-    with pytest.raises(ToktError, match="frame number"):
-        open_mission(tmp_path / "unnumbered")
+    refuses("frame number", open_mission, tmp_path / "unnumbered")
     for name in ("a_07.png", "b_7.png"):
         _write(tmp_path / "twice" / name, 1)
-    with pytest.raises(ToktError, match="both frame 7"):
-        open_mission(tmp_path / "twice")
+    refuses("both frame 7", open_mission, tmp_path / "twice")
     (tmp_path / "labels.csv").write_text("mission,frame\n")
-    with pytest.raises(ToktError, match="neither"):
-        open_mission(tmp_path / "labels.csv")
+    refuses("neither", open_mission, tmp_path / "labels.csv")
 
 
 @pytest.fixture(scope="module")
@@ -196,8 +191,7 @@ def test_a_damaged_frame_does_not_move_the_numbers(video: Path, tmp_path: Path, 
 def test_not_a_video(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "dive.mp4"
     path.write_bytes(content)
-    with pytest.raises(ToktError, match="not a video"):
-        open_mission(path)
+    refuses("not a video", open_mission, path)
 
 
 @given(st.sets(st.integers(0, 400)).filter(bool))
@@ -217,8 +211,7 @@ def test_frame_lists() -> None:
     "text", ["", "a", "1-", "-3", "3-1", "1,,2", "1;2", "1.5", "1-2-3", "9" * 5000, "0-99999999999"]
 )
 def test_refused_frame_lists(text: str) -> None:
-    with pytest.raises(ToktError, match=r"not a list of frames|too long"):
-        parse_frames(text)
+    refuses(r"not a list of frames|too long", parse_frames, text)
 
 
 @pytest.mark.mission

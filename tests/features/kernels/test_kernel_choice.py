@@ -11,8 +11,8 @@ import pytest
 
 import tokt
 import tokt.features
+from tests.calls import refuses
 from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
 from tokt.features.kernels.dispatch import load_kernels
 
 FEATURES = Path(tokt.features.__file__).parent
@@ -110,8 +110,7 @@ def test_an_unknown_name_is_one_line(value: str, tiny_bundle: Path, tmp_path: Pa
 
 def test_load_kernels_refuses_unknown_names() -> None:
     for name in ("", "native", "NUMPY"):
-        with pytest.raises(ToktError, match="unknown kernels"):
-            load_kernels(name)
+        refuses("unknown kernels", load_kernels, name)
 
 
 def test_numpy_where_nothing_is_compiled(without_extension: Path) -> None:

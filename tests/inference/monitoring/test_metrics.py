@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -216,8 +217,7 @@ def test_what_a_user_can_get_wrong(hand_clock: Any, monkeypatch: pytest.MonkeyPa
     assert parse_metrics("9108") == ("127.0.0.1", 9108)
     assert parse_metrics("0.0.0.0:9108") == ("0.0.0.0", 9108)
     for text in ("", "0", "70000", "here", "::"):
-        with pytest.raises(ToktError, match="not an address"):
-            parse_metrics(text)
+        refuses("not an address", parse_metrics, text)
     counts = RunCounts(hand_clock)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
 from tokt.inference.outputs.mavlink import (
     Lens,
@@ -327,14 +327,12 @@ def test_the_lens_of_a_calibration_is_its_left_camera_s() -> None:
     )
     assert lens_of(60, calibration) == LENS
     assert LENS.edges_deg == pytest.approx((-30, 30))
-    with pytest.raises(ToktError, match="--camera-fov-deg"):
-        lens_of(None, None)
+    refuses("--camera-fov-deg", lens_of, None, None)
 
 
 @pytest.mark.parametrize("fov_deg", [0, 9.9, 171, -60, math.nan])
 def test_angles_of_view_that_are_none(fov_deg: float) -> None:
-    with pytest.raises(ToktError, match="field of view"):
-        Lens.of_fov_deg(fov_deg)
+    refuses("field of view", Lens.of_fov_deg, fov_deg)
 
 
 @pytest.mark.parametrize(
@@ -347,18 +345,15 @@ def test_angles_of_view_that_are_none(fov_deg: float) -> None:
     ],
 )
 def test_options_that_are_none(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(ToktError, match=words):
-        MavlinkOptions(LENS, **options)
+    refuses(words, MavlinkOptions, LENS, **options)
 
 
 def test_devices() -> None:
     assert parse_device("udpout:192.168.2.2:14550") == ("192.168.2.2", 14550)
     assert parse_device(" udpout:[::1]:9 ") == ("::1", 9)
     for text in ("192.168.2.2:14550", "udpin:0.0.0.0:14550", "tcp:1.2.3.4:5", "/dev/ttyUSB0", ""):
-        with pytest.raises(ToktError, match="udpout:HOST:PORT"):
-            parse_device(text)
-    with pytest.raises(ToktError, match="not an address"):
-        parse_device("udpout:here")
+        refuses("udpout:HOST:PORT", parse_device, text)
+    refuses("not an address", parse_device, "udpout:here")
 
 
 def test_a_receiver_that_is_not_there_costs_nothing(closed_port: int) -> None:

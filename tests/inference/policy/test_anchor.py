@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.policy.temporal_cues import Anchor, AnchorErrors
 from tokt.inference.reason import Fault, Reason
@@ -69,8 +69,7 @@ def test_nothing_seen_has_no_errors() -> None:
 
 @pytest.mark.parametrize("size", [0.0, -0.1, 0.009, 0.91, 10.0, math.nan, math.inf])
 def test_a_share_that_cannot_be_held_is_refused(size: float) -> None:
-    with pytest.raises(ToktError, match=r"0\.01 to 0\.9"):
-        Anchor(size)
+    refuses(r"0\.01 to 0\.9", Anchor, size)
 
 
 sides = st.integers(1, 400)

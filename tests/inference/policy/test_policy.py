@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.calls import refuses
 from tests.inference.stereo.plain_rig import PLAIN as CALIBRATION
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
@@ -192,8 +193,7 @@ def test_what_stereo_has_no_use_for_is_refused() -> None:
         ({"algorithm": "pushbroom", "scale": 0.25}, "a scale of its own"),
         ({"odometry": {}}, "odometry is for pushbroom only"),
     ):
-        with pytest.raises(ToktError, match=message):
-            StereoSetup(CALIBRATION, **options)
+        refuses(message, StereoSetup, CALIBRATION, **options)
     assert isinstance(StereoSetup(CALIBRATION, "pushbroom").detector(Grid()), PushbroomDetector)
     assert isinstance(StereoSetup(CALIBRATION, "sgbm").detector(Grid()), DisparityDetector)
 
@@ -210,20 +210,16 @@ def test_fallback_goes_on_without_a_model_and_says_so() -> None:
 
 @pytest.mark.parametrize(("name", "stereo"), [("texture", None), ("either", STEREO)])
 def test_other_policies_stop_without_their_model(name: str, stereo: StereoSetup | None) -> None:
-    with pytest.raises(ToktError, match="a hash does not match"):
-        assemble(name, broken_model, stereo)
+    refuses("a hash does not match", assemble, name, broken_model, stereo)
 
 
 def test_what_a_policy_has_no_use_for_is_refused(noise_scorer: Any) -> None:
-    with pytest.raises(ToktError, match="disparity uses no model"):
-        assemble("disparity", broken_model, STEREO)
-    with pytest.raises(ToktError, match="texture uses no calibration"):
-        assemble("texture", lambda: noise_scorer, STEREO)
+    refuses("disparity uses no model", assemble, "disparity", broken_model, STEREO)
+    refuses("texture uses no calibration", assemble, "texture", lambda: noise_scorer, STEREO)
 
 
 def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
-    with pytest.raises(ToktError, match="a hash does not match"):
-        assemble("fallback", broken_model, None)
+    refuses("a hash does not match", assemble, "fallback", broken_model, None)
     policy = assemble("fallback", lambda: noise_scorer, None).policy
     assert "there is no stereo calibration" in policy.judge(FRAME).verdict.health
 
@@ -236,13 +232,11 @@ def test_disparity_needs_a_calibration(name: str, noise_scorer: Any) -> None:
 
 @pytest.mark.parametrize("name", ["texture", "either", "fallback"])
 def test_texture_needs_a_model(name: str) -> None:
-    with pytest.raises(ToktError, match="needs a model"):
-        assemble(name, None, None if name == "texture" else STEREO)
+    refuses("needs a model", assemble, name, None, None if name == "texture" else STEREO)
 
 
 def test_the_names_are_fixed(noise_scorer: Any) -> None:
-    with pytest.raises(ToktError, match="unknown policy 'both'"):
-        assemble("both", lambda: noise_scorer, STEREO)
+    refuses("unknown policy 'both'", assemble, "both", lambda: noise_scorer, STEREO)
     kinds = {"disparity": SinglePolicy, "either": EitherPolicy, "fallback": FallbackPolicy}
     for name, kind in kinds.items():
         load = None if name == "disparity" else lambda: noise_scorer
@@ -252,8 +246,7 @@ def test_the_names_are_fixed(noise_scorer: Any) -> None:
 
 @pytest.mark.parametrize("threads", [0, -1])
 def test_at_least_one_thread(noise_scorer: Any, threads: int) -> None:
-    with pytest.raises(ToktError, match="at least one thread"):
-        assemble("texture", lambda: noise_scorer, None, threads)
+    refuses("at least one thread", assemble, "texture", lambda: noise_scorer, None, threads)
 
 
 def test_threads_reach_the_detector(noise_scorer: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.clip_trigger import MAX_S, REST_S, ClipPadding, ClipTrigger
 from tokt.inference.verdict import Verdict, unknown_verdict
@@ -82,5 +82,4 @@ def test_a_moment_can_be_asked_for() -> None:
 
 @pytest.mark.parametrize("around", [(-1, 0), (0, 31), (float("nan"), 0)])
 def test_what_a_user_can_get_wrong(around: tuple[float, float]) -> None:
-    with pytest.raises(ToktError, match="0 to 30 s"):
-        ClipPadding(*around)
+    refuses("0 to 30 s", ClipPadding, *around)

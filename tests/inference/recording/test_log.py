@@ -17,9 +17,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tests.waiting import until
-from tokt.features.common.errors import ToktError
 from tokt.inference.recording.log import JsonLines, LogGap, LogRotation, older_file, read_log
 
 SMALL = LogRotation(max_mb=0.0001, keep=3)  # 100 bytes: some seven short lines
@@ -265,10 +265,7 @@ def test_a_folder_that_went_and_came_back_is_written_again(tmp_path: Path) -> No
 
 
 def test_what_a_user_can_get_wrong(tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match=r"log .* cannot be written"):
-        JsonLines(tmp_path / "none" / "log.jsonl")
-    with pytest.raises(ToktError, match="does not exist"):
-        list(read_log(tmp_path / "none.jsonl"))
+    refuses(r"log .* cannot be written", JsonLines, tmp_path / "none" / "log.jsonl")
+    refuses("does not exist", lambda: list(read_log(tmp_path / "none.jsonl")))
     for rotation in ({"max_mb": 0}, {"max_mb": float("nan")}, {"keep": 0}, {"keep": 100}):
-        with pytest.raises(ToktError):
-            LogRotation(**rotation)
+        refuses("", LogRotation, **rotation)

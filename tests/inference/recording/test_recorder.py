@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.calls import refuses
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
@@ -333,29 +333,24 @@ def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_pa
 
 def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock) -> None:
     first = sea()
-    with pytest.raises(ToktError, match="another tokt"):
-        sea(run="run-2")
+    refuses("another tokt", sea, run="run-2")
     first.recorder.close()
     sea(run="run-2").recorder.close()
     (tmp_path / "file").write_text("")
-    with pytest.raises(ToktError, match="cannot record into"):
-        Recorder(tmp_path / "file", "run-1", hand_clock)
+    refuses("cannot record into", Recorder, tmp_path / "file", "run-1", hand_clock)
     for limits in ((0, 0), (1, -1), (float("nan"), 0)):
-        with pytest.raises(ToktError):
-            DiskLimits(*limits)
+        refuses("", DiskLimits, *limits)
 
 
 def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match="holds no recording"):
-        list(read_recording(tmp_path))
+    refuses("holds no recording", lambda: list(read_recording(tmp_path)))
     for text, words in (
         ("", "does not begin"),
         ('{"recording": true}\n', "does not begin"),
         ('{"recording": 2, "run": "x"}\n', "newer than this tokt reads"),
     ):
         (tmp_path / "recording.jsonl").write_text(text)
-        with pytest.raises(ToktError, match=words):
-            list(read_recording(tmp_path))
+        refuses(words, lambda: list(read_recording(tmp_path)))
 
 
 def test_a_recording_of_format_1_is_read(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
@@ -118,8 +118,7 @@ def test_lines_of_both_files_that_cannot_be_written_are_counted(tmp_path: Path) 
 
 def test_a_log_that_cannot_be_opened_is_told(tmp_path: Path) -> None:
     (tmp_path / "a.events.jsonl").mkdir()
-    with pytest.raises(ToktError, match=r"a\.events\.jsonl cannot be written"):
-        RunLog(tmp_path / "a.jsonl", "run-x")
+    refuses(r"a\.events\.jsonl cannot be written", RunLog, tmp_path / "a.jsonl", "run-x")
 
 
 def test_runs_have_ids_of_their_own_though_the_clock_stands(hand_clock: Any) -> None:

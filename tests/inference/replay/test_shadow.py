@@ -12,12 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pytest
-
+from tests.calls import refuses
 from tests.inference.live import HandSource, Listener
 from tests.inference.logged_runs import mission_source, variant
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import assemble
@@ -221,8 +219,7 @@ def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
 
 
 def test_policy_disparity_has_no_challenger(bundle_file: Path) -> None:
-    with pytest.raises(ToktError, match="uses no model"):
-        Challenger.of(read_bundle(bundle_file), "disparity")
+    refuses("uses no model", Challenger.of, read_bundle(bundle_file), "disparity")
 
 
 def line(frame: int, champion: int, challenger: int, dropped: int = 0) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tests.waiting import MAX_S
 from tokt.features.common.errors import ToktError
@@ -102,8 +103,7 @@ def header(**changes: object) -> bytes:
     ],
 )
 def test_what_is_no_frame_ends_the_run(sent: bytes, words: str) -> None:
-    with pytest.raises(ToktError, match=words):
-        received(sent)
+    refuses(words, received, sent)
 
 
 def test_nobody_there() -> None:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.inference.sources.files import open_source
 
@@ -65,15 +66,13 @@ def test_stop_ends_even_a_long_wait(make_mission: Callable[..., Path], hand_cloc
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_rate_is_positive(make_mission: Callable[..., Path], hand_clock: Any, rate: float):
-    with pytest.raises(ToktError, match="rate"):
-        open_source(str(make_mission([[]])), hand_clock, rate=rate)
+    refuses("rate", open_source, str(make_mission([[]])), hand_clock, rate=rate)
 
 
 def test_frames_are_chosen_and_named_when_absent(make_mission, hand_clock) -> None:
     folder = str(make_mission([[]] * 4))
     assert [frame.number for frame in open_source(folder, hand_clock, [4, 2])] == [2, 4]
-    with pytest.raises(ToktError, match="has frames 1-4, not 7-8"):
-        open_source(folder, hand_clock, [2, 7, 8])
+    refuses("has frames 1-4, not 7-8", open_source, folder, hand_clock, [2, 7, 8])
 
 
 @pytest.mark.parametrize("stereo", [True, False])
@@ -90,8 +89,7 @@ def test_a_frame_that_only_the_right_camera_has_is_one_without_a_picture(
 
 @pytest.mark.parametrize("text", ["pymba:0", "no/such/place"])
 def test_other_sources_are_unknown(text: str, hand_clock: Any) -> None:
-    with pytest.raises(ToktError, match="unknown source"):
-        open_source(text, hand_clock)
+    refuses("unknown source", open_source, text, hand_clock)
 
 
 def test_a_video_gives_its_frames(tmp_path, draw_frame, hand_clock) -> None:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.inference.stereo.calibration import load_calibration, oddities, read_calibration
 from tokt.inference.stereo.calibration_files import folds_back_at_px
 
@@ -73,8 +73,7 @@ turned = cv2.Rodrigues(np.array([0.0, 0.3, 0.0]))[0]
     ],
 )
 def test_what_is_wrong_is_said(write: Callable[..., Path], changes: dict[str, Any], message: str):
-    with pytest.raises(ToktError, match=message):
-        load_calibration(write(**changes))
+    refuses(message, load_calibration, write(**changes))
 
 
 @pytest.mark.parametrize(
@@ -83,10 +82,8 @@ def test_what_is_wrong_is_said(write: Callable[..., Path], changes: dict[str, An
 def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "c.yml"
     path.write_bytes(content)
-    with pytest.raises(ToktError, match="calibration"):
-        load_calibration(path)
-    with pytest.raises(ToktError, match="does not exist"):
-        load_calibration(tmp_path / "none.yml")
+    refuses("calibration", load_calibration, path)
+    refuses("does not exist", load_calibration, tmp_path / "none.yml")
 
 
 BARREL = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) turns back at r = 0.609
@@ -142,5 +139,4 @@ def test_the_thesis_s_printed_table_is_described_and_refused(calibration_path: P
     path = calibration_path.with_name("calibration_thesis.json")
     described = read_calibration(path)
     assert described.form == "printed table (JSON)" and len(described.refusals) == 3
-    with pytest.raises(ToktError, match=r"principal point of K1 .* outside .* left of the left"):
-        load_calibration(path)
+    refuses(r"principal point of K1 .* outside .* left of the left", load_calibration, path)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
@@ -190,8 +191,7 @@ def test_a_calibration_that_turns_the_view_away_is_refused() -> None:
     ],
 )
 def test_a_calibration_with_which_hardly_anything_is_searched_is_refused(changes, scale, message):
-    with pytest.raises(ToktError, match=message):
-        DisparityDetector(replace(PLAIN, **changes), Grid(), scale=scale)
+    refuses(message, DisparityDetector, replace(PLAIN, **changes), Grid(), scale=scale)
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.2, 0.25, 0.5, 1.0])

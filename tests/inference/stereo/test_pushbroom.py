@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import read_image
 from tokt.inference.frame import Frame
@@ -228,8 +228,7 @@ def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector: Pushbroo
     ],
 )
 def test_distances_that_cannot_be_are_refused(distances_m: tuple[float, ...], words: str) -> None:
-    with pytest.raises(ToktError, match=words):
-        PushbroomDetector(PLAIN, Grid(), distances_m)
+    refuses(words, PushbroomDetector, PLAIN, Grid(), distances_m)
 
 
 @pytest.mark.parametrize("size", [(97, 61), (361, 271), (640, 203)])

@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S, until
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -190,8 +191,7 @@ def listed(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_what_cannot_be_meant(ids, wait, words, listed):
-    with pytest.raises(ToktError, match=words):
-        open_drivers(ids, SourceConfig(wait=wait), SYSTEM_CLOCK)
+    refuses(words, open_drivers, ids, SourceConfig(wait=wait), SYSTEM_CLOCK)
 
 
 def test_a_camera_that_is_waited_for(listed):
@@ -213,11 +213,9 @@ def test_no_producer_is_said_by_the_runtime(monkeypatch):
 
 def test_producers_that_crash_or_hang(instead):
     instead("os.abort()")
-    with pytest.raises(ToktError, match="producers end the process with -6"):
-        list_cameras()
+    refuses("producers end the process with -6", list_cameras)
     instead("time.sleep(60)")
-    with pytest.raises(ToktError, match=r"do not answer in 0\.2 s"):
-        list_cameras(timeout_s=0.2)
+    refuses(r"do not answer in 0\.2 s", list_cameras, timeout_s=0.2)
 
 
 @pytest.mark.parametrize(
@@ -233,8 +231,7 @@ def test_cameras_that_do_not_open(program, words, open_camera, instead, monkeypa
     monkeypatch.setattr(genicam_driver, "_CLOSE_S", 0.1)
     instead(program)
     driver = open_camera(open_s=0.3 if "sleep" in program else MAX_S)
-    with pytest.raises(ToktError, match=words):
-        driver.start(lambda capture: None)
+    refuses(words, driver.start, lambda capture: None)
     assert driver._process is None
 
 

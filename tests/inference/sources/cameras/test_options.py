@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
@@ -33,8 +34,7 @@ from tokt.inference.sources.cameras.open import (
     ],
 )
 def test_what_cannot_be_meant(options, words):
-    with pytest.raises(ToktError, match=words):
-        open_camera_source(SourceConfig("pymba:0", **options), SYSTEM_CLOCK, print)
+    refuses(words, open_camera_source, SourceConfig("pymba:0", **options), SYSTEM_CLOCK, print)
 
 
 def test_what_can_be_meant():
@@ -47,8 +47,7 @@ def test_what_can_be_meant():
 
 @pytest.mark.parametrize("text", ["pymba:", "pymba:1,", "pymba:1,2,3", "genicam:", "usb:1"])
 def test_what_names_no_cameras(text):
-    with pytest.raises(ToktError, match="live cameras are"):
-        open_camera_source(SourceConfig(text), SYSTEM_CLOCK, print)
+    refuses("live cameras are", open_camera_source, SourceConfig(text), SYSTEM_CLOCK, print)
 
 
 def test_one_camera_is_not_two():
