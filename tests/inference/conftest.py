@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.waiting import MAX_S
+from tests.inference.live import bound_socket
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import Quantization
@@ -21,20 +20,13 @@ from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
 
-MISSION = Path(
-    os.environ.get(
-        "TOKT_MISSION", Path(__file__).parents[2] / ".." / "shared" / "mission" / "approach"
-    )
-)
 PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x271 frame
 
 
 @pytest.fixture(scope="session")
-def mission() -> Path:
+def mission(mission_dir: Path) -> Path:
     """The real mission's folder."""
-    if not (MISSION / "Left").is_dir():
-        pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
-    return MISSION
+    return mission_dir
 
 
 @pytest.fixture(scope="session")
@@ -155,18 +147,14 @@ def bundle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def receiver() -> Iterator[socket.socket]:
     """A UDP socket on a loopback port of its own."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        opened.bind(("127.0.0.1", 0))
-        opened.settimeout(MAX_S)
+    with bound_socket() as opened:
         yield opened
 
 
 @pytest.fixture
 def closed_port() -> int:
     """A loopback port that nobody listens on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
-        opened.bind(("127.0.0.1", 0))
+    with bound_socket() as opened:
         return int(opened.getsockname()[1])
 
 

@@ -11,9 +11,8 @@ from typing import Any
 
 import pytest
 
-from tests.inference.live import HandSource, Listener
-from tests.inference.test_live_loop import run
-from tests.waiting import MAX_S, until
+from tests.inference.live import HandSource, Listener, looping
+from tests.waiting import until
 from tokt.inference.config import Limits
 from tokt.inference.monitoring.reload import BundleCheck, ModelReloader, check_in_child
 from tokt.inference.policy.policy import SinglePolicy
@@ -83,7 +82,7 @@ def test_a_new_model_is_put_between_frames_and_told(store, make_bundle, hand_clo
 def test_a_damaged_one_is_refused_once_and_tried_again_later(store, make_bundle, hand_clock):
     watched = Watched(store, hand_clock)
     entry = store.deploy(make_bundle("2"))
-    file = store.path / "versions" / entry.sha256 / "bundle.tokt"
+    file = store.bundle_file(entry.sha256)
     whole = file.read_bytes()
     file.write_bytes(whole[:-10])
     told = watched.look()
@@ -132,12 +131,9 @@ def test_one_that_does_not_fit_the_run_is_refused(store, make_bundle, hand_clock
 
 
 def test_one_that_kills_its_checks_is_refused(store, make_bundle, monkeypatch) -> None:
-    monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", "/bin/false")
-    assert "died with exit code 1" in check_in_child(store).fault
-    monkeypatch.setattr(
-        "tokt.inference.monitoring.reload.sys.executable", str(store.path / "no python")
-    )
-    assert "cannot be run" in check_in_child(store).fault
+    for python, words in (("/bin/false", "died with exit code 1"), ("/none", "cannot be run")):
+        monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", python)
+        assert words in check_in_child(store).fault
 
 
 def test_a_run_goes_over_to_the_new_model_and_remembers_it(
@@ -159,7 +155,6 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
         between=watch.exchange,
     )
     watch.start()
-    thread, _ = run(runtime)
     seed = 0
 
     def step() -> bool:
@@ -169,20 +164,19 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
         time.sleep(0.02)
         return bool(listener.events)
 
-    step()
-    second = make_bundle("2")
-    store.deploy(second)
-    until(step)
-    step()
-    until(lambda: listener.reports[-1].verdict.model == "noise/2")
-    until(lambda: store.last_good_file.read_bytes() == second.data)
-    source.stop()
-    thread.join(MAX_S)
+    with looping(runtime):
+        step()
+        second = make_bundle("2")
+        store.deploy(second)
+        until(step)
+        step()
+        until(lambda: listener.reports[-1].verdict.model == "noise/2")
+        until(lambda: store.last_good_file.read_bytes() == second.data)
     watch.close()
     models = [report.verdict.model for report in listener.reports]
     assert models == sorted(models, key=str) and set(models) == {"noise/1", "noise/2"}
     assert [event.name for event in listener.events] == ["model"]
-    (store.path / "versions" / second.sha256 / "bundle.tokt").write_bytes(b"gone")
+    store.bundle_file(second.sha256).write_bytes(b"gone")
     again, notes = load_running(store)
     assert again.sha256 == second.sha256 and len(notes) == 2
     assert json.loads((store.path / "active").read_text())["sha256"] == second.sha256
