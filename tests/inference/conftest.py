@@ -67,7 +67,7 @@ def make_mission(tmp_path: Path) -> Callable[..., Path]:
 
     def make(scenes: list[list[tuple[int, int]]], name: str = "dive") -> Path:
         for camera, letter in (("Left", "L"), ("Right", "R")):
-            (tmp_path / name / camera).mkdir(parents=True)
+            (tmp_path / name / camera).mkdir(parents=True, exist_ok=True)
             for number, patches in enumerate(scenes, 1):
                 path = tmp_path / name / camera / f"t_{letter}_{number}.jpg"
                 cv2.imwrite(str(path), draw(patches, number), [cv2.IMWRITE_JPEG_QUALITY, 98])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import queue
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,6 +30,12 @@ def bound_socket() -> socket.socket:
     opened.bind(("127.0.0.1", 0))
     opened.settimeout(MAX_S)
     return opened
+
+
+def start_tokt(*arguments: object) -> subprocess.Popen[str]:
+    """The command line in a process of its own."""
+    command = [sys.executable, "-m", "tokt", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @contextmanager
@@ -87,6 +95,25 @@ class HandSource:
     def stop(self) -> None:
         """Deliver no further frame."""
         self._frames.put(None)
+
+
+class Sent:
+    """A receiver in memory."""
+
+    failed = 0
+    last_error = ""
+
+    def __init__(self) -> None:
+        self.reports: list[Report] = []
+
+    @property
+    def sent(self) -> int:
+        return len(self.reports)
+
+    def send(self, report: Report) -> None:
+        self.reports.append(report)
+
+    def close(self) -> None: ...
 
 
 class Listener(Observer):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,17 @@ def log_run(
     for observer in watching:
         observer.close()
     return run
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    """A file of JSON lines."""
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def write_lines(path: Path, values: Iterable[Any]) -> Path:
+    """Write one."""
+    path.write_text("".join(json.dumps(value) + "\n" for value in values))
+    return path
 
 
 def texture_start(folder: Path, bundle: Path, **more: Any) -> RunStart:

@@ -20,7 +20,7 @@ from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
 
 from ..waiting import MAX_S, until
 from .conftest import HandClock
-from .live import HandSource, Listener, looping
+from .live import HandSource, Listener, Sent, looping
 
 QUICK = Limits(stale_s=0.15, heartbeat_s=0.15)
 
@@ -70,15 +70,9 @@ def test_a_detector_that_hangs_is_told_of_and_its_late_clear_is_not_believed(
     noise_scorer, draw_frame, hand_clock
 ):
     source, slow = HandSource(hand_clock), Slow(noise_scorer)
-    said: list[Report] = []
-
-    class Sender:
-        sent = failed = 0
-
-        def send(self, report: Report) -> None:
-            said.append(report)
-
-    runtime = Runtime(source, SinglePolicy(slow), [Sender()], hand_clock, limits=QUICK)
+    sender = Sent()
+    said = sender.reports
+    runtime = Runtime(source, SinglePolicy(slow), [sender], hand_clock, limits=QUICK)
     with looping(runtime):
         source.give(draw_frame([]))
         until(lambda: runtime._publisher._judging_since is not None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -41,12 +42,10 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], tuple[
     opened: list[Any] = []
 
     def start(columns: int) -> tuple[int, Any]:
-        import fcntl
-        import struct
         import termios
 
         shown, written = os.openpty()
-        fcntl.ioctl(written, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+        termios.tcsetwinsize(written, (24, columns))
         stream = os.fdopen(written, "w")
         opened.extend((stream, os.fdopen(shown, "rb", buffering=0)))
         os.set_blocking(shown, False)
@@ -76,12 +75,7 @@ def screen(text: str) -> list[str]:
             lines.append("")
         else:
             lines[-1] += char
-    return [without_colours(line) for line in lines]
-
-
-def without_colours(text: str) -> str:
-    parts = text.split("\x1b[")
-    return parts[0] + "".join(part.partition("m")[2] for part in parts[1:])
+    return [re.sub(r"\x1b\[.*?m", "", line) for line in lines]
 
 
 def tell(counts: RunCounts, verdict: Verdict, seq: int = 1, **more: Any) -> None:
@@ -118,8 +112,7 @@ def test_the_line_tells_what_matters(hand_clock: Any) -> None:
     tell(counts, CLEAR, age_ms=10.2)
     tell(counts, OBSTACLE, age_ms=10.2)
     hand_clock.now += 0.05
-    text = text_of(counts, hand_clock)
-    assert text == (
+    assert text_of(counts, hand_clock) == (
         "obstacle 2.3 m  age 60 ms  latency 8 ms  0.0 fps  2 frames, 1 obstacle, 0 unknown  reef/7"
     )
     counts.heartbeat(Report(3, None, None, None, unknown_verdict(Fault(Reason.STALE, "no frame"))))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.inference.conftest import NoiseScorer
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
 from tokt.inference.frame import Frame
@@ -38,40 +38,20 @@ def pair(mission: Path) -> Callable[[int], Frame]:
     return read
 
 
-class Sees:
+class Sees(NoiseScorer):
     """Texture where the tower is, by brightness: a scorer for frames of the mission's size."""
 
-    label, frame_sizes = "bright/1", ((1024, 1360),)
-
-    def __init__(self, noise: Any) -> None:
-        self.grid, self.images, self.operating_point = (
-            noise.grid,
-            noise.images,
-            noise.operating_point,
-        )
-
-    @property
-    def model(self) -> Sees:
-        return self
-
-    def features(self, frame: np.ndarray, pictures: Any, threads: int) -> np.ndarray:
-        cells = self.grid.cells(pictures.gray(self.images))
-        return cells.std(axis=(1, 2))[:, None]
+    def __init__(self) -> None:
+        super().__init__("bright/1", frame_sizes=((1024, 1360),))
 
     def values_of(self, features: np.ndarray) -> np.ndarray:
         return features - 15.0
 
-    def obstacle_score(self, values: np.ndarray) -> np.ndarray:
-        return values[:, 0]
-
-    def obstacle_patches(self, values: np.ndarray) -> np.ndarray:
-        return values[:, 0] > 0
-
 
 @pytest.fixture
-def policy(stereo: StereoSetup, noise_scorer: Any) -> Callable[[str], Policy]:
+def policy(stereo: StereoSetup) -> Callable[[str], Policy]:
     def build(name: str) -> Policy:
-        load = None if name == "disparity" else lambda: Sees(noise_scorer)
+        load = None if name == "disparity" else Sees
         return assemble(name, load, None if name == "texture" else stereo).policy
 
     return build
@@ -106,10 +86,8 @@ def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair) -> Non
     ],
 )
 def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
-    seen = pair(TOWER)
-    frame = Frame(
-        TOWER, 0.0, seen.left, None, NO_FAULT, Fault(Reason.CAMERA_LOST, "the right camera is gone")
-    )
+    gone = Fault(Reason.CAMERA_LOST, "the right camera is gone")
+    frame = Frame(TOWER, 0.0, pair(TOWER).left, None, NO_FAULT, gone)
     verdict = said(policy(name), frame)
     assert (verdict.status, verdict.method) == (tower, method)
     if name in ("disparity", "either"):
@@ -120,7 +98,6 @@ def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
 @pytest.mark.parametrize("number", [TOWER, WATER])
 def test_a_dark_left_camera_is_unknown_whatever_the_policy(name, number, policy, pair) -> None:
     seen = pair(number)
-    assert seen.left is not None
     frame = Frame(number, 0.0, seen.left // 32, seen.right)
     verdict = said(policy(name), frame)
     assert verdict.status == UNKNOWN and "dark" in verdict.health

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,7 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.calls import refuses
+from tests.calls import refuses, run_python
 from tests.tiers import scaled
 from tests.waiting import until
 from tokt.inference.recording.log import JsonLines, LogGap, LogRotation, older_file, read_log
@@ -40,9 +41,8 @@ def write(path: Path, first: int, last: int, rotation: LogRotation | None = SMAL
 def test_files_step_on_and_the_oldest_goes(tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
     log = write(path, 100, 199)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [
-        *("run.1.jsonl", "run.2.jsonl", "run.3.jsonl", "run.jsonl")
-    ]
+    names = {p.name for p in tmp_path.iterdir()}
+    assert names == {"run.1.jsonl", "run.2.jsonl", "run.3.jsonl", "run.jsonl"}
     assert all(p.stat().st_size <= 100 for p in tmp_path.iterdir())
     found = numbers(path)
     assert found == list(range(found[0], 200)) and len(found) > 30
@@ -64,11 +64,11 @@ def test_without_rotation_there_is_one_file(tmp_path: Path) -> None:
 
 
 def test_files_of_others_with_similar_names_are_left_alone(tmp_path: Path) -> None:
-    for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl"):
-        (tmp_path / name).write_text('{"n": -1}\n')
+    others = [tmp_path / name for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl")]
+    for other in others:
+        other.write_text('{"n": -1}\n')
     write(tmp_path / "run.jsonl", 0, 100)
-    for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl"):
-        assert (tmp_path / name).read_text() == '{"n": -1}\n'
+    assert {other.read_text() for other in others} == {'{"n": -1}\n'}
     assert numbers(tmp_path / "run.jsonl")[0] == -1  # run.4.jsonl was kept by a larger --log-keep
 
 
@@ -87,12 +87,10 @@ def test_a_step_that_dies_after_any_rename_loses_no_line(renames, tmp_path, monk
 
     monkeypatch.setattr(Path, "replace", replace)
     log, n = JsonLines(path, roomy), 131
-    try:
+    with suppress(KeyboardInterrupt):
         while n < 150:
             log.write({"n": n})
             n += 1
-    except KeyboardInterrupt:
-        pass
     monkeypatch.undo()
     assert done == renames and numbers(path) == list(range(100, n))
     write(path, n, 180, roomy)
@@ -212,10 +210,7 @@ print(json.dumps([failed, log.failed, log.last_error]))
 @pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
 def test_a_disk_that_was_full_is_written_again_and_says_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
-    done = subprocess.run(
-        [sys.executable, "-c", _FULL, str(path)], capture_output=True, text=True, check=True
-    )
-    failed, failed_later, _ = json.loads(done.stdout)
+    failed, failed_later, _ = json.loads(run_python("-c", _FULL, path).stdout)
     gaps: list[LogGap] = []
     found = numbers(path, gaps)
     kept = 105 // len(b'{"n":10}\n')
