@@ -56,14 +56,11 @@ def exact_ks(one: list[float], other: list[float]) -> float:
     """Over all values, and just below each."""
     at = np.unique([*one, *other])
     a, b = np.sort(one), np.sort(other)
-    return max(
-        float(
-            np.abs(
-                np.searchsorted(a, at, side) / len(a) - np.searchsorted(b, at, side) / len(b)
-            ).max()
-        )
+    shares = [
+        np.searchsorted(a, at, side) / len(a) - np.searchsorted(b, at, side) / len(b)
         for side in ("left", "right")
-    )
+    ]
+    return float(np.abs(shares).max())
 
 
 @settings(max_examples=scaled(150))
