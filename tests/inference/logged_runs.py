@@ -70,7 +70,6 @@ class Switch:
         bundle = self._at.get(self._round)
         if bundle is None:
             return ()
-        assert self.assembly is not None and self.assembly.texture is not None
         self.assembly.texture.put(TextureDetector(bundle))
         fields = {"label": bundle.label, "sha256": bundle.sha256}
         return [Event(self._clock.time(), "model", "another model", fields)]

@@ -324,7 +324,6 @@ def texture_and(disparity: str, policy: type[Any], texture_fails: bool, warned: 
 
         def detect(self, frame: Frame) -> Detection:
             if what == "clear" or not faulty:
-                assert frame.left is not None
                 height, width = frame.left.shape
                 seen = frame.left.std() > 12 and not faulty
                 return Detection(np.full((height, width), 255 * seen, np.uint8), "disparity")

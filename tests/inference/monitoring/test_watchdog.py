@@ -242,7 +242,6 @@ import time; time.sleep(60)
     parent = subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
-    assert parent.stdout is not None and parent.stdin is not None
     assert parent.stdout.readline() == b"False\n"
     parent.kill()
     parent.stdin.close()

@@ -217,7 +217,6 @@ def test_the_cluster_takes_the_examples_and_null_is_never_clear() -> None:
 
 def test_the_elements_said_never_to_be_null_are_none() -> None:
     said = re.search(r"((?:`\w+`(?:, | and ))+`\w+`) are never\s+null", LABVIEW)
-    assert said is not None
     names = re.findall(r"\w+", said[1].replace(" and ", " "))
     assert names == ["status", "v", "seq", "method", "health", "reason"]
     heartbeat = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))

@@ -101,7 +101,6 @@ def test_v2_has_the_fields_of_the_design() -> None:
 @given(st.sampled_from([0, 1]), positions, positions, means)
 def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
     data = encode_v1(a_verdict(status, x, y, mean))
-    assert data is not None
     fields = decode(data)
     assert (fields["v"], fields["status"], fields["x"], fields["y"]) == (1, status, x, y)
     assert fields["mean"] == float(f"{mean:.12g}")

@@ -13,29 +13,18 @@ from tests.calls import refuses
 from tokt.inference.stereo.calibration import load_calibration, oddities, read_calibration
 from tokt.inference.stereo.calibration_files import folds_back_at_px
 
+from .plain_rig import store_parts
+
 CAMERA = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
-PARTS: dict[str, Any] = {
-    "K1": CAMERA,
-    "D1": np.zeros(5),
-    "K2": CAMERA,
-    "D2": np.zeros((1, 5)),
-    "R": np.eye(3),
-    "T_mm": np.array([[-300.0], [1.0], [2.0]]),
-    "image_width": 640,
-    "image_height": 480,
-}
+PARTS = {"K1": CAMERA, "D1": np.zeros(5), "K2": CAMERA, "D2": np.zeros((1, 5)), "R": np.eye(3)}
+PARTS |= {"T_mm": np.array([[-300.0], [1.0], [2.0]]), "image_width": 640, "image_height": 480}
 
 
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[..., Path]:
     def write_calibration(name: str = "c.yml", **changes: Any) -> Path:
-        path = tmp_path / name
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-        for key, value in {**PARTS, **changes}.items():
-            if value is not None:
-                storage.write(key, value)
-        storage.release()
-        return path
+        parts = {key: value for key, value in {**PARTS, **changes}.items() if value is not None}
+        return store_parts(tmp_path / name, parts)
 
     return write_calibration
 
@@ -122,9 +111,8 @@ def test_a_distortion_folds_where_cv2_says_so() -> None:
     radius = np.linspace(0, 1, 2000)
     points = np.stack([radius, 0 * radius, 0 * radius + 1], axis=1)
     seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), CAMERA, BARREL)
-    assert folds_back_at_px(CAMERA, BARREL, (640, 480)) == pytest.approx(
-        seen[:, 0, 0].max() - CAMERA[0, 2], abs=0.01
-    )
+    folds_at_px = seen[:, 0, 0].max() - CAMERA[0, 2]
+    assert folds_back_at_px(CAMERA, BARREL, (640, 480)) == pytest.approx(folds_at_px, abs=0.01)
 
 
 @pytest.mark.mission

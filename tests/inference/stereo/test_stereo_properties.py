@@ -103,16 +103,16 @@ UNFIT: dict[str, Callable[[Picture], Picture | None]] = {
     "white": lambda picture: np.full_like(picture, 255),
     "blank": lambda picture: np.full_like(picture, 77),
 }
+alike, unfit = st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(UNFIT))
 
 
 @pytest.mark.parametrize("kind", DETECTORS)
-@given(st.sampled_from(SIZES), st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(ALIKE)))
+@given(st.sampled_from(SIZES), alike, alike)
 @settings(max_examples=scaled(12))
 def test_a_pair_is_judged_however_it_lies_in_memory(kind, size, left, right) -> None:
     first, second = pair(size)
     plain = detector(kind, size).detect(Frame(1, 0.0, first, second))
     found = detector(kind, size).detect(Frame(1, 0.0, ALIKE[left](first), ALIKE[right](second)))
-    assert plain.mask is not None and found.mask is not None
     assert found.mask.shape == GRID.resized(size[1], size[0]) and found.mask.dtype == np.uint8
     assert set(np.unique(found.mask)) == {0, 255} and np.array_equal(found.mask, plain.mask)
     assert found.distance_m == plain.distance_m == pytest.approx(DEPTH_M, rel=0.05)
@@ -124,23 +124,16 @@ class Texture:
     method = "texture"
 
     def __init__(self, size: tuple[int, int], judges: bool) -> None:
-        mask = np.zeros(GRID.resized(size[1], size[0]), np.uint8)
-        self._answer = Detection(
-            mask if judges else None,
-            "texture",
-            fault=NO_FAULT if judges else Fault(Reason.STEREO, "no"),
-        )
+        mask = np.zeros(GRID.resized(size[1], size[0]), np.uint8) if judges else None
+        fault = NO_FAULT if judges else Fault(Reason.STEREO, "no")
+        self._answer = Detection(mask, "texture", fault=fault)
 
     def detect(self, frame: Frame) -> Detection:
         return self._answer
 
 
 @pytest.mark.parametrize("kind", DETECTORS)
-@given(
-    st.sampled_from(SIZES),
-    st.lists(st.sampled_from([*sorted(ALIKE), *sorted(UNFIT)]), min_size=2, max_size=2),
-    st.booleans(),
-)
+@given(st.sampled_from(SIZES), st.tuples(alike | unfit, alike | unfit), st.booleans())
 @settings(max_examples=scaled(30))
 def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(kind, size, names, judges) -> None:
     ways = [(ALIKE | UNFIT)[name] for name in names]
@@ -165,12 +158,7 @@ def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(kind, size, names, j
 
 
 @pytest.mark.parametrize("kind", DETECTORS)
-@given(
-    st.lists(
-        st.tuples(st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(UNFIT)), st.booleans()),
-        max_size=8,
-    )
-)
+@given(st.lists(st.tuples(alike, unfit, st.booleans()), max_size=8))
 @settings(max_examples=scaled(8))
 def test_a_good_pair_is_an_obstacle_whatever_came_before_it(kind, before) -> None:
     judge = SinglePolicy(detector(kind, SIZES[0])).judge
