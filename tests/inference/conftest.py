@@ -13,10 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.inference.live import bound_socket
+from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import Quantization
-from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
+from tokt.models.bundle.bundle import BundleContent, bundle_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
 
@@ -123,19 +124,12 @@ def bundle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = LinearModel(weights, np.array([0.3]), np.zeros(1), ("ocean", "other"), (False, True))
     frame = draw([(4, 5)])
     values = model.decision_values(extractor.describe(frame, grid))
+    golden = golden_of([frame], [values], [model.obstacle_patches(values)])
     content = BundleContent(
-        name="noise",
-        version="7",
-        extractor_spec=extractor.spec,
-        grid=grid,
-        model=model,
+        *("noise", "7", extractor.spec, grid, model),
         provenance={},
         metrics={},
-        golden=Golden(
-            (cv2.imencode(".png", frame)[1].tobytes(),),
-            values[None],
-            model.obstacle_patches(values)[None],
-        ),
+        golden=golden,
         trained_on=np.zeros(0, np.uint64),
         card="A model for tests.\n",
     )

@@ -20,7 +20,7 @@ from tokt.inference.reason import NO_FAULT, Fault
 from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN, Detection, Detector
+from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN, Detection
 
 from ..waiting import until
 from .conftest import HandClock, NoiseScorer, draw
@@ -30,20 +30,14 @@ QUICK = Limits(stale_s=0.2, heartbeat_s=0.2)
 _BETWEEN_FRAMES_S = 0.001
 
 
-class Faulty:
+class Faulty(TextureDetector):
     """A detector that a test makes do what no detector should."""
 
-    def __init__(self, detector: Detector) -> None:
-        self.detector = detector
-        self.before: Callable[[Frame], None] = lambda frame: None
-
-    @property
-    def method(self) -> str:
-        return self.detector.method
+    before: Callable[[Frame], None] = staticmethod(lambda frame: None)
 
     def detect(self, frame: Frame) -> Detection:
         self.before(frame)
-        return self.detector.detect(frame)
+        return super().detect(frame)
 
 
 @dataclass
@@ -90,7 +84,7 @@ class Dive:
         self.source = HandSource(self.clock)
         self.events = EventQueue()
         self.listener = Listener()
-        self.detector = Faulty(TextureDetector(self.scorer))
+        self.detector = Faulty(self.scorer)
         self.policy: Policy = SinglePolicy(self.detector)
         self.truth: dict[float, str] = {}
         self._heard = [bound_socket(), bound_socket()]

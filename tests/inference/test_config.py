@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.calls import run_python
 from tests.tiers import scaled
 from tokt.cli.run_setup import check
 from tokt.features.common.errors import ToktError
@@ -236,5 +235,5 @@ def test_a_run_without_a_file_imports_no_parser_of_one() -> None:
         "try: main()\n"
         "except SystemExit: print(*{'tomllib', 'difflib', 'numpy', 'cv2'} & {*sys.modules})"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = run_python("-c", program)
     assert done.stdout.split() in ([], ["difflib"]), done.stderr  # typer imports difflib

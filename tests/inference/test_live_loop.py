@@ -16,11 +16,11 @@ from tokt.inference.reason import Reason
 from tokt.inference.report import Event, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
+from tokt.inference.verdict import CLEAR, Detection
 
 from ..waiting import MAX_S, until
 from .conftest import HandClock
-from .live import HandSource, Listener, Sent, looping
+from .live import HandSource, Listener, looping
 
 QUICK = Limits(stale_s=0.15, heartbeat_s=0.15)
 
@@ -66,27 +66,6 @@ def test_unknown_is_said_before_between_and_after_frames(
     assert ended[0].heartbeats == 4 and ended[0].frames == 1
 
 
-def test_a_detector_that_hangs_is_told_of_and_its_late_clear_is_not_believed(
-    noise_scorer, draw_frame, hand_clock
-):
-    source, slow = HandSource(hand_clock), Slow(noise_scorer)
-    sender = Sent()
-    said = sender.reports
-    runtime = Runtime(source, SinglePolicy(slow), [sender], hand_clock, limits=QUICK)
-    with looping(runtime):
-        source.give(draw_frame([]))
-        until(lambda: runtime._publisher._judging_since is not None)
-        for _ in range(2):
-            silence(hand_clock, said)
-        slow.go.set()
-        until(lambda: len(said) == 3)
-        source.give(draw_frame([(1, 1)]))
-        until(lambda: len(said) == 4)
-    reasons = [one.verdict.reason for one in said]
-    assert reasons == [Reason.STALLED, Reason.STALLED, Reason.LATE, Reason.OK]
-    assert [one.verdict.status for one in said] == [UNKNOWN, UNKNOWN, UNKNOWN, OBSTACLE]
-
-
 def test_a_loop_that_is_too_slow_judges_the_newest_frame(noise_scorer, draw_frame, hand_clock):
     source, slow, listener = HandSource(hand_clock), Slow(noise_scorer), Listener()
     runtime = Runtime(source, SinglePolicy(slow), [], hand_clock, [listener], Limits(60, 60))
@@ -102,25 +81,6 @@ def test_a_loop_that_is_too_slow_judges_the_newest_frame(noise_scorer, draw_fram
     assert listener.frames[1].missed == 4 and listener.reports[1].left_out == 4
     assert listener.reports[1].verdict.reason is Reason.OVERLOAD
     assert (ended[0].dropped, ended[0].reasons["overload"]) == (4, 1)
-
-
-def test_a_frame_that_waited_too_long_is_stale(noise_scorer, draw_frame, hand_clock) -> None:
-    source, listener = HandSource(hand_clock), Listener()
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    with looping(Runtime(source, policy, [], hand_clock, [listener])):
-        source.give(draw_frame([]), age_s=0.7)
-        until(lambda: listener.reports)
-    verdict = listener.reports[0].verdict
-    assert (verdict.status, verdict.reason) == (UNKNOWN, Reason.STALE)
-
-
-def test_a_source_that_dies_ends_the_loop_with_its_error(noise_scorer, draw_frame, hand_clock):
-    source, listener = HandSource(hand_clock), Listener()
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    with looping(Runtime(source, policy, [], hand_clock, [listener])) as ended:
-        source.give(draw_frame([]))
-        source.fail(RuntimeError("the driver died"))
-    assert isinstance(ended[0], RuntimeError) and len(listener.reports) == 1
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -164,6 +124,6 @@ def test_the_loop_shows_that_it_lives_and_does_what_is_to_be_done_between_frames
 
 
 @pytest.mark.parametrize("name", ["stale_s", "heartbeat_s", "frozen_repeats"])
-@pytest.mark.parametrize("value", [0, -1, float("nan"), float("inf")])
-def test_limits_are_positive(name: str, value: float) -> None:
-    refuses(name, Limits, **{name: value})
+def test_limits_are_positive(name: str) -> None:
+    for value in (0, -1, float("nan"), float("inf")):
+        refuses(name, Limits, **{name: value})

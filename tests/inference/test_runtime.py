@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import socket
 import threading
 import time
 
@@ -75,24 +74,6 @@ def test_no_receiver_never_slows_or_stops_the_loop(
     assert np.median(took) < 0.1  # one that waited for an answer would wait a second and more
 
 
-class Replayed(list[Frame]):
-    """Frames as a source that is not live."""
-
-    live = False
-
-    def stop(self) -> None: ...
-
-
-def test_a_receiver_that_does_not_read_never_slows_the_loop(noise_scorer, receiver, draw_frame):
-    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # a few datagrams fill it
-    sender = UdpSender(*receiver.getsockname(), 2)
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    source = Replayed([Frame(n, 0.0, draw_frame([(1, 1)]), None) for n in range(1, 501)])
-    summary = Runtime(source, policy, [sender], SYSTEM_CLOCK).run()
-    sender.close()
-    assert summary.frames == 500  # where it waited for room, it would wait for ever
-
-
 def test_datagrams_carry_what_the_log_says_and_its_decision_values_are_exact(
     make_mission, noise_scorer, receiver, tmp_path
 ):
@@ -164,6 +145,9 @@ def test_what_the_source_raises_reaches_the_loop_after_its_last_frame() -> None:
 
 
 def test_a_replay_without_a_rate_gives_every_frame() -> None:
+    class Replayed(list[Frame]):
+        live = False
+
     buffer = EveryFrame(Replayed([Frame(number, 0.0, PICTURE, None) for number in (1, 2, 3)]))
     seen = [buffer.take(POLL_S) for _ in range(4)]
     assert [frame and frame.number for frame in seen] == [1, 2, 3, None]

@@ -7,13 +7,23 @@ import io
 import json
 import warnings
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
+import numpy as np
+
 from tokt.features.common.canonical import json_sha256
+from tokt.models.bundle.bundle import Golden
 
 Members = dict[str, bytes]
 _NOT_HASHED = ("manifest.json", "signature.json")
+
+
+def golden_of(frames: Sequence[Any], values: Any, obstacle: Any) -> Golden:
+    """Golden frames and what a model made of them."""
+    pngs = tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames)
+    return Golden(pngs, np.array(values), np.array(obstacle))
 
 
 def unpack(data: bytes) -> Members:

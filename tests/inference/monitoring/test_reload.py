@@ -47,13 +47,9 @@ class Watched:
     def __init__(self, store: Store, clock: Any, misfit: str = "", copy_of: Bundle | None = None):
         self.put: list[str] = []
         self.checks = 0
+        misfit_of, put = (lambda bundle: misfit), (lambda bundle: self.put.append(bundle.label))
         self.watch = ModelReloader(
-            store,
-            copy_of or store.active(),
-            lambda bundle: misfit,
-            lambda bundle: self.put.append(bundle.label),
-            clock,
-            self._check,
+            *(store, copy_of or store.active(), misfit_of, put, clock, self._check),
             is_active=copy_of is None,
         )
 
@@ -146,7 +142,7 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
         store,
         first,
         lambda bundle: "",
-        lambda bundle: setattr(slot, "detector", TextureDetector(bundle)),
+        lambda bundle: slot.put(TextureDetector(bundle)),
         hand_clock,
     )
     source, listener = HandSource(hand_clock), Listener()

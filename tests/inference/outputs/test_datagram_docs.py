@@ -59,10 +59,8 @@ def test_v1_examples_are_bytes_we_send(page: str) -> None:
     assert examples
     for example in examples:
         fields = decode(example.encode("ascii"))
-        again = Verdict(
-            *(fields["status"], fields["x"], fields["y"], None, fields["mean"]),
-            *(None, "texture", None),
-        )
+        status, x, y, mean = (fields[name] for name in ("status", "x", "y", "mean"))
+        again = Verdict(status, x, y, None, mean, None, "texture", None)
         assert encode_v1(again) == example.encode("ascii")
 
 
@@ -179,13 +177,7 @@ def unflattened(data: bytes) -> dict[str, Any]:
     *default null elements* TRUE, *strict validation* FALSE; an element of another type, or one
     that the JSON does not have, is an error.
     """
-    types: dict[str, tuple[type, ...]] = {
-        "I32": (int,),
-        "I64": (int,),
-        "DBL": (int, float),
-        "string": (str,),
-        "array of I32": (list,),
-    }
+    types = {"I32": int, "I64": int, "DBL": (int, float), "string": str, "array of I32": list}
     given_, cluster = json.loads(data), {}
     for label, type_, default in rows(LABVIEW, "label"):
         value = given_[label]

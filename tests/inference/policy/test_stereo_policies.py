@@ -16,7 +16,7 @@ from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import Policy
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo.calibration import load_calibration
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 from tokt.models.bundle.bundle import read_bundle
 
 pytestmark = pytest.mark.mission
@@ -57,18 +57,14 @@ def policy(stereo: StereoSetup) -> Callable[[str], Policy]:
     return build
 
 
-def said(policy: Policy, frame: Frame) -> Verdict:
-    return policy.judge(frame).verdict
-
-
 POLICIES = ("texture", "disparity", "either", "fallback")
 
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair) -> None:
     judge = policy(name)
-    assert said(judge, pair(WATER)).status == CLEAR
-    verdict = said(judge, pair(TOWER))
+    assert judge.judge(pair(WATER)).verdict.status == CLEAR
+    verdict = judge.judge(pair(TOWER)).verdict
     assert verdict.status == OBSTACLE and verdict.health == "ok"
     measured = name in ("disparity", "either")
     assert (verdict.distance_m is not None) == measured
@@ -88,7 +84,7 @@ def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair) -> Non
 def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
     gone = Fault(Reason.CAMERA_LOST, "the right camera is gone")
     frame = Frame(TOWER, 0.0, pair(TOWER).left, None, NO_FAULT, gone)
-    verdict = said(policy(name), frame)
+    verdict = policy(name).judge(frame).verdict
     assert (verdict.status, verdict.method) == (tower, method)
     if name in ("disparity", "either"):
         assert "the right camera is gone" in verdict.health
@@ -99,7 +95,7 @@ def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
 def test_a_dark_left_camera_is_unknown_whatever_the_policy(name, number, policy, pair) -> None:
     seen = pair(number)
     frame = Frame(number, 0.0, seen.left // 32, seen.right)
-    verdict = said(policy(name), frame)
+    verdict = policy(name).judge(frame).verdict
     assert verdict.status == UNKNOWN and "dark" in verdict.health
 
 
@@ -107,15 +103,15 @@ def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pai
     killed = tmp_path / "killed.tokt"
     killed.write_bytes(bundle_file.read_bytes()[:-200])
     judge = assemble("fallback", lambda: read_bundle(killed), stereo).policy
-    verdict = said(judge, pair(TOWER))
+    verdict = judge.judge(pair(TOWER)).verdict
     assert (verdict.status, verdict.method) == (OBSTACLE, "disparity")
     assert verdict.distance_m == pytest.approx(2.8, abs=0.1)
     assert verdict.health.startswith("texture: no model: ") and "killed.tokt" in verdict.health
-    assert said(judge, pair(WATER)).status == CLEAR
+    assert judge.judge(pair(WATER)).verdict.status == CLEAR
 
 
 def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(policy, pair, mission) -> None:
     other = read_image(mission / "Right" / f"tokt1_R_{TOWER - 10}.jpg")
     frame = Frame(TOWER, 0.0, pair(TOWER).left, other)
-    assert said(policy("disparity"), frame).status == UNKNOWN
-    assert said(policy("either"), frame).status == OBSTACLE
+    assert policy("disparity").judge(frame).verdict.status == UNKNOWN
+    assert policy("either").judge(frame).verdict.status == OBSTACLE

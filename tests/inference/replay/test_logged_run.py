@@ -62,18 +62,10 @@ def read(log: Path) -> list[LoggedFrame]:
 
 
 def test_a_start_reads_back_as_it_was() -> None:
-    start = replace(
-        STARTED,
-        live=True,
-        limits=Limits(0.3, 0.7, 9),
-        calibration=UsedFile("/rig.yml", "0" * 64),
-        odometry=UsedFile("/poses.csv", "1" * 64),
-        pixel_format="BayerRG8",
-        frame_rule={"hits": 1},
-        record="/rec",
-        model_fault="none",
-        anchor=0.1,
-    )
+    rig, poses = UsedFile("/rig.yml", "0" * 64), UsedFile("/poses.csv", "1" * 64)
+    start = replace(STARTED, live=True, limits=Limits(0.3, 0.7, 9), calibration=rig, odometry=poses)
+    rest = {"pixel_format": "BayerRG8", "frame_rule": {"hits": 1}, "record": "/rec"}
+    start = replace(start, **rest, model_fault="none", anchor=0.1)
     fields = json.loads(json.dumps({**START, **start.fields()}))
     assert RunStart.from_fields(fields, "a log") == start
 

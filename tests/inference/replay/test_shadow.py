@@ -243,14 +243,14 @@ def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path: Path) 
 
 def test_what_is_no_shadow_log_is_one_clear_line(tmp_path: Path):
     path = tmp_path / "s.jsonl"
-    cases = {
-        "does not exist": [],
-        "no run with a challenger": [{"run": "r", "event": "other"}],
-        "is no shadow log": [START, {**line(1, 0, 0), "champion": 3}],
-        "no status 9": [START, line(1, 0, 9)],
-        "newer tokt": [{**START, "format_version": 2}],
-    }
-    for words, values in cases.items():
+    for words, values in (
+        ("does not exist", []),
+        ("no run with a challenger", [{"run": "r", "event": "other"}]),
+        ("is no shadow log", [START, {**line(1, 0, 0), "champion": 3}]),
+        ("is no shadow log", [START, {**line(1, 0, 0), "frame": "1"}]),
+        ("no status 9", [START, line(1, 0, 9)]),
+        ("newer tokt", [{**START, "format_version": 2}]),
+    ):
         if values:
             write_lines(path, values)
         ran = call_tokt("shadow", path)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.calls import refuses
-from tokt.features.common.errors import ToktError
 from tokt.inference.sources.files import open_source
 
 
@@ -64,11 +63,6 @@ def test_stop_ends_even_a_long_wait(make_mission: Callable[..., Path], hand_cloc
     assert sum(hand_clock.slept) < 0.1
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_rate_is_positive(make_mission: Callable[..., Path], hand_clock: Any, rate: float):
-    refuses("rate", open_source, str(make_mission([[]])), hand_clock, rate=rate)
-
-
 def test_frames_are_chosen_and_named_when_absent(make_mission, hand_clock) -> None:
     folder = str(make_mission([[]] * 4))
     assert [frame.number for frame in open_source(folder, hand_clock, [4, 2])] == [2, 4]
@@ -87,9 +81,15 @@ def test_a_frame_that_only_the_right_camera_has_is_one_without_a_picture(
     assert [f.number for f in open_source(str(folder), hand_clock, [2], stereo=stereo)] == [2]
 
 
-@pytest.mark.parametrize("text", ["pymba:0", "no/such/place"])
-def test_other_sources_are_unknown(text: str, hand_clock: Any) -> None:
-    refuses("unknown source", open_source, text, hand_clock)
+def test_sources_rates_and_formats_that_cannot_be_are_refused(make_mission, hand_clock) -> None:
+    for text in ("pymba:0", "no/such/place"):
+        refuses("unknown source", open_source, text, hand_clock)
+    folder = str(make_mission([[]]))
+    for rate in (0.0, -1.0, float("nan"), float("inf")):
+        refuses("rate", open_source, folder, hand_clock, rate=rate)
+    for name in ("", "BGR8", "BayerXX8"):
+        words = "choose from Mono8, BayerRG8"
+        refuses(words, open_source, folder, hand_clock, pixel_format=name)
 
 
 def test_a_video_gives_its_frames(tmp_path, draw_frame, hand_clock) -> None:
@@ -117,9 +117,3 @@ def test_a_raw_frame_is_made_a_colour_picture(tmp_path: Path, hand_clock: Any) -
     assert "not read" not in frames[0].left_fault and frames[0].right is None
     gray = next(iter(open_source(str(tmp_path), hand_clock, pixel_format="Mono8")))
     np.testing.assert_array_equal(gray.left, raw)
-
-
-@pytest.mark.parametrize("pixel_format", ["", "BGR8", "BayerXX8"])
-def test_other_pixel_formats_are_refused(make_mission, hand_clock, pixel_format) -> None:
-    with pytest.raises(ToktError, match="choose from Mono8, BayerRG8"):
-        open_source(str(make_mission([[]])), hand_clock, pixel_format=pixel_format)

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 
 from tokt.features.frames.image_file import read_image
+from tokt.inference.frame import Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo.calibration import StereoCalibration
 
 WIDTH, HEIGHT = 1360, 1024
@@ -28,6 +30,22 @@ def store_parts(path: Path, parts: Mapping[str, Any]) -> Path:
         storage.write(key, value)
     storage.release()
     return path
+
+
+def unfit_pairs(left: np.ndarray, right: np.ndarray) -> dict[str, Frame]:
+    """Pairs that cannot be judged, by what is said of them."""
+    missing, cut = (
+        Fault(Reason.MISSING, "no right frame 1"),
+        Fault(Reason.UNREADABLE, "a.jpg cut"),
+    )
+    return {
+        "no right": Frame(1, 0.0, left, None, NO_FAULT, missing),
+        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
+        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
+        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
+        "a.jpg": Frame(1, 0.0, None, right, cut),
+        "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
+    }
 
 
 def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:

@@ -15,7 +15,6 @@ from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
 from tokt.inference.frame import Frame
-from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo import disparity as module
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import Closing, ClosingSpeed, DisparityDetector, Matches
@@ -23,7 +22,7 @@ from tokt.inference.stereo.matching import NEAREST_M, disparity_range
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
-from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH, sea_trial_pair
+from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH, sea_trial_pair, unfit_pairs
 
 SQUARE_PX = 320
 DISPARITY_PX = 200  # at full size: 2200 * 0.3 / 200 = 3.3 m
@@ -161,15 +160,8 @@ def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: Disparity
 
 def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
     left, right = pair(700)
-    cases = {
-        "no right": Frame(1, 0.0, left, None, NO_FAULT, Fault(Reason.MISSING, "no right frame 1")),
-        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
-        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
-        "right: the frame is blank": Frame(1, 0.0, sea(), np.full_like(right, 90)),
-        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
-        "a.jpg": Frame(1, 0.0, None, right, Fault(Reason.UNREADABLE, "a.jpg is truncated")),
-    }
-    for word, frame in cases.items():
+    blank = {"right: the frame is blank": Frame(1, 0.0, sea(), np.full_like(right, 90))}
+    for word, frame in {**unfit_pairs(left, right), **blank}.items():
         found = plain.detect(frame)
         assert found.mask is None and word in found.fault and not found.vetoes_clear
 

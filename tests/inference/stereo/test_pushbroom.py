@@ -17,7 +17,16 @@ from tokt.inference.stereo.odometry import Odometry, parse_odometry
 from tokt.inference.stereo.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
 from tokt.inference.verdict import Detection, verdict_from_mask
 
-from .plain_rig import BASELINE_M, CENTRE, FOCAL_PX, HEIGHT, PLAIN, WIDTH, sea_trial_pair
+from .plain_rig import (
+    BASELINE_M,
+    CENTRE,
+    FOCAL_PX,
+    HEIGHT,
+    PLAIN,
+    WIDTH,
+    sea_trial_pair,
+    unfit_pairs,
+)
 
 FOCAL_BASELINE = FOCAL_PX * BASELINE_M
 SQUARE_PX, X, Y = 320, 780, 350
@@ -192,16 +201,7 @@ def test_a_camera_that_sees_nothing_makes_no_clear(detector: PushbroomDetector) 
 
 
 def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector: PushbroomDetector) -> None:
-    left, right = EMPTY
-    cases = {
-        "no right": Frame(1, 0.0, left, None, NO_FAULT, Fault(Reason.MISSING, "no right frame 1")),
-        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
-        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
-        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
-        "a.jpg": Frame(1, 0.0, None, right, Fault(Reason.UNREADABLE, "a.jpg is truncated")),
-        "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
-    }
-    for words, frame in cases.items():
+    for words, frame in unfit_pairs(*EMPTY).items():
         found = detector.detect(frame)
         assert found.mask is None and words in found.fault and not found.vetoes_clear
     left, right = draw(4.0, y=650)

@@ -346,6 +346,10 @@ def spoil(change: Callable[[Any], Any]) -> Callable[[bytes], bytes]:
     return lambda data: json.dumps(change(json.loads(data))).encode()
 
 
+def whole(**edit: Any) -> Callable[[bytes], bytes]:
+    return spoil(lambda value: {**value, **edit})
+
+
 def first(**edit: Any) -> Callable[[bytes], bytes]:
     return spoil(lambda value: {**value, "events": [{**value["events"][0], **edit}]})
 
@@ -360,35 +364,25 @@ def first(**edit: Any) -> Callable[[bytes], bytes]:
         lambda data: b"null",
         spoil(lambda value: []),
         spoil(lambda value: {"format_version": 1}),
-        spoil(lambda value: {**value, "events": []}),
-        spoil(lambda value: {**value, "events": None}),
-        spoil(lambda value: {**value, "events": [None]}),
-        spoil(lambda value: {**value, "more": 1}),
-        spoil(lambda value: {**value, "format_version": True}),
-        spoil(lambda value: {**value, "format_version": 0}),
-        first(action="accept unsigned"),
-        first(action="distrust"),
-        first(action="allow"),
-        first(action=None),
-        first(key_id="00" * 16),
-        first(key_id=""),
-        first(public_key="00" * 32),
-        first(public_key="zz"),
-        first(public_key=["x"]),
-        first(more="x"),
+        *[whole(events=events) for events in ([], None, [None])],
+        *[whole(format_version=True), whole(format_version=0), whole(more=1)],
+        *[first(action=action) for action in ("accept unsigned", "distrust", "allow", None)],
+        *[first(key_id="00" * 16), first(key_id=""), first(more="x")],
+        *[first(public_key=key) for key in ("00" * 32, "zz", ["x"])],
     ],
-)  # fmt: skip
+)
 def test_a_damaged_keys_file_refuses_everything(guarded, keys, bundles, signed, damage):
     guarded.deploy(signed["b"])
     file = guarded.path / "keys.json"
     file.write_bytes(damage(file.read_bytes()))
     spoiled = file.read_bytes()
-    for action, *arguments in (
-        *((guarded.active,), (guarded.rollback,), (guarded.rollback, "", "1")),
-        *((guarded.deploy, signed["c"]), (guarded.deploy, bundles["c"])),
-        *((load_running, guarded), (guarded.distrust, keys["boat"].public.id)),
-    ):
-        refuses(r"keys\.json is damaged", action, *arguments)
+    words = r"keys\.json is damaged"
+    for action in (guarded.active, guarded.rollback, lambda: load_running(guarded)):
+        refuses(words, action)
+    for bundle in (signed["c"], bundles["c"]):
+        refuses(words, guarded.deploy, bundle)
+    refuses(words, guarded.rollback, to="1")
+    refuses(words, guarded.distrust, keys["boat"].public.id)
     assert file.read_bytes() == spoiled and guarded.history()[-1].name == "b"
     assert "damaged" in store_summary(guarded)["warnings"][0]
 

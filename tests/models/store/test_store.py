@@ -10,14 +10,14 @@ from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 
-import cv2
 import numpy as np
 import pytest
 
 from tests.calls import answering, refuses
+from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
 from tokt.models.operating_point import OperatingPoint
 from tokt.models.store.health import store_summary
 from tokt.models.store.store import Store
@@ -400,12 +400,8 @@ def fit_for_patches(make_content: Callable[..., BundleContent]) -> Bundle:
     grid = Grid(1, 1, None)
     frames = [np.full((27, 36), 7, np.uint8), np.arange(27 * 36, dtype=np.uint8).reshape(27, 36)]
     extractor = build_extractor(content.extractor_spec)
-    values = np.array([content.model.decision_values(extractor.describe(x, grid)) for x in frames])
-    golden = Golden(
-        tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames),
-        values,
-        np.array([content.model.obstacle_patches(value) for value in values]),
-    )
+    values = [content.model.decision_values(extractor.describe(x, grid)) for x in frames]
+    golden = golden_of(frames, values, [content.model.obstacle_patches(value) for value in values])
     plain = OperatingPoint()
     data = bundle_bytes(replace(content, grid=grid, golden=golden, operating_point=plain))
     return bundle_from_bytes(data, "patches")

@@ -20,7 +20,6 @@ import pytest
 
 from tests.calls import refuses
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
@@ -167,10 +166,8 @@ def test_one_camera_from_start_to_stop_and_again(open_camera):
     assert captures[5].frame_id < 5 and driver.lost() == ""
     time.sleep(0.05)
     assert len(captures) == count
-    assert all(
-        (one == other.picture).all()
-        for one, other in zip(first_pictures, captures[:2], strict=True)
-    )
+    for one, other in zip(first_pictures, captures[:2], strict=True):
+        assert (one == other.picture).all()
 
 
 @pytest.fixture
@@ -201,14 +198,11 @@ def test_a_camera_that_is_waited_for(listed):
 
 def test_nothing_to_drive_cameras_with(monkeypatch):
     monkeypatch.setattr(genicam_producers, "find_spec", lambda name: None)
-    with pytest.raises(ToktError, match=r"needs harvesters: install tokt\[genicam\]"):
-        open_drivers(["0"], SourceConfig(), SYSTEM_CLOCK)
-
-
-def test_no_producer_is_said_by_the_runtime(monkeypatch):
-    monkeypatch.delenv("GENICAM_GENTL64_PATH")
-    with pytest.raises(ToktError, match="no GenTL producer: install the camera vendor's"):
-        open_drivers(["0"], SourceConfig(), SYSTEM_CLOCK)
+    asked = (["0"], SourceConfig(), SYSTEM_CLOCK)
+    refuses(r"needs harvesters: install tokt\[genicam\]", open_drivers, *asked)
+    monkeypatch.undo()
+    monkeypatch.delenv("GENICAM_GENTL64_PATH", raising=False)
+    refuses("no GenTL producer: install the camera vendor's", open_drivers, *asked)
 
 
 def test_producers_that_crash_or_hang(instead):
@@ -290,8 +284,8 @@ def test_a_process_without_a_runtime_ends_though_it_hangs():
 
 def test_a_process_that_cannot_be_started_is_a_camera_that_cannot(open_camera, monkeypatch):
     monkeypatch.setattr(genicam_driver, "program", lambda: ["/no/such/program"])
-    with pytest.raises(ToktError, match=r"camera 0: no process for it: .*/no/such/program"):
-        open_camera().start(lambda capture: None)
+    words = "camera 0: no process for it: .*/no/such/program"
+    refuses(words, open_camera().start, lambda capture: None)
 
 
 def test_memory_does_not_grow(open_camera, instead):
