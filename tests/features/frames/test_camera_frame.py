@@ -68,9 +68,8 @@ def test_the_patterns_are_told_apart() -> None:
 @given(height=sizes, width=sizes)
 def test_formats_without_a_mosaic_keep_their_pixels(height: int, width: int) -> None:
     gray = raw_data("Mono8", height, width)
-    np.testing.assert_array_equal(
-        frame_from_camera(gray.tobytes(), height, width, "Mono8"), gray.reshape(height, width)
-    )
+    frame = frame_from_camera(gray.tobytes(), height, width, "Mono8")
+    np.testing.assert_array_equal(frame, gray.reshape(height, width))
     colours = raw_data("BGR8", height, width).reshape(height, width, 3)
     for suffix in ("", "Packed"):
         frame = frame_from_camera(colours, height, width, f"BGR8{suffix}")
@@ -136,19 +135,13 @@ def test_out_must_fit() -> None:
     raw = np.zeros(64, np.uint8)
     read_only = np.zeros((8, 8), np.uint8)
     read_only.flags.writeable = False
-    for out in (
-        np.zeros((8, 9), np.uint8),
-        np.zeros((8, 8), np.float32),
-        np.zeros((8, 16), np.uint8)[:, ::2],
-        raw.reshape(8, 8),
-        read_only,
-    ):
+    other_sizes = np.zeros((8, 9), np.uint8), np.zeros((8, 16), np.uint8)[:, ::2]
+    for out in (*other_sizes, np.zeros((8, 8), np.float32), raw.reshape(8, 8), read_only):
         with pytest.raises(ValueError, match=r"the frame is|memory of its own"):
             frame_from_camera(raw, 8, 8, "Mono8", out)
 
 
 def test_cv2_s_two_letter_names_are_the_other_way_round() -> None:
     raw = mosaic(smooth(8, 8), "BayerRG8")
-    np.testing.assert_array_equal(
-        frame_from_camera(raw, 8, 8, "BayerRG8"), cv2.cvtColor(raw, cv2.COLOR_BayerBG2BGR)
-    )
+    expected = cv2.cvtColor(raw, cv2.COLOR_BayerBG2BGR)
+    np.testing.assert_array_equal(frame_from_camera(raw, 8, 8, "BayerRG8"), expected)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from tests.calls import refuses
 from tokt.features.common.errors import FrameError, ToktError
@@ -20,10 +19,6 @@ N_VIDEO = 14
 def _write(path: Path, value: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), np.full((12, 16), value, np.uint8))
-
-
-def _same(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> bool:
-    return bool(np.array_equal(a, b))
 
 
 def test_stereo_folder(tmp_path: Path) -> None:
@@ -120,7 +115,7 @@ def test_video_frames_by_any_order(video: Path) -> None:
     order = [number for number in in_order for _ in range(3)]
     random.Random(5).shuffle(order)
     again = open_mission(video)
-    assert all(_same(again.read(number), in_order[number]) for number in order)
+    assert all(np.array_equal(again.read(number), in_order[number]) for number in order)
     for number in (0, -1, N_VIDEO + 1):
         with pytest.raises(FrameError, match=f"no left frame {number}"):
             again.read(number)
@@ -132,7 +127,7 @@ def test_video_frames_as_files(video: Path) -> None:
     found = open_mission(video)
     data, suffix = found.encoded(4)
     decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
-    assert suffix == ".png" and _same(np.asarray(decoded, np.uint8), found.read(4))
+    assert suffix == ".png" and np.array_equal(decoded, found.read(4))
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
@@ -157,7 +152,7 @@ def test_truncated_video(video: Path, tmp_path: Path, share: float) -> None:
         else:
             good = True
             if number < max(1, int(N_VIDEO * share) - 1):
-                assert _same(image, truth[number])
+                assert np.array_equal(image, truth[number])
         assert read.setdefault(number, good) is good
 
 
@@ -183,7 +178,7 @@ def test_a_damaged_frame_does_not_move_the_numbers(video: Path, tmp_path: Path, 
             except FrameError:
                 unreadable.add(number)
             else:
-                assert number == 6 or _same(image, truth[number]), number
+                assert number == 6 or np.array_equal(image, truth[number]), number
     assert all(number >= 6 for number in unreadable)
 
 

@@ -11,25 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tokt.features.kernels.dispatch import COMPILED, NUMPY, Kernels, load_kernels
+from tokt.features.kernels.dispatch import Kernels
 
 from .drawn import Image, examples, paint, painted
+from .each_kernel import COMPILED_KERNELS, fast, needs_compiled
 
-try:
-    COMPILED_KERNELS = load_kernels(COMPILED)
-except ImportError:
-    COMPILED_KERNELS = None
-
-needs_compiled = pytest.mark.skipif(
-    COMPILED_KERNELS is None, reason="the compiled kernels are not built here"
-)
-fast = pytest.mark.parametrize(
-    "kernels",
-    [
-        pytest.param(COMPILED_KERNELS, marks=needs_compiled, id=COMPILED),
-        pytest.param(load_kernels(NUMPY), id=NUMPY),
-    ],
-)
 # Reductions p/q with even p: weights are multiples of 1/p, so that many sums of whole grey levels
 # lie in the middle between two. 34/9 is the mission's, from 1360 to 360 pixels.
 TIES = ((4, 3), (8, 3), (8, 5), (10, 3), (16, 5), (34, 9), (7, 2), (3, 2))
@@ -132,13 +118,8 @@ def test_any_layout(kernels: Kernels, depth: tuple[int, ...]) -> None:
     read_only = whole.copy()
     read_only.flags.writeable = False
     views: list[Any] = [
-        np.asfortranarray(whole),
-        whole[::-1],
-        whole[:, ::-1],
-        whole[::2, ::2],
-        whole[3:80, 5:90],
-        read_only,
-        whole.swapaxes(0, 1),
+        *(np.asfortranarray(whole), whole.swapaxes(0, 1), read_only),
+        *(whole[::-1], whole[:, ::-1], whole[::2, ::2], whole[3:80, 5:90]),
         np.broadcast_to(whole[4], (60, 97, *depth)),
     ]
     if depth:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -17,29 +18,13 @@ from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels import reference
-from tokt.features.kernels.dispatch import COMPILED, NUMPY, Kernels, load_kernels
+from tokt.features.kernels.dispatch import Kernels
 from tokt.features.kernels.quantization import Quantization
 
 from .drawn import Image, examples, paint, painted, pictures
+from .each_kernel import COMPILED_KERNELS, NUMPY_KERNELS, fast, needs_compiled
 from .exact_haralick import exact_haralick, matrices, spreads
 
-try:
-    COMPILED_KERNELS = load_kernels(COMPILED)
-except ImportError:
-    COMPILED_KERNELS = None
-NUMPY_KERNELS = load_kernels(NUMPY)
-LIBRARY_KERNELS = load_kernels("library")
-
-needs_compiled = pytest.mark.skipif(
-    COMPILED_KERNELS is None, reason="the compiled kernels are not built here"
-)
-fast = pytest.mark.parametrize(
-    "kernels",
-    [
-        pytest.param(COMPILED_KERNELS, marks=needs_compiled, id=COMPILED),
-        pytest.param(NUMPY_KERNELS, id=NUMPY),
-    ],
-)
 ONE = Grid(1, 1, None)
 # Of a sum of counts and logarithms, relative to its terms; 9,000 of them gave 1.01e-13.
 ROUNDING = 2e-13
@@ -232,9 +217,8 @@ def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
     found = kernels.haralick_features(patch, ONE, True)[0]
     expected, allowed = exact_haralick(patch, True, ROUNDING)
     assert (np.abs(found - expected) <= allowed).all()
-    np.testing.assert_allclose(
-        found, reference.haralick_features(patch, ONE, True)[0], rtol=1e-9, atol=1e-7
-    )
+    theirs = reference.haralick_features(patch, ONE, True)[0]
+    np.testing.assert_allclose(found, theirs, rtol=1e-9, atol=1e-7)
     counted = kernels.haralick_features(patch, ONE, False)[0]
     empty = name in ("zeros alone", "no pair across", "no pair down", "one pixel")
     assert same_bits(found, counted) == empty
@@ -246,9 +230,7 @@ def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
 @pytest.fixture
 def levels() -> Iterator[Any]:
     """Runs a function at each instruction level of this processor."""
-    native = pytest.importorskip(
-        "tokt.features.kernels._native", reason="the kernels are not built here"
-    )
+    native = pytest.importorskip("tokt.features.kernels._native", reason="not built here")
 
     def run(function: Any) -> list[Any]:
         results = []
@@ -302,13 +284,7 @@ def test_threads_of_the_caller(kernels: Kernels) -> None:
         assert all(map(same_bits, one, two))
 
 
-def _child(kernels: Kernels, gray: Image, grid: Grid, answer: Any) -> None:
-    answer.send(described(kernels, gray, grid, 3))
-
-
-@pytest.mark.skipif(
-    "fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this system"
-)
+@pytest.mark.skipif(os.name == "nt", reason="no fork on this system")
 @fast
 def test_threads_after_a_fork(kernels: Kernels) -> None:
     """The child has the parent's pool, but none of its threads."""
@@ -316,7 +292,7 @@ def test_threads_after_a_fork(kernels: Kernels) -> None:
     expected = described(kernels, gray, grid, 3)
     fork = multiprocessing.get_context("fork")
     here, there = fork.Pipe()
-    child = fork.Process(target=_child, args=(kernels, gray, grid, there))
+    child = fork.Process(target=lambda: there.send(described(kernels, gray, grid, 3)))
     child.start()
     try:
         assert here.poll(60), "the child waits for threads it does not have"
@@ -385,15 +361,11 @@ def test_any_layout_gives_what_its_copy_gives(kernels: Kernels, name: str, view:
 
 PIXELS = np.zeros((30, 40), np.uint8)
 NOT_GRAY: dict[str, Any] = {
+    **{kind: PIXELS.astype(kind) for kind in ("float64", "int16", "int8", "bool", "object")},
     "nothing": None,
     "list": PIXELS.tolist(),
     "bytes": PIXELS.tobytes(),
     "memory": memoryview(PIXELS),
-    "float64": PIXELS.astype(float),
-    "int16": PIXELS.astype(np.int16),
-    "int8": PIXELS.astype(np.int8),
-    "bool": PIXELS.astype(bool),
-    "object": PIXELS.astype(object),
     "one number": np.uint8(3),
     "no dimension": np.array(3, np.uint8),
     "one dimension": PIXELS[0],
@@ -405,18 +377,18 @@ EMPTY = [(0, 0), (0, 40), (30, 0)]
 Calls = list[tuple[str, Any]]
 
 
-def calls(kernels: Kernels) -> Calls:
-    """The kernels as functions of a picture alone."""
+def calls(kernels: Kernels, *more: Any) -> Calls:
+    """The kernels as functions of a picture alone, with a number of threads or without."""
     return [
-        ("lbp", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "patch")),
-        ("frame", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "frame")),
-        ("haralick", lambda picture: kernels.haralick_features(picture, ONE, False)),
-        ("counts", lambda picture: kernels.level_counts(picture, ONE)),
-        ("nearest", lambda picture: kernels.lbp_nearest_counts(picture, ONE, 8, 1, "patch")),
-        ("structure", lambda picture: kernels.structure_sums(picture, ONE)),
-        ("lines", lambda picture: kernels.line_sums(picture, ONE, 128, (2, 4))),
-        ("area", lambda picture: kernels.resized_gray(picture, 7, 9)),
-        ("area_deep", lambda picture: kernels.resized_gray16(picture, 7, 9)),
+        ("lbp", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "patch", *more)),
+        ("frame", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "frame", *more)),
+        ("haralick", lambda picture: kernels.haralick_features(picture, ONE, False, *more)),
+        ("counts", lambda picture: kernels.level_counts(picture, ONE, *more)),
+        ("nearest", lambda picture: kernels.lbp_nearest_counts(picture, ONE, 8, 1, "patch", *more)),
+        ("structure", lambda picture: kernels.structure_sums(picture, ONE, *more)),
+        ("lines", lambda picture: kernels.line_sums(picture, ONE, 128, (2, 4), *more)),
+        ("area", lambda picture: kernels.resized_gray(picture, 7, 9, *more)),
+        ("area_deep", lambda picture: kernels.resized_gray16(picture, 7, 9, *more)),
     ]
 
 
@@ -470,19 +442,13 @@ def test_lbp_options_out_of_range(kernels: Kernels, points: Any, radius: Any, bo
 @fast
 @pytest.mark.parametrize("threads", [0, -1, 1.5, True, None, "2"])
 def test_threads_out_of_range(kernels: Kernels, threads: Any) -> None:
-    for call in (
-        lambda: kernels.lbp_counts(PIXELS, ONE, 8, 1, "patch", threads),
-        lambda: kernels.haralick_features(PIXELS, ONE, False, threads),
-        lambda: kernels.resized_gray(PIXELS, 7, 9, threads),
-        lambda: kernels.resized_gray16(PIXELS, 7, 9, threads),
-        lambda: kernels.quantize(PIXELS.astype(np.uint16), Quantization(1), threads),
-        lambda: kernels.level_counts(PIXELS, ONE, threads),
-        lambda: kernels.lbp_nearest_counts(PIXELS, ONE, 8, 1, "patch", threads),
-        lambda: kernels.structure_sums(PIXELS, ONE, threads),
-        lambda: kernels.line_sums(PIXELS, ONE, 128, (2, 4), threads),
-    ):
+    deep = PIXELS.astype(np.uint16)
+    for _, call in [
+        *calls(kernels, threads),
+        ("levels", lambda _: kernels.quantize(deep, Quantization(1), threads)),
+    ]:
         with pytest.raises((TypeError, ValueError)):
-            call()
+            call(PIXELS)
 
 
 @fast
