@@ -6,8 +6,8 @@ import io
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,28 @@ def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: An
     line = str(caught.value)
     assert "\n" not in line, line
     return line
+
+
+@contextmanager
+def answering(program: str, *arguments: object) -> Iterator[Callable[[object], str]]:
+    """A Python program in a process, which has said ``ready``: a line to it gives its answer."""
+    with subprocess.Popen(
+        [sys.executable, "-c", program, *map(str, arguments)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    ) as process:
+        assert process.stdin and process.stdout and process.stdout.readline() == "ready\n"
+
+        def ask(line: object) -> str:
+            assert process.stdin and process.stdout
+            process.stdin.write(f"{line}\n")
+            process.stdin.flush()
+            return process.stdout.readline().strip()
+
+        yield ask
+        process.stdin.close()
 
 
 def run_python(

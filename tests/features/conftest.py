@@ -1,8 +1,7 @@
-"""Pictures drawn for the tests, and where the real mission is."""
+"""Pictures drawn for the tests, and the real mission."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -10,19 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-MISSION = Path(
-    os.environ.get(
-        "TOKT_MISSION", Path(__file__).parents[2] / ".." / "shared" / "mission" / "approach"
-    )
-)
-
 
 @pytest.fixture(scope="session")
-def mission() -> Path:
+def mission(mission_dir: Path) -> Path:
     """The real mission's folder."""
-    if not (MISSION / "Left").is_dir():
-        pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
-    return MISSION
+    return mission_dir
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,29 +12,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.waiting import MAX_S
+from tests.inference.live import bound_socket
+from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import extractor_named
-from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import Quantization
-from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
+from tokt.models.bundle.bundle import BundleContent, bundle_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
 
-MISSION = Path(
-    os.environ.get(
-        "TOKT_MISSION", Path(__file__).parents[2] / ".." / "shared" / "mission" / "approach"
-    )
-)
 PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x271 frame
 
 
 @pytest.fixture(scope="session")
-def mission() -> Path:
+def mission(mission_dir: Path) -> Path:
     """The real mission's folder."""
-    if not (MISSION / "Left").is_dir():
-        pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
-    return MISSION
+    return mission_dir
 
 
 @pytest.fixture(scope="session")
@@ -76,7 +68,7 @@ def make_mission(tmp_path: Path) -> Callable[..., Path]:
 
     def make(scenes: list[list[tuple[int, int]]], name: str = "dive") -> Path:
         for camera, letter in (("Left", "L"), ("Right", "R")):
-            (tmp_path / name / camera).mkdir(parents=True)
+            (tmp_path / name / camera).mkdir(parents=True, exist_ok=True)
             for number, patches in enumerate(scenes, 1):
                 path = tmp_path / name / camera / f"t_{letter}_{number}.jpg"
                 cv2.imwrite(str(path), draw(patches, number), [cv2.IMWRITE_JPEG_QUALITY, 98])
@@ -99,9 +91,7 @@ class NoiseScorer:
     def model(self) -> NoiseScorer:
         return self
 
-    def features(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
-    ) -> NDArray[np.float64]:
+    def features(self, frame, pictures=None, threads=1) -> NDArray[np.float64]:
         height, width = self.grid.resized(*frame.shape[:2])
         gray = frame if frame.ndim == 2 else frame.mean(axis=2).astype(np.uint8)
         cells = self.grid.cells(np.asarray(cv2.resize(gray, (width, height))))
@@ -134,19 +124,12 @@ def bundle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = LinearModel(weights, np.array([0.3]), np.zeros(1), ("ocean", "other"), (False, True))
     frame = draw([(4, 5)])
     values = model.decision_values(extractor.describe(frame, grid))
+    golden = golden_of([frame], [values], [model.obstacle_patches(values)])
     content = BundleContent(
-        name="noise",
-        version="7",
-        extractor_spec=extractor.spec,
-        grid=grid,
-        model=model,
+        *("noise", "7", extractor.spec, grid, model),
         provenance={},
         metrics={},
-        golden=Golden(
-            (cv2.imencode(".png", frame)[1].tobytes(),),
-            values[None],
-            model.obstacle_patches(values)[None],
-        ),
+        golden=golden,
         trained_on=np.zeros(0, np.uint64),
         card="A model for tests.\n",
     )
@@ -158,18 +141,14 @@ def bundle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def receiver() -> Iterator[socket.socket]:
     """A UDP socket on a loopback port of its own."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        opened.bind(("127.0.0.1", 0))
-        opened.settimeout(MAX_S)
+    with bound_socket() as opened:
         yield opened
 
 
 @pytest.fixture
 def closed_port() -> int:
     """A loopback port that nobody listens on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
-        opened.bind(("127.0.0.1", 0))
+    with bound_socket() as opened:
         return int(opened.getsockname()[1])
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import socket
-import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -22,53 +20,24 @@ from tokt.inference.reason import NO_FAULT, Fault
 from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN, Detection, Detector
+from tokt.inference.verdict import CLEAR, STATUS_WORDS, UNKNOWN, Detection
 
-from ..waiting import MAX_S, until
+from ..waiting import until
 from .conftest import HandClock, NoiseScorer, draw
-from .live import HandSource, Listener
+from .live import HandSource, Listener, bound_socket, looping
 
 QUICK = Limits(stale_s=0.2, heartbeat_s=0.2)
 _BETWEEN_FRAMES_S = 0.001
 
 
-class Heard:
-    """A receiver on loopback that keeps every datagram."""
-
-    def __init__(self) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.setblocking(False)
-        self.port = int(self._socket.getsockname()[1])
-
-    def datagrams(self) -> list[bytes]:
-        """Those since the last call."""
-        found = []
-        while True:
-            try:
-                found.append(self._socket.recv(65535))
-            except BlockingIOError:
-                return found
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-class Faulty:
+class Faulty(TextureDetector):
     """A detector that a test makes do what no detector should."""
 
-    def __init__(self, detector: Detector) -> None:
-        self.detector = detector
-        self.before: Callable[[Frame], None] = lambda frame: None
-
-    @property
-    def method(self) -> str:
-        return self.detector.method
+    before: Callable[[Frame], None] = staticmethod(lambda frame: None)
 
     def detect(self, frame: Frame) -> Detection:
         self.before(frame)
-        return self.detector.detect(frame)
+        return super().detect(frame)
 
 
 @dataclass
@@ -115,14 +84,17 @@ class Dive:
         self.source = HandSource(self.clock)
         self.events = EventQueue()
         self.listener = Listener()
-        self.detector = Faulty(TextureDetector(self.scorer))
+        self.detector = Faulty(self.scorer)
         self.policy: Policy = SinglePolicy(self.detector)
         self.truth: dict[float, str] = {}
-        self._v1, self._v2 = Heard(), Heard()
+        self._heard = [bound_socket(), bound_socket()]
+        self._own = [
+            UdpSender(*heard.getsockname(), version)
+            for version, heard in enumerate(self._heard, start=1)
+        ]
         self._seed = 0
         self.delivered = 0
-        self._summary: list[Summary] = []
-        self.died: Exception | None = None
+        self.ended: list[Any] = []
 
     def picture(self, what: str) -> NDArray[np.uint8]:
         """A new picture, of clear water or of something in it."""
@@ -172,33 +144,26 @@ class Dive:
 
     @contextmanager
     def under_way(self) -> Iterator[None]:
-        """Run the loop; clear water and an obstacle are told apart before the fault and after."""
-        addresses = ((self._v1.port, 1), (self._v2.port, 2))
-        own = [UdpSender("127.0.0.1", port, version) for port, version in addresses]
-        runtime = Runtime(
-            *(self.source, self.policy, [*self.senders, *own], self.clock),
+        """Run the loop."""
+        self._runtime = Runtime(
+            *(self.source, self.policy, [*self.senders, *self._own], self.clock),
             observers=[*self.observers, self.listener],
             limits=self.limits,
             events=self.events,
             between=self.between,
         )
-
-        def run() -> None:
-            try:
-                self._summary.append(runtime.run())
-            except OSError as error:
-                self.died = error
-
-        self._runtime = runtime
-        thread = threading.Thread(target=run, daemon=True)
-        thread.start()
-        try:
+        with looping(self._runtime) as self.ended:
             yield
-        finally:
-            self.source.stop()
-            thread.join(MAX_S)
-            for sender in own:
-                sender.close()
+        for sender in self._own:
+            sender.close()
+
+    @contextmanager
+    def fault_between(self) -> Iterator[None]:
+        """Run the loop: a healthy stretch, what a test does to it, and a healthy one again."""
+        with self.under_way():
+            healthy(self)
+            yield
+            healthy(self)
 
     def taken_up(self) -> bool:
         """Whether a frame is being judged."""
@@ -206,10 +171,11 @@ class Dive:
 
     def outcome(self) -> Outcome:
         """What was heard; no datagram said clear but of a frame of clear water."""
-        said = [decode(data) for data in self._v2.datagrams()]
-        v1 = [decode(data) for data in self._v1.datagrams()]
-        self._v1.close()
-        self._v2.close()
+        v1, said = [], []
+        for heard, socket_, sender in zip((v1, said), self._heard, self._own, strict=True):
+            with socket_:
+                socket_.setblocking(False)
+                heard += [decode(socket_.recv(65535)) for _ in range(sender.sent)]
         assert [one["seq"] for one in said] == list(range(1, len(said) + 1)), "a datagram was lost"
         heartbeats = {report.seq for report in self.listener.heartbeats}
         known = []
@@ -221,7 +187,7 @@ class Dive:
         # v1 says the same, and nothing where nothing is known.
         expected = Counter(one["status"] for one in said if one["status"] != UNKNOWN)
         assert Counter(one["status"] for one in v1) == expected
-        return Outcome(known, self.listener.events, self._summary[0])
+        return Outcome(known, self.listener.events, self.ended[0])
 
 
 def healthy(dive: Dive) -> None:

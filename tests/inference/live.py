@@ -1,18 +1,61 @@
-"""A source whose frames a test hands out."""
+"""A source whose frames a test hands out, the loop it is for, and sockets to hear it with."""
 
 from __future__ import annotations
 
 import queue
+import socket
+import subprocess
+import sys
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
+from tokt.inference.runtime import Runtime
+
+
+def bound_socket() -> socket.socket:
+    """A UDP socket on a loopback port of its own."""
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+    opened.bind(("127.0.0.1", 0))
+    opened.settimeout(MAX_S)
+    return opened
+
+
+def start_tokt(*arguments: object) -> subprocess.Popen[str]:
+    """The command line in a process of its own."""
+    command = [sys.executable, "-m", "tokt", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@contextmanager
+def looping(runtime: Runtime) -> Iterator[list[Any]]:
+    """Run a loop in a thread, then stop its source; its summary or what it raised, in the list."""
+    ended: list[Any] = []
+
+    def go() -> None:
+        try:
+            ended.append(runtime.run())
+        except Exception as error:  # noqa: BLE001 - a test looks at it
+            ended.append(error)
+
+    thread = threading.Thread(target=go, name="the loop", daemon=True)
+    thread.start()
+    try:
+        yield ended
+    finally:
+        runtime.source.stop()
+        thread.join(MAX_S)
 
 
 class HandSource:
@@ -52,6 +95,25 @@ class HandSource:
     def stop(self) -> None:
         """Deliver no further frame."""
         self._frames.put(None)
+
+
+class Sent:
+    """A receiver in memory."""
+
+    failed = 0
+    last_error = ""
+
+    def __init__(self) -> None:
+        self.reports: list[Report] = []
+
+    @property
+    def sent(self) -> int:
+        return len(self.reports)
+
+    def send(self, report: Report) -> None:
+        self.reports.append(report)
+
+    def close(self) -> None: ...
 
 
 class Listener(Observer):

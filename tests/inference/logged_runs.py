@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,9 @@ import cv2
 import numpy as np
 
 from tokt.features.frames.mission import open_mission
-from tokt.inference.clock import SYSTEM_STOPWATCH, Clock, Stopwatch
-from tokt.inference.frame import Source
-from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.clock import SYSTEM_STOPWATCH, Clock
+from tokt.inference.policy.assembly import Assembly, assemble
 from tokt.inference.policy.temporal_cues import Anchor
-from tokt.inference.publisher import Observer
 from tokt.inference.recording.run_log import RunLog, new_run_id
 from tokt.inference.recording.run_start import START, ModelName, RunStart, UsedFile
 from tokt.inference.report import Event, EventQueue
@@ -26,13 +25,7 @@ from tokt.models.bundle.bundle import Bundle, Golden, bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 
-def variant(
-    like: Path,
-    path: Path,
-    threshold: float = 0.0,
-    rule: MofNRule | None = None,
-    golden: np.ndarray | None = None,
-) -> Path:
+def variant(like, path, threshold=0.0, rule=None, golden=None) -> Path:
     """A bundle with another threshold or frame rule, or for frames of another size."""
     bundle = read_bundle(like)
     content = bundle.content
@@ -77,24 +70,23 @@ class Switch:
         bundle = self._at.get(self._round)
         if bundle is None:
             return ()
-        assert self.assembly is not None and self.assembly.texture is not None
         self.assembly.texture.put(TextureDetector(bundle))
         fields = {"label": bundle.label, "sha256": bundle.sha256}
         return [Event(self._clock.time(), "model", "another model", fields)]
 
 
 def log_run(
-    source: Source,
-    start: RunStart,
-    log: Path,
-    clock: Clock,
-    model: Bundle | Callable[[], Bundle],
-    stereo: StereoSetup | None = None,
-    stopwatch: Stopwatch = SYSTEM_STOPWATCH,
-    switch: Switch | None = None,
-    observers: Callable[[str], Sequence[Observer]] = lambda run: (),
-    values: bool = True,
-) -> str:
+    source,
+    start,
+    log,
+    clock,
+    model,
+    stereo=None,
+    stopwatch=SYSTEM_STOPWATCH,
+    switch=None,
+    observers=lambda run: (),
+    values=True,
+):
     """Run a source to its end, with a log; its run's id."""
     run = new_run_id(clock)
     load = model if callable(model) else lambda: model
@@ -112,6 +104,17 @@ def log_run(
     for observer in watching:
         observer.close()
     return run
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    """A file of JSON lines."""
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def write_lines(path: Path, values: Iterable[Any]) -> Path:
+    """Write one."""
+    path.write_text("".join(json.dumps(value) + "\n" for value in values))
+    return path
 
 
 def texture_start(folder: Path, bundle: Path, **more: Any) -> RunStart:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.calls import run_python
 from tests.tiers import scaled
 from tokt.cli.run_setup import check
 from tokt.features.common.errors import ToktError
@@ -64,9 +63,7 @@ def written(folder: Path, content: str) -> Path:
 
 @settings(max_examples=scaled(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=some_options)
-def test_a_printed_run_is_the_same_run(
-    tmp_path: Path, run_tokt: Callable[..., Any], values: dict[str, Any]
-) -> None:
+def test_a_printed_run_is_the_same_run(tmp_path, run_tokt, values) -> None:
     config = RunConfig.of(values)
     assert RunConfig.of(read_config(written(tmp_path, config.to_toml()))) == config
     assert config.given == values.keys()
@@ -134,18 +131,14 @@ def test_the_command_line_wins_over_the_file(file: dict[str, Any], line: dict[st
         ("x = " + "[" * 5000, "dive.toml"),
     ],
 )
-def test_a_mistake_in_a_file_is_one_line(
-    tmp_path: Path, run_tokt: Callable[..., Any], content: str, message: str
-) -> None:
+def test_a_mistake_in_a_file_is_one_line(tmp_path, run_tokt, content, message) -> None:
     ran = run_tokt("run", "--config", written(tmp_path, content + "\n"))
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith("tokt: error: config ") and ran.err.count("\n") == 1
     assert message in ran.err
 
 
-def test_a_file_that_cannot_be_read_is_one_line(
-    tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, run_tokt: Callable[..., Any]):
     binary = tmp_path / "b.toml"
     binary.write_bytes(b"\xff")
     for path, message in ((tmp_path / "none", "No such file"), (binary, "not UTF-8 text")):
@@ -186,9 +179,7 @@ def test_the_sample_of_the_docs_is_a_run() -> None:
     assert "--config /srv/tokt/dive.toml" in (DOCS / "tokt.service").read_text()
 
 
-def test_options_of_a_file_that_would_do_nothing_are_refused(
-    tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_options_of_a_file_that_would_do_nothing_are_refused(tmp_path, run_tokt) -> None:
     """Whether they are the defaults or not, as on the command line."""
     content = "[source]\nsource = 'dive'\n[outputs]\nheartbeat = 0.5\n"
     ran = run_tokt("run", "--config", written(tmp_path, content))
@@ -244,5 +235,5 @@ def test_a_run_without_a_file_imports_no_parser_of_one() -> None:
         "try: main()\n"
         "except SystemExit: print(*{'tomllib', 'difflib', 'numpy', 'cv2'} & {*sys.modules})"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = run_python("-c", program)
     assert done.stdout.split() in ([], ["difflib"]), done.stderr  # typer imports difflib

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 
+from tests.calls import refuses
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import UdpSender, decode
@@ -17,13 +16,12 @@ from tokt.inference.reason import Reason
 from tokt.inference.report import Event, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
+from tokt.inference.verdict import CLEAR, Detection
 
 from ..waiting import MAX_S, until
 from .conftest import HandClock
-from .live import HandSource, Listener
+from .live import HandSource, Listener, looping
 
-Draw = Callable[..., np.ndarray]
 QUICK = Limits(stale_s=0.15, heartbeat_s=0.15)
 
 
@@ -39,21 +37,6 @@ class Slow(TextureDetector):
         return super().detect(frame)
 
 
-def run(runtime: Runtime) -> tuple[threading.Thread, list[Any]]:
-    """Start a runtime in a thread; its summary, or what it raised, is the list's only item."""
-    ended: list[Any] = []
-
-    def go() -> None:
-        try:
-            ended.append(runtime.run())
-        except Exception as error:  # noqa: BLE001 - a test looks at it
-            ended.append(error)
-
-    thread = threading.Thread(target=go, daemon=True)
-    thread.start()
-    return thread, ended
-
-
 def silence(clock: HandClock, said: list[Any]) -> None:
     """Let time pass until one more report is said, which no frame is the reason for."""
     before = len(said)
@@ -62,21 +45,19 @@ def silence(clock: HandClock, said: list[Any]) -> None:
 
 
 def test_unknown_is_said_before_between_and_after_frames(
-    noise_scorer: Any, draw_frame: Draw, receiver: Any, hand_clock: HandClock
-) -> None:
+    noise_scorer, draw_frame, receiver, hand_clock
+):
     source, listener = HandSource(hand_clock), Listener()
     sender = UdpSender(*receiver.getsockname(), 2)
     policy = SinglePolicy(TextureDetector(noise_scorer))
     runtime = Runtime(source, policy, [sender], hand_clock, [listener], QUICK)
-    thread, ended = run(runtime)
-    for _ in range(2):
-        silence(hand_clock, listener.heartbeats)
-    source.give(draw_frame([]))
-    until(lambda: listener.reports)
-    for _ in range(2):
-        silence(hand_clock, listener.heartbeats)
-    source.stop()
-    thread.join(MAX_S)
+    with looping(runtime) as ended:
+        for _ in range(2):
+            silence(hand_clock, listener.heartbeats)
+        source.give(draw_frame([]))
+        until(lambda: listener.reports)
+        for _ in range(2):
+            silence(hand_clock, listener.heartbeats)
     sender.close()
     heard = [decode(receiver.recv(65535)) for _ in range(sender.sent)]
     assert [one["seq"] for one in heard] == [1, 2, 3, 4, 5]
@@ -85,80 +66,21 @@ def test_unknown_is_said_before_between_and_after_frames(
     assert ended[0].heartbeats == 4 and ended[0].frames == 1
 
 
-def test_a_detector_that_hangs_is_told_of_and_its_late_clear_is_not_believed(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
-    source, slow = HandSource(hand_clock), Slow(noise_scorer)
-    said: list[Report] = []
-
-    class Sender:
-        sent = failed = 0
-
-        def send(self, report: Report) -> None:
-            said.append(report)
-
-    runtime = Runtime(source, SinglePolicy(slow), [Sender()], hand_clock, limits=QUICK)
-    thread, _ = run(runtime)
-    source.give(draw_frame([]))
-    until(lambda: runtime._publisher._judging_since is not None)
-    for _ in range(2):
-        silence(hand_clock, said)
-    slow.go.set()
-    until(lambda: len(said) == 3)
-    source.give(draw_frame([(1, 1)]))
-    until(lambda: len(said) == 4)
-    source.stop()
-    thread.join(MAX_S)
-    reasons = [one.verdict.reason for one in said]
-    assert reasons == [Reason.STALLED, Reason.STALLED, Reason.LATE, Reason.OK]
-    assert [one.verdict.status for one in said] == [UNKNOWN, UNKNOWN, UNKNOWN, OBSTACLE]
-
-
-def test_a_loop_that_is_too_slow_judges_the_newest_frame(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
+def test_a_loop_that_is_too_slow_judges_the_newest_frame(noise_scorer, draw_frame, hand_clock):
     source, slow, listener = HandSource(hand_clock), Slow(noise_scorer), Listener()
     runtime = Runtime(source, SinglePolicy(slow), [], hand_clock, [listener], Limits(60, 60))
-    thread, ended = run(runtime)
-    source.give(draw_frame([], 1))
-    until(lambda: not slow.go.is_set() and runtime._publisher._judging_since is not None)
-    for seed in range(2, 7):
-        source.give(draw_frame([], seed))
-    until(lambda: source.passed_on == 6)
-    slow.go.set()
-    until(lambda: len(listener.reports) == 2)
-    source.stop()
-    thread.join(MAX_S)
+    with looping(runtime) as ended:
+        source.give(draw_frame([], 1))
+        until(lambda: not slow.go.is_set() and runtime._publisher._judging_since is not None)
+        for seed in range(2, 7):
+            source.give(draw_frame([], seed))
+        until(lambda: source.passed_on == 6)
+        slow.go.set()
+        until(lambda: len(listener.reports) == 2)
     assert [report.frame for report in listener.reports] == [1, 6]
     assert listener.frames[1].missed == 4 and listener.reports[1].left_out == 4
     assert listener.reports[1].verdict.reason is Reason.OVERLOAD
     assert (ended[0].dropped, ended[0].reasons["overload"]) == (4, 1)
-
-
-def test_a_frame_that_waited_too_long_is_stale(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
-    source, listener = HandSource(hand_clock), Listener()
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    thread, _ = run(Runtime(source, policy, [], hand_clock, [listener]))
-    source.give(draw_frame([]), age_s=0.7)
-    until(lambda: listener.reports)
-    source.stop()
-    thread.join(MAX_S)
-    verdict = listener.reports[0].verdict
-    assert (verdict.status, verdict.reason) == (UNKNOWN, Reason.STALE)
-
-
-def test_a_source_that_dies_ends_the_loop_with_its_error(
-    noise_scorer: Any, draw_frame: Draw, hand_clock: HandClock
-) -> None:
-    source, listener = HandSource(hand_clock), Listener()
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    thread, ended = run(Runtime(source, policy, [], hand_clock, [listener]))
-    source.give(draw_frame([]))
-    source.fail(RuntimeError("the driver died"))
-    thread.join(MAX_S)
-    assert isinstance(ended[0], RuntimeError) and len(listener.reports) == 1
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -170,46 +92,38 @@ def test_a_heartbeat_that_dies_ends_the_loop(noise_scorer: Any, hand_clock: Hand
             raise TypeError("a mistake in a sender")
 
     policy = SinglePolicy(TextureDetector(noise_scorer))
-    thread, ended = run(Runtime(HandSource(), policy, [Sender()], hand_clock, limits=QUICK))
-    hand_clock.now += 1.25 * QUICK.heartbeat_s
-    thread.join(MAX_S)
+    runtime = Runtime(HandSource(), policy, [Sender()], hand_clock, limits=QUICK)
+    with looping(runtime) as ended:
+        hand_clock.now += 1.25 * QUICK.heartbeat_s
+        until(lambda: ended)
     assert isinstance(ended[0], RuntimeError) and "heartbeat" in str(ended[0])
 
 
 def test_the_loop_shows_that_it_lives_and_does_what_is_to_be_done_between_frames(
-    noise_scorer: Any, hand_clock: HandClock
-) -> None:
+    noise_scorer, hand_clock
+):
     source, listener = HandSource(hand_clock), Listener()
-    signs: list[threading.Thread] = []
-    rounds: list[threading.Thread] = []
+    signs: list[str] = []
+    rounds: list[str] = []
     to_tell = [Event(0.0, "model", "a new one")]
 
     def between() -> list[Event]:
-        rounds.append(threading.current_thread())
+        rounds.append(threading.current_thread().name)
         told, to_tell[:] = list(to_tell), []
         return told
 
     runtime = Runtime(
-        source,
-        SinglePolicy(TextureDetector(noise_scorer)),
-        [],
-        hand_clock,
-        [listener],
+        *(source, SinglePolicy(TextureDetector(noise_scorer)), [], hand_clock, [listener]),
         between=between,
-        alive=lambda: signs.append(threading.current_thread()),
+        alive=lambda: signs.append(threading.current_thread().name),
     )
-    thread, _ = run(runtime)
-    until(lambda: len(signs) >= 3)  # though no frame comes
-    assert [event.name for event in listener.events] == ["model"]
-    source.stop()
-    thread.join(MAX_S)
-    assert {*signs, *rounds} == {thread}
+    with looping(runtime):
+        until(lambda: len(signs) >= 3)  # though no frame comes
+        assert [event.name for event in listener.events] == ["model"]
+    assert {*signs, *rounds} == {"the loop"}
 
 
 @pytest.mark.parametrize("name", ["stale_s", "heartbeat_s", "frozen_repeats"])
-@pytest.mark.parametrize("value", [0, -1, float("nan"), float("inf")])
-def test_limits_are_positive(name: str, value: float) -> None:
-    from tokt.features.common.errors import ToktError
-
-    with pytest.raises(ToktError, match=name):
-        Limits(**{name: value})
+def test_limits_are_positive(name: str) -> None:
+    for value in (0, -1, float("nan"), float("inf")):
+        refuses(name, Limits, **{name: value})

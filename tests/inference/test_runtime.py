@@ -1,17 +1,13 @@
 from __future__ import annotations
 
-import json
-import socket
 import threading
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.inference.live import HandSource
+from tests.inference.logged_runs import lines
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
@@ -24,13 +20,19 @@ from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import Detection
 
 
-def lines(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
+def logged(folder, tmp_path, detector, clock=SYSTEM_CLOCK, senders=()):
+    """Run a folder's frames through a detector; the summary, and the lines of the log."""
+    log = RunLog(tmp_path / "log.jsonl", "a-run", values=True)
+    source = open_source(str(folder), clock)
+    summary = Runtime(source, SinglePolicy(detector), senders, clock, [log]).run()
+    for one in (log, *senders):
+        one.close()
+    return summary, lines(tmp_path / "log.jsonl")
 
 
 def test_every_frame_has_a_line_whatever_happens_to_it(
-    make_mission: Callable[..., Path], noise_scorer: Any, hand_clock: Any, tmp_path: Path
-) -> None:
+    make_mission, noise_scorer, hand_clock, tmp_path
+):
     folder = make_mission([[], [(4, 4)], [], [(1, 1)], []])
     (folder / "Left" / "t_L_3.jpg").write_bytes(b"\xff\xd8 not much of a picture")
 
@@ -41,11 +43,7 @@ def test_every_frame_has_a_line_whatever_happens_to_it(
                 raise RuntimeError("out of ideas")
             return super().detect(frame)
 
-    log = RunLog(tmp_path / "log.jsonl", "a-run")
-    source = open_source(str(folder), hand_clock)
-    summary = Runtime(source, SinglePolicy(Fragile(noise_scorer)), [], hand_clock, [log]).run()
-    log.close()
-    found = lines(tmp_path / "log.jsonl")
+    summary, found = logged(folder, tmp_path, Fragile(noise_scorer), hand_clock)
     assert [line["status"] for line in found] == [0, 1, -1, 1, -1]
     assert [line["seq"] for line in found] == [line["frame"] for line in found] == [1, 2, 3, 4, 5]
     assert "truncated" in found[2]["health"] and "out of ideas" in found[4]["health"]
@@ -56,96 +54,37 @@ def test_every_frame_has_a_line_whatever_happens_to_it(
 
 
 def test_no_receiver_never_slows_or_stops_the_loop(
-    make_mission: Callable[..., Path], noise_scorer: Any, closed_port: int, tmp_path: Path
-) -> None:
+    make_mission, noise_scorer, closed_port, tmp_path
+):
     folder = make_mission([[(1, 1)]] * 40)
     senders = [UdpSender("127.0.0.1", closed_port, version) for version in (1, 2)]
     took: list[float] = []
     for sender in senders:
         send = sender.send
 
-        def timed(report: Any, send: Any = send) -> None:
+        def timed(report, send=send):
             start = time.perf_counter()
             send(report)
             took.append(time.perf_counter() - start)
 
-        sender.send = timed  # type: ignore[method-assign]
-    log = RunLog(tmp_path / "log.jsonl", "a-run")
-    source = open_source(str(folder), SYSTEM_CLOCK)
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    summary = Runtime(source, policy, senders, SYSTEM_CLOCK, [log]).run()
-    log.close()
-    for sender in senders:
-        sender.close()
-    assert len(lines(tmp_path / "log.jsonl")) == summary.frames == 40
+        sender.send = timed
+    summary, found = logged(folder, tmp_path, TextureDetector(noise_scorer), senders=senders)
+    assert len(found) == summary.frames == 40
     assert summary.sent + summary.send_failures == 80
     assert np.median(took) < 0.1  # one that waited for an answer would wait a second and more
 
 
-def test_a_receiver_that_does_not_read_never_slows_the_loop(
-    noise_scorer: Any, receiver: Any, draw_frame: Callable[..., np.ndarray]
-) -> None:
-    class Same:
-        live = False
-
-        def __iter__(self) -> Any:
-            picture = draw_frame([(1, 1)])
-            return (Frame(n, 0.0, picture, None) for n in range(1, 501))
-
-        def stop(self) -> None: ...
-
-    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # a few datagrams fill it
-    sender = UdpSender(*receiver.getsockname(), 2)
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    summary = Runtime(Same(), policy, [sender], SYSTEM_CLOCK).run()
-    sender.close()
-    assert summary.frames == 500  # where it waited for room, it would wait for ever
-
-
-def test_datagrams_carry_what_the_log_says(
-    make_mission: Callable[..., Path], noise_scorer: Any, receiver: Any, tmp_path: Path
-) -> None:
+def test_datagrams_carry_what_the_log_says_and_its_decision_values_are_exact(
+    make_mission, noise_scorer, receiver, tmp_path
+):
     folder = make_mission([[], [(4, 4), (7, 2)]])
-    sender = UdpSender(*receiver.getsockname(), 2)
-    log = RunLog(tmp_path / "log.jsonl", "a-run", values=True)
-    source = open_source(str(folder), SYSTEM_CLOCK)
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    Runtime(source, policy, [sender], SYSTEM_CLOCK, [log]).run()
-    log.close()
-    sender.close()
-    for line in lines(tmp_path / "log.jsonl"):
-        assert np.array(line.pop("decision_values")).shape == (100, 1)
+    senders = [UdpSender(*receiver.getsockname(), 2)]
+    _, found = logged(folder, tmp_path, TextureDetector(noise_scorer), senders=senders)
+    for line, frame in zip(found, open_source(str(folder), SYSTEM_CLOCK), strict=True):
+        expected = noise_scorer.decision_values(frame.left)
+        np.testing.assert_array_equal(line.pop("decision_values"), expected)
         heard = decode(receiver.recv(65535))
         assert {name: line[name] for name in heard} == heard
-
-
-def test_logged_decision_values_are_exact(
-    make_mission: Callable[..., Path], noise_scorer: Any, tmp_path: Path
-) -> None:
-    folder = make_mission([[(4, 4)]])
-    log = RunLog(tmp_path / "log.jsonl", "a-run", values=True)
-    source = open_source(str(folder), SYSTEM_CLOCK)
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    Runtime(source, policy, [], SYSTEM_CLOCK, [log]).run()
-    log.close()
-    frame = next(iter(open_source(str(folder), SYSTEM_CLOCK)))
-    assert frame.left is not None
-    expected = noise_scorer.decision_values(frame.left)
-    logged = np.array(lines(tmp_path / "log.jsonl")[0]["decision_values"])
-    np.testing.assert_array_equal(logged, expected)
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
-def test_a_full_disk_is_counted_and_the_loop_goes_on(
-    make_mission: Callable[..., Path], noise_scorer: Any, tmp_path: Path
-) -> None:
-    (tmp_path / "log.jsonl").symlink_to("/dev/full")
-    log = RunLog(tmp_path / "log.jsonl", "a-run")
-    source = open_source(str(make_mission([[]] * 3)), SYSTEM_CLOCK)
-    policy = SinglePolicy(TextureDetector(noise_scorer))
-    summary = Runtime(source, policy, [], SYSTEM_CLOCK, [log]).run()
-    log.close()
-    assert (summary.frames, log.failed) == (3, 3)
 
 
 PICTURE = np.zeros((4, 4), np.uint8)
@@ -206,15 +145,10 @@ def test_what_the_source_raises_reaches_the_loop_after_its_last_frame() -> None:
 
 
 def test_a_replay_without_a_rate_gives_every_frame() -> None:
-    class Three:
+    class Replayed(list[Frame]):
         live = False
 
-        def __iter__(self):  # type: ignore[no-untyped-def]
-            return (Frame(number, 0.0, PICTURE, None) for number in (1, 2, 3))
-
-        def stop(self) -> None: ...
-
-    buffer = EveryFrame(Three())
+    buffer = EveryFrame(Replayed([Frame(number, 0.0, PICTURE, None) for number in (1, 2, 3)]))
     seen = [buffer.take(POLL_S) for _ in range(4)]
     assert [frame and frame.number for frame in seen] == [1, 2, 3, None]
     assert buffer.ended and buffer.dropped == buffer.left_out == 0

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
+from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.models.signing.keys import SigningKey, read_signing_key, write_key_pair
@@ -20,12 +20,7 @@ from tokt.models.store.store import Store
 TWO = (("ocean", False), ("other", True))
 
 
-def small_content(
-    seed: int = 0,
-    extractor: str = "lbp",
-    classes: tuple[tuple[str, bool], ...] = TWO,
-    name: str = "small",
-) -> BundleContent:
+def small_content(seed=0, extractor="lbp", classes=TWO, name="small") -> BundleContent:
     """What a bundle of a 2x3 grid on 48x32 frames holds.
 
     The golden values come from the scaler and the classifier apart, not from the folded model.
@@ -43,28 +38,16 @@ def small_content(
     thresholds = np.median(values, axis=(0, 1)) + 1e-3
     excess = values - thresholds
     chosen = (excess[:, :, 0] > 0).astype(int) if outputs == 1 else excess.argmax(axis=2)
-    flags = np.array([obstacle for _, obstacle in classes])
+    labels, flags = zip(*classes, strict=True)
     return BundleContent(
         name=name,
         version=str(seed),
         extractor_spec=parts.spec,
         grid=grid,
-        model=LinearModel.fold(
-            coef,
-            intercept,
-            mean,
-            scale,
-            thresholds,
-            tuple(label for label, _ in classes),
-            tuple(obstacle for _, obstacle in classes),
-        ),
+        model=LinearModel.fold(coef, intercept, mean, scale, thresholds, labels, flags),
         provenance={"mlflow_run_id": "0" * 32, "dataset": f"drawn@{seed}"},
         metrics={"patch": {"f1": 0.5, "recall": None}},
-        golden=Golden(
-            tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames),
-            values,
-            flags[chosen],
-        ),
+        golden=golden_of(frames, values, np.array(flags)[chosen]),
         trained_on=rng.integers(0, 2**63, 9).astype(np.uint64),
         card=f"# {name}/{seed}\n\nDrawn for a test: bølge.\n",
         operating_point=OperatingPoint(MofNRule(0.25, 2, 1, 3), {"target_rate": 1e-4}),

@@ -7,13 +7,23 @@ import io
 import json
 import warnings
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
+import numpy as np
+
 from tokt.features.common.canonical import json_sha256
+from tokt.models.bundle.bundle import Golden
 
 Members = dict[str, bytes]
 _NOT_HASHED = ("manifest.json", "signature.json")
+
+
+def golden_of(frames: Sequence[Any], values: Any, obstacle: Any) -> Golden:
+    """Golden frames and what a model made of them."""
+    pngs = tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames)
+    return Golden(pngs, np.array(values), np.array(obstacle))
 
 
 def unpack(data: bytes) -> Members:
@@ -22,10 +32,7 @@ def unpack(data: bytes) -> Members:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def pack(
-    members: Mapping[str, bytes] | Iterable[tuple[str, bytes]],
-    compression: int = zipfile.ZIP_STORED,
-) -> bytes:
+def pack(members, compression=zipfile.ZIP_STORED) -> bytes:
     """A zip of members; of pairs, a name may be there twice."""
     pairs = members.items() if isinstance(members, Mapping) else members
     buffer = io.BytesIO()

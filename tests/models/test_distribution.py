@@ -56,14 +56,11 @@ def exact_ks(one: list[float], other: list[float]) -> float:
     """Over all values, and just below each."""
     at = np.unique([*one, *other])
     a, b = np.sort(one), np.sort(other)
-    return max(
-        float(
-            np.abs(
-                np.searchsorted(a, at, side) / len(a) - np.searchsorted(b, at, side) / len(b)
-            ).max()
-        )
+    shares = [
+        np.searchsorted(a, at, side) / len(a) - np.searchsorted(b, at, side) / len(b)
         for side in ("left", "right")
-    )
+    ]
+    return float(np.abs(shares).max())
 
 
 @settings(max_examples=scaled(150))
@@ -71,10 +68,8 @@ def exact_ks(one: list[float], other: list[float]) -> float:
 def test_the_distance_is_the_exact_one_but_for_what_the_bins_resolve(trained, seen):
     edges = quantile_edges(np.array(trained))
     assert (np.diff(edges) >= 0).all()
-    found = ks_distances(
-        bin_counts(np.array(seen)[:, None], edges[None]),
-        bin_counts(np.array(trained)[:, None], edges[None]),
-    )
+    one, other = (bin_counts(np.array(each)[:, None], edges[None]) for each in (seen, trained))
+    found = ks_distances(one, other)
     exact = exact_ks(trained, seen)
     assert exact - 2 / BINS - 1e-12 <= found[0] <= exact + 1e-12
 
@@ -201,14 +196,9 @@ def test_it_must_fit_the_model_and_the_format(make_content: Callable[..., Bundle
 
 
 def test_the_card_says_what_is_known(make_content: Callable[..., BundleContent]) -> None:
-    recipe: dict[str, Any] = {
-        "extractor": {"name": "haralick"},
-        "dim": 13,
-        "grid": {"rows": 1, "cols": 1, "width": None},
-        "thresholds": [0.0],
-        "classes": [{"name": "ocean", "obstacle": False}],
-        "metrics": {},
-    }
+    recipe: dict[str, Any] = {"extractor": {"name": "haralick"}, "dim": 13, "metrics": {}}
+    recipe |= {"grid": {"rows": 1, "cols": 1, "width": None}, "thresholds": [0.0]}
+    recipe |= {"classes": [{"name": "ocean", "obstacle": False}]}
     assert "Input drift is not known" in model_card("a/1", recipe, {})
     card = model_card("a/1", {**recipe, "distribution": GOOD.summary()}, {})
     assert drift_words(GOOD.summary()) in card

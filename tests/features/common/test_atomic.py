@@ -3,13 +3,12 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.calls import answering
 from tokt.features.common import atomic
 
 SIZE = 300_000
@@ -39,28 +38,13 @@ for line in sys.stdin:
 
 
 @pytest.fixture
-def write_and_kill(tmp_path: Path) -> Iterator[Callable[[float], None]]:
-    command = [sys.executable, "-c", KILLER, str(tmp_path)]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdin and process.stdout
-        assert process.stdout.readline() == "ready\n"
-
-        def kill_after(delay_s: float) -> None:
-            assert process.stdin and process.stdout
-            process.stdin.write(f"{delay_s}\n")
-            process.stdin.flush()
-            assert process.stdout.readline() == "killed\n"
-
+def write_and_kill(tmp_path: Path) -> Iterator[Callable[[object], str]]:
+    with answering(KILLER, tmp_path) as kill_after:
         yield kill_after
-        process.stdin.close()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
-def test_killed_writers_leave_whole_content(
-    tmp_path: Path, write_and_kill: Callable[[float], None]
-) -> None:
+def test_killed_writers_leave_whole_content(tmp_path, write_and_kill) -> None:
     assert signal.SIGKILL
     delays = random.Random(1)
     (tmp_path / "file").write_bytes(b"a" * SIZE)
@@ -69,7 +53,7 @@ def test_killed_writers_leave_whole_content(
         if trial >= 60 and partials and whole:
             break
         # Later ones live longer: on a busy machine a child may not get far in 0.02 s.
-        write_and_kill(delays.uniform(0.0, 0.02 * (1 + trial // 60)))
+        assert write_and_kill(delays.uniform(0.0, 0.02 * (1 + trial // 60))) == "killed"
         assert (tmp_path / "file").read_bytes() in (b"a" * SIZE, b"b" * SIZE)
         for folder in tmp_path.glob("folder-*"):
             whole += 1

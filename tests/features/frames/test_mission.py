@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from tests.calls import refuses
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import format_frames, open_mission, parse_frames
 
@@ -19,10 +19,6 @@ N_VIDEO = 14
 def _write(path: Path, value: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), np.full((12, 16), value, np.uint8))
-
-
-def _same(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> bool:
-    return bool(np.array_equal(a, b))
 
 
 def test_stereo_folder(tmp_path: Path) -> None:
@@ -81,23 +77,17 @@ def test_a_camera_without_frames_is_none(tmp_path: Path) -> None:
 
 
 def test_refused_folders(tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match="does not exist"):
-        open_mission(tmp_path / "none")
-    with pytest.raises(ToktError, match="no frames"):
-        open_mission(tmp_path)
+    refuses("does not exist", open_mission, tmp_path / "none")
+    refuses("no frames", open_mission, tmp_path)
     _write(tmp_path / "only right" / "Right" / "r_1.png", 1)
-    with pytest.raises(ToktError, match="no frames"):
-        open_mission(tmp_path / "only right")
+    refuses("no frames", open_mission, tmp_path / "only right")
     _write(tmp_path / "unnumbered" / "cover.png", 1)
-    with pytest.raises(ToktError, match="frame number"):
-        open_mission(tmp_path / "unnumbered")
+    refuses("frame number", open_mission, tmp_path / "unnumbered")
     for name in ("a_07.png", "b_7.png"):
         _write(tmp_path / "twice" / name, 1)
-    with pytest.raises(ToktError, match="both frame 7"):
-        open_mission(tmp_path / "twice")
+    refuses("both frame 7", open_mission, tmp_path / "twice")
     (tmp_path / "labels.csv").write_text("mission,frame\n")
-    with pytest.raises(ToktError, match="neither"):
-        open_mission(tmp_path / "labels.csv")
+    refuses("neither", open_mission, tmp_path / "labels.csv")
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +115,7 @@ def test_video_frames_by_any_order(video: Path) -> None:
     order = [number for number in in_order for _ in range(3)]
     random.Random(5).shuffle(order)
     again = open_mission(video)
-    assert all(_same(again.read(number), in_order[number]) for number in order)
+    assert all(np.array_equal(again.read(number), in_order[number]) for number in order)
     for number in (0, -1, N_VIDEO + 1):
         with pytest.raises(FrameError, match=f"no left frame {number}"):
             again.read(number)
@@ -137,7 +127,7 @@ def test_video_frames_as_files(video: Path) -> None:
     found = open_mission(video)
     data, suffix = found.encoded(4)
     decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
-    assert suffix == ".png" and _same(np.asarray(decoded, np.uint8), found.read(4))
+    assert suffix == ".png" and np.array_equal(decoded, found.read(4))
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
@@ -162,14 +152,12 @@ def test_truncated_video(video: Path, tmp_path: Path, share: float) -> None:
         else:
             good = True
             if number < max(1, int(N_VIDEO * share) - 1):
-                assert _same(image, truth[number])
+                assert np.array_equal(image, truth[number])
         assert read.setdefault(number, good) is good
 
 
 @pytest.mark.parametrize("damage", [b"\x00", b"\xff\xd8"])
-def test_a_damaged_frame_does_not_move_the_numbers(
-    video: Path, tmp_path: Path, damage: bytes
-) -> None:
+def test_a_damaged_frame_does_not_move_the_numbers(video: Path, tmp_path: Path, damage: bytes):
     data = bytearray(video.read_bytes())
     position = data.index(b"movi")
     for _ in range(6):
@@ -190,7 +178,7 @@ def test_a_damaged_frame_does_not_move_the_numbers(
             except FrameError:
                 unreadable.add(number)
             else:
-                assert number == 6 or _same(image, truth[number]), number
+                assert number == 6 or np.array_equal(image, truth[number]), number
     assert all(number >= 6 for number in unreadable)
 
 
@@ -198,8 +186,7 @@ def test_a_damaged_frame_does_not_move_the_numbers(
 def test_not_a_video(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "dive.mp4"
     path.write_bytes(content)
-    with pytest.raises(ToktError, match="not a video"):
-        open_mission(path)
+    refuses("not a video", open_mission, path)
 
 
 @given(st.sets(st.integers(0, 400)).filter(bool))
@@ -219,8 +206,7 @@ def test_frame_lists() -> None:
     "text", ["", "a", "1-", "-3", "3-1", "1,,2", "1;2", "1.5", "1-2-3", "9" * 5000, "0-99999999999"]
 )
 def test_refused_frame_lists(text: str) -> None:
-    with pytest.raises(ToktError, match=r"not a list of frames|too long"):
-        parse_frames(text)
+    refuses(r"not a list of frames|too long", parse_frames, text)
 
 
 @pytest.mark.mission

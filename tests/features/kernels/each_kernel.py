@@ -12,15 +12,15 @@ try:
     COMPILED_KERNELS = load_kernels(COMPILED)
 except ImportError:
     COMPILED_KERNELS = None
+NUMPY_KERNELS = load_kernels(NUMPY)
+needs_compiled = pytest.mark.skipif(
+    COMPILED_KERNELS is None, reason="the compiled kernels are not built here"
+)
 fast = pytest.mark.parametrize(
     "kernels",
     [
-        pytest.param(
-            COMPILED_KERNELS,
-            marks=pytest.mark.skipif(COMPILED_KERNELS is None, reason="not built here"),
-            id=COMPILED,
-        ),
-        pytest.param(load_kernels(NUMPY), id=NUMPY),
+        pytest.param(COMPILED_KERNELS, marks=needs_compiled, id=COMPILED),
+        pytest.param(NUMPY_KERNELS, id=NUMPY),
     ],
 )
 THREADS = st.integers(1, 4)

@@ -107,9 +107,7 @@ def _direction(matrix: Counts, brightest: int, relative: float) -> list[tuple[De
     return [pairs[index] for index in range(13)]
 
 
-def exact_haralick(
-    patch: NDArray[np.uint8], ignore_zeros: bool, relative: float
-) -> tuple[Floats, Floats]:
+def exact_haralick(patch, ignore_zeros, relative) -> tuple[Floats, Floats]:
     """The 13 features, mean over 4 directions, and how far from them rounding may lead.
 
     Parameters

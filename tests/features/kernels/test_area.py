@@ -11,25 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tokt.features.kernels.dispatch import COMPILED, NUMPY, Kernels, load_kernels
+from tokt.features.kernels.dispatch import Kernels
 
 from .drawn import Image, examples, paint, painted
+from .each_kernel import COMPILED_KERNELS, fast, needs_compiled
 
-try:
-    COMPILED_KERNELS = load_kernels(COMPILED)
-except ImportError:
-    COMPILED_KERNELS = None
-
-needs_compiled = pytest.mark.skipif(
-    COMPILED_KERNELS is None, reason="the compiled kernels are not built here"
-)
-fast = pytest.mark.parametrize(
-    "kernels",
-    [
-        pytest.param(COMPILED_KERNELS, marks=needs_compiled, id=COMPILED),
-        pytest.param(load_kernels(NUMPY), id=NUMPY),
-    ],
-)
 # Reductions p/q with even p: weights are multiples of 1/p, so that many sums of whole grey levels
 # lie in the middle between two. 34/9 is the mission's, from 1360 to 360 pixels.
 TIES = ((4, 3), (8, 3), (8, 5), (10, 3), (16, 5), (34, 9), (7, 2), (3, 2))
@@ -81,9 +67,7 @@ def test_any_size(kernels: Kernels, data: st.DataObject) -> None:
 @pytest.mark.parametrize("depth", [(), (3,)])
 @pytest.mark.parametrize("down", TIES)
 @pytest.mark.parametrize("across", TIES)
-def test_sums_halfway_between_two_grey_levels(
-    kernels: Kernels, down: tuple[int, int], across: tuple[int, int], depth: tuple[int, ...]
-) -> None:
+def test_sums_halfway_between_two_grey_levels(kernels, down, across, depth) -> None:
     """Stripes and noise of two neighbouring levels, and noise of all levels."""
     shape = down[0] * 7, across[0] * 11, *depth
     height, width = down[1] * 7, across[1] * 11
@@ -99,9 +83,7 @@ def test_sums_halfway_between_two_grey_levels(
 @fast
 @pytest.mark.parametrize("size", [(1500, 2000), (2000, 700), (700, 3000)])
 @pytest.mark.parametrize("target", [(3, 4), (5, 5), (1, 1), (7, 2), (11, 60)])
-def test_reductions_by_hundreds(
-    kernels: Kernels, size: tuple[int, int], target: tuple[int, int]
-) -> None:
+def test_reductions_by_hundreds(kernels: Kernels, size: tuple[int, int], target: tuple[int, int]):
     """Rounding adds up over so many pixels, and differently in each order of adding."""
     rng = np.random.default_rng(5)
     for level in (128, 200, 254):
@@ -136,13 +118,8 @@ def test_any_layout(kernels: Kernels, depth: tuple[int, ...]) -> None:
     read_only = whole.copy()
     read_only.flags.writeable = False
     views: list[Any] = [
-        np.asfortranarray(whole),
-        whole[::-1],
-        whole[:, ::-1],
-        whole[::2, ::2],
-        whole[3:80, 5:90],
-        read_only,
-        whole.swapaxes(0, 1),
+        *(np.asfortranarray(whole), whole.swapaxes(0, 1), read_only),
+        *(whole[::-1], whole[:, ::-1], whole[::2, ::2], whole[3:80, 5:90]),
         np.broadcast_to(whole[4], (60, 97, *depth)),
     ]
     if depth:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from tests.tiers import scaled
 from tokt.features.kernels.block_matching import BlockMatching
 from tokt.features.kernels.dispatch import Kernels
 
-from .each_kernel import COMPILED_KERNELS, fast
+from .each_kernel import COMPILED_KERNELS, fast, needs_compiled
 
 matchings = st.builds(
     BlockMatching,
@@ -60,15 +62,8 @@ def opencv(left: np.ndarray, right: np.ndarray, matching: BlockMatching) -> np.n
     share=st.sampled_from([0.01, 0.3, 1.0]),
 )
 def test_the_wanted_pixels_have_opencvs_disparities(
-    kernels: Kernels,
-    matching: BlockMatching,
-    height: int,
-    width: int,
-    seed: int,
-    blur: float,
-    levels: int,
-    share: float,
-) -> None:
+    kernels, matching, height, width, seed, blur, levels, share
+):
     left, right = views(height, width, seed, blur, levels)
     wanted = (np.random.default_rng(seed).random(left.shape) < share).astype(np.uint8)
     found = kernels.block_disparity(left, right, matching, wanted)
@@ -81,7 +76,7 @@ def test_the_wanted_pixels_have_opencvs_disparities(
         assert (found == unmatched).all()
 
 
-@pytest.mark.skipif(COMPILED_KERNELS is None, reason="not built here")
+@needs_compiled
 def test_each_instruction_set_gives_the_same_at_the_runtimes_settings() -> None:
     from tokt.features.kernels import _native
 
@@ -103,30 +98,15 @@ def test_each_instruction_set_gives_the_same_at_the_runtimes_settings() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"min_disparity": -1},
-        {"min_disparity": 2000, "n_disparities": 48},
-        {"n_disparities": 24},
-        {"n_disparities": 0},
-        {"block": 8},
-        {"block": 3},
-        {"block": 23, "cap": 31},
-        {"cap": 32},
-        {"texture": -1},
-        {"uniqueness": -1},
+        *({"min_disparity": -1}, {"min_disparity": 2000, "n_disparities": 48}),
+        *({"n_disparities": 24}, {"n_disparities": 0}, {"block": 8}, {"block": 3}),
+        *({"block": 23, "cap": 31}, {"cap": 32}, {"texture": -1}, {"uniqueness": -1}),
     ],
 )
 def test_numbers_out_of_range_are_refused(changes: dict[str, int]) -> None:
-    usual = {
-        "min_disparity": 2,
-        "n_disparities": 32,
-        "block": 21,
-        "cap": 31,
-        "texture": 10,
-        "uniqueness": 12,
-    }
-    BlockMatching(**usual)
+    usual = BlockMatching(2, 32, 21, 31, 10, 12)
     with pytest.raises(ValueError):
-        BlockMatching(**{**usual, **changes})
+        replace(usual, **changes)
 
 
 @fast

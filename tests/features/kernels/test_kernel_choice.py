@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import tokt
 import tokt.features
-from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses, run_python
 from tokt.features.kernels.dispatch import load_kernels
+
+from .each_kernel import needs_compiled
 
 FEATURES = Path(tokt.features.__file__).parent
 PARTS = ("labels", "training", "models", "inference")
@@ -32,23 +30,11 @@ import sys
 sys.meta_path[:] = [one for one in sys.meta_path if not one.__module__.startswith("__editable__")]
 """
 
-try:
-    load_kernels("compiled")
-except ImportError:
-    BUILT = False
-else:
-    BUILT = True
-needs_compiled = pytest.mark.skipif(not BUILT, reason="the compiled kernels are not built here")
-
 
 def run(*arguments: str, kernels: str = "", path: Path | None = None) -> tuple[int, str, str]:
     """A new Python: its exit code, output and errors."""
-    environment = {**os.environ, "TOKT_KERNELS": kernels}
-    if path:
-        environment |= {"PYTHONPATH": str(path), "PYTHONSAFEPATH": "1"}
-    done = subprocess.run(
-        [sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=MAX_S
-    )
+    own = {"PYTHONPATH": str(path), "PYTHONSAFEPATH": "1"} if path else {}
+    done = run_python(*arguments, TOKT_KERNELS=kernels, **own)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -102,16 +88,13 @@ def test_an_unknown_name_is_one_line(value: str, tiny_bundle: Path, tmp_path: Pa
     command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
     code, out, err = run(*command, kernels=value)
     assert (code, out) == (2, "")
-    assert err == (
-        f"tokt: error: TOKT_KERNELS={value}: unknown kernels "
-        "(choose from compiled, numpy, library)\n"
-    )
+    words = "unknown kernels (choose from compiled, numpy, library)"
+    assert err == f"tokt: error: TOKT_KERNELS={value}: {words}\n"
 
 
 def test_load_kernels_refuses_unknown_names() -> None:
     for name in ("", "native", "NUMPY"):
-        with pytest.raises(ToktError, match="unknown kernels"):
-            load_kernels(name)
+        refuses("unknown kernels", load_kernels, name)
 
 
 def test_numpy_where_nothing_is_compiled(without_extension: Path) -> None:
@@ -120,15 +103,12 @@ def test_numpy_where_nothing_is_compiled(without_extension: Path) -> None:
     assert out.startswith("numpy | no compiled ones: they were not built; install tokt again")
 
 
-def test_compiled_asked_for_but_not_there(
-    without_extension: Path, tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_compiled_asked_for_but_not_there(without_extension, tiny_bundle, tmp_path) -> None:
     command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
     code, out, err = run(*command, kernels="compiled", path=without_extension)
     assert (code, out) == (2, "")
-    assert err.startswith(
-        "tokt: error: TOKT_KERNELS=compiled: not on this machine: they were not built"
-    )
+    words = "TOKT_KERNELS=compiled: not on this machine: they were not built"
+    assert err.startswith(f"tokt: error: {words}")
     assert err.count("\n") == 1
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -13,32 +14,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels import reference
-from tokt.features.kernels.dispatch import COMPILED, NUMPY, Kernels, load_kernels
+from tokt.features.kernels.dispatch import Kernels
 from tokt.features.kernels.quantization import Quantization
 
 from .drawn import Image, examples, paint, painted, pictures
+from .each_kernel import COMPILED_KERNELS, NUMPY_KERNELS, fast, needs_compiled
 from .exact_haralick import exact_haralick, matrices, spreads
 
-try:
-    COMPILED_KERNELS = load_kernels(COMPILED)
-except ImportError:
-    COMPILED_KERNELS = None
-NUMPY_KERNELS = load_kernels(NUMPY)
-LIBRARY_KERNELS = load_kernels("library")
-
-needs_compiled = pytest.mark.skipif(
-    COMPILED_KERNELS is None, reason="the compiled kernels are not built here"
-)
-fast = pytest.mark.parametrize(
-    "kernels",
-    [
-        pytest.param(COMPILED_KERNELS, marks=needs_compiled, id=COMPILED),
-        pytest.param(NUMPY_KERNELS, id=NUMPY),
-    ],
-)
 ONE = Grid(1, 1, None)
 # Of a sum of counts and logarithms, relative to its terms; 9,000 of them gave 1.01e-13.
 ROUNDING = 2e-13
@@ -83,9 +69,7 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
 @fast
 @examples(200)
 @given(drawn=pictures(), circle=CIRCLES, border=BORDERS)
-def test_lbp_equals_scikit_image(
-    kernels: Kernels, drawn: tuple[Image, Grid], circle: tuple[int, float], border: str
-) -> None:
+def test_lbp_equals_scikit_image(kernels, drawn, circle, border) -> None:
     gray, grid = drawn
     found = kernels.lbp_counts(gray, grid, *circle, border)
     assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
@@ -97,9 +81,7 @@ def test_lbp_equals_scikit_image(
     "circle",
     [(1, 1), (2, 1.5), *((points, 3) for points in (10, 11, 12, 13, 16, 17, 31, 32, 33, 63, 64))],
 )
-def test_every_number_of_points_fits(
-    kernels: Kernels, circle: tuple[int, float], border: str
-) -> None:
+def test_every_number_of_points_fits(kernels: Kernels, circle: tuple[int, float], border: str):
     gray, grid = paint("few levels", (70, 140), 5, 100, 0), Grid(2, 1, None)
     found = kernels.lbp_counts(gray, grid, *circle, border)
     assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
@@ -133,9 +115,7 @@ def test_haralick_is_exact(kernels: Kernels, drawn: tuple[Image, Grid], ignore_z
 @fast
 @pytest.mark.parametrize("high", [1, 17, 254, 255])
 @pytest.mark.parametrize("ignore_zeros", [False, True])
-def test_bright_patches_with_one_other_pixel_are_exact(
-    kernels: Kernels, high: int, ignore_zeros: bool
-) -> None:
+def test_bright_patches_with_one_other_pixel_are_exact(kernels, high, ignore_zeros) -> None:
     """Here a variance from the mean of squares has no digit left."""
     patch = np.full((80, 150), high, np.uint8)
     patch[40, 70] -= 1
@@ -197,9 +177,7 @@ def test_numpy_haralick_equals_compiled(drawn: tuple[Image, Grid], ignore_zeros:
 @fast
 @examples(50)
 @given(drawn=pictures(4_000), ignore_zeros=st.booleans())
-def test_turned_and_mirrored_patches_have_the_same_haralick_features(
-    kernels: Kernels, drawn: tuple[Image, Grid], ignore_zeros: bool
-) -> None:
+def test_turned_and_mirrored_patches_have_the_same_haralick_features(kernels, drawn, ignore_zeros):
     """The four directions map onto each other."""
     patch = drawn[1].cells(drawn[0])[0]
     found = kernels.haralick_features(patch, ONE, ignore_zeros)[0]
@@ -239,9 +217,8 @@ def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
     found = kernels.haralick_features(patch, ONE, True)[0]
     expected, allowed = exact_haralick(patch, True, ROUNDING)
     assert (np.abs(found - expected) <= allowed).all()
-    np.testing.assert_allclose(
-        found, reference.haralick_features(patch, ONE, True)[0], rtol=1e-9, atol=1e-7
-    )
+    theirs = reference.haralick_features(patch, ONE, True)[0]
+    np.testing.assert_allclose(found, theirs, rtol=1e-9, atol=1e-7)
     counted = kernels.haralick_features(patch, ONE, False)[0]
     empty = name in ("zeros alone", "no pair across", "no pair down", "one pixel")
     assert same_bits(found, counted) == empty
@@ -253,9 +230,7 @@ def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
 @pytest.fixture
 def levels() -> Iterator[Any]:
     """Runs a function at each instruction level of this processor."""
-    native = pytest.importorskip(
-        "tokt.features.kernels._native", reason="the kernels are not built here"
-    )
+    native = pytest.importorskip("tokt.features.kernels._native", reason="not built here")
 
     def run(function: Any) -> list[Any]:
         results = []
@@ -288,9 +263,7 @@ def test_every_instruction_level_gives_the_same_bits(levels: Any) -> None:
 @fast
 @examples(40)
 @given(drawn=pictures())
-def test_any_number_of_threads_gives_the_same_bits(
-    kernels: Kernels, drawn: tuple[Image, Grid]
-) -> None:
+def test_any_number_of_threads_gives_the_same_bits(kernels: Kernels, drawn: tuple[Image, Grid]):
     """More threads than rows of patches among them."""
     alone = described(kernels, *drawn)
     for threads in (2, 3, 7):
@@ -311,13 +284,7 @@ def test_threads_of_the_caller(kernels: Kernels) -> None:
         assert all(map(same_bits, one, two))
 
 
-def _child(kernels: Kernels, gray: Image, grid: Grid, answer: Any) -> None:
-    answer.send(described(kernels, gray, grid, 3))
-
-
-@pytest.mark.skipif(
-    "fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this system"
-)
+@pytest.mark.skipif(os.name == "nt", reason="no fork on this system")
 @fast
 def test_threads_after_a_fork(kernels: Kernels) -> None:
     """The child has the parent's pool, but none of its threads."""
@@ -325,7 +292,7 @@ def test_threads_after_a_fork(kernels: Kernels) -> None:
     expected = described(kernels, gray, grid, 3)
     fork = multiprocessing.get_context("fork")
     here, there = fork.Pipe()
-    child = fork.Process(target=_child, args=(kernels, gray, grid, there))
+    child = fork.Process(target=lambda: there.send(described(kernels, gray, grid, 3)))
     child.start()
     try:
         assert here.poll(60), "the child waits for threads it does not have"
@@ -394,15 +361,11 @@ def test_any_layout_gives_what_its_copy_gives(kernels: Kernels, name: str, view:
 
 PIXELS = np.zeros((30, 40), np.uint8)
 NOT_GRAY: dict[str, Any] = {
+    **{kind: PIXELS.astype(kind) for kind in ("float64", "int16", "int8", "bool", "object")},
     "nothing": None,
     "list": PIXELS.tolist(),
     "bytes": PIXELS.tobytes(),
     "memory": memoryview(PIXELS),
-    "float64": PIXELS.astype(float),
-    "int16": PIXELS.astype(np.int16),
-    "int8": PIXELS.astype(np.int8),
-    "bool": PIXELS.astype(bool),
-    "object": PIXELS.astype(object),
     "one number": np.uint8(3),
     "no dimension": np.array(3, np.uint8),
     "one dimension": PIXELS[0],
@@ -414,18 +377,18 @@ EMPTY = [(0, 0), (0, 40), (30, 0)]
 Calls = list[tuple[str, Any]]
 
 
-def calls(kernels: Kernels) -> Calls:
-    """The kernels as functions of a picture alone."""
+def calls(kernels: Kernels, *more: Any) -> Calls:
+    """The kernels as functions of a picture alone, with a number of threads or without."""
     return [
-        ("lbp", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "patch")),
-        ("frame", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "frame")),
-        ("haralick", lambda picture: kernels.haralick_features(picture, ONE, False)),
-        ("counts", lambda picture: kernels.level_counts(picture, ONE)),
-        ("nearest", lambda picture: kernels.lbp_nearest_counts(picture, ONE, 8, 1, "patch")),
-        ("structure", lambda picture: kernels.structure_sums(picture, ONE)),
-        ("lines", lambda picture: kernels.line_sums(picture, ONE, 128, (2, 4))),
-        ("area", lambda picture: kernels.resized_gray(picture, 7, 9)),
-        ("area_deep", lambda picture: kernels.resized_gray16(picture, 7, 9)),
+        ("lbp", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "patch", *more)),
+        ("frame", lambda picture: kernels.lbp_counts(picture, ONE, 8, 1, "frame", *more)),
+        ("haralick", lambda picture: kernels.haralick_features(picture, ONE, False, *more)),
+        ("counts", lambda picture: kernels.level_counts(picture, ONE, *more)),
+        ("nearest", lambda picture: kernels.lbp_nearest_counts(picture, ONE, 8, 1, "patch", *more)),
+        ("structure", lambda picture: kernels.structure_sums(picture, ONE, *more)),
+        ("lines", lambda picture: kernels.line_sums(picture, ONE, 128, (2, 4), *more)),
+        ("area", lambda picture: kernels.resized_gray(picture, 7, 9, *more)),
+        ("area_deep", lambda picture: kernels.resized_gray16(picture, 7, 9, *more)),
     ]
 
 
@@ -458,10 +421,8 @@ def test_bgr_has_no_texture(kernels: Kernels) -> None:
 def test_patches_under_3_pixels(kernels: Kernels, shape: tuple[int, int]) -> None:
     gray, grid = np.zeros(shape, np.uint8), Grid(4, 4, None)
     for border in ("patch", "frame"):
-        with pytest.raises(ToktError, match="least is 3x3"):
-            kernels.lbp_counts(gray, grid, 8, 1, border)
-    with pytest.raises(ToktError, match="least is 3x3"):
-        kernels.haralick_features(gray, grid, False)
+        refuses("least is 3x3", kernels.lbp_counts, gray, grid, 8, 1, border)
+    refuses("least is 3x3", kernels.haralick_features, gray, grid, False)
 
 
 @fast
@@ -481,19 +442,13 @@ def test_lbp_options_out_of_range(kernels: Kernels, points: Any, radius: Any, bo
 @fast
 @pytest.mark.parametrize("threads", [0, -1, 1.5, True, None, "2"])
 def test_threads_out_of_range(kernels: Kernels, threads: Any) -> None:
-    for call in (
-        lambda: kernels.lbp_counts(PIXELS, ONE, 8, 1, "patch", threads),
-        lambda: kernels.haralick_features(PIXELS, ONE, False, threads),
-        lambda: kernels.resized_gray(PIXELS, 7, 9, threads),
-        lambda: kernels.resized_gray16(PIXELS, 7, 9, threads),
-        lambda: kernels.quantize(PIXELS.astype(np.uint16), Quantization(1), threads),
-        lambda: kernels.level_counts(PIXELS, ONE, threads),
-        lambda: kernels.lbp_nearest_counts(PIXELS, ONE, 8, 1, "patch", threads),
-        lambda: kernels.structure_sums(PIXELS, ONE, threads),
-        lambda: kernels.line_sums(PIXELS, ONE, 128, (2, 4), threads),
-    ):
+    deep = PIXELS.astype(np.uint16)
+    for _, call in [
+        *calls(kernels, threads),
+        ("levels", lambda _: kernels.quantize(deep, Quantization(1), threads)),
+    ]:
         with pytest.raises((TypeError, ValueError)):
-            call()
+            call(PIXELS)
 
 
 @fast

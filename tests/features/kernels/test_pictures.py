@@ -62,11 +62,8 @@ def exact_pixel(frame: Image, height: int, width: int, row: int, column: int) ->
 def test_the_definition(kernels: Kernels, height: int, width: int) -> None:
     frame = paint("noise", (13, 17, 3), 3, 0, 0)
     found = kernels.resized_gray16(frame, height, width)
-    expected = [
-        [exact_pixel(frame, height, width, row, column) for column in range(width)]
-        for row in range(height)
-    ]
-    assert np.array_equal(found, expected)
+    for row, column in np.ndindex(height, width):
+        assert found[row, column] == exact_pixel(frame, height, width, row, column)
 
 
 @fast
@@ -150,18 +147,11 @@ def test_levels_by_their_definition(kernels: Kernels, by: str) -> None:
 def test_each_option_has_an_effect(kernels: Kernels) -> None:
     gray16 = kernels.resized_gray16(paint("noise", (200, 300, 3), 1, 0, 0), 50, 80)
     usual = Quantization(2, 64, 3, 21)
-    others = (
-        Quantization(2.1, 64, 3, 21),
-        Quantization(2, 63, 3, 21),
-        Quantization(2, 64, 1, 21),
-        Quantization(2, 64, 3, 23),
-        Quantization(2, 64, 3, 0),
-        Quantization(2, 64, 3, 21, RATIO),
-        Quantization(2, 64, 3, 21, FRAME),
-    )
+    others = [(2.1, 64, 3, 21), (2, 63, 3, 21), (2, 64, 1, 21), (2, 64, 3, 23), (2, 64, 3, 0)]
+    others += [(2, 64, 3, 21, by) for by in (RATIO, FRAME)]
     found = kernels.quantize(gray16, usual)
     for other in others:
-        assert not np.array_equal(kernels.quantize(gray16, other), found), other
+        assert not np.array_equal(kernels.quantize(gray16, Quantization(*other)), found), other
 
 
 @fast
@@ -181,10 +171,8 @@ def test_a_brighter_lamp_changes_nothing_by_frame(kernels: Kernels) -> None:
     gray16 = 100 * np.random.default_rng(3).integers(20, 120, (60, 80), np.uint16)
     brighter = gray16 * np.uint16(4)
     for gain in (8, 0.7):
-        dim, bright = (
-            kernels.quantize(one, Quantization(gain, 256, 3, 31, FRAME))
-            for one in (gray16, brighter)
-        )
+        levels = Quantization(gain, 256, 3, 31, FRAME)
+        dim, bright = (kernels.quantize(one, levels) for one in (gray16, brighter))
         assert np.abs(dim.astype(int) - bright).max() <= 1 and len(np.unique(dim)) > 8
         assert (dim == bright).mean() > 0.99
 
@@ -193,11 +181,8 @@ def test_a_brighter_lamp_changes_nothing_by_frame(kernels: Kernels) -> None:
 @pytest.mark.parametrize(
     "gray16",
     [
-        np.zeros((3, 4), np.uint8),
-        np.zeros((3, 4), np.float64),
-        np.zeros((3, 4, 3), np.uint16),
-        np.zeros((0, 4), np.uint16),
-        None,
+        *(np.zeros((3, 4), np.uint8), np.zeros((3, 4), np.float64), None),
+        *(np.zeros((3, 4, 3), np.uint16), np.zeros((0, 4), np.uint16)),
     ],
 )
 def test_no_gray16_picture(kernels: Kernels, gray16: np.ndarray) -> None:

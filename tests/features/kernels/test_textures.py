@@ -34,9 +34,7 @@ def test_structure(kernels: Kernels, drawn: tuple[Image, Grid], threads: int) ->
     samples=st.lists(st.sampled_from(POWERS), min_size=1, max_size=3, unique=True).map(sorted),
     threads=THREADS,
 )
-def test_lines(
-    kernels: Kernels, drawn: tuple[Image, Grid], middle: int, samples: list[int], threads: int
-) -> None:
+def test_lines(kernels, drawn, middle, samples, threads) -> None:
     found = kernels.line_sums(*drawn, middle, samples, threads)
     assert found.dtype == np.int64 and found.shape == (drawn[1].n_patches, len(samples), 9)
     assert np.array_equal(found, REFERENCE.line_sums(*drawn, middle, samples))
@@ -69,14 +67,7 @@ def test_more_rows_of_edges_than_fit_32_bits(kernels: Kernels) -> None:
     border=st.sampled_from(("patch", "frame")),
     threads=THREADS,
 )
-def test_nearest_patterns(
-    kernels: Kernels,
-    drawn: tuple[Image, Grid],
-    points: int,
-    radius: float,
-    border: str,
-    threads: int,
-) -> None:
+def test_nearest_patterns(kernels, drawn, points, radius, border, threads) -> None:
     found = kernels.lbp_nearest_counts(*drawn, points, radius, border, threads)
     assert found.dtype == np.int64
     assert np.array_equal(found, REFERENCE.lbp_nearest_counts(*drawn, points, radius, border))

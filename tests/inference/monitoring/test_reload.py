@@ -9,12 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from tests.inference.live import HandSource, Listener
-from tests.inference.test_live_loop import run
-from tests.waiting import MAX_S, until
+from tests.inference.live import HandSource, Listener, looping
+from tests.waiting import until
 from tokt.inference.config import Limits
 from tokt.inference.monitoring.reload import BundleCheck, ModelReloader, check_in_child
 from tokt.inference.policy.policy import SinglePolicy
@@ -46,18 +44,12 @@ def store(tmp_path: Path, make_bundle: Callable[[str], Bundle]) -> Store:
 class Watched:
     """A watch over a store, looked at by hand; what it put and told."""
 
-    def __init__(
-        self, store: Store, clock: Any, misfit: str = "", copy_of: Bundle | None = None
-    ) -> None:
+    def __init__(self, store: Store, clock: Any, misfit: str = "", copy_of: Bundle | None = None):
         self.put: list[str] = []
         self.checks = 0
+        misfit_of, put = (lambda bundle: misfit), (lambda bundle: self.put.append(bundle.label))
         self.watch = ModelReloader(
-            store,
-            copy_of or store.active(),
-            lambda bundle: misfit,
-            lambda bundle: self.put.append(bundle.label),
-            clock,
-            self._check,
+            *(store, copy_of or store.active(), misfit_of, put, clock, self._check),
             is_active=copy_of is None,
         )
 
@@ -73,9 +65,7 @@ class Watched:
         return [f"{event.name}: {event.words}" for event in self.watch.exchange()]
 
 
-def test_a_new_model_is_put_between_frames_and_told(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+def test_a_new_model_is_put_between_frames_and_told(store, make_bundle, hand_clock) -> None:
     watched = Watched(store, hand_clock)
     assert watched.look() == [] and watched.checks == 0
     store.deploy(make_bundle("2"))
@@ -85,12 +75,10 @@ def test_a_new_model_is_put_between_frames_and_told(
     assert len(watched.look()) == 1 and watched.put[-1] == "noise/1"
 
 
-def test_a_damaged_one_is_refused_once_and_tried_again_later(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+def test_a_damaged_one_is_refused_once_and_tried_again_later(store, make_bundle, hand_clock):
     watched = Watched(store, hand_clock)
     entry = store.deploy(make_bundle("2"))
-    file = store.path / "versions" / entry.sha256 / "bundle.tokt"
+    file = store.bundle_file(entry.sha256)
     whole = file.read_bytes()
     file.write_bytes(whole[:-10])
     told = watched.look()
@@ -104,9 +92,7 @@ def test_a_damaged_one_is_refused_once_and_tried_again_later(
     assert len(watched.look()) == 1 and watched.put == ["noise/2"]
 
 
-def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(
-    store: Store, hand_clock: Any
-) -> None:
+def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(store: Store, hand_clock: Any):
     active = store.active()
     store.bundle_file(active.sha256).write_bytes(b"damaged")
     watched = Watched(store, hand_clock, copy_of=active)
@@ -117,8 +103,8 @@ def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(
 
 
 def test_the_fault_of_one_that_became_active_meanwhile_is_not_the_other_s(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+    store, make_bundle, hand_clock
+):
     watched = Watched(store, hand_clock)
     store.deploy(make_bundle("2"))
     watched.watch._check = lambda _: BundleCheck(make_bundle("3").sha256, "3 is damaged")
@@ -133,33 +119,22 @@ def test_a_damaged_pointer_changes_nothing(store: Store, hand_clock: Any) -> Non
     assert watched.look() == [] and watched.put == []
 
 
-def test_one_that_does_not_fit_the_run_is_refused(
-    store: Store, make_bundle: Callable[[str], Bundle], hand_clock: Any
-) -> None:
+def test_one_that_does_not_fit_the_run_is_refused(store, make_bundle, hand_clock) -> None:
     watched = Watched(store, hand_clock, misfit="its frames are 480 px wide")
     store.deploy(make_bundle("2"))
     assert "refused: its frames are 480 px wide" in watched.look()[0]
     assert watched.put == []
 
 
-def test_one_that_kills_its_checks_is_refused(
-    store: Store, make_bundle: Callable[[str], Bundle], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", "/bin/false")
-    assert "died with exit code 1" in check_in_child(store).fault
-    monkeypatch.setattr(
-        "tokt.inference.monitoring.reload.sys.executable", str(store.path / "no python")
-    )
-    assert "cannot be run" in check_in_child(store).fault
+def test_one_that_kills_its_checks_is_refused(store, make_bundle, monkeypatch) -> None:
+    for python, words in (("/bin/false", "died with exit code 1"), ("/none", "cannot be run")):
+        monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", python)
+        assert words in check_in_child(store).fault
 
 
 def test_a_run_goes_over_to_the_new_model_and_remembers_it(
-    store: Store,
-    make_bundle: Callable[[str], Bundle],
-    draw_frame: Callable[..., np.ndarray],
-    monkeypatch: pytest.MonkeyPatch,
-    hand_clock: Any,
-) -> None:
+    store, make_bundle, draw_frame, monkeypatch, hand_clock
+):
     monkeypatch.setattr("tokt.inference.monitoring.reload.POLL_S", 0.05)
     first = store.active()
     slot = ReloadableTextureDetector(TextureDetector(first))
@@ -167,7 +142,7 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
         store,
         first,
         lambda bundle: "",
-        lambda bundle: setattr(slot, "detector", TextureDetector(bundle)),
+        lambda bundle: slot.put(TextureDetector(bundle)),
         hand_clock,
     )
     source, listener = HandSource(hand_clock), Listener()
@@ -176,7 +151,6 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
         between=watch.exchange,
     )
     watch.start()
-    thread, _ = run(runtime)
     seed = 0
 
     def step() -> bool:
@@ -186,20 +160,19 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
         time.sleep(0.02)
         return bool(listener.events)
 
-    step()
-    second = make_bundle("2")
-    store.deploy(second)
-    until(step)
-    step()
-    until(lambda: listener.reports[-1].verdict.model == "noise/2")
-    until(lambda: store.last_good_file.read_bytes() == second.data)
-    source.stop()
-    thread.join(MAX_S)
+    with looping(runtime):
+        step()
+        second = make_bundle("2")
+        store.deploy(second)
+        until(step)
+        step()
+        until(lambda: listener.reports[-1].verdict.model == "noise/2")
+        until(lambda: store.last_good_file.read_bytes() == second.data)
     watch.close()
     models = [report.verdict.model for report in listener.reports]
     assert models == sorted(models, key=str) and set(models) == {"noise/1", "noise/2"}
     assert [event.name for event in listener.events] == ["model"]
-    (store.path / "versions" / second.sha256 / "bundle.tokt").write_bytes(b"gone")
+    store.bundle_file(second.sha256).write_bytes(b"gone")
     again, notes = load_running(store)
     assert again.sha256 == second.sha256 and len(notes) == 2
     assert json.loads((store.path / "active").read_text())["sha256"] == second.sha256

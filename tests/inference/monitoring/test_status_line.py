@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -34,6 +35,11 @@ DARK = unknown_verdict(Fault(Reason.DARK, "too dark: \x1b[2J\nmean 3"))
 
 
 @pytest.fixture
+def counts(hand_clock: Any) -> RunCounts:
+    return RunCounts(hand_clock)
+
+
+@pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], tuple[int, Any]]]:
     """Open a terminal of so many columns: the end that shows, and the stream that is written to."""
     monkeypatch.setenv("TERM", "xterm-256color")
@@ -41,12 +47,10 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], tuple[
     opened: list[Any] = []
 
     def start(columns: int) -> tuple[int, Any]:
-        import fcntl
-        import struct
         import termios
 
         shown, written = os.openpty()
-        fcntl.ioctl(written, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+        termios.tcsetwinsize(written, (24, columns))
         stream = os.fdopen(written, "w")
         opened.extend((stream, os.fdopen(shown, "rb", buffering=0)))
         os.set_blocking(shown, False)
@@ -76,12 +80,7 @@ def screen(text: str) -> list[str]:
             lines.append("")
         else:
             lines[-1] += char
-    return [without_colours(line) for line in lines]
-
-
-def without_colours(text: str) -> str:
-    parts = text.split("\x1b[")
-    return parts[0] + "".join(part.partition("m")[2] for part in parts[1:])
+    return [re.sub(r"\x1b\[.*?m", "", line) for line in lines]
 
 
 def tell(counts: RunCounts, verdict: Verdict, seq: int = 1, **more: Any) -> None:
@@ -89,8 +88,7 @@ def tell(counts: RunCounts, verdict: Verdict, seq: int = 1, **more: Any) -> None
     counts.judged(Frame(seq, 1.0, None, None), Judgement(verdict), report)
 
 
-def test_a_trend_that_is_sure_and_a_time_to_contact_are_shown(hand_clock: Any) -> None:
-    counts = RunCounts(hand_clock)
+def test_a_trend_that_is_sure_and_a_time_to_contact_are_shown(counts: RunCounts, hand_clock: Any):
     growing = replace(OBSTACLE, trend="growing", trend_confidence=0.95, expansion_contact_s=7.6)
     tell(counts, replace(growing, distance_m=None))
     assert "obstacle growing, contact in 8 s" in text_of(counts, hand_clock)
@@ -111,15 +109,13 @@ def text_of(counts: RunCounts, clock: Any, columns: int = 500, **more: Any) -> s
         return line.rendered(console, columns)
 
 
-def test_the_line_tells_what_matters(hand_clock: Any) -> None:
-    counts = RunCounts(hand_clock)
+def test_the_line_tells_what_matters(counts: RunCounts, hand_clock: Any) -> None:
     assert text_of(counts, hand_clock) == "waiting for the first frame"
     counts.event(Event(0.0, "start", "", {"model": {"label": "reef/7", "sha256": "ab"}}))
     tell(counts, CLEAR, age_ms=10.2)
     tell(counts, OBSTACLE, age_ms=10.2)
     hand_clock.now += 0.05
-    text = text_of(counts, hand_clock)
-    assert text == (
+    assert text_of(counts, hand_clock) == (
         "obstacle 2.3 m  age 60 ms  latency 8 ms  0.0 fps  2 frames, 1 obstacle, 0 unknown  reef/7"
     )
     counts.heartbeat(Report(3, None, None, None, unknown_verdict(Fault(Reason.STALE, "no frame"))))
@@ -128,8 +124,7 @@ def test_the_line_tells_what_matters(hand_clock: Any) -> None:
     assert text.endswith("no frame")
 
 
-def test_warnings_stand_until_they_are_over(hand_clock: Any) -> None:
-    counts = RunCounts(hand_clock)
+def test_warnings_stand_until_they_are_over(counts: RunCounts, hand_clock: Any) -> None:
     tell(counts, OBSTACLE)
     recorder = SimpleNamespace(frames=12, fault="")
     for name in ("left", "right"):
@@ -146,8 +141,7 @@ def test_warnings_stand_until_they_are_over(hand_clock: Any) -> None:
     assert "NOT recording: no space" in text
 
 
-def test_it_fits_the_terminal_and_nothing_moves_the_cursor(hand_clock: Any) -> None:
-    counts = RunCounts(hand_clock)
+def test_it_fits_the_terminal_and_nothing_moves_the_cursor(counts: RunCounts, hand_clock: Any):
     tell(counts, DARK, age_ms=5.0)
     whole = text_of(counts, hand_clock)
     assert whole.isprintable() and "?[2J?mean 3" in whole
@@ -156,9 +150,7 @@ def test_it_fits_the_terminal_and_nothing_moves_the_cursor(hand_clock: Any) -> N
         assert whole.startswith(cut.rstrip()) and len(cut) <= max(1, columns - 1)
 
 
-def test_one_line_is_rewritten_and_events_stand_above_it(
-    terminal: Callable[[int], tuple[int, Any]],
-) -> None:
+def test_one_line_is_rewritten_and_events_stand_above_it(terminal) -> None:
     shown, stream = terminal(60)
     counts = RunCounts(SYSTEM_CLOCK)
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
@@ -187,9 +179,7 @@ def test_one_line_is_rewritten_and_events_stand_above_it(
     assert screen(text + shown_text(shown))[1:] == [""]
 
 
-def test_a_terminal_that_is_held_keeps_nobody_waiting(
-    terminal: Callable[[int], tuple[int, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_that_is_held_keeps_nobody_waiting(terminal, monkeypatch) -> None:
     monkeypatch.setattr(status_line, "_JOIN_S", 0.2)
     shown, stream = terminal(60)  # nobody reads its other end
     counts = RunCounts(SYSTEM_CLOCK)
@@ -220,32 +210,29 @@ def test_elsewhere_only_events_are_lines() -> None:
         assert lines.read() == "00:00:00Z drift: lbp_3\n23:59:59Z drift is over\n"
 
 
-def test_a_stream_that_is_no_file_gets_lines() -> None:
-    stream = io.StringIO()
-    line = StatusLine(RunCounts(SYSTEM_CLOCK), SYSTEM_CLOCK, stream)
-    line.event(Event(0.0, "start", "it begins"))
-    line.close()
-    assert stream.getvalue() == "00:00:00Z it begins\n"
-
-
-def test_a_dumb_terminal_gets_lines_too(
-    terminal: Callable[[int], tuple[int, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shown, stream = terminal(60)
-    monkeypatch.setenv("TERM", "dumb")
-    counts = RunCounts(SYSTEM_CLOCK)
-    tell(counts, replace(CLEAR, method="disparity"))
+def begin(stream: Any, counts: RunCounts) -> None:
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
     line.event(Event(0.0, "start", "it begins"))
     line.close()
+
+
+def test_a_stream_that_is_no_file_gets_lines(counts: RunCounts) -> None:
+    stream = io.StringIO()
+    begin(stream, counts)
+    assert stream.getvalue() == "00:00:00Z it begins\n"
+
+
+def test_a_dumb_terminal_gets_lines_too(terminal, monkeypatch, counts) -> None:
+    shown, stream = terminal(60)
+    monkeypatch.setenv("TERM", "dumb")
+    tell(counts, replace(CLEAR, method="disparity"))
+    begin(stream, counts)
     assert shown_text(shown) == "00:00:00Z it begins\r\n"
 
 
-def test_a_reader_that_has_gone_is_no_error(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_reader_that_has_gone_is_no_error(capfd, counts) -> None:
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as stream:
-        line = StatusLine(RunCounts(SYSTEM_CLOCK), SYSTEM_CLOCK, stream)
-        line.event(Event(0.0, "start", "it begins"))
-        line.close()
+        begin(stream, counts)
     assert capfd.readouterr().err == ""

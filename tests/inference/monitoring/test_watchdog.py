@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from tests.waiting import MAX_S, until
@@ -77,11 +78,6 @@ class Kept:
         self.pass_time(lambda: len(self.lines) > lines)
         return self.lines[lines]
 
-    def ended(self) -> int:
-        """The exit code; it ends by itself."""
-        self.thread.join(MAX_S)
-        return self.codes[0]
-
     def end(self) -> int:
         self.dog.stop()
         self.pass_time(lambda: not self.thread.is_alive())
@@ -122,7 +118,7 @@ def test_a_runtime_that_hangs_is_killed(keep: Callable[..., Kept]) -> None:
     assert "does not answer and was killed" in kept.lose_patience()
     kept.wait_for(2)
     assert kept.end() == 0  # killed as well, as it does not listen
-    assert not _alive(kept.lives()[-1][0])
+    assert not psutil.pid_exists(kept.lives()[-1][0])
 
 
 def test_one_that_never_gets_ready_is_killed_too(keep: Callable[..., Kept]) -> None:
@@ -132,9 +128,11 @@ def test_one_that_never_gets_ready_is_killed_too(keep: Callable[..., Kept]) -> N
     kept.wait_for(2)
 
 
-def test_what_a_user_wrote_wrong_ends_it(keep: Callable[..., Kept]) -> None:
-    kept = keep("sys.exit(2)")
-    assert kept.ended() == 2 and len(kept.lives()) == 1
+@pytest.mark.parametrize(("program", "code"), [("sys.exit(2)", 2), ("tell('READY=1')", 0)])
+def test_what_a_user_wrote_wrong_and_one_that_has_done_its_work_end_it(keep, program, code) -> None:
+    kept = keep(program)
+    kept.thread.join(MAX_S)
+    assert kept.codes == [code] and len(kept.lives()) == 1
 
 
 def test_the_same_code_after_it_has_worked_does_not(keep: Callable[..., Kept]) -> None:
@@ -146,14 +144,7 @@ def test_the_same_code_after_it_has_worked_does_not(keep: Callable[..., Kept]) -
     assert "exit code 2" in kept.lines[0]
 
 
-def test_one_that_has_done_its_work_ends_it(keep: Callable[..., Kept]) -> None:
-    kept = keep("tell('READY=1')")
-    assert kept.ended() == 0 and len(kept.lives()) == 1
-
-
-def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(
-    keep: Callable[..., Kept],
-) -> None:
+def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(keep: Callable[..., Kept]):
     kept = keep("tell('READY=1'); tell('STOPPING=1'); time.sleep(600)")
     until(lambda: kept.dog._finished)
     kept.pass_time(lambda: not kept.thread.is_alive())
@@ -170,9 +161,7 @@ def test_what_the_one_before_said_is_no_sign_of_the_next(keep: Callable[..., Kep
     kept.wait_for(3)
 
 
-def test_a_runtime_that_cannot_be_started_is_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch) -> None:
     starts: list[str] = []
 
     def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
@@ -194,19 +183,9 @@ def test_signs_of_others_are_none(keep: Callable[..., Kept]) -> None:
     kept.wait_for(2)
 
 
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="systemd's socket is a unix one")
 @pytest.mark.parametrize("abstract", [False, True])
-def test_systemd_hears_the_words_of_sd_notify(
-    tmp_path: Path, hand_clock: Any, abstract: bool
-) -> None:
+def test_systemd_hears_the_words_of_sd_notify(tmp_path: Path, hand_clock: Any, abstract: bool):
     if abstract and sys.platform != "linux":
         pytest.skip("only Linux has abstract names")
     name = f"@tokt-{os.getpid()}" if abstract else str(tmp_path / "notify")
@@ -263,7 +242,6 @@ import time; time.sleep(60)
     parent = subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
-    assert parent.stdout is not None and parent.stdin is not None
     assert parent.stdout.readline() == b"False\n"
     parent.kill()
     parent.stdin.close()

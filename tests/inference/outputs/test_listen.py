@@ -3,14 +3,12 @@ from __future__ import annotations
 import json
 import signal
 import socket
-import subprocess
-import sys
-from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.inference.live import bound_socket, start_tokt
 from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.outputs.listen import (
@@ -30,43 +28,28 @@ V1 = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
 
 
 def v2(seq: int) -> bytes:
-    return encode_v2(
-        Report(seq, seq, 0.0, 1.0, Verdict(0, 0, 0, None, 0.0, None, "texture", "m/1"))
-    )
+    verdict = Verdict(0, 0, 0, None, 0.0, None, "texture", "m/1")
+    return encode_v2(Report(seq, seq, 0.0, 1.0, verdict))
 
 
-def accounts(*numbers: int) -> list[tuple[int | None, bool, bool]]:
+# How a datagram comes: in its turn, after lost ones, anew, or overtaken.
+FINE, ANEW, OLD = (0, False, False), (0, True, False), (0, False, True)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "expected"),
+    [
+        ((1, 2, 5, 6), [FINE, FINE, (2, False, False), FINE]),
+        ((57, 58), [FINE, FINE]),  # who comes later has lost nothing yet
+        ((5000, 1, 2), [FINE, ANEW, FINE]),
+        ((5000, 4, 5), [FINE, (3, True, False), FINE]),  # the new run's first ones are lost as well
+        ((10, 12, 11, 12, 13), [FINE, (1, False, False), OLD, OLD, FINE]),
+    ],
+)
+def test_gaps_are_lost_and_a_restart_or_an_overtaken_one_is_no_loss(numbers, expected) -> None:
     watch = SenderMonitor(0.0, None)
     heard = [watch.heard("a", v2(seq), 0.0) for seq in numbers]
-    return [(one.lost, one.restarted, one.overtaken) for one in heard]
-
-
-def test_gaps_are_lost_datagrams() -> None:
-    assert accounts(1, 2, 5, 6) == [
-        (0, False, False),
-        (0, False, False),
-        (2, False, False),
-        (0, False, False),
-    ]
-
-
-def test_who_comes_later_has_lost_nothing_yet() -> None:
-    assert accounts(57, 58) == [(0, False, False), (0, False, False)]
-
-
-def test_a_restart_counts_from_1_and_is_no_loss() -> None:
-    assert accounts(5000, 1, 2)[1:] == [(0, True, False), (0, False, False)]
-    # The first ones of the new run are lost as well.
-    assert accounts(5000, 4, 5)[1:] == [(3, True, False), (0, False, False)]
-
-
-def test_one_that_was_overtaken_or_doubled_is_old() -> None:
-    assert accounts(10, 12, 11, 12, 13)[1:] == [
-        (1, False, False),
-        (0, False, True),
-        (0, False, True),
-        (0, False, False),
-    ]
+    assert [(one.lost, one.restarted, one.overtaken) for one in heard] == expected
 
 
 def test_each_sender_is_counted_by_itself() -> None:
@@ -148,10 +131,7 @@ def test_a_line_says_what_was_odd() -> None:
 
 def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
     heard: list[ReceivedDatagram] = []
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
-    ):
+    with bound_socket() as one, bound_socket() as two:
 
         def ready() -> None:
             for seq in (1, 2, 4):
@@ -159,10 +139,8 @@ def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
                 two.sendto(v2(seq * 10), ("127.0.0.1", closed_port))
 
         watch = SenderMonitor(SYSTEM_CLOCK.monotonic(), None)
-        events = listen(
-            "127.0.0.1", closed_port, watch, SYSTEM_CLOCK, lambda: len(heard) == 6, ready
-        )
-        for event in events:
+        where = ("127.0.0.1", closed_port)
+        for event in listen(*where, watch, SYSTEM_CLOCK, lambda: len(heard) == 6, ready):
             assert isinstance(event, ReceivedDatagram)
             heard.append(event)
         mine = f"127.0.0.1:{one.getsockname()[1]}"
@@ -170,27 +148,9 @@ def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
     assert watch.lost == 1 + 9 + 19
 
 
-@pytest.fixture
-def listening(closed_port: int) -> Callable[..., subprocess.Popen[str]]:
-    def start(*arguments: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "tokt", "listen", "--port", str(closed_port), *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert process.stderr is not None
-        assert "listening" in process.stderr.readline()
-        return process
-
-    return start
-
-
-def test_the_command_tells_silence_and_loss(
-    listening: Callable[..., subprocess.Popen[str]], closed_port: int
-) -> None:
-    process = listening("--timeout", "0.3", "--json")
-    assert process.stdout is not None
+def test_the_command_tells_silence_and_loss(closed_port) -> None:
+    process = start_tokt("listen", "--port", closed_port, "--timeout", "0.3", "--json")
+    assert "listening" in process.stderr.readline()
     nobody = json.loads(process.stdout.readline())
     assert nobody["from"] is None and nobody["silent_s"] >= 0.3
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -210,16 +170,10 @@ def test_the_command_tells_silence_and_loss(
 
 
 def test_a_trend_is_shown_in_words() -> None:
-    verdict = Verdict(
-        *(1, 3, 4, None, 9.0, None, "texture", "m/1"),
-        trend="growing",
-        trend_confidence=0.962,
-        expansion_contact_s=10.37,
-        anchor_size=-0.363,
-    )
-    heard = SenderMonitor(0.0, None).heard(
-        "1.2.3.4:5", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0
-    )
+    cues = {"trend": "growing", "trend_confidence": 0.962, "expansion_contact_s": 10.37}
+    verdict = Verdict(1, 3, 4, None, 9.0, None, "texture", "m/1", **cues, anchor_size=-0.363)
+    datagram = encode_v2(Report(1, 1, 0.0, 1.0, verdict))
+    heard = SenderMonitor(0.0, None).heard("1.2.3.4:5", datagram, 0.0)
     told = "trend=growing  trend_confidence=0.962  expansion_contact_s=10.37  anchor_size=-0.363"
     assert as_words(heard).endswith(told)
     assert json.loads(as_json(heard))["anchor_x"] is None

@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
+from tests.inference.live import bound_socket
 from tests.tiers import scaled
 from tests.waiting import MAX_S
 from tokt.features.common.address import parse_address
@@ -30,6 +32,7 @@ positions = st.integers(-100_000, 100_000)
 means = st.floats(0, 255)
 DARK = Fault(Reason.DARK, "dark")
 any_float = st.floats(allow_nan=True, allow_infinity=True)
+any_or_none = st.none() | any_float
 
 
 def a_verdict(status: int = 1, x: int = -120, y: int = -35, mean: float = 12.3456789012) -> Verdict:
@@ -40,12 +43,8 @@ def parse_v1_by_the_design(datagram: bytes) -> tuple[int, int, int, float]:
     """Written from the format's description alone: eight comma-separated ASCII fields."""
     fields = datagram.decode("ascii").split(",")
     assert len(fields) == 8
-    assert [field.strip() for field in fields[0::2]] == [
-        "status :",
-        "Xpos :",
-        "Ypos :",
-        "meanValue :",
-    ]
+    names = [field.strip() for field in fields[0::2]]
+    assert names == ["status :", "Xpos :", "Ypos :", "meanValue :"]
     status, x, y, mean = fields[1::2]
     return int(status), int(x), int(y), float(mean)
 
@@ -53,18 +52,13 @@ def parse_v1_by_the_design(datagram: bytes) -> tuple[int, int, int, float]:
 def test_v1_is_the_design_example_byte_for_byte() -> None:
     expected = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
     assert encode_v1(a_verdict()) == expected
-    assert encode_v1(a_verdict(0, 0, 0, 0.0)) == (
-        b"status : , 0  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,0"
-    )
+    nothing = b"status : , 0  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,0"
+    assert encode_v1(a_verdict(0, 0, 0, 0.0)) == nothing
 
 
 @given(st.sampled_from([0, 1]), positions, positions, means)
-def test_an_independent_parser_reads_v1_over_a_real_socket(
-    status: int, x: int, y: int, mean: float
-) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
-        receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(MAX_S)
+def test_an_independent_parser_reads_v1_over_a_real_socket(status, x, y, mean) -> None:
+    with bound_socket() as receiver:
         sender = UdpSender(*receiver.getsockname(), 1)
         sender.send(Report(1, 1, 0.0, 1.0, a_verdict(status, x, y, mean)))
         sender.close()
@@ -107,7 +101,6 @@ def test_v2_has_the_fields_of_the_design() -> None:
 @given(st.sampled_from([0, 1]), positions, positions, means)
 def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
     data = encode_v1(a_verdict(status, x, y, mean))
-    assert data is not None
     fields = decode(data)
     assert (fields["v"], fields["status"], fields["x"], fields["y"]) == (1, status, x, y)
     assert fields["mean"] == float(f"{mean:.12g}")
@@ -121,50 +114,42 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
         x=st.none() | positions,
         y=st.none() | positions,
         box=st.none() | st.tuples(positions, positions, positions, positions),
-        mean=st.none() | any_float,
-        distance_m=st.none() | any_float,
+        mean=any_or_none,
+        distance_m=any_or_none,
         method=st.text(max_size=20),
         model=st.none() | st.text(max_size=50),
         health=st.text(max_size=400),
-        closing_m_s=st.none() | any_float,
-        contact_s=st.none() | any_float,
         reason=st.sampled_from(Reason),
         trend=st.none() | st.sampled_from(TRENDS),
-        trend_confidence=st.none() | any_float,
-        expansion_contact_s=st.none() | any_float,
-        anchor_x=st.none() | any_float,
-        anchor_y=st.none() | any_float,
-        anchor_size=st.none() | any_float,
+        **dict.fromkeys(
+            (
+                *("closing_m_s", "contact_s", "trend_confidence", "expansion_contact_s"),
+                *("anchor_x", "anchor_y", "anchor_size"),
+            ),
+            any_or_none,
+        ),
     ),
     any_float,
     any_float,
-    st.none() | any_float,
+    any_or_none,
 )
-def test_v2_round_trip_never_holds_what_json_cannot(
-    verdict: Verdict, t: float, latency_ms: float, age_ms: float | None
-) -> None:
+def test_v2_round_trip_never_holds_what_json_cannot(verdict, t, latency_ms, age_ms) -> None:
     data = encode_v2(Report(3, 4, t, latency_ms, verdict, age_ms))
-    assert (
-        b"NaN" not in data.split(b'"method"')[0] and b"Infinity" not in data.split(b'"method"')[0]
-    )
+    figures = data.split(b'"method"')[0]
+    assert b"NaN" not in figures and b"Infinity" not in figures
     fields = decode(data)
     assert fields["t"] == (t if math.isfinite(t) else None)
-    mean = verdict.mean
-    assert fields["mean"] == (mean if mean is not None and math.isfinite(mean) else None)
+    for name, value in (("mean", verdict.mean), ("age_ms", age_ms)):
+        assert fields[name] == (value if value is not None and math.isfinite(value) else None)
     assert fields["box"] == (None if verdict.box is None else list(verdict.box))
     assert verdict.health.startswith(fields["health"])
     assert fields["health"] == verdict.health or len(json.dumps(fields["health"])) > 300 - 12
     assert fields["reason"] == verdict.reason
-    assert fields["age_ms"] == (age_ms if age_ms is not None and math.isfinite(age_ms) else None)
 
 
+scalars = any_or_none | st.booleans() | st.integers() | st.integers(0, 10**400)
 json_values = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | st.integers(0, 10**400)
-    | any_float
-    | st.text(max_size=5),
+    scalars | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner),
     max_leaves=5,
 )
@@ -205,41 +190,32 @@ def test_what_the_contract_does_not_name_is_left_out(extra: bytes) -> None:
 
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
 def test_garbage_is_refused_in_one_way(data: bytes) -> None:
-    with pytest.raises(ToktError):
-        decode(data)
+    refuses("", decode, data)
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        {"v": 3},
-        {"v": 2.0},
-        {"t": 10**400},
-        {"box": [1, 2, 3, 10**400]},
-        {"status": 2},
-        {"status": True},
-        {"status": None},
-        {"box": [1, 2, 3]},
-        {"box": [1, 2, 3, 4.5]},
-        {"x": "left"},
-        {"health": None},
-        {"seq": 1.5},
-        {"reason": None},
-        {"reason": 3},
-        {"age_ms": "old"},
-        {"age_ms": True},
-        {"age_ms": 10**400},
-        {"closing_m_s": "fast"},
-        {"trend": 1},
-        {"trend_confidence": "high"},
-        {"expansion_contact_s": True},
-        {"anchor_x": [0.5]},
-    ],
+    ("name", "values"),
+    {
+        "v": [3, 2.0],
+        "t": [10**400],
+        "box": [[1, 2, 3, 10**400], [1, 2, 3], [1, 2, 3, 4.5]],
+        "status": [2, True, None],
+        "x": ["left"],
+        "health": [None],
+        "seq": [1.5],
+        "reason": [None, 3],
+        "age_ms": ["old", True, 10**400],
+        "closing_m_s": ["fast"],
+        "trend": [1],
+        "trend_confidence": ["high"],
+        "expansion_contact_s": [True],
+        "anchor_x": [[0.5]],
+    }.items(),
 )
-def test_v2_outside_the_contract_is_refused(change: dict[str, Any]) -> None:
+def test_v2_outside_the_contract_is_refused(name: str, values: list[Any]) -> None:
     decode(json.dumps(good).encode())
-    with pytest.raises(ToktError, match="not a tokt datagram"):
-        decode(json.dumps({**good, **change}).encode())
+    for value in values:
+        refuses("not a tokt datagram", decode, json.dumps({**good, name: value}).encode())
 
 
 @pytest.mark.parametrize("each", V2_FIELDS, ids=[each.name for each in V2_FIELDS])
@@ -279,24 +255,18 @@ def test_a_reason_of_a_newer_sender_is_passed_on() -> None:
     ],
 )
 def test_hostile_datagrams_are_refused(data: bytes) -> None:
-    with pytest.raises(ToktError):
-        decode(data)
-
-
-@pytest.mark.parametrize("text", ["", "host", "host:", ":1", "h:0", "h:65536", "a:b:1", "h:1x"])
-def test_addresses_that_are_none(text: str) -> None:
-    with pytest.raises(ToktError, match="not an address"):
-        parse_address(text)
+    refuses("", decode, data)
 
 
 def test_addresses() -> None:
     assert parse_address("192.168.1.73:1130") == ("192.168.1.73", 1130)
     assert parse_address("[::1]:9") == ("::1", 9)
+    for text in ("", "host", "host:", ":1", "h:0", "h:65536", "a:b:1", "h:1x"):
+        refuses("not an address", parse_address, text)
 
 
 def test_an_unknown_host_is_told_at_the_start() -> None:
-    with pytest.raises(ToktError, match="cannot be found"):
-        UdpSender("no-such-host.invalid", 1130, 1)
+    refuses("cannot be found", UdpSender, "no-such-host.invalid", 1130, 1)
 
 
 def test_what_the_network_refuses_is_counted() -> None:
@@ -313,18 +283,10 @@ def test_a_receiver_may_have_a_format_of_its_own() -> None:
     assert parse_receiver("10.0.0.1:1130", 1) == Receiver("10.0.0.1", 1130, 1)
     assert parse_receiver("v2@10.0.0.1:1130", 1) == Receiver("10.0.0.1", 1130, 2)
     assert parse_receiver("v1@[::1]:9", 2) == Receiver("::1", 9, 1)
-
-
-@pytest.mark.parametrize("text", ["v3@h:1", "@h:1", "v1@@h:1", "V2@h:1"])
-def test_formats_that_are_none(text: str) -> None:
-    with pytest.raises(ToktError, match="choose from v1, v2"):
-        parse_receiver(text, 1)
-
-
-@pytest.mark.parametrize("text", ["v2@", "v2@h", "v2@h:0", "h"])
-def test_receivers_without_an_address(text: str) -> None:
-    with pytest.raises(ToktError, match="not an address"):
-        parse_receiver(text, 1)
+    for text in ("v3@h:1", "@h:1", "v1@@h:1", "V2@h:1"):
+        refuses("choose from v1, v2", parse_receiver, text, 1)
+    for text in ("v2@", "v2@h", "v2@h:0", "h"):
+        refuses("not an address", parse_receiver, text, 1)
 
 
 def test_receivers_fail_each_for_itself(receiver: socket.socket, closed_port: int) -> None:

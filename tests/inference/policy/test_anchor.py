@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.policy.temporal_cues import Anchor, AnchorErrors
 from tokt.inference.reason import Fault, Reason
@@ -34,30 +34,26 @@ def errors(rows: slice, cols: slice, size: float = 0.1) -> AnchorErrors:
     return Anchor(size).errors(seen(rows, cols))
 
 
-def test_right_below_and_too_large_are_positive() -> None:
-    found = errors(slice(7, 9), slice(6, 9), size=0.03)
-    assert found.x is not None and found.y is not None and found.size is not None
-    assert found.x == pytest.approx(0.5, abs=0.01) and found.y == pytest.approx(0.6, abs=0.02)
-    assert found.size == pytest.approx(0.5 * math.log(2), abs=0.01)
-    # The way to steer, away from it, has the opposite signs.
-    verdict = seen(slice(7, 9), slice(6, 9))
-    assert verdict.x is not None and verdict.y is not None and verdict.x < 0 and verdict.y < 0
-
-
-def test_left_above_and_too_small_are_negative() -> None:
-    found = errors(slice(1, 3), slice(1, 4), size=0.24)
-    assert found.x == pytest.approx(-0.5, abs=0.01) and found.y == pytest.approx(-0.6, abs=0.02)
-    assert found.size == pytest.approx(0.5 * math.log(0.25), abs=0.01)
+@pytest.mark.parametrize(
+    ("rows", "cols", "held", "x", "y", "share"),
+    [
+        (slice(7, 9), slice(6, 9), 0.03, 0.5, 0.6, 2),  # right, below and too large: positive
+        (slice(1, 3), slice(1, 4), 0.24, -0.5, -0.6, 0.25),
+    ],
+)
+def test_errors_have_signs_against_the_way_to_steer(rows, cols, held, x, y, share) -> None:
+    found, verdict = errors(rows, cols, held), seen(rows, cols)
+    assert found.x == pytest.approx(x, abs=0.01) and found.y == pytest.approx(y, abs=0.02)
+    assert found.size == pytest.approx(0.5 * math.log(share), abs=0.01)
+    assert verdict.x * x < 0 and verdict.y * y < 0
 
 
 def test_in_the_centre_and_of_the_size_is_no_error() -> None:
-    found = errors(slice(3, 7), slice(4, 6), size=0.08)
-    assert found == pytest.approx((0, 0, 0), abs=0.01)
+    assert errors(slice(3, 7), slice(4, 6), 0.08) == pytest.approx((0, 0, 0), abs=0.01)
 
 
 def test_twice_the_distance_is_the_log_of_two() -> None:
     near, far = errors(slice(2, 8), slice(2, 8)), errors(slice(2, 5), slice(2, 5))
-    assert near.size is not None and far.size is not None
     assert near.size - far.size == pytest.approx(math.log(2), abs=0.002)
 
 
@@ -69,8 +65,7 @@ def test_nothing_seen_has_no_errors() -> None:
 
 @pytest.mark.parametrize("size", [0.0, -0.1, 0.009, 0.91, 10.0, math.nan, math.inf])
 def test_a_share_that_cannot_be_held_is_refused(size: float) -> None:
-    with pytest.raises(ToktError, match=r"0\.01 to 0\.9"):
-        Anchor(size)
+    refuses(r"0\.01 to 0\.9", Anchor, size)
 
 
 sides = st.integers(1, 400)
@@ -86,21 +81,17 @@ def test_any_mask_has_errors_within_their_bounds(height: int, width: int, data: 
     found = Anchor(0.1).errors(verdict)
     assert (found.x is None) == (verdict.status == 0)
     if found.x is not None:
-        assert found.y is not None and found.size is not None
         assert -1 <= found.x <= 1 and -1 <= found.y <= 1 and -4 < found.size <= 1.152
 
 
 # The controller of docs/labview.md, before a disc in front of a camera
 
 
-Commands = Callable[[Mapping[str, Any]], tuple[float, float, float]]
-
-
-def commands_of_the_page() -> Commands:
+def commands_of_the_page() -> Callable[[dict[str, Any]], tuple[float, float, float]]:
     (program,) = re.findall(r"^```python\n(def commands.*?)^```", LABVIEW, re.M | re.S)
     found: dict[str, Any] = {}
     exec(program, found)
-    return found["commands"]  # type: ignore[no-any-return]
+    return found["commands"]
 
 
 def look(at: np.ndarray) -> Verdict:
@@ -113,7 +104,7 @@ def look(at: np.ndarray) -> Verdict:
     return verdict_from_mask(DEFAULT_GRID.paint(covered.ravel(), HEIGHT, WIDTH), "texture")
 
 
-def held(commands: Commands, start: tuple[float, float, float], size: float) -> np.ndarray:
+def held(commands, start, size) -> np.ndarray:
     """Where the disc is after 60 s in which the commands are obeyed."""
     at, anchor, step_s = np.array(start), Anchor(size), 0.25
     for _ in range(240):
@@ -143,10 +134,8 @@ def test_the_page_s_pid_blocks_act_the_same_way() -> None:
 
 
 def test_with_a_wrong_sign_it_would_not() -> None:
-    right = commands_of_the_page()
-
-    def wrong(told: Mapping[str, Any]) -> tuple[float, float, float]:
-        surge, sway, heave = right(told)
+    def wrong(told: dict[str, Any]) -> tuple[float, float, float]:
+        surge, sway, heave = commands_of_the_page()(told)
         return -surge, sway, heave
 
     assert abs(held(wrong, (0.2, 0.1, 4.0), 0.1)[2] - 3.0) > 1.0

@@ -1,16 +1,17 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.calls import refuses
+from tests.inference.conftest import NoiseScorer
+from tests.inference.logged_runs import Seconds
 from tests.inference.stereo.plain_rig import PLAIN as CALIBRATION
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
-from tokt.inference.clock import ClockStopwatch
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
@@ -19,7 +20,7 @@ from tokt.inference.reason import Fault, Reason
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import Detection
+from tokt.inference.verdict import Detection, Verdict
 
 NO_PICTURE = Fault(Reason.MISSING, "no picture")
 FRAME = Frame(1, 0.0, None, None, NO_PICTURE, NO_PICTURE)
@@ -33,34 +34,25 @@ def mask(*columns: int) -> np.ndarray:
 
 
 class Says:
-    """A detector with a fixed answer: a mask, a fault, or an exception."""
+    """A detector with a fixed answer: a mask, a fault, which may be a danger, or an exception."""
 
-    def __init__(self, method: str, answer: Any) -> None:
+    def __init__(self, method: str, answer: Any, vetoes_clear: bool = False) -> None:
         self.method = method
         self.answer = answer
+        self.vetoes_clear = vetoes_clear
 
     def detect(self, frame: Frame) -> Detection:
         if isinstance(self.answer, Exception):
             raise self.answer
         if isinstance(self.answer, str):
-            return Detection(None, self.method, fault=Fault(Reason.STEREO, self.answer))
+            fault = Fault(Reason.STEREO, self.answer)
+            return Detection(None, self.method, fault=fault, vetoes_clear=self.vetoes_clear)
         model = "m/1" if self.method == "texture" else None
         distance_m = 2.5 if self.method == "disparity" else None
         return Detection(self.answer, self.method, model, distance_m)
 
 
-class Warns(Says):
-    """A detector that cannot judge for a reason that is itself a sign of danger."""
-
-    def __init__(self) -> None:
-        super().__init__("disparity", "the frames do not match")
-
-    def detect(self, frame: Frame) -> Detection:
-        return Detection(
-            None, self.method, fault=Fault(Reason.STEREO, self.answer), vetoes_clear=True
-        )
-
-
+WARNS = Says("disparity", "the frames do not match", vetoes_clear=True)
 ANSWERS = {
     "obstacle": mask(3, 4, 5),
     "clear": mask(),
@@ -90,19 +82,17 @@ def test_unknown_never_becomes_clear(texture: str, disparity: str) -> None:
 
 @pytest.mark.parametrize(("texture", "status"), [("clear", -1), ("obstacle", 1), ("unknown", -1)])
 def test_either_is_not_clear_against_a_sign_of_danger(texture: str, status: int) -> None:
-    verdict = EitherPolicy(Says("texture", ANSWERS[texture]), Warns()).judge(FRAME).verdict
+    verdict = EitherPolicy(Says("texture", ANSWERS[texture]), WARNS).judge(FRAME).verdict
     assert verdict.status == status
     assert "disparity: the frames do not match" in verdict.health
 
 
 def test_fallback_asks_disparity_only_where_texture_cannot_judge() -> None:
-    assert FallbackPolicy(Says("texture", mask()), Warns()).judge(FRAME).verdict.status == 0
-    assert FallbackPolicy(Says("texture", "dark"), Warns()).judge(FRAME).verdict.status == -1
+    assert FallbackPolicy(Says("texture", mask()), WARNS).judge(FRAME).verdict.status == 0
+    assert FallbackPolicy(Says("texture", "dark"), WARNS).judge(FRAME).verdict.status == -1
 
 
-def test_a_picture_in_memory_is_judged_like_a_frame(
-    noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
-) -> None:
+def test_a_picture_in_memory_is_judged_like_a_frame(noise_scorer, draw_frame) -> None:
     image = draw_frame([(2, 3)])
     judged = judge_image(noise_scorer, image)
     expected = SinglePolicy(TextureDetector(noise_scorer)).judge(Frame(9, 8.0, image, None))
@@ -142,39 +132,16 @@ def test_the_method_is_the_detector_that_judged() -> None:
     assert verdict.verdict.health == "texture: dark"
 
 
-class Slow(Says):
-    """A detector that takes a second."""
+def test_a_late_clear_is_left_to_disparity_and_a_late_obstacle_is_one() -> None:
+    def late(texture: Any, disparity: Any) -> Verdict:
+        detectors = Says("texture", texture), Says("disparity", disparity)
+        return FallbackPolicy(*detectors, Seconds(1.0)).judge(FRAME).verdict
 
-    def __init__(self, answer: Any, clock: Any) -> None:
-        super().__init__("texture", answer)
-        self.clock = clock
-
-    def detect(self, frame: Frame) -> Detection:
-        self.clock.sleep(1.0)
-        return super().detect(frame)
-
-
-def test_a_late_clear_is_left_to_disparity(hand_clock: Any) -> None:
-    nothing = np.zeros((50, 100), np.uint8)
-    policy = FallbackPolicy(
-        Slow(nothing, hand_clock), Says("disparity", mask(3)), ClockStopwatch(hand_clock)
-    )
-    verdict = policy.judge(FRAME).verdict
+    verdict = late(mask(), mask(3))
     assert (verdict.status, verdict.method) == (1, "disparity")
     assert verdict.health == "texture: late: 1000 ms"
-    blind = FallbackPolicy(
-        Slow(nothing, hand_clock), Says("disparity", "dark"), ClockStopwatch(hand_clock)
-    )
-    assert blind.judge(FRAME).verdict.status == -1
-
-
-def test_a_late_obstacle_is_one(hand_clock: Any) -> None:
-    policy = FallbackPolicy(
-        Slow(mask(3), hand_clock),
-        Says("disparity", np.zeros((50, 100), np.uint8)),
-        ClockStopwatch(hand_clock),
-    )
-    verdict = policy.judge(FRAME).verdict
+    assert late(mask(), "dark").status == -1
+    verdict = late(mask(3), mask())
     assert (verdict.status, verdict.method, verdict.health) == (1, "texture", "late: 1000 ms")
 
 
@@ -195,8 +162,7 @@ def test_what_stereo_has_no_use_for_is_refused() -> None:
         ({"algorithm": "pushbroom", "scale": 0.25}, "a scale of its own"),
         ({"odometry": {}}, "odometry is for pushbroom only"),
     ):
-        with pytest.raises(ToktError, match=message):
-            StereoSetup(CALIBRATION, **options)
+        refuses(message, StereoSetup, CALIBRATION, **options)
     assert isinstance(StereoSetup(CALIBRATION, "pushbroom").detector(Grid()), PushbroomDetector)
     assert isinstance(StereoSetup(CALIBRATION, "sgbm").detector(Grid()), DisparityDetector)
 
@@ -211,41 +177,32 @@ def test_fallback_goes_on_without_a_model_and_says_so() -> None:
     assert health.startswith("texture: no model: bundle x.tokt: a hash does not match; ")
 
 
-@pytest.mark.parametrize(("name", "stereo"), [("texture", None), ("either", STEREO)])
-def test_other_policies_stop_without_their_model(name: str, stereo: StereoSetup | None) -> None:
-    with pytest.raises(ToktError, match="a hash does not match"):
-        assemble(name, broken_model, stereo)
-
-
-def test_what_a_policy_has_no_use_for_is_refused(noise_scorer: Any) -> None:
-    with pytest.raises(ToktError, match="disparity uses no model"):
-        assemble("disparity", broken_model, STEREO)
-    with pytest.raises(ToktError, match="texture uses no calibration"):
-        assemble("texture", lambda: noise_scorer, STEREO)
+@pytest.mark.parametrize(
+    ("words", "name", "load", "stereo"),
+    [
+        ("a hash does not match", "texture", broken_model, None),
+        ("a hash does not match", "either", broken_model, STEREO),
+        ("a hash does not match", "fallback", broken_model, None),
+        ("disparity uses no model", "disparity", broken_model, STEREO),
+        ("texture uses no calibration", "texture", NoiseScorer, STEREO),
+        ("needs a stereo calibration", "disparity", None, None),
+        ("needs a stereo calibration", "either", NoiseScorer, None),
+        ("needs a model", "texture", None, None),
+        ("needs a model", "either", None, STEREO),
+        ("needs a model", "fallback", None, STEREO),
+        ("unknown policy 'both'", "both", NoiseScorer, STEREO),
+    ],
+)
+def test_what_a_policy_lacks_or_has_no_use_for_is_refused(words, name, load, stereo) -> None:
+    refuses(words, assemble, name, load, stereo)
 
 
 def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
-    with pytest.raises(ToktError, match="a hash does not match"):
-        assemble("fallback", broken_model, None)
     policy = assemble("fallback", lambda: noise_scorer, None).policy
     assert "there is no stereo calibration" in policy.judge(FRAME).verdict.health
 
 
-@pytest.mark.parametrize("name", ["disparity", "either"])
-def test_disparity_needs_a_calibration(name: str, noise_scorer: Any) -> None:
-    with pytest.raises(ToktError, match="needs a stereo calibration"):
-        assemble(name, None if name == "disparity" else lambda: noise_scorer, None)
-
-
-@pytest.mark.parametrize("name", ["texture", "either", "fallback"])
-def test_texture_needs_a_model(name: str) -> None:
-    with pytest.raises(ToktError, match="needs a model"):
-        assemble(name, None, None if name == "texture" else STEREO)
-
-
 def test_the_names_are_fixed(noise_scorer: Any) -> None:
-    with pytest.raises(ToktError, match="unknown policy 'both'"):
-        assemble("both", lambda: noise_scorer, STEREO)
     kinds = {"disparity": SinglePolicy, "either": EitherPolicy, "fallback": FallbackPolicy}
     for name, kind in kinds.items():
         load = None if name == "disparity" else lambda: noise_scorer
@@ -253,13 +210,7 @@ def test_the_names_are_fixed(noise_scorer: Any) -> None:
         assert isinstance(policy, TemporalCues) and isinstance(policy.policy, kind)
 
 
-@pytest.mark.parametrize("threads", [0, -1])
-def test_at_least_one_thread(noise_scorer: Any, threads: int) -> None:
-    with pytest.raises(ToktError, match="at least one thread"):
-        assemble("texture", lambda: noise_scorer, None, threads)
-
-
-def test_threads_reach_the_detector(noise_scorer: Any) -> None:
-    slot = assemble("texture", lambda: noise_scorer, None, threads=3).texture
-    assert slot is not None and isinstance(slot.detector, TextureDetector)
-    assert slot.detector.threads == 3
+def test_threads_reach_the_detector_and_are_at_least_one() -> None:
+    assert assemble("texture", NoiseScorer, None, threads=3).texture.detector.threads == 3
+    for threads in (0, -1):
+        refuses("at least one thread", assemble, "texture", NoiseScorer, None, threads)

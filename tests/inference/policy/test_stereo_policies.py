@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.inference.conftest import NoiseScorer
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
 from tokt.inference.frame import Frame
@@ -16,7 +16,7 @@ from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import Policy
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo.calibration import load_calibration
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 from tokt.models.bundle.bundle import read_bundle
 
 pytestmark = pytest.mark.mission
@@ -38,59 +38,33 @@ def pair(mission: Path) -> Callable[[int], Frame]:
     return read
 
 
-class Sees:
+class Sees(NoiseScorer):
     """Texture where the tower is, by brightness: a scorer for frames of the mission's size."""
 
-    label, frame_sizes = "bright/1", ((1024, 1360),)
-
-    def __init__(self, noise: Any) -> None:
-        self.grid, self.images, self.operating_point = (
-            noise.grid,
-            noise.images,
-            noise.operating_point,
-        )
-
-    @property
-    def model(self) -> Sees:
-        return self
-
-    def features(self, frame: np.ndarray, pictures: Any, threads: int) -> np.ndarray:
-        cells = self.grid.cells(pictures.gray(self.images))
-        return cells.std(axis=(1, 2))[:, None]
+    def __init__(self) -> None:
+        super().__init__("bright/1", frame_sizes=((1024, 1360),))
 
     def values_of(self, features: np.ndarray) -> np.ndarray:
         return features - 15.0
 
-    def obstacle_score(self, values: np.ndarray) -> np.ndarray:
-        return values[:, 0]
-
-    def obstacle_patches(self, values: np.ndarray) -> np.ndarray:
-        return values[:, 0] > 0
-
 
 @pytest.fixture
-def policy(stereo: StereoSetup, noise_scorer: Any) -> Callable[[str], Policy]:
+def policy(stereo: StereoSetup) -> Callable[[str], Policy]:
     def build(name: str) -> Policy:
-        load = None if name == "disparity" else lambda: Sees(noise_scorer)
+        load = None if name == "disparity" else Sees
         return assemble(name, load, None if name == "texture" else stereo).policy
 
     return build
-
-
-def said(policy: Policy, frame: Frame) -> Verdict:
-    return policy.judge(frame).verdict
 
 
 POLICIES = ("texture", "disparity", "either", "fallback")
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_the_tower_is_an_obstacle_and_the_water_clear(
-    name: str, policy: Callable[[str], Policy], pair: Callable[[int], Frame]
-) -> None:
+def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair) -> None:
     judge = policy(name)
-    assert said(judge, pair(WATER)).status == CLEAR
-    verdict = said(judge, pair(TOWER))
+    assert judge.judge(pair(WATER)).verdict.status == CLEAR
+    verdict = judge.judge(pair(TOWER)).verdict
     assert verdict.status == OBSTACLE and verdict.health == "ok"
     measured = name in ("disparity", "either")
     assert (verdict.distance_m is not None) == measured
@@ -107,18 +81,10 @@ def test_the_tower_is_an_obstacle_and_the_water_clear(
         ("fallback", OBSTACLE, "texture"),
     ],
 )
-def test_without_the_right_camera(
-    name: str,
-    tower: int,
-    method: str,
-    policy: Callable[[str], Policy],
-    pair: Callable[[int], Frame],
-) -> None:
-    seen = pair(TOWER)
-    frame = Frame(
-        TOWER, 0.0, seen.left, None, NO_FAULT, Fault(Reason.CAMERA_LOST, "the right camera is gone")
-    )
-    verdict = said(policy(name), frame)
+def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
+    gone = Fault(Reason.CAMERA_LOST, "the right camera is gone")
+    frame = Frame(TOWER, 0.0, pair(TOWER).left, None, NO_FAULT, gone)
+    verdict = policy(name).judge(frame).verdict
     assert (verdict.status, verdict.method) == (tower, method)
     if name in ("disparity", "either"):
         assert "the right camera is gone" in verdict.health
@@ -126,33 +92,26 @@ def test_without_the_right_camera(
 
 @pytest.mark.parametrize("name", POLICIES)
 @pytest.mark.parametrize("number", [TOWER, WATER])
-def test_a_dark_left_camera_is_unknown_whatever_the_policy(
-    name: str, number: int, policy: Callable[[str], Policy], pair: Callable[[int], Frame]
-) -> None:
+def test_a_dark_left_camera_is_unknown_whatever_the_policy(name, number, policy, pair) -> None:
     seen = pair(number)
-    assert seen.left is not None
     frame = Frame(number, 0.0, seen.left // 32, seen.right)
-    verdict = said(policy(name), frame)
+    verdict = policy(name).judge(frame).verdict
     assert verdict.status == UNKNOWN and "dark" in verdict.health
 
 
-def test_a_killed_model_file_leaves_disparity(
-    bundle_file: Path, tmp_path: Path, stereo: StereoSetup, pair: Callable[[int], Frame]
-) -> None:
+def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pair) -> None:
     killed = tmp_path / "killed.tokt"
     killed.write_bytes(bundle_file.read_bytes()[:-200])
     judge = assemble("fallback", lambda: read_bundle(killed), stereo).policy
-    verdict = said(judge, pair(TOWER))
+    verdict = judge.judge(pair(TOWER)).verdict
     assert (verdict.status, verdict.method) == (OBSTACLE, "disparity")
     assert verdict.distance_m == pytest.approx(2.8, abs=0.1)
     assert verdict.health.startswith("texture: no model: ") and "killed.tokt" in verdict.health
-    assert said(judge, pair(WATER)).status == CLEAR
+    assert judge.judge(pair(WATER)).verdict.status == CLEAR
 
 
-def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(
-    policy: Callable[[str], Policy], pair: Callable[[int], Frame], mission: Path
-) -> None:
+def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(policy, pair, mission) -> None:
     other = read_image(mission / "Right" / f"tokt1_R_{TOWER - 10}.jpg")
     frame = Frame(TOWER, 0.0, pair(TOWER).left, other)
-    assert said(policy("disparity"), frame).status == UNKNOWN
-    assert said(policy("either"), frame).status == OBSTACLE
+    assert policy("disparity").judge(frame).verdict.status == UNKNOWN
+    assert policy("either").judge(frame).verdict.status == OBSTACLE

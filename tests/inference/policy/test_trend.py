@@ -222,9 +222,7 @@ class Curve:
     contact_s: float
 
 
-def curve(
-    rng: np.random.Generator, rate_per_s: float, patches: float | None = None, fps: float = 0.0
-) -> Curve:
+def curve(rng, rate_per_s, patches=None, fps=0.0) -> Curve:
     """A noisy curve in whole patches, of a thing that grows by `rate_per_s` of itself a second.
 
     Drawn from: 2.5 to 15 frames a second with 20 % jitter; 3 to 40 patches at the end; errors of
@@ -275,9 +273,7 @@ def answers() -> list[tuple[str, Trend]]:
 
 
 @pytest.mark.parametrize("word", TRENDS)
-def test_a_confidence_of_nine_tenths_is_wrong_in_at_most_a_tenth(
-    word: str, answers: list[tuple[str, Trend]]
-) -> None:
+def test_a_confidence_of_nine_tenths_is_wrong_in_at_most_a_tenth(word, answers) -> None:
     said = [(true, found) for true, found in answers if found.trend == word]
     sure = [true for true, found in said if (found.confidence or 0) >= 0.9]
     assert len(sure) >= 80
@@ -307,9 +303,7 @@ def test_a_confidence_is_about_how_often_it_is_right(answers: list[tuple[str, Tr
         (STEADY_PER_S, (GROWING,), 0.17),  # on the border itself either word is a guess
     ],
 )
-def test_no_truth_is_often_taken_for_another(
-    rate_per_s: float, wrong: tuple[str, ...], most: float
-) -> None:
+def test_no_truth_is_often_taken_for_another(rate_per_s, wrong, most) -> None:
     rng = np.random.default_rng(6)
     found = [answer(curve(rng, rate_per_s)) for _ in range(150)]
     for word in wrong:

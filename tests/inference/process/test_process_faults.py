@@ -25,7 +25,7 @@ from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bund
 from tokt.models.store.store import Store
 
 from ..conftest import draw
-from ..test_faults import TABLE
+from ..test_faults import hold_row
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
@@ -88,35 +88,29 @@ def ship(tmp_path: Path, bundle_file: Path, receiver: socket.socket) -> Iterator
     opened.close()
 
 
-def row(fault: str, comes_to: str, counted: str) -> None:
-    line = f"| {fault} | {comes_to} | {counted} |"
-    assert line in TABLE.read_text().splitlines(), f"docs/faults.md has no row\n{line}"
-
-
 def test_a_run_at_sea(ship: Ship) -> None:
     assert ship.until(lambda one: one["status"] == 1)["model"] == "noise/7"
 
     again = ship.killed()
     assert again["status"] == 1 and again["model"] == "noise/7"
-    row("SIGKILL at any moment", "back with the same model", "restarts +1")
+    hold_row("SIGKILL at any moment", "back with the same model", "restarts +1")
 
-    bundle_path = ship.store.path / "versions" / ship.first.sha256 / "bundle.tokt"
+    bundle_path = ship.store.bundle_file(ship.first.sha256)
     whole = bundle_path.read_bytes()
     bundle_path.write_bytes(whole[:-100])
     for _ in range(5):
         assert ship.next()["health"] == "ok"
-    row("the bundle is damaged on disk while it runs", "as without it", "nothing")
+    hold_row("the bundle is damaged on disk while it runs", "as without it", "nothing")
 
     again = ship.killed()
     assert again["model"] == "noise/7" and "is refused" in again["health"]
     words = "back with the last good copy; health says that the active one is refused"
-    row("the bundle is damaged on disk, then SIGKILL", words, "restarts +1")
+    hold_row("the bundle is damaged on disk, then SIGKILL", words, "restarts +1")
 
-    content = replace(ship.first.content, version="8")
-    second = bundle_from_bytes(bundle_bytes(content), "8")
+    second = bundle_from_bytes(bundle_bytes(replace(ship.first.content, version="8")), "8")
     entry = ship.store.deploy(second)
     assert ship.until(lambda one: one["model"] == "noise/8")["health"] == "ok"
-    row(
+    hold_row(
         "a new model becomes active while it runs",
         "the new model from the next frame on",
         "switches +1",
@@ -124,15 +118,14 @@ def test_a_run_at_sea(ship: Ship) -> None:
 
     third = bundle_from_bytes(bundle_bytes(replace(ship.first.content, version="9")), "9")
     ship.store.deploy(third)
-    path = ship.store.path / "versions" / third.sha256 / "bundle.tokt"
-    path.write_bytes(b"\0" * 4000)
+    ship.store.bundle_file(third.sha256).write_bytes(b"\0" * 4000)
     while "noise/9 is refused" not in ship.words():
         one = ship.next()
         assert one["model"] in ("noise/8", "noise/9"), one
         if one["model"] == "noise/9":
             pytest.skip("the new model was checked before the test could damage it")
     assert ship.next()["model"] == "noise/8" and entry.version == "8"
-    row(
+    hold_row(
         "a new model that does not pass its checks",
         "as without it: the old one goes on",
         "refusals +1",
@@ -141,7 +134,7 @@ def test_a_run_at_sea(ship: Ship) -> None:
     ship.store.rollback(reason="9 is damaged")
     again = ship.killed(signal.SIGSTOP)
     assert again["model"] == "noise/8" and "does not answer and was killed" in ship.words()
-    row(
+    hold_row(
         "the runtime hangs altogether",
         "killed after 2 s without a sign of life, and back",
         "restarts +1",
@@ -150,5 +143,5 @@ def test_a_run_at_sea(ship: Ship) -> None:
     runtime = ship.runtime()
     ship.process.terminate()
     assert ship.process.wait(MAX_S) == 0 and not runtime.is_running()
-    row("SIGTERM, Ctrl-C", "the frame is judged and sent, then it ends with code 0", "nothing")
+    hold_row("SIGTERM, Ctrl-C", "the frame is judged and sent, then it ends with code 0", "nothing")
     assert not [one for one in ship.said if one["status"] == 0]

@@ -6,53 +6,40 @@ import json
 import signal
 import socket
 import subprocess
-import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import cv2
-import numpy as np
 import pytest
 
+from tests.calls import run_python
+from tests.inference.live import start_tokt
+from tests.inference.logged_runs import lines
 from tests.waiting import MAX_S, until
 from tokt.inference.outputs.udp import decode
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
-TOKT = [sys.executable, "-m", "tokt"]
-
-
-CHANGING = ("t", "latency_ms", "age_ms", "run")
+CHANGING = {"t", "latency_ms", "age_ms", "run"}
 
 
 def tokt(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*TOKT, *map(str, arguments)], capture_output=True, text=True, timeout=MAX_S, check=False
-    )
+    return run_python("-m", "tokt", *arguments)
 
 
-def start(*arguments: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [*TOKT, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """A run that ends well."""
+    done = tokt("run", *arguments)
+    assert done.returncode == 0, done.stderr
+    return done
 
 
-def lines(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
-def test_a_run_sends_logs_and_sums_up(
-    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
-) -> None:
+def test_a_run_sends_logs_and_sums_up(make_mission, bundle_file, receiver, tmp_path) -> None:
     folder = make_mission([[], [(4, 4)], [], [(2, 7)]])
     port = receiver.getsockname()[1]
     log = tmp_path / "log.jsonl"
-    done = tokt(
-        *("run", "--bundle", bundle_file, "--source", folder, "--frames", "1-3"),
+    done = run(
+        *("--bundle", bundle_file, "--source", folder, "--frames", "1-3"),
         *("--udp", f"127.0.0.1:{port}", "--log", log, "--json"),
     )
-    assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert (summary["frames"], summary["obstacle"], summary["sent"]) == (3, 1, 3)
     rule, _, sums = done.stderr.splitlines()
@@ -60,38 +47,33 @@ def test_a_run_sends_logs_and_sums_up(
     assert "3 frames" in sums
     statuses = [receiver.recv(4096).split(b",")[1].strip() for _ in range(3)]
     assert statuses == [b"0", b"1", b"0"]
-    assert [(line["frame"], line["model"]) for line in lines(log)] == [
-        (1, "noise/7"),
-        (2, "noise/7"),
-        (3, "noise/7"),
-    ]
+    assert [line["frame"] for line in lines(log)] == [1, 2, 3]
+    assert {line["model"] for line in lines(log)} == {"noise/7"}
     assert "no fallback" in lines(log)[0]["health"]
 
 
 def test_a_store_s_active_model_runs_to_two_receivers(
-    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
-) -> None:
+    make_mission, bundle_file, receiver, tmp_path
+):
     Store(tmp_path / "store").deploy(read_bundle(bundle_file))
     address = f"127.0.0.1:{receiver.getsockname()[1]}"
-    done = tokt(
-        *("run", "--store", tmp_path / "store", "--source", make_mission([[(4, 4)]])),
+    run(
+        *("--store", tmp_path / "store", "--source", make_mission([[(4, 4)]])),
         *("--udp", address, "--udp", address, "--format", "v2", "--policy", "texture"),
     )
-    assert done.returncode == 0, done.stderr
     both = [json.loads(receiver.recv(4096)) for _ in range(2)]
     assert both[0] == both[1]
     assert both[0]["model"] == "noise/7" and both[0]["health"] == "ok" and both[0]["status"] == 1
 
 
 def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
-    make_mission: Callable[..., Path], bundle_file: Path, receiver: socket.socket, tmp_path: Path
-) -> None:
+    make_mission, bundle_file, receiver, tmp_path
+):
     folder, log = make_mission([[(6, 2), (6, 3)], []]), tmp_path / "log.jsonl"
-    done = tokt(
-        *("run", "--bundle", bundle_file, "--source", folder, "--policy", "texture"),
+    run(
+        *("--bundle", bundle_file, "--source", folder, "--policy", "texture"),
         *("--udp", f"v2@127.0.0.1:{receiver.getsockname()[1]}", "--anchor", "0.02", "--log", log),
     )
-    assert done.returncode == 0, done.stderr
     sent = [decode(receiver.recv(4096)) for _ in range(2)]
     assert (sent[0]["anchor_x"], sent[0]["anchor_size"]) == pytest.approx((-0.4, 0.0), abs=0.01)
     assert sent[0]["anchor_y"] > 0.25
@@ -108,8 +90,8 @@ def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
 
 
 def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
-    make_mission: Callable[..., Path], bundle_file: Path, closed_port: int, tmp_path: Path
-) -> None:
+    make_mission, bundle_file, closed_port, tmp_path
+):
     """The command line wins: its bundle over the file's store, which is not there."""
     folder, log = make_mission([[], [(4, 4)]]), tmp_path / "log.jsonl"
     file = tmp_path / "dive.toml"
@@ -119,32 +101,22 @@ def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
         "[monitoring]\nwatchdog = true\njson = true\n"
         f"[recording]\nlog = {json.dumps(str(log))}\nlog-keep = 3\n"
     )
-    done = tokt("run", "--config", file, "--bundle", bundle_file, "--policy", "texture")
-    assert done.returncode == 0, done.stderr
+    done = run("--config", file, "--bundle", bundle_file, "--policy", "texture")
     assert json.loads(done.stdout)["obstacle"] == 1
     (start_event,) = lines(tmp_path / "log.events.jsonl")
     assert start_event["source"] == str(folder) and start_event["models_from"] == str(bundle_file)
     plain = tmp_path / "plain.jsonl"
     options = ("--source", folder, "--bundle", bundle_file, "--policy", "texture", "--log", plain)
-    assert tokt("run", *options, "--udp", f"127.0.0.1:{closed_port}").returncode == 0
+    run(*options, "--udp", f"127.0.0.1:{closed_port}")
     (same,) = lines(tmp_path / "plain.events.jsonl")
-    changing = {"t", "run"}
-    assert {key: same[key] for key in same.keys() - changing} == {
-        key: start_event[key] for key in start_event.keys() - changing
-    }
     assert list(same) == list(start_event)
+    assert same == {**start_event, "t": same["t"], "run": same["run"]}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_ends_cleanly(
-    make_mission: Callable[..., Path],
-    bundle_file: Path,
-    closed_port: int,
-    tmp_path: Path,
-    number: signal.Signals,
-) -> None:
+def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path, number) -> None:
     log = tmp_path / "log.jsonl"
-    process = start(
+    process = start_tokt(
         *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)]] * 200)),
         *("--udp", f"127.0.0.1:{closed_port}", "--rate", "20", "--log", log, "--json"),
     )
@@ -195,13 +167,7 @@ def test_ctrl_c_ends_cleanly(
         (["--bundle", "B", "--pixel-format", "RGB8"], "choose from Mono8, BayerRG8"),
     ],
 )
-def test_mistakes_are_one_line(
-    make_mission: Callable[..., Path],
-    bundle_file: Path,
-    run_tokt: Callable[..., Any],
-    arguments: list[str],
-    message: str,
-) -> None:
+def test_mistakes_are_one_line(make_mission, bundle_file, run_tokt, arguments, message) -> None:
     given = [str(bundle_file) if word == "B" else word for word in arguments]
     ran = run_tokt("run", "--source", make_mission([[]]), *given)
     assert ran.code == 2
@@ -209,31 +175,23 @@ def test_mistakes_are_one_line(
     assert message in ran.err and ran.out == ""
 
 
-def test_threads_change_no_verdict(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path, closed_port: int
-) -> None:
+def test_threads_change_no_verdict(make_mission, bundle_file, tmp_path, closed_port) -> None:
     folder = make_mission([[], [(4, 4), (9, 9)], [(0, 0)]])
     logs = []
     for threads in (1, 2):
         log = tmp_path / f"{threads}.jsonl"
-        done = tokt(
-            *("run", "--bundle", bundle_file, "--source", folder, "--policy", "texture"),
+        run(
+            *("--bundle", bundle_file, "--source", folder, "--policy", "texture"),
             *("--threads", threads, "--udp", f"127.0.0.1:{closed_port}"),
             *("--log", log, "--log-values"),
         )
-        assert done.returncode == 0, done.stderr
-        logs.append(
-            [
-                {key: value for key, value in line.items() if key not in CHANGING}
-                for line in lines(log)
-            ]
-        )
+        logs.append([{key: line[key] for key in line.keys() - CHANGING} for line in lines(log)])
     assert logs[0] == logs[1] and [line["status"] for line in logs[0]] == [0, 1, 1]
 
 
 def test_raw_camera_frames_are_judged_as_their_pictures(
-    draw_frame: Callable[..., np.ndarray], bundle_file: Path, tmp_path: Path, closed_port: int
-) -> None:
+    draw_frame, bundle_file, tmp_path, closed_port
+):
     """A gray scene has the same mosaic in every pattern: its own pixels."""
     folder = tmp_path / "raw"
     folder.mkdir()
@@ -241,11 +199,10 @@ def test_raw_camera_frames_are_judged_as_their_pictures(
         cv2.imwrite(str(folder / f"{number}.png"), draw_frame(patches))
     cv2.imwrite(str(folder / "3.png"), cv2.merge([draw_frame([(4, 4)])] * 3))
     log = tmp_path / "log.jsonl"
-    done = tokt(
-        *("run", "--bundle", bundle_file, "--source", folder, "--pixel-format", "BayerRG8"),
+    run(
+        *("--bundle", bundle_file, "--source", folder, "--pixel-format", "BayerRG8"),
         *("--udp", f"127.0.0.1:{closed_port}", "--log", log),
     )
-    assert done.returncode == 0, done.stderr
     found = lines(log)
     assert [line["status"] for line in found] == [0, 1, -1]
     assert "the image is in colour" in found[2]["health"]
@@ -253,16 +210,15 @@ def test_raw_camera_frames_are_judged_as_their_pictures(
 
 @pytest.mark.mission
 def test_a_run_without_its_model_goes_on_with_disparity(
-    mission: Path, calibration_path: Path, tmp_path: Path, closed_port: int
-) -> None:
+    mission, calibration_path, tmp_path, closed_port
+):
     broken = tmp_path / "broken.tokt"
     broken.write_bytes(b"PK not really")
     log = tmp_path / "log.jsonl"
-    done = tokt(
-        *("run", "--bundle", broken, "--source", mission, "--frames", "60,180"),
+    run(
+        *("--bundle", broken, "--source", mission, "--frames", "60,180"),
         *("--calibration", calibration_path, "--log", log, "--udp", f"127.0.0.1:{closed_port}"),
     )
-    assert done.returncode == 0, done.stderr
     ocean, tower = lines(log)
     assert (ocean["status"], tower["status"]) == (0, 1)
     assert tower["method"] == "disparity" and tower["distance_m"] == pytest.approx(2.7, abs=0.1)
@@ -270,8 +226,7 @@ def test_a_run_without_its_model_goes_on_with_disparity(
 
 
 def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> None:
-    process = start("listen", "--port", closed_port, "--count", "3", "--json")
-    assert process.stderr is not None
+    process = start_tokt("listen", "--port", closed_port, "--count", "3", "--json")
     assert "listening" in process.stderr.readline()
     v1 = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -283,12 +238,9 @@ def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> No
     assert shown[0]["x"] == -120 and "not a tokt datagram" in shown[1]["error"]
 
 
-def test_listen_ends_quietly_when_its_reader_does(
-    closed_port: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_listen_ends_quietly_when_its_reader_does(closed_port, monkeypatch) -> None:
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)  # as a user's shell has it
-    process = start("listen", "--port", closed_port)
-    assert process.stderr is not None and process.stdout is not None
+    process = start_tokt("listen", "--port", closed_port)
     process.stderr.readline()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.sendto(b"one", ("127.0.0.1", closed_port))
@@ -300,17 +252,14 @@ def test_listen_ends_quietly_when_its_reader_does(
 
 
 def test_listen_ends_cleanly_and_says_when_the_port_is_taken(closed_port: int) -> None:
-    process = start("listen", "--port", closed_port)
-    assert process.stderr is not None
+    process = start_tokt("listen", "--port", closed_port)
     process.stderr.readline()
     second = tokt("listen", "--port", closed_port)
     assert second.returncode == 2 and len(second.stderr.splitlines()) == 1
     assert "cannot listen" in second.stderr
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.sendto(
-            b"status : , 0  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,0", ("127.0.0.1", closed_port)
-        )
-    assert process.stdout is not None
+        clear = b"status : , 0  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,0"
+        sender.sendto(clear, ("127.0.0.1", closed_port))
     assert "v1  clear  x=0  y=0  mean=0.0" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=MAX_S)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,9 +18,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses, run_python
 from tests.tiers import scaled
 from tests.waiting import until
-from tokt.features.common.errors import ToktError
 from tokt.inference.recording.log import JsonLines, LogGap, LogRotation, older_file, read_log
 
 SMALL = LogRotation(max_mb=0.0001, keep=3)  # 100 bytes: some seven short lines
@@ -40,9 +41,8 @@ def write(path: Path, first: int, last: int, rotation: LogRotation | None = SMAL
 def test_files_step_on_and_the_oldest_goes(tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
     log = write(path, 100, 199)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [
-        *("run.1.jsonl", "run.2.jsonl", "run.3.jsonl", "run.jsonl")
-    ]
+    names = {p.name for p in tmp_path.iterdir()}
+    assert names == {"run.1.jsonl", "run.2.jsonl", "run.3.jsonl", "run.jsonl"}
     assert all(p.stat().st_size <= 100 for p in tmp_path.iterdir())
     found = numbers(path)
     assert found == list(range(found[0], 200)) and len(found) > 30
@@ -64,18 +64,16 @@ def test_without_rotation_there_is_one_file(tmp_path: Path) -> None:
 
 
 def test_files_of_others_with_similar_names_are_left_alone(tmp_path: Path) -> None:
-    for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl"):
-        (tmp_path / name).write_text('{"n": -1}\n')
+    others = [tmp_path / name for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl")]
+    for other in others:
+        other.write_text('{"n": -1}\n')
     write(tmp_path / "run.jsonl", 0, 100)
-    for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl"):
-        assert (tmp_path / name).read_text() == '{"n": -1}\n'
+    assert {other.read_text() for other in others} == {'{"n": -1}\n'}
     assert numbers(tmp_path / "run.jsonl")[0] == -1  # run.4.jsonl was kept by a larger --log-keep
 
 
 @pytest.mark.parametrize("renames", range(5))
-def test_a_step_that_dies_after_any_rename_loses_no_line(
-    renames: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_that_dies_after_any_rename_loses_no_line(renames, tmp_path, monkeypatch) -> None:
     path, roomy = tmp_path / "run.jsonl", LogRotation(SMALL.max_mb, keep=20)
     write(path, 100, 130, roomy)  # 4 files
     whole, done = Path.replace, 0
@@ -89,21 +87,17 @@ def test_a_step_that_dies_after_any_rename_loses_no_line(
 
     monkeypatch.setattr(Path, "replace", replace)
     log, n = JsonLines(path, roomy), 131
-    try:
+    with suppress(KeyboardInterrupt):
         while n < 150:
             log.write({"n": n})
             n += 1
-    except KeyboardInterrupt:
-        pass
     monkeypatch.undo()
     assert done == renames and numbers(path) == list(range(100, n))
     write(path, n, 180, roomy)
     assert numbers(path) == list(range(100, 181))
 
 
-def test_a_step_that_cannot_be_goes_on_in_the_same_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_that_cannot_be_goes_on_in_the_same_file(tmp_path, monkeypatch) -> None:
     path = tmp_path / "run.jsonl"
 
     def refused(self: Path, target: Path) -> Path:
@@ -169,15 +163,13 @@ def test_a_log_that_is_written_meanwhile_is_read_without_a_gap(tmp_path: Path) -
 
 def test_damaged_lines_are_told_and_a_torn_end_is_not(tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
-    older_file(path, 1).write_bytes(b'{"n":1}\n{"n":\n[]\n{"n":2}')
+    older = older_file(path, 1)
+    older.write_bytes(b'{"n":1}\n{"n":\n[]\n{"n":2}')
     path.write_bytes(b'{"n":3}\n\xff\xfe\n{"n":4}\n{"n":')
     gaps: list[LogGap] = []
     assert numbers(path, gaps) == [1, 2, 3, 4]
-    assert [(gap.file.name, gap.line, gap.words) for gap in gaps] == [
-        ("run.1.jsonl", 2, "damaged"),
-        ("run.1.jsonl", 3, "not a JSON object"),
-        ("run.jsonl", 2, "damaged"),
-    ]
+    assert [(gap.file, gap.line) for gap in gaps] == [(older, 2), (older, 3), (path, 2)]
+    assert [gap.words for gap in gaps] == ["damaged", "not a JSON object", "damaged"]
     assert str(gaps[2]) == f"{path} line 2: damaged"
 
 
@@ -216,10 +208,7 @@ print(json.dumps([failed, log.failed, log.last_error]))
 @pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
 def test_a_disk_that_was_full_is_written_again_and_says_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
-    done = subprocess.run(
-        [sys.executable, "-c", _FULL, str(path)], capture_output=True, text=True, check=True
-    )
-    failed, failed_later, _ = json.loads(done.stdout)
+    failed, failed_later, _ = json.loads(run_python("-c", _FULL, path).stdout)
     gaps: list[LogGap] = []
     found = numbers(path, gaps)
     kept = 105 // len(b'{"n":10}\n')
@@ -269,10 +258,7 @@ def test_a_folder_that_went_and_came_back_is_written_again(tmp_path: Path) -> No
 
 
 def test_what_a_user_can_get_wrong(tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match=r"log .* cannot be written"):
-        JsonLines(tmp_path / "none" / "log.jsonl")
-    with pytest.raises(ToktError, match="does not exist"):
-        list(read_log(tmp_path / "none.jsonl"))
+    refuses(r"log .* cannot be written", JsonLines, tmp_path / "none" / "log.jsonl")
+    refuses("does not exist", lambda: list(read_log(tmp_path / "none.jsonl")))
     for rotation in ({"max_mb": 0}, {"max_mb": float("nan")}, {"keep": 0}, {"keep": 100}):
-        with pytest.raises(ToktError):
-            LogRotation(**rotation)
+        refuses("", LogRotation, **rotation)

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.calls import refuses
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
@@ -51,8 +51,9 @@ def noise(seed: int, colour: bool = False) -> NDArray[np.uint8]:
 class Sea:
     """Frames one after the other, 8 a second, as a recorder is told of them."""
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: Recorder, folder: Path) -> None:
         self.recorder = recorder
+        self.folder = folder
         self.number = 0
 
     def see(self, verdict: Verdict, times: int = 1, **more: Any) -> None:
@@ -65,26 +66,29 @@ class Sea:
             report = Report(self.number, frame.number, frame.t, 5.0, verdict, 6.0)
             self.recorder.judged(frame, Judgement(verdict, texture_s=0.25), report)
 
+    def tell(self, name: str, **fields: Any) -> None:
+        self.recorder.event(Event(1.0, name, "in words", fields))
+
+    def written(self, frames: int) -> None:
+        """Wait until so many frames are on disk, or left out."""
+        until(lambda: self.recorder.frames + self.recorder.dropped >= frames)
+
+    def end(self, bound_mb: float | None = None) -> list[int]:
+        """The numbers of what was recorded, which is whole."""
+        self.recorder.close()
+        return check_whole(self.folder, bound_mb)
+
 
 @pytest.fixture
 def sea(tmp_path: Path, hand_clock: Any) -> Callable[..., Sea]:
     """A recorder into ``tmp_path / "rec"`` with frames to see."""
 
-    def start(
-        around: tuple[float, float] = (0.375, 0.25),
-        disk: DiskLimits = ROOMY,
-        run: str = "run-1",
-        **more: Any,
-    ) -> Sea:
-        folder = tmp_path / "rec"
-        return Sea(Recorder(folder, run, hand_clock, ClipPadding(*around), disk, **more))
+    def start(around=(0.375, 0.25), disk=ROOMY, run="run-1", **more) -> Sea:
+        padding = ClipPadding(*around)
+        recorder = Recorder(tmp_path / "rec", run, hand_clock, padding, disk, **more)
+        return Sea(recorder, tmp_path / "rec" / run)
 
     return start
-
-
-def written(recorder: Recorder, frames: int) -> None:
-    """Wait until so many frames are on disk, or left out."""
-    until(lambda: recorder.frames + recorder.dropped >= frames)
 
 
 def frame_lines(folder: Path) -> list[dict[str, Any]]:
@@ -122,13 +126,12 @@ def check_whole(folder: Path, bound_mb: float | None = None) -> list[int]:
 def test_frames_around_a_detection_are_a_mission(sea: Callable[..., Sea], tmp_path: Path) -> None:
     told: list[Event] = []
     at_sea = sea(tell=told.append)
-    at_sea.recorder.event(Event(1.0, "start", "it begins", {"policy": "texture"}))
+    at_sea.tell("start", policy="texture")
     at_sea.see(CLEAR, 8, right=noise(99))
     at_sea.see(OBSTACLE, 2, right=noise(99, colour=True), left=noise(98, colour=True))
     at_sea.see(CLEAR, 10, right=noise(99))
-    at_sea.recorder.close()
-    folder = tmp_path / "rec" / "run-1"
-    assert check_whole(folder) == [6, 7, 8, 9, 10, 11, 12]
+    folder = at_sea.folder
+    assert at_sea.end() == [6, 7, 8, 9, 10, 11, 12]
     mission = open_mission(folder)
     assert mission.cameras == ("left", "right") and mission.name == "run-1"
     assert mission.frames() == mission.frames(RIGHT) == [6, 7, 8, 9, 10, 11, 12]
@@ -148,16 +151,13 @@ def test_frames_around_a_detection_are_a_mission(sea: Callable[..., Sea], tmp_pa
     assert (at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.clips) == (7, 0, 1)
 
 
-def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea, tmp_path) -> None:
     at_sea = sea()
     at_sea.see(OBSTACLE, 2, right_fault=UNPAIRED)
     torn = Fault(Reason.INCOMPLETE, "the left frame is torn")
     at_sea.see(CLEAR, left=None, left_fault=torn, right_fault=UNPAIRED, missed=4)
-    at_sea.recorder.close()
-    folder = tmp_path / "rec" / "run-1"
-    assert check_whole(folder) == [1, 2, 3]
+    folder = at_sea.folder
+    assert at_sea.end() == [1, 2, 3]
     assert open_mission(folder).cameras == ("left",)
     last = frame_lines(folder)[-1]
     assert last["files"] == {} and last["missed"] == 4
@@ -166,50 +166,44 @@ def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(
 
 def test_without_a_detection_there_is_no_folder(sea: Callable[..., Sea], tmp_path: Path) -> None:
     at_sea = sea()
-    at_sea.recorder.event(Event(1.0, "start", "it begins"))
+    at_sea.tell("start")
     at_sea.see(CLEAR, 50)
     at_sea.recorder.close()
     assert [path.name for path in (tmp_path / "rec").iterdir()] == [".recording.lock"]
 
 
-def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea, tmp_path) -> None:
     at_sea = sea(around=(0.5, 0))
     at_sea.see(CLEAR, 2)
-    at_sea.recorder.event(Event(1.0, "model", "another", {"label": "reef/8"}))
-    at_sea.recorder.event(Event(1.0, "camera_lost", "not written here"))
+    at_sea.tell("model", label="reef/8")
+    at_sea.tell("camera_lost")
     at_sea.see(CLEAR, 2)
     at_sea.see(OBSTACLE)
     at_sea.recorder.close()
-    found = [line.get("event", line["seq"]) for line in read_recording(tmp_path / "rec" / "run-1")]
+    found = [line.get("event", line["seq"]) for line in read_recording(at_sea.folder)]
     assert found == [1, 2, "model", 3, 4, 5]
 
 
-def test_drift_and_a_challenger_that_differs_open_moments(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_drift_and_a_challenger_that_differs_open_moments(sea: Callable[..., Sea], tmp_path: Path):
     at_sea = sea(around=(0.125, 0.125))
     at_sea.see(CLEAR, 5)
-    at_sea.recorder.event(Event(1.0, "drift", "out of range"))
+    at_sea.tell("drift")
     at_sea.see(CLEAR, 5)
-    at_sea.recorder.event(Event(1.0, "shadow_differs", "it sees something"))
+    at_sea.tell("shadow_differs")
     at_sea.see(CLEAR, 5)
-    at_sea.recorder.close()
-    assert check_whole(tmp_path / "rec" / "run-1") == [5, 6, 7, 10, 11, 12]
+    assert at_sea.end() == [5, 6, 7, 10, 11, 12]
 
 
 def test_the_oldest_moments_of_the_run_make_room(sea: Callable[..., Sea], tmp_path: Path) -> None:
     at_sea = sea(around=(0.125, 0.125), disk=DiskLimits(0.5, 0))
-    at_sea.recorder.event(Event(1.0, "start", "it begins"))
-    folder = tmp_path / "rec" / "run-1"
+    at_sea.tell("start")
+    folder = at_sea.folder
     for moment in range(1, 26):
         at_sea.see(CLEAR, 5)
         at_sea.see(OBSTACLE, 2)
-        written(at_sea.recorder, 4 * moment - 1)
+        at_sea.written(4 * moment - 1)
         assert size_of(folder.parent) <= 5e5
-    at_sea.recorder.close()
-    numbers = check_whole(folder, bound_mb=0.5)
+    numbers = at_sea.end(bound_mb=0.5)
     assert open_mission(folder).frames() == numbers
     lines = frame_lines(folder)
     moments = sorted({line["moment"] for line in lines})
@@ -221,37 +215,32 @@ def test_the_oldest_moments_of_the_run_make_room(sea: Callable[..., Sea], tmp_pa
     assert recorder.dropped == 0 and recorder.fault == "" and recorder.removed_bytes > 0
 
 
-def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path) -> None:
     at_sea = sea(disk=DiskLimits(0.2, 0))
     at_sea.see(OBSTACLE, 40)
-    at_sea.recorder.close()
-    numbers = check_whole(tmp_path / "rec" / "run-1", bound_mb=0.2)
+    numbers = at_sea.end(bound_mb=0.2)
     assert numbers == list(range(1, len(numbers) + 1)) and 5 < len(numbers) < 20
     assert at_sea.recorder.dropped == 40 - len(numbers) and at_sea.recorder.fault == NO_ROOM
 
 
-def test_earlier_recordings_are_never_touched(
-    sea: Callable[..., Sea], tmp_path: Path, hand_clock: Any
-) -> None:
+def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock) -> None:
     before = tmp_path / "rec" / "run-0" / "Left" / "run-0_L_1.png"
     before.parent.mkdir(parents=True)
     before.write_bytes(bytes(900_000))
     told: list[Event] = []
     at_sea = sea(disk=DiskLimits(0.9, 0), tell=told.append)
     at_sea.see(OBSTACLE, 3)
-    written(at_sea.recorder, 3)
+    at_sea.written(3)
     at_sea.see(CLEAR)
     assert (at_sea.recorder.frames, at_sea.recorder.dropped) == (0, 3)
     assert at_sea.recorder.fault == NO_ROOM and before.stat().st_size == 900_000
     assert told[-1].fields["fault"] == NO_ROOM and 1 <= told[-1].fields["dropped"] <= 3
-    written(at_sea.recorder, 4)
+    at_sea.written(4)
     before.unlink()  # somebody has copied it ashore
     hand_clock.now += 2 * REST_S
     at_sea.number += 100
     at_sea.see(OBSTACLE, 3)
-    written(at_sea.recorder, 7)
+    at_sea.written(7)
     at_sea.see(CLEAR)
     at_sea.recorder.close()
     assert at_sea.recorder.frames == 3 + 1 and at_sea.recorder.fault == ""
@@ -263,12 +252,10 @@ def test_the_disk_keeps_its_reserve(sea: Callable[..., Sea], tmp_path: Path) -> 
     at_sea.see(OBSTACLE, 3)
     at_sea.recorder.close()
     assert at_sea.recorder.dropped == 3 and at_sea.recorder.fault == RESERVE
-    assert not (tmp_path / "rec" / "run-1").exists()
+    assert not at_sea.folder.exists()
 
 
-def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(
-    sea: Callable[..., Sea], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(sea, tmp_path, monkeypatch):
     go_on, write = threading.Event(), RecordingFolder.write
 
     def slow(self: RecordingFolder, encoded: Any) -> None:
@@ -284,50 +271,42 @@ def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(
         assert recorder._writer.held_bytes <= 3e5
     assert recorder.frames == 0 and recorder.dropped > 50 and recorder.fault == BEHIND
     go_on.set()
-    recorder.close()
-    numbers = check_whole(tmp_path / "rec" / "run-1")
+    numbers = at_sea.end()
     assert len(numbers) == recorder.frames == 103 - recorder.dropped
     # What came first is there, and the gap shows.
-    judged = [line["judged"] for line in frame_lines(tmp_path / "rec" / "run-1")]
+    judged = [line["judged"] for line in frame_lines(at_sea.folder)]
     assert judged == numbers == list(range(8, 8 + len(numbers)))
 
 
-def test_frames_before_a_detection_are_bounded_in_memory(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_frames_before_a_detection_are_bounded_in_memory(sea: Callable[..., Sea], tmp_path: Path):
     at_sea = sea(around=(30, 0), memory_mb=0.1)
     at_sea.see(CLEAR, 200)
     assert at_sea.recorder._before_bytes <= 1e5
     at_sea.see(OBSTACLE)
-    at_sea.recorder.close()
-    assert check_whole(tmp_path / "rec" / "run-1")[0] > 190
+    assert at_sea.end()[0] > 190
 
 
 def test_numbers_that_come_again_are_left_out(sea: Callable[..., Sea], tmp_path: Path) -> None:
     at_sea = sea()
     at_sea.see(OBSTACLE, 3)
-    written(at_sea.recorder, 3)
+    at_sea.written(3)
     at_sea.number = 1
     at_sea.see(OBSTACLE, 1)
-    written(at_sea.recorder, 4)
+    at_sea.written(4)
     assert (at_sea.recorder.dropped, at_sea.recorder.fault) == (1, REPEATED)
     at_sea.see(OBSTACLE, 2)
-    at_sea.recorder.close()
-    assert check_whole(tmp_path / "rec" / "run-1") == [1, 2, 3, 4]
+    assert at_sea.end() == [1, 2, 3, 4]
     assert at_sea.recorder.dropped == 2
 
 
-def test_a_recording_that_is_taken_away_begins_anew(
-    sea: Callable[..., Sea], tmp_path: Path
-) -> None:
+def test_a_recording_that_is_taken_away_begins_anew(sea: Callable[..., Sea], tmp_path: Path):
     at_sea = sea(around=(0, 0))
-    at_sea.recorder.event(Event(1.0, "start", "it begins"))
+    at_sea.tell("start")
     at_sea.see(OBSTACLE, 3)
-    written(at_sea.recorder, 3)
-    (tmp_path / "rec" / "run-1").rename(tmp_path / "ashore")
+    at_sea.written(3)
+    at_sea.folder.rename(tmp_path / "ashore")
     at_sea.see(OBSTACLE, 3)
-    at_sea.recorder.close()
-    assert check_whole(tmp_path / "rec" / "run-1") == [4, 5, 6]
+    assert at_sea.end() == [4, 5, 6]
     (tmp_path / "ashore").rename(tmp_path / "rec" / "run-0")
     assert check_whole(tmp_path / "rec" / "run-0") == [1, 2, 3]
     for run in ("run-0", "run-1"):
@@ -352,33 +331,26 @@ def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_pa
     assert [path.name for path in (tmp_path / "run-1" / "Left").iterdir()] == ["run-1_L_3.png"]
 
 
-def test_one_process_records_into_a_folder(
-    sea: Callable[..., Sea], tmp_path: Path, hand_clock: Any
-) -> None:
+def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock) -> None:
     first = sea()
-    with pytest.raises(ToktError, match="another tokt"):
-        sea(run="run-2")
+    refuses("another tokt", sea, run="run-2")
     first.recorder.close()
     sea(run="run-2").recorder.close()
     (tmp_path / "file").write_text("")
-    with pytest.raises(ToktError, match="cannot record into"):
-        Recorder(tmp_path / "file", "run-1", hand_clock)
+    refuses("cannot record into", Recorder, tmp_path / "file", "run-1", hand_clock)
     for limits in ((0, 0), (1, -1), (float("nan"), 0)):
-        with pytest.raises(ToktError):
-            DiskLimits(*limits)
+        refuses("", DiskLimits, *limits)
 
 
 def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match="holds no recording"):
-        list(read_recording(tmp_path))
+    refuses("holds no recording", lambda: list(read_recording(tmp_path)))
     for text, words in (
         ("", "does not begin"),
         ('{"recording": true}\n', "does not begin"),
         ('{"recording": 2, "run": "x"}\n', "newer than this tokt reads"),
     ):
         (tmp_path / "recording.jsonl").write_text(text)
-        with pytest.raises(ToktError, match=words):
-            list(read_recording(tmp_path))
+        refuses(words, lambda: list(read_recording(tmp_path)))
 
 
 def test_a_recording_of_format_1_is_read(tmp_path: Path) -> None:
@@ -391,27 +363,28 @@ def test_a_recording_of_format_1_is_read(tmp_path: Path) -> None:
 _AT_SEA = """
 import resource, sys, time
 from pathlib import Path
-from tests.inference.recording.test_recorder import CLEAR, OBSTACLE, Sea, noise, written
+from tests.inference.recording.test_recorder import CLEAR, OBSTACLE, Sea, noise
 from tokt.inference.recording.recording import DiskLimits
 from tokt.inference.recording.clip_trigger import ClipPadding
 from tokt.inference.recording.recorder import Recorder
 from tokt.inference.clock import SYSTEM_CLOCK
 folder, run, most_mb, frames = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4])
-at_sea = Sea(Recorder(folder, run, SYSTEM_CLOCK, ClipPadding(0.2, 0.2), DiskLimits(most_mb, 0)))
+padding, disk = ClipPadding(0.2, 0.2), DiskLimits(most_mb, 0)
+at_sea = Sea(Recorder(folder, run, SYSTEM_CLOCK, padding, disk), folder / run)
 """
 _FOR_EVER = """
 for moment in range(frames):
     at_sea.see(CLEAR, 6)
     at_sea.see(OBSTACLE, 3, right=noise(1))
-    written(at_sea.recorder, 6 * moment)
+    at_sea.written(6 * moment)
 """
 _FULL = """
 unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
 at_sea.see(OBSTACLE, 5)
-written(at_sea.recorder, 5)
+at_sea.written(5)
 resource.setrlimit(resource.RLIMIT_FSIZE, (6000, unlimited[1]))  # no picture fits the disk
 at_sea.see(OBSTACLE, 5)
-written(at_sea.recorder, 10)
+at_sea.written(10)
 print(at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.fault, flush=True)
 resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
 at_sea.see(OBSTACLE, 5)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
+from tests.inference.live import Sent
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
@@ -27,27 +27,19 @@ NOTHING = unknown_verdict(Fault(Reason.STALE, "no frame judged for 0.5 s"))
 
 
 def test_a_frame_s_line_has_what_was_sent_and_what_was_seen(
-    make_mission: Callable[..., Path], noise_scorer: Any, hand_clock: Any, tmp_path: Path
-) -> None:
+    make_mission, noise_scorer, hand_clock, tmp_path
+):
     folder = make_mission([[], [(4, 4)]])
     (folder / "Right" / "t_R_2.jpg").unlink()
-    reports: list[Report] = []
-
-    class Keep:
-        sent = failed = 0
-        last_error = ""
-        send = staticmethod(reports.append)
-
-        def close(self) -> None: ...
-
+    sent = Sent()
     log = RunLog(tmp_path / "log.jsonl", "run-x", values=True)
     source = open_source(str(folder), hand_clock)
     policy = SinglePolicy(TextureDetector(noise_scorer))
-    Runtime(source, policy, [Keep()], hand_clock, [log]).run()
+    Runtime(source, policy, [sent], hand_clock, [log]).run()
     log.close()
     first, second = read_log(tmp_path / "log.jsonl")
     frames = list(open_source(str(folder), hand_clock))
-    for line, report, frame in zip((first, second), reports, frames, strict=True):
+    for line, report, frame in zip((first, second), sent.reports, frames, strict=True):
         assert report.fields().items() <= line.items()
         assert list(line) == [*(each.name for each in FIELDS), "decision_values"]
         for each in FIELDS:
@@ -72,13 +64,9 @@ def test_heartbeats_and_events_have_their_lines(tmp_path: Path) -> None:
     (line,) = read_log(tmp_path / "a.jsonl")
     assert line["frame"] is None and (line["seq"], line["reason"]) == (1, "stale")
     assert events_path(tmp_path / "a.jsonl") == tmp_path / "a.events.jsonl"
-    assert list(read_log(tmp_path / "a.events.jsonl")) == [
-        {
-            **{"event": "start", "t": 1.5, "words": "it begins", "run": "run-x", "seq": 0},
-            "policy": "texture",
-        },
-        {"event": "model", "t": 2.5, "words": "another one", "run": "run-x", "seq": 1},
-    ]
+    start = {"event": "start", "t": 1.5, "words": "it begins", "run": "run-x", "seq": 0}
+    model = {"event": "model", "t": 2.5, "words": "another one", "run": "run-x", "seq": 1}
+    assert list(read_log(tmp_path / "a.events.jsonl")) == [{**start, "policy": "texture"}, model]
 
 
 def test_values_that_are_not_finite_cost_no_line(tmp_path: Path) -> None:
@@ -119,8 +107,7 @@ def test_lines_of_both_files_that_cannot_be_written_are_counted(tmp_path: Path) 
 
 def test_a_log_that_cannot_be_opened_is_told(tmp_path: Path) -> None:
     (tmp_path / "a.events.jsonl").mkdir()
-    with pytest.raises(ToktError, match=r"a\.events\.jsonl cannot be written"):
-        RunLog(tmp_path / "a.jsonl", "run-x")
+    refuses(r"a\.events\.jsonl cannot be written", RunLog, tmp_path / "a.jsonl", "run-x")
 
 
 def test_runs_have_ids_of_their_own_though_the_clock_stands(hand_clock: Any) -> None:

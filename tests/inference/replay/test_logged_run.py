@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.inference.logged_runs import write_lines
 from tests.tiers import scaled
 from tokt.cli.replay import _show_shadow as show
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import Limits
 from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile
-from tokt.inference.replay.logged_run import VERDICT, LoggedFrame, open_run
+from tokt.inference.replay.logged_run import VERDICT, LoggedFrame, _seconds, open_run
 from tokt.inference.replay.shadow_report import read_shadow
 
 MODEL = ModelName("noise/7", "ab" * 32)
@@ -47,18 +48,13 @@ SHADOW = [
 ]  # fmt: skip
 
 
-def started() -> RunStart:
-    return RunStart("dive", "fallback", model=MODEL, stereo_way="bm", stereo_scale=0.5)
-
-
-def write(path: Path, *values: object) -> Path:
-    path.write_text("".join(json.dumps(value) + "\n" for value in values))
-    return path
+STARTED = RunStart("dive", "fallback", model=MODEL, stereo_way="bm", stereo_scale=0.5)
+BEGIN = {**START, **STARTED.fields()}
 
 
 def log_of(folder: Path, frames: list[Any], events: list[Any]) -> Path:
-    write(folder / "run.events.jsonl", *events)
-    return write(folder / "run.jsonl", *frames)
+    write_lines(folder / "run.events.jsonl", events)
+    return write_lines(folder / "run.jsonl", frames)
 
 
 def read(log: Path) -> list[LoggedFrame]:
@@ -66,18 +62,10 @@ def read(log: Path) -> list[LoggedFrame]:
 
 
 def test_a_start_reads_back_as_it_was() -> None:
-    start = replace(
-        started(),
-        live=True,
-        limits=Limits(0.3, 0.7, 9),
-        calibration=UsedFile("/rig.yml", "0" * 64),
-        odometry=UsedFile("/poses.csv", "1" * 64),
-        pixel_format="BayerRG8",
-        frame_rule={"hits": 1},
-        record="/rec",
-        model_fault="none",
-        anchor=0.1,
-    )
+    rig, poses = UsedFile("/rig.yml", "0" * 64), UsedFile("/poses.csv", "1" * 64)
+    start = replace(STARTED, live=True, limits=Limits(0.3, 0.7, 9), calibration=rig, odometry=poses)
+    rest = {"pixel_format": "BayerRG8", "frame_rule": {"hits": 1}, "record": "/rec"}
+    start = replace(start, **rest, model_fault="none", anchor=0.1)
     fields = json.loads(json.dumps({**START, **start.fields()}))
     assert RunStart.from_fields(fields, "a log") == start
 
@@ -97,7 +85,7 @@ def test_the_first_format_of_a_start_is_still_read() -> None:
 
 
 def test_yesterday_s_line_is_read_with_what_it_has(tmp_path: Path) -> None:
-    log = log_of(tmp_path, [FRAME, {**TODAY, "seq": 2}], [{**START, **started().fields()}])
+    log = log_of(tmp_path, [FRAME, {**TODAY, "seq": 2}], [BEGIN])
     yesterday, today = read(log)
     added = set(VERDICT) - set(yesterday.verdict)
     assert added == set(TODAY) - set(FRAME) and set(today.verdict) == set(VERDICT)
@@ -110,9 +98,7 @@ def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path: P
     # The heartbeat of the other thread was said after frame 4, and its line is before it.
     beats = [{**FRAME, "seq": seq, "frame": None} for seq in (3, 5)]
     lines = [FRAME, {**FRAME, "seq": 2}, *beats, {**FRAME, "seq": 4}]
-    log = log_of(
-        tmp_path, [*lines, {**FRAME, "seq": 7}], [{**START, **started().fields()}, told, event]
-    )
+    log = log_of(tmp_path, [*lines, {**FRAME, "seq": 7}], [BEGIN, told, event])
     run = open_run(log)
     frames = list(run.frames())
     assert run.n_frames == len(frames) == 4
@@ -125,8 +111,6 @@ def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path: P
 @settings(max_examples=scaled(60))
 @given(ms=st.floats(0, 1e7, allow_nan=False))
 def test_milliseconds_become_the_seconds_they_were_made_of(ms: float) -> None:
-    from tokt.inference.replay.logged_run import _seconds
-
     seconds = _seconds({"age_ms": 1000 * ms}, "age_ms", 1000.0)
     assert seconds is not None and 1000 * seconds == 1000 * ms
 
@@ -154,7 +138,7 @@ def shadow_shown(log: Path) -> None:
 @settings(max_examples=scaled(30))
 @given(data=st.data())
 def test_any_value_anywhere_is_read_or_refused(folder: Path, data: st.DataObject) -> None:
-    lines = [{**START, **started().fields()}, TODAY, *SHADOW]
+    lines = [BEGIN, TODAY, *SHADOW]
     place = data.draw(st.integers(0, len(lines) - 1))
     changed = dict(lines[place])
     key = data.draw(st.sampled_from([*changed, "format_version"]))
@@ -163,7 +147,7 @@ def test_any_value_anywhere_is_read_or_refused(folder: Path, data: st.DataObject
         del changed[key]
     lines[place] = changed
     log = log_of(folder, lines[1:2], lines[:1])
-    shadow = write(folder / "shadow.jsonl", *lines[2:])
+    shadow = write_lines(folder / "shadow.jsonl", lines[2:])
     for look in (lambda: read(log), lambda: shadow_shown(shadow)):
         try:
             look()

@@ -14,15 +14,18 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.calls import call_tokt
 from tests.inference.live import HandSource
 from tests.inference.logged_runs import (
     Seconds,
     Switch,
+    lines,
     log_run,
     mission_source,
     stereo_start,
     texture_start,
     variant,
+    write_lines,
 )
 from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
 from tokt.features.common.errors import ToktError
@@ -54,25 +57,33 @@ def ruled(bundle_file: Path, tmp_path: Path) -> Path:
     return variant(bundle_file, tmp_path / "ruled.tokt", rule=TWO_OF_THREE)
 
 
-def lines(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return tmp_path / "run.jsonl"
 
 
-def write_lines(path: Path, values: list[dict[str, Any]]) -> None:
-    path.write_text("".join(json.dumps(value) + "\n" for value in values))
+@pytest.fixture
+def logged(make_mission: Mission, log: Path) -> Mission:
+    """Log a model's run over scenes; the folder of its frames."""
+
+    def run(scenes: list[Any], bundle: Path, **start: Any) -> Path:
+        folder = make_mission(scenes)
+        source, start = mission_source(folder, SYSTEM_CLOCK), texture_start(folder, bundle, **start)
+        log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle))
+        return folder
+
+    return run
 
 
-def replayed(run_tokt: Callable[..., Any], *arguments: object, code: int = 0) -> dict[str, Any]:
+def replayed(*arguments: object, code: int = 0) -> dict[str, Any]:
     """What `tokt replay --json` says."""
-    ran = run_tokt("replay", *arguments, "--json")
+    ran = call_tokt("replay", *arguments, "--json")
     assert ran.code == code, ran.err + ran.out
     return dict(json.loads(ran.out))
 
 
-def test_the_same_bundle_gives_the_same_verdicts(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
+def test_the_same_bundle_gives_the_same_verdicts(make_mission, ruled, log) -> None:
+    folder = make_mission(SCENES)
     (folder / "Left" / "t_L_6.jpg").unlink()
     (folder / "Left" / "t_L_9.jpg").write_bytes(b"no picture")
     source = MissionSource(open_mission(folder), SYSTEM_CLOCK, frames=[1, 2, 3, 5, 6, 7, 8, 9, 10])
@@ -80,23 +91,16 @@ def test_the_same_bundle_gives_the_same_verdicts(
     said = [(line["status"], line["reason"]) for line in lines(log)]
     assert said[2] == (1, "ok") and (-1, "unreadable") in said and (-1, "missing") in said
     assert (-1, "frame_rule") in said
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["same"] and found["compared"] == found["same_to_the_bit"] == 9
     assert not found["not_compared"] and not found["differences"] and not found["notes"]
-    assert replayed(run_tokt, log, "--bundle", ruled)["model"] == "the run's own"
+    assert replayed(log, "--bundle", ruled)["model"] == "the run's own"
 
 
-def test_another_bundle_differs_where_it_sees_otherwise(
-    make_mission: Mission, bundle_file: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
-    model = read_bundle(bundle_file)
-    log_run(
-        mission_source(folder, SYSTEM_CLOCK), texture_start(folder, bundle_file), log,
-        SYSTEM_CLOCK, model,
-    )  # fmt: skip
+def test_another_bundle_differs_where_it_sees_otherwise(logged, bundle_file, tmp_path, log) -> None:
+    logged(SCENES, bundle_file)
     blind = variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0)
-    found = replayed(run_tokt, log, "--bundle", blind, code=1)
+    found = replayed(log, "--bundle", blind, code=1)
     assert found["model"] == "blind/7" and found["compared"] == 10
     assert found["statuses"]["obstacle"] == {"obstacle": 0, "clear": 5, "unknown": 0}
     assert (found["status_differs"], found["figures_differ"]) == (5, 0)
@@ -104,30 +108,24 @@ def test_another_bundle_differs_where_it_sees_otherwise(
     assert stretches == [(2, 3, 2), (5, 5, 1), (8, 9, 2)]
     assert found["differences"][0]["example"]["status"] == [1, 0]
     Store(tmp_path / "store").deploy(read_bundle(blind))
-    assert replayed(run_tokt, log, "--bundle", tmp_path / "store", code=1)["model"] == "blind/7"
-    shown = run_tokt("replay", log, "--bundle", blind)
+    assert replayed(log, "--bundle", tmp_path / "store", code=1)["model"] == "blind/7"
+    shown = call_tokt("replay", log, "--bundle", blind)
     assert shown.code == 1
     assert "frame 2-3 (2 frames): obstacle (ok) -> clear (ok); " in shown.out
     assert "5 with another status" in shown.out
 
 
-def test_changed_and_missing_pictures_are_told_and_not_counted(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
-    log_run(
-        mission_source(folder, SYSTEM_CLOCK), texture_start(folder, ruled), log, SYSTEM_CLOCK,
-        read_bundle(ruled),
-    )  # fmt: skip
+def test_changed_and_missing_pictures_are_told_and_not_counted(logged, ruled, tmp_path, log):
+    folder = logged(SCENES, ruled)
     moved = tmp_path / "elsewhere"
     shutil.move(folder, moved)
-    gone = run_tokt("replay", log)
+    gone = call_tokt("replay", log)
     assert gone.code == 2 and "--source" in gone.err
-    assert replayed(run_tokt, log, "--source", moved)["compared"] == 10
+    assert replayed(log, "--source", moved)["compared"] == 10
     changed = moved / "Left" / "t_L_3.jpg"
     cv2.imwrite(str(changed), cv2.imread(str(changed)), [cv2.IMWRITE_JPEG_QUALITY, 60])
     (moved / "Right" / "t_R_8.jpg").unlink()
-    found = replayed(run_tokt, log, "--source", moved, code=1)
+    found = replayed(log, "--source", moved, code=1)
     assert found["not_compared"] == {
         "its pictures are not those that were judged": 1,
         "its pictures are not there": 1,
@@ -138,9 +136,9 @@ def test_changed_and_missing_pictures_are_told_and_not_counted(
 
 
 def test_a_model_that_was_exchanged_is_exchanged_at_the_same_frame(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    folder, log = make_mission([[(4, 4)]] * 9), tmp_path / "run.jsonl"
+    make_mission, ruled, tmp_path, log
+):
+    folder = make_mission([[(4, 4)]] * 9)
     blind = variant(ruled, tmp_path / "blind.tokt", threshold=10.0)
     store = Store(tmp_path / "store")
     bundles = [read_bundle(path) for path in (ruled, blind)]
@@ -155,43 +153,36 @@ def test_a_model_that_was_exchanged_is_exchanged_at_the_same_frame(
     said = [line["status"] for line in lines(log)]
     assert said == [-1, 1, 1, 0, 0, -1, 1, -1, 1]
     assert [line["seq"] for line in lines(events_path(log))] == [0, 3, 5, 7]
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["same"] and found["compared"] == 9
-    found = replayed(run_tokt, log, "--bundle", ruled, code=1)
-    assert [(each["first"], each["last"]) for each in found["differences"]] == [
-        (4, 5),
-        (6, 6),
-        (8, 8),
-    ]
+    found = replayed(log, "--bundle", ruled, code=1)
+    stretches = [(each["first"], each["last"]) for each in found["differences"]]
+    assert stretches == [(4, 5), (6, 6), (8, 8)]
 
 
-def test_lines_that_are_lost_leave_what_comes_after_unknown(
-    make_mission: Mission, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
-    model, start = read_bundle(ruled), texture_start(folder, ruled)
-    log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, model)
+def test_lines_that_are_lost_leave_what_comes_after_unknown(logged, ruled, log) -> None:
+    for _ in range(2):
+        logged(SCENES, ruled)
     first = lines(log)[0]["run"]
-    log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, model)
     both = log.read_text().splitlines(keepends=True)
     # Of the first run the lines 1 to 3 are gone with an older file, of the second 5 is damaged.
     log.write_text("".join(both[3:14]) + '{"half of a\n' + "".join(both[15:]))
     before = "what came before it is not known"
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["compared"] == found["same_to_the_bit"] == 7
     assert found["not_compared"] == {before: 2} and found["same"] and found["gaps"] == 1
     (note,) = found["notes"]
     assert "not the 1 before it" in note and first in note
-    found = replayed(run_tokt, log, "--run", first)
+    found = replayed(log, "--run", first)
     assert found["run"] == first and found["frames"] == 7
     assert found["gaps"] == 1 and found["notes"] == []
-    assert "in 1 places: lines that are lost" in run_tokt("replay", log).out
+    assert "in 1 places: lines that are lost" in call_tokt("replay", log).out
     assert found["compared"] == 5 and found["not_compared"] == {before: 2}
     # A damaged line before a run's first is none of its own.
     log.write_text('{"half of a\n' + "".join(both[10:]))
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["compared"] == found["same_to_the_bit"] == 10 and found["gaps"] == 0
-    other = run_tokt("replay", log, "--run", "run-x")
+    other = call_tokt("replay", log, "--run", "run-x")
     assert other.code == 2 and first in other.err
 
 
@@ -222,13 +213,10 @@ def rig(tmp_path_factory: pytest.TempPathFactory, bundle_file: Path) -> Any:
 
 
 @pytest.mark.parametrize("policy", ["either", "fallback"])
-def test_pairs_late_durations_and_speeds_come_out_the_same(
-    policy: str, rig: Any, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
-) -> None:
+def test_pairs_late_durations_and_speeds_come_out_the_same(policy, rig, hand_clock, log) -> None:
     folder, bundle, calibration = rig
     stereo = StereoSetup(load_calibration(calibration))
     start = stereo_start(texture_start(folder, bundle), policy, used_file(calibration))
-    log = tmp_path / "run.jsonl"
     source = mission_source(folder, hand_clock, rate=5.0)
     late = Seconds(0.7003, *[0.2] * 3, *[0.51234567] * 3)
     log_run(source, start, log, hand_clock, read_bundle(bundle), stereo, stopwatch=late)
@@ -238,13 +226,11 @@ def test_pairs_late_durations_and_speeds_come_out_the_same(
         assert {line["method"] for line in said[1:]} <= {"texture+disparity", "texture"}
     else:
         assert "late: 700 ms" in said[0]["health"] and said[0]["texture_s"] == 0.7003
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["same"] and found["compared"] == 7, found
 
 
-def test_a_run_that_began_without_a_model_comes_out_the_same(
-    rig: Any, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_a_run_that_began_without_a_model_comes_out_the_same(rig, log) -> None:
     folder, bundle, calibration = rig
     model, stereo = read_bundle(bundle), StereoSetup(load_calibration(calibration))
     fault = "bundle x.tokt: truncated"
@@ -254,13 +240,13 @@ def test_a_run_that_began_without_a_model_comes_out_the_same(
     def load() -> Any:
         raise ToktError(fault)
 
-    log, switch = tmp_path / "run.jsonl", Switch(SYSTEM_CLOCK, {3: model})
+    switch = Switch(SYSTEM_CLOCK, {3: model})
     source = MissionSource(open_mission(folder), SYSTEM_CLOCK, frames=[1, 2, 3, 4])
     log_run(source, start, log, SYSTEM_CLOCK, load, stereo, switch=switch)
     said = lines(log)
     assert [line["method"] for line in said] == ["disparity", "disparity", "texture", "texture"]
     assert fault in said[0]["health"] and fault not in said[2]["health"]
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["same"] and found["compared"] == 4, found
 
 
@@ -283,10 +269,8 @@ def approach(make_mission: Mission) -> Path:
 
 
 def test_a_trend_comes_out_the_same_after_flicker_and_an_exchange(
-    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
-    log = tmp_path / "run.jsonl"
+    approach, bundle_file, hand_clock, log
+):
     switch = Switch(hand_clock, {21: read_bundle(bundle_file)})
     log_approach(approach, bundle_file, log, hand_clock, switch)
     said = [line["trend"] for line in lines(log)]
@@ -294,57 +278,48 @@ def test_a_trend_comes_out_the_same_after_flicker_and_an_exchange(
     assert said[20:24] == [None] * 4 and said[-1] == "steady"  # the same model, put in anew
     assert any(line["expansion_contact_s"] is not None for line in lines(log))
     assert lines(log)[0]["anchor_size"] is not None
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["same"] and found["compared"] == len(APPROACH), found
     # What was said is compared: a trend that was another is told.
     write_lines(log, [{**line, "trend": line["trend"] and "steady"} for line in lines(log)])
-    found = replayed(run_tokt, log, code=1)
+    found = replayed(log, code=1)
     assert found["figures_differ"] == said.count("growing")
     assert found["differences"][0]["fields"] == ["trend"]
 
 
 def test_after_lost_lines_a_trend_is_compared_once_its_seconds_are_known(
-    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
-    log = tmp_path / "run.jsonl"
+    approach, bundle_file, hand_clock, log
+):
     log_approach(approach, bundle_file, log, hand_clock)
     kept = lines(log)
     del kept[15]
     write_lines(log, kept)
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["same"] and found["compared"] == len(APPROACH) - 1, found
     # 4.25 s are 17 frames: from the 33rd on it is compared again.
     for place, code in ((31, 0), (32, 1)):
         write_lines(log, [*kept[:place], {**kept[place], "trend": "shrinking"}, *kept[place + 1 :]])
-        replayed(run_tokt, log, code=code)
+        replayed(log, code=code)
 
 
 def test_a_log_of_before_there_were_trends_comes_out_the_same(
-    approach: Path, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
-    log = tmp_path / "run.jsonl"
+    approach, bundle_file, hand_clock, log
+):
     log_approach(approach, bundle_file, log, hand_clock)
-    new = ("trend", "trend_confidence", "expansion_contact_s", "anchor_x", "anchor_y")
+    new = {"trend", "trend_confidence", "expansion_contact_s", "anchor", "anchor_x", "anchor_y"}
     for path in (log, events_path(log)):
-        write_lines(
-            path,
-            [
-                {name: value for name, value in line.items() if name not in (*new, "anchor_size")}
-                for line in lines(path)
-            ],
-        )
-    begin = lines(events_path(log))[0]
-    write_lines(events_path(log), [{k: v for k, v in begin.items() if k != "anchor"}])
-    found = replayed(run_tokt, log)
+        older = [
+            {k: line[k] for k in line if k not in new | {"anchor_size"}} for line in lines(path)
+        ]
+        write_lines(path, older)
+    found = replayed(log)
     assert found["same"] and found["same_to_the_bit"] == len(APPROACH), found
 
 
 def test_a_recording_is_compared_where_enough_of_it_is_known(
-    draw_frame: Any, ruled: Path, tmp_path: Path, hand_clock: Any, run_tokt: Callable[..., Any]
-) -> None:
-    folder, log = tmp_path / "dive", tmp_path / "run.jsonl"
+    draw_frame, ruled, tmp_path, hand_clock, log
+):
+    folder = tmp_path / "dive"
     folder.mkdir()
     for number in range(1, 17):
         picture = draw_frame([(4, 4)] if number in (1, 2, 11, 12, 13) else [], number)
@@ -363,42 +338,39 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
     assert numbers == [1, 2, 3, 4, 5, *range(10, 17)]
     shutil.rmtree(folder)
     assert "the last good model" in lines(log)[0]["health"]
-    found = replayed(run_tokt, kept)
+    found = replayed(kept)
     before = {"what came before it is not known": 2}
     assert (found["frames"], found["compared"], found["same_to_the_bit"]) == (12, 10, 10)
     assert found["not_compared"] == before and found["same"]
     # The log with the recording's pictures: what was not recorded is not there.
-    found = replayed(run_tokt, log, "--source", kept, code=1)
+    found = replayed(log, "--source", kept, code=1)
     assert found["compared"] == found["same_to_the_bit"] == 10
     assert found["not_compared"] == {"its pictures are not there": 4, **before}
     blind = variant(ruled, tmp_path / "blind.tokt", 10.0, TWO_OF_THREE)
-    found = replayed(run_tokt, kept, "--bundle", blind, code=1)
+    found = replayed(kept, "--bundle", blind, code=1)
     assert found["status_differs"] > 0 and found["not_compared"] == before
 
 
-def test_a_calibration_that_is_another_one_is_refused(
-    rig: Any, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_a_calibration_that_is_another_one_is_refused(rig, tmp_path, log) -> None:
     folder, bundle, calibration = rig
     own = tmp_path / "rig.yml"
     shutil.copy(calibration, own)
     start = stereo_start(texture_start(folder, bundle), "fallback", used_file(own))
-    log = tmp_path / "run.jsonl"
     source = MissionSource(open_mission(folder), SYSTEM_CLOCK, frames=[1, 2])
     log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle), StereoSetup(PLAIN))
     write_calibration(own, replace(PLAIN, T_mm=PLAIN.T_mm * 1.1), {})
-    refused = run_tokt("replay", log)
+    refused = call_tokt("replay", log)
     assert refused.code == 2 and "is not the one that the run had" in refused.err
-    taken = run_tokt("replay", log, "--calibration", own)
+    taken = call_tokt("replay", log, "--calibration", own)
     assert taken.code == 0 and "is not the one that the run had" in taken.err
 
 
 def test_old_frames_overload_and_a_frozen_camera_in_real_time(
-    draw_frame: Any, ruled: Path, tmp_path: Path, run_tokt: Callable[..., Any], hand_clock: Any
-) -> None:
+    draw_frame, ruled, tmp_path, hand_clock, log
+):
     folder = tmp_path / "dive" / "Left"
     folder.mkdir(parents=True)
-    source, log = HandSource(hand_clock), tmp_path / "run.jsonl"
+    source = HandSource(hand_clock)
     judged = threading.Semaphore(0)
 
     class Counted(Observer):
@@ -427,20 +399,13 @@ def test_old_frames_overload_and_a_frozen_camera_in_real_time(
     giving.join()
     reasons = [line["reason"] for line in lines(log) if line["frame"] is not None]
     assert reasons.count("stale") == 2 and "frozen" in reasons
-    found = replayed(run_tokt, log)
+    found = replayed(log)
     assert found["same"] and found["compared"] == len(reasons), found
 
 
-def test_other_software_is_told(
-    make_mission: Mission, bundle_file: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    folder, log = make_mission([[]]), tmp_path / "run.jsonl"
-    start = texture_start(folder, bundle_file)
-    older = replace(start, software={**start.software, "tokt": "0.0.9", "kernels": "numpy"})
-    log_run(
-        mission_source(folder, SYSTEM_CLOCK), older, log, SYSTEM_CLOCK, read_bundle(bundle_file)
-    )
-    ran = run_tokt("replay", log)
+def test_other_software_is_told(logged, bundle_file, log) -> None:
+    logged([[]], bundle_file, software={"tokt": "0.0.9", "kernels": "numpy"})
+    ran = call_tokt("replay", log)
     assert ran.code == 0 and "tokt 0.0.9" in ran.err and "kernels numpy" in ran.err
 
 
@@ -459,41 +424,19 @@ def begin_with(log: Path, **fields: object) -> None:
         (lambda log: write_lines(log, [{**lines(log)[0], "left": 3}]), "lacks what a replay needs"),
         (lambda log: write_lines(log, [{**lines(log)[0], "seq": "1"}]), "no 'seq'"),
         (lambda log: write_lines(log, []), "no frames"),
-        (
-            lambda log: write_lines(
-                events_path(log), [{**lines(events_path(log))[0], "format_version": 99}]
-            ),
-            "newer tokt",
-        ),
-        (
-            lambda log: write_lines(
-                events_path(log), [{**lines(events_path(log))[0], "limits": 1}]
-            ),
-            "start event cannot be read",
-        ),
+        (lambda log: begin_with(log, format_version=99), "newer tokt"),
+        (lambda log: begin_with(log, limits=1), "start event cannot be read"),
     ],
 )
-def test_a_log_that_cannot_be_replayed_is_one_clear_line(
-    damage: Callable[[Path], object], words: str, make_mission: Mission, bundle_file: Path,
-    tmp_path: Path, run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
-    folder, log = make_mission([[]]), tmp_path / "run.jsonl"
-    start = texture_start(folder, bundle_file)
-    log_run(
-        mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(bundle_file)
-    )
+def test_a_log_that_cannot_be_replayed_is_one_clear_line(logged, damage, words, bundle_file, log):
+    logged([[]], bundle_file)
     damage(log)
-    ran = run_tokt("replay", log)
+    ran = call_tokt("replay", log)
     assert ran.code == 2 and words in ran.err and ran.err.count("\n") == 1, ran.err
 
 
-def test_a_bundle_that_is_another_one_is_not_taken_for_the_run_s(
-    make_mission: Mission, ruled: Path, bundle_file: Path, tmp_path: Path,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
-    folder, log = make_mission([[]]), tmp_path / "run.jsonl"
-    start = texture_start(folder, ruled)
-    log_run(mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(ruled))
+def test_a_bundle_that_is_another_one_is_not_taken_for_the_run_s(logged, ruled, bundle_file, log):
+    logged([[]], ruled)
     shutil.copy(bundle_file, ruled)
-    ran = run_tokt("replay", log)
+    ran = call_tokt("replay", log)
     assert ran.code == 2 and "is not the bundle that ran" in ran.err

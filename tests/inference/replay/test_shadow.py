@@ -7,18 +7,15 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pytest
-
+from tests.calls import call_tokt, refuses
 from tests.inference.live import HandSource, Listener
-from tests.inference.logged_runs import mission_source, variant
+from tests.inference.logged_runs import lines, mission_source, variant, write_lines
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
-from tokt.inference.clock import SYSTEM_CLOCK, Clock
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import assemble
 from tokt.inference.policy.policy import Judgement
@@ -39,14 +36,7 @@ SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5
 class Shadowed:
     """A run of policy texture with a challenger."""
 
-    def __init__(
-        self,
-        model: Bundle,
-        challenger: Challenger,
-        source: Any,
-        log: Path,
-        clock: Clock = SYSTEM_CLOCK,
-    ) -> None:
+    def __init__(self, model, challenger, source, log, clock=SYSTEM_CLOCK) -> None:
         self.events = EventQueue()
         self.listener = Listener()
         self.shadow = Shadow(
@@ -64,19 +54,18 @@ class Shadowed:
         return [event.name for event in [*self.listener.events, *self.events.take()]]
 
 
-def lines(log: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in log.read_text().splitlines()]
+def shadowed(model: Bundle, challenger: Challenger, folder: Path, log: Path) -> Shadowed:
+    """A folder's frames, each judged by both."""
+    run = Shadowed(model, challenger, mission_source(folder, SYSTEM_CLOCK), log)
+    run.run()
+    return run
 
 
-def test_the_same_model_agrees_on_every_frame(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path
-) -> None:
+def test_the_same_model_agrees_on_every_frame(make_mission, bundle_file, tmp_path) -> None:
     folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
     (folder / "Left" / "t_L_6.jpg").write_bytes(b"no picture")
     model = read_bundle(bundle_file)
-    challenger = Challenger.of(model, "texture")
-    run = Shadowed(model, challenger, mission_source(folder, SYSTEM_CLOCK), log)
-    run.run()
+    run = shadowed(model, Challenger.of(model, "texture"), folder, log)
     compared = [line for line in lines(log) if "event" not in line]
     assert [line["frame"] for line in compared] == list(range(1, 11))
     for line in compared:
@@ -89,17 +78,12 @@ def test_the_same_model_agrees_on_every_frame(
     assert run.told() == []
 
 
-def test_where_another_model_says_otherwise_is_found(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path,
-    run_tokt: Callable[..., Any],
-) -> None:  # fmt: skip
+def test_where_another_model_says_otherwise_is_found(make_mission, bundle_file, tmp_path):
     folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
     blind = read_bundle(variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0))
-    challenger = Challenger.of(blind, "texture")
-    run = Shadowed(read_bundle(bundle_file), challenger, mission_source(folder, SYSTEM_CLOCK), log)
-    run.run()
+    run = shadowed(read_bundle(bundle_file), Challenger.of(blind, "texture"), folder, log)
     assert run.told() == ["shadow_differs"] * 3
-    ran = run_tokt("shadow", log, "--json")
+    ran = call_tokt("shadow", log, "--json")
     assert ran.code == 0, ran.err
     found = json.loads(ran.out)
     assert found["champions"] == ["noise/7"] and found["challenger_model"]["label"] == "blind/7"
@@ -110,16 +94,14 @@ def test_where_another_model_says_otherwise_is_found(
     champion, theirs = found["champion"], found["challenger"]
     assert (champion["obstacle_alone_frames"], champion["obstacle_alone_stretches"]) == (5, 3)
     assert (champion["episodes"], champion["episodes_shared"], theirs["episodes"]) == (1, 0, 0)
-    shown = run_tokt("shadow", log)
-    assert (
-        shown.code == 0 and "frame 8-9 (2 frames): champion obstacle, challenger clear" in shown.out
-    )
+    shown = call_tokt("shadow", log)
+    assert shown.code == 0
+    assert "frame 8-9 (2 frames): champion obstacle, challenger clear" in shown.out
 
 
 def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
-    draw_frame: Any, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    request: pytest.FixtureRequest,
-) -> None:  # fmt: skip
+    draw_frame, bundle_file, tmp_path, hand_clock, request
+):
     log, source = tmp_path / "shadow.jsonl", HandSource(hand_clock)
     rule = MofNRule(m=2, n=3)
     model = read_bundle(variant(bundle_file, tmp_path / "ruled.tokt", rule=rule))
@@ -166,32 +148,26 @@ def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
 
 
 def test_a_challenger_that_cannot_be_loaded_or_hangs_is_told_once(
-    make_mission: Callable[..., Path], bundle_file: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    make_mission, bundle_file, tmp_path, monkeypatch
+):
     folder, log = make_mission(SCENES[:4]), tmp_path / "shadow.jsonl"
     model = read_bundle(bundle_file)
     damaged = replace(Challenger.of(model, "texture"), data=model.data[:300])
-    run = Shadowed(model, damaged, mission_source(folder, SYSTEM_CLOCK), log)
-    run.run()
+    run = shadowed(model, damaged, folder, log)
     assert len(run.listener.reports) == 4 and run.told() == ["shadow_failed"]
     assert "noise/7: " in read_shadow(log).fault
     # Lockstep with a process that does not even start up in time.
     monkeypatch.setattr(shadow_module, "ANSWER_S", 0.05)
     log = tmp_path / "hangs.jsonl"
-    run = Shadowed(
-        model, Challenger.of(model, "texture"), mission_source(folder, SYSTEM_CLOCK), log
-    )
-    run.run()
+    run = shadowed(model, Challenger.of(model, "texture"), folder, log)
     assert len(run.listener.reports) == 4 and run.told() == ["shadow_failed"]
     assert "does not answer" in read_shadow(log).fault
     assert not run.shadow._thread.is_alive()
 
 
 def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
-    draw_frame: Any, bundle_file: Path, tmp_path: Path, hand_clock: Any,
-    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest,
-) -> None:  # fmt: skip
+    draw_frame, bundle_file, tmp_path, hand_clock, monkeypatch, request
+):
     model, told = read_bundle(bundle_file), EventQueue()
     verdict = unknown_verdict(Fault(Reason.DARK, "dark"))
 
@@ -218,10 +194,8 @@ def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
     see(hangs, 4)
     assert "does not answer" in hangs.fault
     hangs.close()
-    assert (
-        not hangs._thread.is_alive()
-        and "does not answer" in read_shadow(tmp_path / "hangs.jsonl").fault
-    )
+    assert not hangs._thread.is_alive()
+    assert "does not answer" in read_shadow(tmp_path / "hangs.jsonl").fault
 
     def refuse(process: Any) -> None:
         raise BlockingIOError(11, "Resource temporarily unavailable")
@@ -236,8 +210,7 @@ def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
 
 
 def test_policy_disparity_has_no_challenger(bundle_file: Path) -> None:
-    with pytest.raises(ToktError, match="uses no model"):
-        Challenger.of(read_bundle(bundle_file), "disparity")
+    refuses("uses no model", Challenger.of, read_bundle(bundle_file), "disparity")
 
 
 def line(frame: int, champion: int, challenger: int, dropped: int = 0) -> dict[str, Any]:
@@ -254,42 +227,33 @@ START = {
 }  # fmt: skip
 
 
-def written(path: Path, *values: dict[str, Any]) -> Path:
-    path.write_text("".join(json.dumps(value) + "\n" for value in values))
-    return path
-
-
 def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path: Path) -> None:
     champion = [*range(5, 10), *range(15, 20), *range(40, 45)]
     theirs = [*range(7, 21), *range(38, 41), *range(70, 72)]
     frames = [line(n, int(n in champion), int(n in theirs)) for n in range(1, 81)]
-    report = read_shadow(written(tmp_path / "s.jsonl", START, *frames))
+    report = read_shadow(write_lines(tmp_path / "s.jsonl", [START, *frames]))
     episodes = {side: [(e.first, e.last) for e in found] for side, found in report.episodes.items()}
-    assert episodes == {
-        "champion": [(5, 19), (40, 44)],
-        "challenger": [(7, 20), (38, 40), (70, 71)],
-    }
+    assert episodes["champion"] == [(5, 19), (40, 44)]
+    assert episodes["challenger"] == [(7, 20), (38, 40), (70, 71)]
     assert report.lead_frames() == [-2, 2]
     assert report.alone("champion") == (6, 2) and report.alone("challenger") == (10, 4)
     latency = report.latency("champion")
-    assert latency is not None and latency["median"] == 50.5 and latency["max"] == 90.0
+    assert (latency["median"], latency["max"]) == (50.5, 90.0)
 
 
-def test_what_is_no_shadow_log_is_one_clear_line(
-    tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_what_is_no_shadow_log_is_one_clear_line(tmp_path: Path):
     path = tmp_path / "s.jsonl"
-    cases = {
-        "does not exist": [],
-        "no run with a challenger": [{"run": "r", "event": "other"}],
-        "is no shadow log": [START, {**line(1, 0, 0), "champion": 3}],
-        "no status 9": [START, line(1, 0, 9)],
-        "newer tokt": [{**START, "format_version": 2}],
-    }
-    for words, values in cases.items():
+    for words, values in (
+        ("does not exist", []),
+        ("no run with a challenger", [{"run": "r", "event": "other"}]),
+        ("is no shadow log", [START, {**line(1, 0, 0), "champion": 3}]),
+        ("is no shadow log", [START, {**line(1, 0, 0), "frame": "1"}]),
+        ("no status 9", [START, line(1, 0, 9)]),
+        ("newer tokt", [{**START, "format_version": 2}]),
+    ):
         if values:
-            written(path, *values)
-        ran = run_tokt("shadow", path)
+            write_lines(path, values)
+        ran = call_tokt("shadow", path)
         assert ran.code == 2 and words in ran.err, (words, ran.err)
-    written(path, START, line(1, 0, 0))
-    assert "no run x" in run_tokt("shadow", path, "--run", "x").err
+    write_lines(path, [START, line(1, 0, 0)])
+    assert "no run x" in call_tokt("shadow", path, "--run", "x").err

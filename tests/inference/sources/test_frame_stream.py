@@ -1,14 +1,11 @@
 import json
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from tests.calls import call_tokt, refuses
+from tests.inference.live import bound_socket, start_tokt
 from tests.tiers import scaled
 from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import decode
@@ -47,22 +45,15 @@ def received(*parts: bytes) -> list[Frame]:
         return list(source)
 
 
-PICTURES = st.none() | arrays(
-    np.uint8, st.one_of(st.tuples(st.integers(1, 9), st.integers(1, 9)),
-                        st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3)))
-)  # fmt: skip
+SIDES = st.integers(1, 9)
+SHAPES = st.tuples(SIDES, SIDES) | st.tuples(SIDES, SIDES, st.just(3))
+PICTURES = st.none() | arrays(np.uint8, SHAPES)
+NUMBERS, TIMES = st.integers(0, 10**9), st.floats(0, 2e9)
+FRAMES = st.tuples(NUMBERS, TIMES, PICTURES, PICTURES, st.integers(0, 1_000_000))
 
 
 @settings(max_examples=scaled(25))
-@given(
-    frames=st.lists(
-        st.tuples(
-            st.integers(0, 10**9), st.floats(0, 2e9), PICTURES, PICTURES, st.integers(0, 1_000_000)
-        ),
-        max_size=4,
-    ),
-    cut=st.integers(1, 50),
-)
+@given(frames=st.lists(FRAMES, max_size=4), cut=st.integers(1, 50))
 def test_what_is_sent_is_what_comes(frames: list, cut: int) -> None:  # type: ignore[type-arg]
     data = b"".join(encode_frame(*frame) for frame in frames)
     came = received(*(data[at : at + cut] for at in range(0, len(data), cut)))
@@ -88,30 +79,26 @@ def header(**changes: object) -> bytes:
         (b"hello\n", "sends no frames: 'hello'"),
         (b"[" * 5000, f"a line of {MAX_HEADER} bytes"),
         (b"[" * 3000 + b"\n", "sends no frames"),
-        (header(frame="1"), "sends no frames"),
-        (header(t=None), "sends no frames"),
         (b'{"frame":1,"t":1e999,"left":null,"right":null}\n', "sends no frames"),
-        (header(t=10**400), "sends no frames"),
-        (header(t=-1e300), "sends no frames"),
-        (header(frame=10**300), "sends no frames"),
-        (header(left=[2, 2, 4]), "sends no frames"),
-        (header(left=[0, 2]), "sends no frames"),
-        (header(left=[2, MAX_SIDE + 1]), "sends no frames"),
-        (header(left=[2, True]), "sends no frames"),
-        (header(missed=-1), "sends no frames"),
         (b"5\n", "sends no frames"),
+        (header(missed=-1), "sends no frames"),
+        *[(header(frame=frame), "sends no frames") for frame in ("1", 10**300)],
+        *[(header(t=t), "sends no frames") for t in (None, 10**400, -1e300)],
+        *[
+            (header(left=size), "sends no frames")
+            for size in ([2, 2, 4], [0, 2], [2, MAX_SIDE + 1], [2, True])
+        ],
     ],
 )
 def test_what_is_no_frame_ends_the_run(sent: bytes, words: str) -> None:
-    with pytest.raises(ToktError, match=words):
-        received(sent)
+    refuses(words, received, sent)
 
 
 def test_nobody_there() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-    with pytest.raises(ToktError, match=f"nobody sends frames at stream:127.0.0.1:{port}"):
-        StreamSource(f"stream:127.0.0.1:{port}", SYSTEM_CLOCK)
+    text = f"stream:127.0.0.1:{port}"
+    refuses(f"nobody sends frames at {text}", StreamSource, text, SYSTEM_CLOCK)
 
 
 def test_stop_ends_a_wait() -> None:
@@ -134,31 +121,19 @@ def test_stop_ends_a_wait() -> None:
         (["--watchdog"], "--watchdog is not for a stream"),
     ],
 )
-def test_options_that_would_do_nothing(
-    options: list[str], words: str, run_tokt: Callable[..., Any]
-) -> None:
-    ran = run_tokt("run", "--source", "stream:127.0.0.1:9", "--bundle", "x.tokt", *options)
+def test_options_that_would_do_nothing(options, words) -> None:
+    ran = call_tokt("run", "--source", "stream:127.0.0.1:9", "--bundle", "x.tokt", *options)
     assert ran.code == 2 and words in ran.err
 
 
 def test_the_real_runtime_answers_each_frame_with_its_time(bundle_file: Path) -> None:
     """In lock step: no frame is sent before the verdict on the one before has come."""
     rng = np.random.default_rng(1)
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
-    ):
-        receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(MAX_S)
+    with socket.create_server(("127.0.0.1", 0)) as server, bound_socket() as receiver:
         stream = f"stream:127.0.0.1:{server.getsockname()[1]}"
         udp = f"v2@127.0.0.1:{receiver.getsockname()[1]}"
-        process = subprocess.Popen(
-            [
-                *(sys.executable, "-P", "-m", "tokt", "run", "--source", stream, "--udp", udp),
-                *("--bundle", str(bundle_file), "--policy", "texture"),
-            ],
-            stderr=subprocess.PIPE,
-        )
+        source = ("--source", stream, "--udp", udp)
+        process = start_tokt("run", *source, "--bundle", bundle_file, "--policy", "texture")
         try:
             connection, _ = server.accept()
             for number in range(1, 4):

@@ -1,21 +1,60 @@
-"""A rig whose frames are rectified already: two equal cameras side by side."""
+"""A rig whose frames are rectified already, of two equal cameras; frames of the sea trial."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
 import numpy as np
 
+from tokt.features.frames.image_file import read_image
+from tokt.inference.frame import Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo.calibration import StereoCalibration
 
 WIDTH, HEIGHT = 1360, 1024
 FOCAL_PX, BASELINE_M = 2200.0, 0.3
 CENTRE = np.array([679.5, 511.5])
 CAMERA = np.array([[FOCAL_PX, 0, CENTRE[0]], [0, FOCAL_PX, CENTRE[1]], [0, 0, 1]])
-PLAIN = StereoCalibration(
-    CAMERA,
-    np.zeros(5),
-    CAMERA,
-    np.zeros(5),
-    np.eye(3),
-    np.array([[-1000 * BASELINE_M], [0.0], [0.0]]),
-    (WIDTH, HEIGHT),
-)
+STRAIGHT = np.zeros(5)
+SHIFT_MM = np.array([[-1000 * BASELINE_M], [0.0], [0.0]])
+PLAIN = StereoCalibration(CAMERA, STRAIGHT, CAMERA, STRAIGHT, np.eye(3), SHIFT_MM, (WIDTH, HEIGHT))
+
+
+def store_parts(path: Path, parts: Mapping[str, Any]) -> Path:
+    """Write a calibration file with cv2 alone."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for key, value in parts.items():
+        storage.write(key, value)
+    storage.release()
+    return path
+
+
+def unfit_pairs(left: np.ndarray, right: np.ndarray) -> dict[str, Frame]:
+    """Pairs that cannot be judged, by what is said of them."""
+    missing, cut = (
+        Fault(Reason.MISSING, "no right frame 1"),
+        Fault(Reason.UNREADABLE, "a.jpg cut"),
+    )
+    return {
+        "no right": Frame(1, 0.0, left, None, NO_FAULT, missing),
+        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
+        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
+        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
+        "a.jpg": Frame(1, 0.0, None, right, cut),
+        "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
+    }
+
+
+def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:
+    """A frame of the real mission."""
+    return read_image(mission / camera / f"tokt1_{camera[0]}_{number}.jpg")
+
+
+def sea_trial_pair(mission: Path, left: int, right: int, turn: bool = False) -> list[np.ndarray]:
+    """Two frames of it, the right one upside down if `turn`."""
+    step = -1 if turn else 1
+    other = np.ascontiguousarray(sea_trial(mission, "Right", right)[::step])
+    return [sea_trial(mission, "Left", left), other]

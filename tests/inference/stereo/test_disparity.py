@@ -10,13 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.image_file import read_image
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
 from tokt.inference.frame import Frame
-from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo import disparity as module
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import Closing, ClosingSpeed, DisparityDetector, Matches
@@ -24,7 +22,7 @@ from tokt.inference.stereo.matching import NEAREST_M, disparity_range
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
-from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH
+from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH, sea_trial_pair, unfit_pairs
 
 SQUARE_PX = 320
 DISPARITY_PX = 200  # at full size: 2200 * 0.3 / 200 = 3.3 m
@@ -60,9 +58,7 @@ def test_a_square_is_found_where_it_is_at_its_distance(plain: DisparityDetector)
     assert np.abs(corners - expected).max() <= 24  # half a block, in pixels at full size
 
 
-def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(
-    plain: DisparityDetector,
-) -> None:
+def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(plain: DisparityDetector):
     found = plain.detect(Frame(1, 0.0, *pair(230)))  # its right view starts at 30
     assert found.mask is not None and found.mask[:, : 400 * 360 // WIDTH].any()
 
@@ -115,16 +111,12 @@ EVERYWHERE, THIRD = slice(None), slice(WIDTH // 3, 2 * WIDTH // 3)
 
 @pytest.mark.parametrize("columns", [EVERYWHERE, THIRD])
 @pytest.mark.parametrize("depth_m", [1.0, 1.4])
-def test_what_is_nearer_than_is_searched_is_unknown_not_clear(
-    depth_m: float, columns: slice, plain: DisparityDetector
-) -> None:
+def test_what_is_nearer_than_is_searched_is_unknown_not_clear(depth_m, columns, plain) -> None:
     found = plain.detect(Frame(1, 0.0, *plane(depth_m, columns)))
     assert found.mask is None and "something too near" in found.fault and found.vetoes_clear
 
 
-def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(
-    plain: DisparityDetector,
-) -> None:
+def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(plain) -> None:
     wall = plane(6.0, EVERYWHERE)
     alone = plain.detect(Frame(1, 0.0, *wall))
     near_x = (THIRD.start, THIRD.start - round(CAMERA[0, 0] * 0.3 / 1.0))
@@ -168,38 +160,26 @@ def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: Disparity
 
 def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
     left, right = pair(700)
-    cases = {
-        "no right": Frame(1, 0.0, left, None, NO_FAULT, Fault(Reason.MISSING, "no right frame 1")),
-        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
-        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
-        "right: the frame is blank": Frame(1, 0.0, sea(), np.full_like(right, 90)),
-        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
-        "a.jpg": Frame(1, 0.0, None, right, Fault(Reason.UNREADABLE, "a.jpg is truncated")),
-    }
-    for word, frame in cases.items():
+    blank = {"right: the frame is blank": Frame(1, 0.0, sea(), np.full_like(right, 90))}
+    for word, frame in {**unfit_pairs(left, right), **blank}.items():
         found = plain.detect(frame)
         assert found.mask is None and word in found.fault and not found.vetoes_clear
 
 
-def test_a_calibration_that_turns_the_view_away_is_refused() -> None:
-    away = cv2.Rodrigues(np.array([0.0, 0.9, 0.0]))[0]
-    with pytest.raises(ToktError, match="out of view"):
-        DisparityDetector(replace(PLAIN, R=away, T_mm=np.array([[-10.0], [0], [9.0]])), Grid())
+AWAY = {"R": cv2.Rodrigues(np.array([0.0, 0.9, 0.0]))[0], "T_mm": np.array([[-10.0], [0], [9.0]])}
 
 
 @pytest.mark.parametrize(
     ("changes", "scale", "message"),
     [
+        (AWAY, 0.5, "out of view"),
         ({"D2": np.array([1e6, 0, 0, 0, 0])}, 0.5, "sees 1 % of what the left one does"),
         ({"T_mm": -PLAIN.T_mm}, 0.5, "not right of the left one"),
         ({"T_mm": 10 * PLAIN.T_mm}, 1.0, "at most 2047 can be"),
     ],
 )
-def test_a_calibration_with_which_hardly_anything_is_searched_is_refused(
-    changes: dict[str, np.ndarray], scale: float, message: str
-) -> None:
-    with pytest.raises(ToktError, match=message):
-        DisparityDetector(replace(PLAIN, **changes), Grid(), scale=scale)
+def test_a_calibration_with_which_hardly_anything_is_searched_is_refused(changes, scale, message):
+    refuses(message, DisparityDetector, replace(PLAIN, **changes), Grid(), scale=scale)
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.2, 0.25, 0.5, 1.0])
@@ -217,22 +197,12 @@ def real(calibration_path: Path) -> DisparityDetector:
     return DisparityDetector(load_calibration(calibration_path), Grid())
 
 
-def picture(mission: Path, camera: str, number: int) -> np.ndarray:
-    return read_image(mission / camera / f"tokt1_{camera[0]}_{number}.jpg")
-
-
-def matched(
-    detector: DisparityDetector, mission: Path, left: int, right: int, turn: bool = False
-) -> Matches:
-    other = picture(mission, "Right", right)
-    other = np.ascontiguousarray(other[::-1]) if turn else other
-    return detector.match(picture(mission, "Left", left), other)
+def matched(detector, mission, left, right, turn=False) -> Matches:
+    return detector.match(*sea_trial_pair(mission, left, right, turn))
 
 
 @pytest.mark.mission
-def test_control_another_right_frame_leaves_no_match(
-    mission: Path, real: DisparityDetector
-) -> None:
+def test_control_another_right_frame_leaves_no_match(mission: Path, real: DisparityDetector):
     assert matched(real, mission, 180, 180).valid.mean() > 0.2
     for other in (50, 170, 175, 183, 186, 200):
         assert matched(real, mission, 180, other).valid.mean() <= 0.003
@@ -241,8 +211,7 @@ def test_control_another_right_frame_leaves_no_match(
 
 @pytest.mark.mission
 def test_control_a_wrong_pair_is_unknown(mission: Path, real: DisparityDetector) -> None:
-    frame = Frame(180, 0.0, picture(mission, "Left", 180), picture(mission, "Right", 170))
-    found = real.detect(frame)
+    found = real.detect(Frame(180, 0.0, *sea_trial_pair(mission, 180, 170)))
     assert found.mask is None and "do not match" in found.fault
 
 
@@ -253,18 +222,12 @@ def test_ocean_frames_have_no_match(mission: Path, real: DisparityDetector) -> N
 
 
 @pytest.mark.mission
-def test_the_tower_is_an_obstacle_at_its_measured_depth(
-    mission: Path, real: DisparityDetector
-) -> None:
+def test_the_tower_is_an_obstacle_at_its_measured_depth(mission: Path, real: DisparityDetector):
     for number, depth_m in ((142, 9.6), (170, 5.1), (186, 1.84), (205, 4.8)):
         found = matched(real, mission, number, number)
         median = real.rectifier.focal_baseline_px_m / np.median(found.disparity_px[found.valid])
         assert median == pytest.approx(depth_m, rel=0.03)
-        frame = Frame(
-            number, 0.0, picture(mission, "Left", number), picture(mission, "Right", number)
-        )
-        detection = real.detect(frame)
-        assert detection.mask is not None and detection.distance_m is not None
+        detection = real.detect(Frame(number, 0.0, *sea_trial_pair(mission, number, number)))
         assert verdict_from_mask(detection.mask, "disparity").status == 1
         assert 0.9 * depth_m < detection.distance_m < 1.03 * depth_m
 
@@ -324,13 +287,10 @@ STEP_S = 0.1
 def after(distances: list[float | None], step_s: float = STEP_S) -> Closing:
     """What is known after distances at a regular pace."""
     speed = ClosingSpeed()
-    last = Closing()
-    for index, distance in enumerate(distances):
-        last = speed.add(index * step_s, distance)
-    return last
+    return [speed.add(index * step_s, distance) for index, distance in enumerate(distances)][-1]
 
 
-def approach(n: int, closing_m_s: float = 0.5, from_m: float = 8.0) -> list[float | None]:
+def approach(n: int, closing_m_s: float = 0.5, from_m: float = 8.0) -> list[float]:
     return [from_m - closing_m_s * STEP_S * index for index in range(n)]
 
 
@@ -352,11 +312,8 @@ def test_the_stated_error_of_the_speed_holds() -> None:
     full, least = [], []
     for _ in range(200):
         speed = ClosingSpeed()
-        found = [
-            speed.add(index * STEP_S, distance + rng.normal(0, 0.03))
-            for index, distance in enumerate(approach(30))
-            if distance is not None
-        ]
+        noisy = np.array(approach(30)) + rng.normal(0, 0.03, 30)
+        found = [speed.add(index * STEP_S, distance) for index, distance in enumerate(noisy)]
         speeds = [each.closing_m_s for each in found if each.closing_m_s is not None]
         full.append(speeds[-1])
         least.append(speeds[0])
@@ -437,6 +394,5 @@ def test_nothing_raises_and_contact_only_lies_ahead(points: list[tuple[float, fl
     for t_s, distance in points:
         found = speed.add(t_s, distance)
         if found.contact_s is not None:
-            assert found.closing_m_s is not None
             assert found.closing_m_s >= module.MIN_CLOSING_M_S
             assert 0 <= found.contact_s < math.inf

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.image_file import read_image
 from tokt.inference.stereo import epipolar_drift
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
@@ -20,6 +19,8 @@ from tokt.inference.stereo.epipolar_drift import (
     epipolar_offset,
 )
 from tokt.inference.stereo.matching import Matches
+
+from .plain_rig import sea_trial_pair
 
 WIDTH, HEIGHT, SCALE = 340, 256, 0.5
 DISPARITY_PX = 40.25
@@ -45,13 +46,8 @@ def right_of(left: View, too_high_px: float = 0.0, turn_deg: float = 0.0) -> Vie
     """
     x, y = np.meshgrid(np.arange(WIDTH, dtype=np.float32), np.arange(HEIGHT, dtype=np.float32))
     y_from = y + SCALE * too_high_px - np.tan(np.radians(turn_deg)) * (x - WIDTH / 2)
-    view = cv2.remap(
-        left,
-        x + np.float32(DISPARITY_PX),
-        y_from.astype(np.float32),
-        cv2.INTER_CUBIC,
-        borderMode=cv2.BORDER_REFLECT,
-    )
+    maps = (x + np.float32(DISPARITY_PX), y_from.astype(np.float32))
+    view = cv2.remap(left, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     return np.asarray(0.6 * view + 5, np.float32)
 
 
@@ -64,9 +60,7 @@ def matches(columns: slice = slice(60, 300), rows: slice = slice(None)) -> Match
 
 
 def measured(right: View, found: Matches | None = None) -> EpipolarOffset:
-    offset = epipolar_offset(LEFT, right, found or matches(), SCALE)
-    assert offset is not None
-    return offset
+    return epipolar_offset(LEFT, right, found or matches(), SCALE)
 
 
 @pytest.mark.parametrize("too_high_px", [0.0, 1.0, -2.2, 4.0, -6.0])
@@ -125,9 +119,7 @@ def follow(drift: EpipolarDriftCorrection, true_px: float, pairs: int) -> list[f
 
 def test_the_correction_reaches_an_offset_slowly_and_stays_there() -> None:
     corrections = follow(EpipolarDriftCorrection(), 4.0, 20)
-    assert corrections[: epipolar_drift.SETTLED_PAIRS - 1] == [0.0] * (
-        epipolar_drift.SETTLED_PAIRS - 1
-    )
+    assert not any(corrections[: epipolar_drift.SETTLED_PAIRS - 1])
     assert np.abs(np.diff([0.0, *corrections])).max() <= epipolar_drift.STEP_PX + 1e-9
     assert corrections[-1] == pytest.approx(4.0, abs=epipolar_drift.STILL_PX)
     assert len(set(corrections[-5:])) == 1
@@ -186,22 +178,16 @@ def test_on_the_sea_trial(mission: Path, calibration_path: Path) -> None:
     detector = DisparityDetector(load_calibration(calibration_path), Grid())
     rectifier = detector.rectifier
 
-    def add(
-        drift: EpipolarDriftCorrection, number: int, right_number: int, lower_px: float = 0.0
-    ) -> EpipolarOffset:
-        left = read_image(mission / "Left" / f"tokt1_L_{number}.jpg")
-        right = read_image(mission / "Right" / f"tokt1_R_{right_number}.jpg")
+    def add(drift, number, right_number, lower_px=0.0) -> EpipolarOffset:
+        left, right = sea_trial_pair(mission, number, right_number)
         down = np.array([[1, 0, 0], [0, 1, lower_px]])
         moved = np.asarray(cv2.warpAffine(right, down, right.shape[1::-1]), np.uint8)
         views = rectifier.left(left), rectifier.right(moved, drift.px)
-        offset = drift.add(*views, detector.match(left, moved, drift.px), rectifier.scale)
-        assert offset is not None
-        return offset
+        return drift.add(*views, detector.match(left, moved, drift.px), rectifier.scale)
 
     for lower_px in (0.0, 2.2, -6.0):
-        assert add(EpipolarDriftCorrection(), 170, 170, lower_px).px == pytest.approx(
-            -lower_px, abs=0.5
-        )
+        offset = add(EpipolarDriftCorrection(), 170, 170, lower_px)
+        assert offset.px == pytest.approx(-lower_px, abs=0.5)
     out_of_step = EpipolarDriftCorrection()
     for number in range(158, 172):
         add(out_of_step, number, number + 1)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.odometry import load_odometry, motion_between, parse_odometry
 
@@ -33,8 +34,7 @@ def test_what_is_written_is_read(written: dict) -> None:
         point = np.array([1.0, -2.0, 3.0])  # rotated by q p q*, from the definition
         turned[frame] = point + 2 * np.cross(axis, np.cross(axis, point) + w * point)
     if not written:
-        with pytest.raises(ToktError, match="holds no pose"):
-            parse_odometry(poses(), "o.csv")
+        refuses("holds no pose", parse_odometry, poses(), "o.csv")
         return
     read = parse_odometry(poses(*lines), "o.csv")
     assert set(read) == set(written)
@@ -81,8 +81,7 @@ def test_any_other_text_is_refused_in_one_line(text: str) -> None:
     ],
 )
 def test_a_malformed_line_is_named(line: str, words: str) -> None:
-    with pytest.raises(ToktError, match=words):
-        parse_odometry(poses(f"6,0,{STILL}", line), "o.csv")
+    refuses(words, parse_odometry, poses(f"6,0,{STILL}", line), "o.csv")
 
 
 def test_a_file_is_read_or_refused(tmp_path: Path) -> None:
@@ -90,12 +89,9 @@ def test_a_file_is_read_or_refused(tmp_path: Path) -> None:
     path.write_text("\ufeff" + poses(f" 6 , 0 ,{STILL}", "", f"9,1,{STILL}"), "utf-8")
     assert set(load_odometry(path)) == {6, 9}
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ToktError, match="not a text file"):
-        load_odometry(path)
-    with pytest.raises(ToktError, match="cannot read odometry"):
-        load_odometry(tmp_path)
-    with pytest.raises(ToktError, match="does not begin with the line frame,t,"):
-        parse_odometry("frame;t", "o.csv")
+    refuses("not a text file", load_odometry, path)
+    refuses("cannot read odometry", load_odometry, tmp_path)
+    refuses("does not begin with the line frame,t,", parse_odometry, "frame;t", "o.csv")
 
 
 def test_motion_is_the_way_back_into_the_moved_camera() -> None:

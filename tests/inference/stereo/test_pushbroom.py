@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.image_file import read_image
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.stereo import pushbroom
@@ -19,7 +17,16 @@ from tokt.inference.stereo.odometry import Odometry, parse_odometry
 from tokt.inference.stereo.pushbroom import DISTANCES_M, KEPT_FRAMES, PushbroomDetector
 from tokt.inference.verdict import Detection, verdict_from_mask
 
-from .plain_rig import BASELINE_M, CENTRE, FOCAL_PX, HEIGHT, PLAIN, WIDTH
+from .plain_rig import (
+    BASELINE_M,
+    CENTRE,
+    FOCAL_PX,
+    HEIGHT,
+    PLAIN,
+    WIDTH,
+    sea_trial_pair,
+    unfit_pairs,
+)
 
 FOCAL_BASELINE = FOCAL_PX * BASELINE_M
 SQUARE_PX, X, Y = 320, 780, 350
@@ -68,9 +75,7 @@ def is_clear(found: Detection) -> bool:
 
 
 @pytest.mark.parametrize("distance_m", [*DISTANCES_M, 3.9, 6.25])
-def test_what_stands_at_a_distance_is_found_where_it_is(
-    detector: PushbroomDetector, distance_m: float
-) -> None:
+def test_what_stands_at_a_distance_is_found_where_it_is(detector, distance_m) -> None:
     found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
     assert found.distance_m == pytest.approx(distance_m, rel=0.03)
     square = np.array([X, Y, X + SQUARE_PX, Y + SQUARE_PX])
@@ -79,17 +84,13 @@ def test_what_stands_at_a_distance_is_found_where_it_is(
 
 
 @pytest.mark.parametrize("distance_m", [1.5, 2.4, 5.0, 12.0])
-def test_what_stands_elsewhere_is_not_found_and_not_called_clear(
-    detector: PushbroomDetector, distance_m: float
-) -> None:
+def test_what_stands_elsewhere_is_not_found_and_not_called_clear(detector, distance_m) -> None:
     found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
     assert found.mask is None and found.vetoes_clear
     assert found.fault.startswith("something is in view, but at none of 8, 6, 4, 3 and 2 m")
 
 
-def test_an_even_sea_is_clear_and_the_note_says_what_that_means(
-    detector: PushbroomDetector,
-) -> None:
+def test_an_even_sea_is_clear_and_the_note_says_what_that_means(detector: PushbroomDetector):
     found = detector.detect(Frame(1, 0.0, *EMPTY))
     assert is_clear(found) and "sees only at" in found.note
 
@@ -106,9 +107,7 @@ def fence() -> np.ndarray:
 
 
 @pytest.mark.parametrize("texture", [slanting_bar, fence])
-def test_what_matches_at_other_disparities_as_well_is_no_hit(
-    detector: PushbroomDetector, texture: Callable[[], np.ndarray], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_matches_at_other_disparities_as_well_is_no_hit(detector, texture, monkeypatch):
     between = draw(3.5, texture(), x=560)
     assert not detector.look(*between).any()
     monkeypatch.setattr(pushbroom, "INVARIANCE_RATIO", 1e6)  # without the invariance filter
@@ -127,9 +126,8 @@ def test_an_obstacle_is_remembered_for_some_frames_as_it_was(detector: Pushbroom
     then = detector.detect(Frame(2, 0.0, *EMPTY))
     assert then.distance_m == first.distance_m and (corners(then) == corners(first)).all()
     assert "1 frame ago" in then.note and "there is no odometry" in then.note
-    lost = detector.detect(
-        Frame(3, 0.0, EMPTY[0], None, NO_FAULT, Fault(Reason.MISSING, "no right frame 3"))
-    )
+    missing = Fault(Reason.MISSING, "no right frame 3")
+    lost = detector.detect(Frame(3, 0.0, EMPTY[0], None, NO_FAULT, missing))
     assert lost.mask is None and lost.fault == "no right frame 3" and lost.vetoes_clear
     late = detector.detect(Frame(KEPT_FRAMES + 1, 0.0, *EMPTY, missed=KEPT_FRAMES - 3))
     assert corners(late).any()
@@ -142,12 +140,8 @@ def poses(*lines: str) -> Odometry:
 
 def test_odometry_carries_an_obstacle_to_where_it_is_now() -> None:
     # 1.5 m forward in three frames, one without a pose; then a turn of 60 degrees to the right.
-    path = poses(
-        "1,0,5,5,5,1,0,0,0",
-        "2,0,5,5,5.5,1,0,0,0",
-        "4,0,5,5,6.5,1,0,0,0",
-        "5,0,5,5,6.5,.86602,0,.5,0",
-    )
+    ahead = [f"{frame},0,5,5,{z_m},1,0,0,0" for frame, z_m in ((1, 5), (2, 5.5), (4, 6.5))]
+    path = poses(*ahead, "5,0,5,5,6.5,.86602,0,.5,0")
     detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
     square = np.array([[X, Y], [X + SQUARE_PX, Y + SQUARE_PX]])
     for number, distance_m in ((1, 4.0), (2, 3.5), (3, 3.5), (4, 2.5)):
@@ -155,7 +149,6 @@ def test_odometry_carries_an_obstacle_to_where_it_is_now() -> None:
         assert found.distance_m == pytest.approx(distance_m, rel=0.03)
         grown = ((square - CENTRE) * 4 / distance_m + CENTRE).ravel()
         assert np.abs(corners(found) - grown).max() <= 3 * CELL
-        assert found.mask is not None
         inside = (corners(found) * MASK).round().astype(int)
         whole = found.mask[inside[1] : inside[3], inside[0] : inside[2]]
         assert (whole > 0).mean() > 0.95  # no gaps between what has come apart
@@ -208,16 +201,7 @@ def test_a_camera_that_sees_nothing_makes_no_clear(detector: PushbroomDetector) 
 
 
 def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector: PushbroomDetector) -> None:
-    left, right = EMPTY
-    cases = {
-        "no right": Frame(1, 0.0, left, None, NO_FAULT, Fault(Reason.MISSING, "no right frame 1")),
-        "340x256": Frame(1, 0.0, left, right[::4, ::4]),
-        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
-        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
-        "a.jpg": Frame(1, 0.0, None, right, Fault(Reason.UNREADABLE, "a.jpg is truncated")),
-        "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
-    }
-    for words, frame in cases.items():
+    for words, frame in unfit_pairs(*EMPTY).items():
         found = detector.detect(frame)
         assert found.mask is None and words in found.fault and not found.vetoes_clear
     left, right = draw(4.0, y=650)
@@ -237,8 +221,7 @@ def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector: Pushbroo
     ],
 )
 def test_distances_that_cannot_be_are_refused(distances_m: tuple[float, ...], words: str) -> None:
-    with pytest.raises(ToktError, match=words):
-        PushbroomDetector(PLAIN, Grid(), distances_m)
+    refuses(words, PushbroomDetector, PLAIN, Grid(), distances_m)
 
 
 @pytest.mark.parametrize("size", [(97, 61), (361, 271), (640, 203)])
@@ -260,36 +243,22 @@ def real(calibration_path: Path) -> PushbroomDetector:
     return PushbroomDetector(load_calibration(calibration_path), Grid())
 
 
-def look(
-    detector: PushbroomDetector, mission: Path, left: int, right: int, turn: bool = False
-) -> np.ndarray:
+def look(detector, mission, left, right, turn=False) -> np.ndarray:
     """The depths found in frames of the sea trial."""
-    other = read_image(mission / "Right" / f"tokt1_R_{right}.jpg")
-    other = np.ascontiguousarray(other[::-1]) if turn else other
-    return detector.look(read_image(mission / "Left" / f"tokt1_L_{left}.jpg"), other)
+    return detector.look(*sea_trial_pair(mission, left, right, turn))
 
 
 @pytest.mark.mission
-def test_the_tower_is_met_as_it_crosses_each_distance(
-    mission: Path, real: PushbroomDetector
-) -> None:
+def test_the_tower_is_met_as_it_crosses_each_distance(mission: Path, real: PushbroomDetector):
     # Frames with even numbers: the settings were chosen on the odd ones.
-    for number, distance_m in (
-        (150, 8),
-        (166, 6),
-        (176, 4),
-        (180, 3),
-        (184, 2),
-        (194, 3),
-        (198, 4),
-    ):
+    met = {150: 8, 166: 6, 176: 4, 180: 3, 184: 2, 194: 3, 198: 4}
+    for number, distance_m in met.items():
         found = look(real, mission, number, number)
         assert np.median(found[found > 0]) == pytest.approx(distance_m, rel=0.06)
     for number in (146, 158, 170, 204):  # farther, or between two distances
         assert not look(real, mission, number, number).any()
-        left = read_image(mission / "Left" / f"tokt1_L_{number}.jpg")
-        right = read_image(mission / "Right" / f"tokt1_R_{number}.jpg")
-        assert real.detect(Frame(number, 0.0, left, right)).vetoes_clear  # and never clear
+        frame = Frame(number, 0.0, *sea_trial_pair(mission, number, number))
+        assert real.detect(frame).vetoes_clear  # and never clear
 
 
 @pytest.mark.mission

@@ -103,18 +103,16 @@ UNFIT: dict[str, Callable[[Picture], Picture | None]] = {
     "white": lambda picture: np.full_like(picture, 255),
     "blank": lambda picture: np.full_like(picture, 77),
 }
+alike, unfit = st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(UNFIT))
 
 
 @pytest.mark.parametrize("kind", DETECTORS)
-@given(st.sampled_from(SIZES), st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(ALIKE)))
+@given(st.sampled_from(SIZES), alike, alike)
 @settings(max_examples=scaled(12))
-def test_a_pair_is_judged_however_it_lies_in_memory(
-    kind: str, size: tuple[int, int], left: str, right: str
-) -> None:
+def test_a_pair_is_judged_however_it_lies_in_memory(kind, size, left, right) -> None:
     first, second = pair(size)
     plain = detector(kind, size).detect(Frame(1, 0.0, first, second))
     found = detector(kind, size).detect(Frame(1, 0.0, ALIKE[left](first), ALIKE[right](second)))
-    assert plain.mask is not None and found.mask is not None
     assert found.mask.shape == GRID.resized(size[1], size[0]) and found.mask.dtype == np.uint8
     assert set(np.unique(found.mask)) == {0, 255} and np.array_equal(found.mask, plain.mask)
     assert found.distance_m == plain.distance_m == pytest.approx(DEPTH_M, rel=0.05)
@@ -126,27 +124,18 @@ class Texture:
     method = "texture"
 
     def __init__(self, size: tuple[int, int], judges: bool) -> None:
-        mask = np.zeros(GRID.resized(size[1], size[0]), np.uint8)
-        self._answer = Detection(
-            mask if judges else None,
-            "texture",
-            fault=NO_FAULT if judges else Fault(Reason.STEREO, "no"),
-        )
+        mask = np.zeros(GRID.resized(size[1], size[0]), np.uint8) if judges else None
+        fault = NO_FAULT if judges else Fault(Reason.STEREO, "no")
+        self._answer = Detection(mask, "texture", fault=fault)
 
     def detect(self, frame: Frame) -> Detection:
         return self._answer
 
 
 @pytest.mark.parametrize("kind", DETECTORS)
-@given(
-    st.sampled_from(SIZES),
-    st.lists(st.sampled_from([*sorted(ALIKE), *sorted(UNFIT)]), min_size=2, max_size=2),
-    st.booleans(),
-)
+@given(st.sampled_from(SIZES), st.tuples(alike | unfit, alike | unfit), st.booleans())
 @settings(max_examples=scaled(30))
-def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(
-    kind: str, size: tuple[int, int], names: list[str], judges: bool
-) -> None:
+def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(kind, size, names, judges) -> None:
     ways = [(ALIKE | UNFIT)[name] for name in names]
     pictures = [way(picture) for way, picture in zip(ways, pair(size), strict=True)]
     frame = Frame(1, 0.0, *pictures)
@@ -169,16 +158,9 @@ def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(
 
 
 @pytest.mark.parametrize("kind", DETECTORS)
-@given(
-    st.lists(
-        st.tuples(st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(UNFIT)), st.booleans()),
-        max_size=8,
-    )
-)
+@given(st.lists(st.tuples(alike, unfit, st.booleans()), max_size=8))
 @settings(max_examples=scaled(8))
-def test_a_good_pair_is_an_obstacle_whatever_came_before_it(
-    kind: str, before: list[tuple[str, str, bool]]
-) -> None:
+def test_a_good_pair_is_an_obstacle_whatever_came_before_it(kind, before) -> None:
     judge = SinglePolicy(detector(kind, SIZES[0])).judge
     for number, (fit, unfit, right_is_unfit) in enumerate(before):
         left, right = pair(SIZES[0], number)
@@ -234,9 +216,7 @@ def in_right_view(points: np.ndarray, rectifier: Rectifier) -> np.ndarray:
 
 @given(rigs(), scales, st.integers(0, 1000))
 @few
-def test_both_views_see_a_point_in_one_row_with_the_disparity_of_its_depth(
-    rig: StereoCalibration, scale: float, seed: int
-) -> None:
+def test_both_views_see_a_point_in_one_row_with_the_disparity_of_its_depth(rig, scale, seed):
     rectifier = Rectifier(rig, scale)
     rng = np.random.default_rng(seed)
     rays = rng.uniform(-0.2, 0.2, (30, 2))
@@ -253,9 +233,7 @@ def test_both_views_see_a_point_in_one_row_with_the_disparity_of_its_depth(
 
 @given(rigs(), scales, st.integers(0, 1000))
 @few
-def test_points_in_metres_are_where_both_cameras_see_them(
-    rig: StereoCalibration, scale: float, seed: int
-) -> None:
+def test_points_in_metres_are_where_both_cameras_see_them(rig, scale, seed) -> None:
     rectifier = Rectifier(rig, scale)
     rng = np.random.default_rng(seed)
     width, height = rectifier.size
@@ -276,9 +254,7 @@ def test_points_in_metres_are_where_both_cameras_see_them(
 
 @given(rigs(), st.sampled_from([0.5, 1.0]), st.floats(-4, 4))
 @few
-def test_the_views_show_what_the_points_say(
-    rig: StereoCalibration, scale: float, shift_px: float
-) -> None:
+def test_the_views_show_what_the_points_say(rig: StereoCalibration, scale: float, shift_px: float):
     rectifier = Rectifier(rig, scale)
     width, height = rig.frame_size
     across = np.arange(width, dtype=np.uint8)[None].repeat(height, axis=0)
@@ -296,9 +272,7 @@ def test_the_views_show_what_the_points_say(
 
 @given(rigs(), st.sampled_from([(90, 120), (61, 77)]))
 @few
-def test_a_mask_of_the_view_is_moved_to_the_left_frame(
-    rig: StereoCalibration, shape: tuple[int, int]
-) -> None:
+def test_a_mask_of_the_view_is_moved_to_the_left_frame(rig, shape) -> None:
     rectifier = Rectifier(rig)
     width, height = rectifier.size
     view = np.arange(1, width + 1, dtype=np.uint8)[None].repeat(height, axis=0)

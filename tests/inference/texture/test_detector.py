@@ -19,21 +19,16 @@ from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import read_bundle
 
 
-def test_the_mask_is_the_grid_painted(
-    noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
-) -> None:
+def test_the_mask_is_the_grid_painted(noise_scorer: Any, draw_frame: Callable[..., np.ndarray]):
     picture = draw_frame([(2, 3), (7, 9)])
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, picture, None))
     obstacle = np.zeros((10, 10), bool)
     obstacle[2, 3] = obstacle[7, 9] = True
-    assert found.mask is not None
     np.testing.assert_array_equal(found.mask, noise_scorer.grid.paint(obstacle, 271, 360))
     assert found.model == "noise/1" and found.fault == ""
 
 
-def test_a_real_bundle_is_a_scorer(
-    bundle_file: Path, draw_frame: Callable[..., np.ndarray]
-) -> None:
+def test_a_real_bundle_is_a_scorer(bundle_file: Path, draw_frame: Callable[..., np.ndarray]):
     bundle = read_bundle(bundle_file)
     picture = draw_frame([(2, 3)], seed=5)
     found = TextureDetector(bundle).detect(Frame(1, 0.0, picture, None))
@@ -68,15 +63,12 @@ def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None
 
 
 def test_no_frame_is_unknown_with_the_source_s_reason(noise_scorer: Any) -> None:
-    found = TextureDetector(noise_scorer).detect(
-        Frame(1, 0.0, None, None, Fault(Reason.UNREADABLE, "a.jpg is truncated"))
-    )
+    truncated = Fault(Reason.UNREADABLE, "a.jpg is truncated")
+    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, None, None, truncated))
     assert found.mask is None and found.fault == "a.jpg is truncated"
 
 
-def test_values_that_are_not_finite_are_unknown(
-    noise_scorer: Any, draw_frame: Callable[..., np.ndarray]
-) -> None:
+def test_values_that_are_not_finite_are_unknown(noise_scorer, draw_frame) -> None:
     noise_scorer.values_of = lambda features: np.full((100, 1), np.nan)
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, draw_frame([]), None))
     assert found.mask is None and "not finite" in found.fault
@@ -95,9 +87,7 @@ def test_values_that_are_not_finite_are_unknown(
         (64, 48, False),
     ],
 )
-def test_frames_unlike_the_training_frames_are_unknown(
-    noise_scorer: Any, width: int, height: int, fit: bool
-) -> None:
+def test_frames_unlike_the_training_frames_are_unknown(noise_scorer, width, height, fit) -> None:
     noise_scorer.frame_sizes = ((480, 640), (1024, 1360))
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 9, height, width), None))
     assert (found.mask is not None) == fit
@@ -124,10 +114,7 @@ def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.
         (np.zeros((200, 300), np.uint8), "dark"),
         (noisy(1, 1.5), "dark"),
         (np.full((200, 300, 3), 128, np.uint8), "blank"),
-        (
-            np.where(np.arange(300) < 160, 255, 40).astype(np.uint8)[None].repeat(200, 0),
-            "saturated",
-        ),
+        (np.tile(np.where(np.arange(300) < 160, 255, 40).astype(np.uint8), (200, 1)), "saturated"),
         (np.zeros((200, 300), np.uint16), "8-bit"),
         (np.zeros((0, 300), np.uint8), "8-bit"),
         (np.zeros((200, 300, 4), np.uint8), "8-bit"),
@@ -164,9 +151,7 @@ def test_a_frame_without_a_resize_is_a_fault_and_no_exception(shape: tuple[int, 
 @pytest.mark.parametrize("width", [360, 361, 800])
 @pytest.mark.parametrize("grid", [Grid(), Grid(7, 5), Grid(20, 20, 720), Grid(1, 1, None)])
 @pytest.mark.parametrize("covered", [True, False])
-def test_the_check_is_the_same_with_a_picture_at_hand(
-    width: int, grid: Grid, covered: bool
-) -> None:
+def test_the_check_is_the_same_with_a_picture_at_hand(width: int, grid: Grid, covered: bool):
     picture = noisy(60, 9, width * 2 // 3, width)
     if covered:
         picture[width // 3 :, : width // 2] = 60
@@ -214,9 +199,7 @@ def test_ready_cut_patches_are_too_small_to_look_for_blanks_in() -> None:
 
 @pytest.mark.mission
 @pytest.mark.parametrize("part", [0.2, 0.5, 0.9])
-def test_a_jpeg_that_lost_its_tail_but_has_an_end_marker_is_refused(
-    mission: Path, part: float
-) -> None:
+def test_a_jpeg_that_lost_its_tail_but_has_an_end_marker_is_refused(mission: Path, part: float):
     data = (mission / "Left" / "tokt1_L_180.jpg").read_bytes()
     frame = decode_image(data[: int(part * len(data))] + b"\xff\xd9", "cut.jpg")
     assert "the picture is damaged" in frame_fault(frame)

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.inference.conftest import NoiseScorer
+from tests.inference.logged_runs import lines, variant
 from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
@@ -22,27 +20,17 @@ from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePol
 from tokt.inference.sources.files import open_source
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
-from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, MofNState, OperatingPoint
 
 PICTURE = np.random.default_rng(1).integers(40, 60, (60, 60), np.uint8)
 
 
-class Script:
+class Script(NoiseScorer):
     """A scorer that gives, frame by frame, what it was told to; an exception is raised."""
 
-    label = "script/1"
-    frame_sizes = ((60, 60),)
-    images = (None,)
-
-    def __init__(self, rule: MofNRule, answers: list[Any], grid: Grid | None = None) -> None:
-        self.operating_point = OperatingPoint(rule)
-        self.grid = grid or Grid(2, 2, 60)
+    def __init__(self, rule: MofNRule, answers: list[Any], grid: Grid = Grid(2, 2, 60)) -> None:  # noqa: B008 - frozen
+        super().__init__("script/1", grid, ((60, 60),), operating_point=OperatingPoint(rule))
         self._answers = iter(answers)
-
-    @property
-    def model(self) -> Script:
-        return self
 
     def features(self, frame: Any, pictures: Any = None, threads: int = 1) -> Any:
         answer = next(self._answers)
@@ -52,12 +40,6 @@ class Script:
 
     def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         return features
-
-    def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return values[:, 0]
-
-    def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return values[:, 0] > 0
 
 
 def frames(missed: list[int]) -> list[Frame]:
@@ -76,9 +58,7 @@ STEPS = st.tuples(VALUES | st.just(ValueError("broken")), st.sampled_from([0, 0,
     st.lists(STEPS, max_size=10),
     st.data(),
 )
-def test_verdicts_are_the_rule_s(
-    window: int, least: int, now: float | None, steps: list[tuple[Any, int]], data: Any
-) -> None:
+def test_verdicts_are_the_rule_s(window, least, now, steps, data) -> None:
     rule = MofNRule(0.5, least, data.draw(st.integers(1, window)), window, now)
     policy = SinglePolicy(TextureDetector(Script(rule, [answer for answer, _ in steps])))
     state = MofNState(rule)
@@ -130,9 +110,7 @@ class Says:
 
 @pytest.mark.parametrize("policy", [EitherPolicy, FallbackPolicy])
 @pytest.mark.parametrize(("white", "status"), [(False, UNKNOWN), (True, OBSTACLE)])
-def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(
-    policy: Any, white: bool, status: int
-) -> None:
+def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(policy, white, status) -> None:
     texture = TextureDetector(Script(MofNRule(m=2, n=3), [[1, 1, 1, 1]]))
     verdict = policy(texture, Says(white)).judge(frames([0])[0]).verdict
     assert verdict.status == status
@@ -140,21 +118,14 @@ def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(
 
 
 def test_the_loop_applies_the_rule_across_a_frame_that_cannot_be_read(
-    make_mission: Callable[..., Path],
-    bundle_file: Path,
-    run_tokt: Callable[..., Any],
-    receiver: socket.socket,
-    tmp_path: Path,
-) -> None:
+    make_mission, bundle_file, run_tokt, receiver, tmp_path
+):
     """2 of 3: nothing, patch, same patch, unreadable, same, nothing, nothing, (gap) twice."""
     seen = [[], [(4, 4)], [(4, 4)], [(0, 0)], [(4, 4)], [], [], [(1, 1)], [(1, 1)], [(1, 1)]]
     folder = make_mission(seen)
     (folder / "Left" / "t_L_4.jpg").write_bytes(b"no picture")
-    content = replace(
-        read_bundle(bundle_file).content, operating_point=OperatingPoint(MofNRule(0, 1, 2, 3))
-    )
-    file, log = tmp_path / "ruled.tokt", tmp_path / "log.jsonl"
-    file.write_bytes(bundle_bytes(content))
+    log = tmp_path / "log.jsonl"
+    file = variant(bundle_file, tmp_path / "ruled.tokt", rule=MofNRule(0, 1, 2, 3))
 
     ran = run_tokt(
         *("run", "--bundle", file, "--source", folder, "--policy", "texture", "--json"),
@@ -166,7 +137,7 @@ def test_the_loop_applies_the_rule_across_a_frame_that_cannot_be_read(
     assert "in 2 of 3 frames; a status comes 1 frame after" in ran.err
     summary = json.loads(ran.out)
     assert (summary["latency_frames"], summary["frame_rule"]["window"]) == (1, 3)
-    said = [json.loads(line) for line in log.read_text().splitlines()]
+    said = lines(log)
     # Frame 2 alarms first, and only what was before the run could still make it a status; so
     # could frame 4, had it been read, in frame 6.
     assert [line["status"] for line in said] == [0, -1, 1, -1, 1, -1, 0, -1, 1]
@@ -176,9 +147,7 @@ def test_the_loop_applies_the_rule_across_a_frame_that_cannot_be_read(
     assert heard == [b"0", b"1", b"1", b"0", b"1"]
 
 
-def test_a_source_counts_missing_frames_in_the_mission_s_own_step(
-    make_mission: Callable[..., Path], hand_clock: Any
-) -> None:
+def test_a_source_counts_missing_frames_in_the_mission_s_own_step(make_mission, hand_clock) -> None:
     folder = make_mission([[]] * 6)
     for camera, letter in (("Left", "L"), ("Right", "R")):
         for number in range(6, 0, -1):

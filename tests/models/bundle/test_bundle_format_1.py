@@ -108,9 +108,6 @@ def test_a_file_of_format_1_loads_and_is_the_same_model_in_this_format() -> None
     assert old.operating_point == new.operating_point == OperatingPoint()
     assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
     assert old.sha256 != new.sha256
-    for one, other in zip(
-        (old.model.weights, *old.content.golden.decision_values),
-        (new.model.weights, *new.content.golden.decision_values),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(old.model.weights, new.model.weights)
+    golden, again = old.content.golden.decision_values, new.content.golden.decision_values
+    np.testing.assert_array_equal(golden, again)

@@ -27,9 +27,7 @@ def test_a_file_of_format_2_loads_and_is_the_same_model_in_this_format() -> None
     assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
     assert old.model.obstacle == new.model.obstacle == (False, True, True)
     assert old.sha256 != new.sha256
-    for one, other in zip(
-        (old.model.weights, old.content.trained_on, *old.content.golden.decision_values),
-        (new.model.weights, new.content.trained_on, *new.content.golden.decision_values),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(old.model.weights, new.model.weights)
+    np.testing.assert_array_equal(old.content.trained_on, new.content.trained_on)
+    golden, again = old.content.golden.decision_values, new.content.golden.decision_values
+    np.testing.assert_array_equal(golden, again)

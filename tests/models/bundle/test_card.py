@@ -4,13 +4,8 @@ from typing import Any
 
 from tokt.models.bundle.card import model_card
 
-DEEP = {
-    "resize": "area_deep",
-    "gray": "bt601",
-    "flatten": {"window": 31, "by": "frame"},
-    "gain": 8.0,
-    "levels": 256,
-}
+DEEP = {"resize": "area_deep", "gray": "bt601", "gain": 8.0, "levels": 256}
+DEEP |= {"flatten": {"window": 31, "by": "frame"}}
 RECIPE: dict[str, Any] = {
     "extractor_name": "lbp",
     "extractor": {
@@ -36,13 +31,8 @@ RECIPE: dict[str, Any] = {
     "classes": [{"name": "ocean", "obstacle": False}, {"name": "tower", "obstacle": True}],
     "metrics": {
         "split": "five folds by blocks of 20 frames",
-        "patch": {
-            "f1": 0.87654,
-            "precision": 1.0,
-            "recall": 0.5,
-            "average_precision": None,
-            "macro_f1": 0.75,
-        },
+        "patch": {"f1": 0.87654, "precision": 1.0, "recall": 0.5, "average_precision": None}
+        | {"macro_f1": 0.75},
         "folds": [
             {"f1": 0.75, "frames": "1-20"},
             {"f1": 0.25, "frames": ",".join(map(str, range(101, 200, 2)))},
@@ -63,12 +53,8 @@ RECIPE: dict[str, Any] = {
 }
 
 
-PROVENANCE = {
-    "mlflow_run_id": "abc",
-    "dataset": "dive@12",
-    "label_counts": {"ocean": 900, "tower": 100},
-    "missions": {"d": 99},
-}
+PROVENANCE = {"mlflow_run_id": "abc", "dataset": "dive@12", "missions": {"d": 99}}
+PROVENANCE |= {"label_counts": {"ocean": 900, "tower": 100}}
 
 
 def test_card_states_what_was_measured() -> None:
@@ -117,10 +103,8 @@ def test_card_states_what_was_measured() -> None:
 
 def test_a_recipe_of_version_1_has_a_card_too() -> None:
     old = {key: value for key, value in RECIPE.items() if key != "operating_point"}
-    old["metrics"] = {
-        **RECIPE["metrics"],
-        "frames": {"false_status": 3, "ocean_frames": 99, "false_status_frames": []},
-    }
+    frames = {"false_status": 3, "ocean_frames": 99, "false_status_frames": []}
+    old["metrics"] = {**RECIPE["metrics"], "frames": frames}
     card = model_card("tower/3", old, {"dataset": "dive@12"})
     assert "Status 1 with 1 patch over the threshold, in one frame" in card
     assert "not chosen for a stated rate" in card

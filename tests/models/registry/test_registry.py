@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import time
 
@@ -13,7 +14,6 @@ import pytest
 
 from tests.calls import refuses
 from tests.waiting import MAX_S
-from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import bundle_from_bytes, read_bundle
 from tokt.models.operating_point import OperatingPoint
 from tokt.models.registry.load import load_model
@@ -55,11 +55,8 @@ def test_what_a_run_holds(trained):
     (used,) = run.inputs.dataset_inputs
     assert (used.dataset.name, used.dataset.digest) == ("tiny", dataset.hash[:32])
     assert {tag.value for tag in used.tags} == {"training"}
-    files = {
-        item.path
-        for folder in ("plots", "tokt")
-        for item in client.list_artifacts(version.run_id, folder)
-    }
+    logged = [client.list_artifacts(version.run_id, folder) for folder in ("plots", "tokt")]
+    files = {item.path for items in logged for item in items}
     assert {"plots/precision_recall.png", "plots/confusion.png", "tokt/golden.npz"} <= files
 
 
@@ -160,10 +157,8 @@ def test_aliases_move(workspace, run_tokt):
     assert registry.find("tiny-lbp@challenger").version == "1"
     assert registry.find("tiny-lbp").version == "2"  # the newest
     listed = json.loads(run_tokt("models", "list", "--json", *where).out)["models"]
-    assert [(item["version"], item["aliases"]) for item in listed] == [
-        ("2", ["champion"]),
-        ("1", ["challenger"]),
-    ]
+    found = {item["version"]: item["aliases"] for item in listed}
+    assert found == {"2": ["champion"], "1": ["challenger"]}
 
 
 def _model_id(registry: Registry) -> str:
@@ -183,14 +178,12 @@ def _model_id(registry: Registry) -> str:
     ],
 )
 def test_references_to_nothing(trained, reference, message):
-    with pytest.raises(ToktError) as caught:
-        Registry(trained).find(reference)
-    assert message in str(caught.value)
+    refuses(re.escape(message), Registry(trained).find, reference)
 
 
-@pytest.mark.parametrize("alias", ["latest", "v3", "a b", "", "-x", "a/b"])
-def test_what_cannot_be_an_alias(trained, alias):
-    refuses("cannot be an alias", Registry(trained).set_alias, "tiny-lbp", alias)
+def test_what_cannot_be_an_alias(trained):
+    for alias in ("latest", "v3", "a b", "", "-x", "a/b"):
+        refuses("cannot be an alias", Registry(trained).set_alias, "tiny-lbp", alias)
 
 
 def test_a_model_that_tokt_did_not_train_is_said(workspace):
@@ -272,7 +265,6 @@ def test_a_server_that_is_down_is_said_in_seconds(trained, workspace, run_tokt, 
     begun = time.monotonic()
     ran = run_tokt("train", "tiny", "--extractor", "lbp", "--workspace", workspace)
     assert ran.code == 2
-    assert ran.err.splitlines()[-1].startswith(
-        f"tokt: error: the model registry at http://127.0.0.1:{port}"
-    )
+    said = f"tokt: error: the model registry at http://127.0.0.1:{port}"
+    assert ran.err.splitlines()[-1].startswith(said)
     assert time.monotonic() - begun < MAX_S  # MLflow by itself would try for minutes

@@ -12,6 +12,7 @@ import pytest
 
 from tests.calls import run_python
 from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.signing.keys import read_public_key
 from tokt.models.store.health import store_findings
 from tokt.models.store.last_good import remember_good
 from tokt.models.store.store import Store
@@ -138,14 +139,10 @@ def test_keys_of_a_store_that_is_not_there(option, store, run_tokt):
 
 
 def states(store: Store) -> dict[str, str]:
-    return {
-        finding.name: f"{finding.state}: {finding.text}" for finding in store_findings(store.path)
-    }
+    return {one.name: f"{one.state}: {one.text}" for one in store_findings(store.path)}
 
 
 def test_doctor_on_keys_and_the_last_good_copy(store, signed, bundles, key_files):
-    from tokt.models.signing.keys import read_public_key
-
     store.deploy(bundles["a"])
     assert states(store)["store keys"].startswith("ok: none")
     assert states(store)["store last good copy"].startswith("ok: none")
@@ -159,9 +156,8 @@ def test_doctor_on_keys_and_the_last_good_copy(store, signed, bundles, key_files
     found = states(store)
     assert found["store keys"] == f"ok: it takes only what these signed: boat {public.id}"
     assert found["store last good copy"] == "ok: c/3, verified"
-    assert (
-        found["store versions"].startswith("note: 3 bundles") and "a/1" in found["store versions"]
-    )
+    versions = found["store versions"]
+    assert versions.startswith("note: 3 bundles") and "a/1" in versions
 
     store.bundle_file(signed["c"].sha256).write_bytes(b"damaged")
     assert "the last good copy runs instead: c/3" in states(store)["store active"]

@@ -3,24 +3,21 @@ from __future__ import annotations
 import json
 import os
 import random
-import subprocess
-import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from tests.calls import refuses
-from tests.waiting import MAX_S
+from tests.calls import answering, refuses
+from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
 from tokt.models.operating_point import OperatingPoint
 from tokt.models.store.health import store_summary
 from tokt.models.store.store import Store
@@ -28,10 +25,6 @@ from tokt.models.store.store import Store
 
 def story(store: Store) -> list[str]:
     return [f"{entry.action} {entry.name}" for entry in store.history()]
-
-
-def bundle_file(store: Store, bundle: Bundle) -> Path:
-    return store.path / "versions" / bundle.sha256 / "bundle.tokt"
 
 
 def check_consistent(store: Store) -> None:
@@ -75,6 +68,15 @@ def test_history_content(store: Store, bundles: dict[str, Bundle]) -> None:
     assert [json.loads(line) for line in lines] == found["history"]
 
 
+def follow(store: Store, bundles: dict[str, Bundle], steps: str) -> None:
+    """Deploy models by their names; ``<`` goes back, ``<1`` to an entry."""
+    for step in steps.split():
+        if step.startswith("<"):
+            store.rollback(to=step[1:])
+        else:
+            store.deploy(bundles[step])
+
+
 @pytest.mark.parametrize(
     ("steps", "active"),
     [
@@ -100,22 +102,14 @@ def test_history_content(store: Store, bundles: dict[str, Bundle]) -> None:
     ],
 )
 def test_rollback_goes_to_what_was_active(store, bundles, steps, active):
-    for step in steps.split():
-        if step.startswith("<"):
-            store.rollback(to=step[1:])
-        else:
-            store.deploy(bundles[step])
+    follow(store, bundles, steps)
     assert store.active().name == active
     check_consistent(store)
 
 
 @pytest.mark.parametrize("steps", ["a", "a a", "a b <", "a b b <", "a b < a", "a b c < <"])
 def test_no_earlier_model(store: Store, bundles: dict[str, Bundle], steps: str) -> None:
-    for step in steps.split():
-        if step == "<":
-            store.rollback()
-        else:
-            store.deploy(bundles[step])
+    follow(store, bundles, steps)
     before = story(store)
     refuses("no earlier model", store.rollback)
     assert story(store) == before
@@ -144,26 +138,18 @@ def test_no_store_and_an_empty_one(store: Store) -> None:
 def test_a_store_that_is_a_file(store: Store, bundles: dict[str, Bundle]) -> None:
     store.path.parent.mkdir()
     store.path.write_text("not a folder")
-    actions: list[Callable[[], Any]] = [
-        store.active,
-        store.active_entry,
-        store.history,
-        store.rollback,
-        lambda: store_summary(store),
-        lambda: store.deploy(bundles["a"]),
-    ]
-    for action in actions:
+    for action in (store.active, store.active_entry, store.history, store.rollback):
         refuses("", action)
+    refuses("", store_summary, store)
+    refuses("", store.deploy, bundles["a"])
     refuses("is not a folder", store.active)
     assert store.path.read_text() == "not a folder"
 
 
 def test_a_damaged_version_is_refused_and_made_good(store, bundles):
-    for name in "ab":
-        store.deploy(bundles[name])
-    file = bundle_file(store, bundles["a"])
-    edits = [file.read_bytes()[:-1], bundles["c"].data, b""]
-    for edit in edits:
+    follow(store, bundles, "a b")
+    file = store.bundle_file(bundles["a"].sha256)
+    for edit in (file.read_bytes()[:-1], bundles["c"].data, b""):
         file.write_bytes(edit)
         refuses("not the one that was deployed", store.rollback)
         assert store.active().name == "b"
@@ -172,7 +158,7 @@ def test_a_damaged_version_is_refused_and_made_good(store, bundles):
     file.write_bytes(b"damaged")
     store.deploy(bundles["a"])
     assert store.active().name == "a"
-    bundle_file(store, bundles["a"]).write_bytes(b"damaged again")
+    store.bundle_file(bundles["a"].sha256).write_bytes(b"damaged again")
     refuses("not the one that was deployed", store.active)
     assert store.rollback().name == "b"
     check_consistent(store)
@@ -180,8 +166,7 @@ def test_a_damaged_version_is_refused_and_made_good(store, bundles):
 
 def test_torn_last_line(store: Store, bundles: dict[str, Bundle]) -> None:
     """Every length that a killed writer can leave of its line, and what power loss leaves."""
-    store.deploy(bundles["a"])
-    store.deploy(bundles["b"])
+    follow(store, bundles, "a b")
     file = store.path / "history.jsonl"
     whole = file.read_bytes()
     start = whole.index(b"\n") + 1
@@ -203,8 +188,7 @@ def test_torn_last_line(store: Store, bundles: dict[str, Bundle]) -> None:
 
 
 def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]) -> None:
-    for name in "ab":
-        store.deploy(bundles[name])
+    follow(store, bundles, "a b")
     file = store.path / "history.jsonl"
     lines = file.read_text().splitlines()
     damaged = "\n".join([lines[0][:-9], lines[1]]) + "\n"
@@ -229,8 +213,7 @@ def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]
 
 
 def test_no_rollback_across_a_lost_line(store: Store, bundles: dict[str, Bundle]) -> None:
-    for name in "abc":
-        store.deploy(bundles[name])
+    follow(store, bundles, "a b c")
     file = store.path / "history.jsonl"
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(lines[0] + lines[1].replace(b'"b"', b'"\xff"') + lines[2])
@@ -243,8 +226,7 @@ def test_no_rollback_across_a_lost_line(store: Store, bundles: dict[str, Bundle]
 
 def test_nor_across_a_second_lost_line(store: Store, bundles: dict[str, Bundle]) -> None:
     """After the first one there are fewer lines than numbers were given."""
-    for name in "abc":
-        store.deploy(bundles[name])
+    follow(store, bundles, "a b c")
     file = store.path / "history.jsonl"
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(lines[0] + b"?\n" + lines[2])
@@ -282,11 +264,9 @@ ACTIVE = {
     "sha256": SHA,
     "name": "a",
     "version": "1",
-    "time": "2026-01-01T00:00:00+00:00",
     "who": "pilot",
-    "reason": "",
-    "format_version": 1,
 }
+ACTIVE |= {"time": "2026-01-01T00:00:00+00:00", "reason": "", "format_version": 1}
 
 
 @pytest.mark.parametrize(
@@ -317,8 +297,7 @@ def test_damaged_pointer(store: Store, bundles: dict[str, Bundle], text: str) ->
 
 
 def test_a_damaged_pointer_costs_no_history(store: Store, bundles: dict[str, Bundle]) -> None:
-    for name in "ab":
-        store.deploy(bundles[name])
+    follow(store, bundles, "a b")
     (store.path / "active").write_bytes(b"\xff\x00")
     found = store_summary(store)
     assert found["active"] is None and found["provenance"] is None
@@ -331,8 +310,7 @@ def test_a_damaged_pointer_costs_no_history(store: Store, bundles: dict[str, Bun
 
 
 def test_pointer_and_last_line_damaged(store: Store, bundles: dict[str, Bundle]) -> None:
-    for name in "ab":
-        store.deploy(bundles[name])
+    follow(store, bundles, "a b")
     for file in ("active", "history.jsonl"):
         whole = (store.path / file).read_bytes()
         (store.path / file).write_bytes(whole[:-40])
@@ -360,47 +338,35 @@ def test_newer_format(store: Store, bundles: dict[str, Bundle]) -> None:
     for action in (store.history, store.rollback, lambda: store.deploy(bundles["b"])):
         refuses("history line 2 was written by a newer tokt", action)
     (store.path / "active").write_text(newer)
-    later: list[Callable[[], Any]] = [
-        store.active,
-        store.rollback,
-        lambda: store.deploy(bundles["b"]),
-    ]
-    for action in later:
+    for action in (store.active, store.rollback, lambda: store.deploy(bundles["b"])):
         refuses("newer tokt", action)
     assert (store.path / "history.jsonl").read_text() == history + newer + "\n"
     (store.path / "active").write_text("{")
     refuses("newer tokt", store.deploy, bundles["b"])
     assert (store.path / "active").read_text() == "{"
     assert not list(store.path.glob("*.damaged-*"))
-    assert not bundle_file(store, bundles["b"]).exists()
+    assert not store.bundle_file(bundles["b"].sha256).exists()
 
 
-YESTERDAY_ACTIVE = """{
-  "number": 3,
-  "action": "rollback",
-  "sha256": "SHA_A",
-  "name": "a",
-  "version": "1",
-  "time": "2026-02-03T10:00:30+00:00",
-  "who": "pilot",
-  "reason": "false alarms over sand",
-  "format_version": 1
-}
-"""
-YESTERDAY_HISTORY = """\
-{"number": 1, "action": "deploy", "sha256": "SHA_A", "name": "a", "version": "1", \
-"time": "2026-02-01T08:00:00+00:00", "who": "pilot", "reason": "", "format_version": 1}
-{"number": 2, "action": "deploy", "sha256": "SHA_B", "name": "b", "version": "2", \
-"time": "2026-02-03T09:59:00+00:00", "who": "chief", "reason": "b\\u00f8lge", "format_version": 1}
+YESTERDAY_ACTIVE = """\
 {"number": 3, "action": "rollback", "sha256": "SHA_A", "name": "a", "version": "1", \
 "time": "2026-02-03T10:00:30+00:00", "who": "pilot", "reason": "false alarms over sand", \
 "format_version": 1}
 """
+YESTERDAY_HISTORY = (
+    """\
+{"number": 1, "action": "deploy", "sha256": "SHA_A", "name": "a", "version": "1", \
+"time": "2026-02-01T08:00:00+00:00", "who": "pilot", "reason": "", "format_version": 1}
+{"number": 2, "action": "deploy", "sha256": "SHA_B", "name": "b", "version": "2", \
+"time": "2026-02-03T09:59:00+00:00", "who": "chief", "reason": "b\\u00f8lge", "format_version": 1}
+"""
+    + YESTERDAY_ACTIVE
+)
 
 
 def test_a_store_of_format_1_loads(store: Store, bundles: dict[str, Bundle]) -> None:
     for name in "ab":
-        file = bundle_file(store, bundles[name])
+        file = store.bundle_file(bundles[name].sha256)
         file.parent.mkdir(parents=True)
         file.write_bytes(bundles[name].data)
     for name, text in (("active", YESTERDAY_ACTIVE), ("history.jsonl", YESTERDAY_HISTORY)):
@@ -417,17 +383,15 @@ def test_a_store_of_format_1_loads(store: Store, bundles: dict[str, Bundle]) -> 
 
 def test_leftovers_go_with_the_next_activation(store: Store, bundles: dict[str, Bundle]) -> None:
     store.deploy(bundles["a"])
-    folders = (store.path, bundle_file(store, bundles["a"]).parent)
+    folders = (store.path, store.bundle_file(bundles["a"].sha256).parent)
     for age in (0, 48 * 3600):
         for folder in folders:
             partial = folder / f".partial-{age}-x"
             partial.write_text("half")
             os.utime(partial, (time.time() - age, time.time() - age))
     store.deploy(bundles["b"])
-    assert [[path.name for path in folder.glob(".p*")] for folder in folders] == [
-        [".partial-0-x"],
-        [".partial-0-x"],
-    ]
+    left = [path.name for folder in folders for path in folder.glob(".p*")]
+    assert left == [".partial-0-x"] * 2
 
 
 def fit_for_patches(make_content: Callable[..., BundleContent]) -> Bundle:
@@ -436,12 +400,8 @@ def fit_for_patches(make_content: Callable[..., BundleContent]) -> Bundle:
     grid = Grid(1, 1, None)
     frames = [np.full((27, 36), 7, np.uint8), np.arange(27 * 36, dtype=np.uint8).reshape(27, 36)]
     extractor = build_extractor(content.extractor_spec)
-    values = np.array([content.model.decision_values(extractor.describe(x, grid)) for x in frames])
-    golden = Golden(
-        tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames),
-        values,
-        np.array([content.model.obstacle_patches(value) for value in values]),
-    )
+    values = [content.model.decision_values(extractor.describe(x, grid)) for x in frames]
+    golden = golden_of(frames, values, [content.model.obstacle_patches(value) for value in values])
     plain = OperatingPoint()
     data = bundle_bytes(replace(content, grid=grid, golden=golden, operating_point=plain))
     return bundle_from_bytes(data, "patches")
@@ -454,7 +414,7 @@ def test_a_model_of_patches_is_not_deployed(store, bundles, make_content):
 
     # One that an older tokt has deployed.
     store.deploy(bundles["a"])
-    file = bundle_file(store, patches)
+    file = store.bundle_file(patches.sha256)
     file.parent.mkdir()
     file.write_bytes(patches.data)
     text = (store.path / "active").read_text().replace(bundles["a"].sha256, patches.sha256)
@@ -466,7 +426,7 @@ def test_a_model_of_patches_is_not_deployed(store, bundles, make_content):
 def test_a_broken_active_bundle_is_shown_with_a_warning(store, bundles):
     store.deploy(bundles["a"])
     assert store_summary(store)["provenance"] == bundles["a"].content.provenance
-    bundle_file(store, bundles["a"]).write_bytes(bundles["a"].data[:-1])
+    store.bundle_file(bundles["a"].sha256).write_bytes(bundles["a"].data[:-1])
     found = store_summary(store)
     assert found["active"]["name"] == "a" and found["provenance"] is None
     assert len(found["warnings"]) == 1 and "not the one that was deployed" in found["warnings"][0]
@@ -481,54 +441,38 @@ print("ready", flush=True)
 sys.stdin.readline()
 for turn in range(8):
     Store(sys.argv[1]).deploy(bundle, f"{bundle.name}{turn}")
+print("done", flush=True)
 """
 
 
 def test_two_processes_deploy_at_once(store, bundles, tmp_path):
-    processes = []
-    for name in "ab":
-        (tmp_path / f"{name}.tokt").write_bytes(bundles[name].data)
-        command = [sys.executable, "-c", DEPLOYER, str(store.path), str(tmp_path / f"{name}.tokt")]
-        processes.append(
-            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        )
-    for process in processes:
-        assert process.stdout and process.stdout.readline() == "ready\n"
-    for process in processes:
-        assert process.stdin
-        process.stdin.write("go\n")
-        process.stdin.flush()
-    for process in processes:
-        process.communicate(timeout=MAX_S)
-        assert process.returncode == 0
+    with ExitStack() as stack, ThreadPoolExecutor() as pool:
+        deployers = []
+        for name in "ab":
+            (tmp_path / f"{name}.tokt").write_bytes(bundles[name].data)
+            deployer = answering(DEPLOYER, store.path, tmp_path / f"{name}.tokt")
+            deployers.append(stack.enter_context(deployer))
+        assert list(pool.map(lambda ask: ask("go"), deployers)) == ["done"] * 2
     lines = [json.loads(line) for line in (store.path / "history.jsonl").read_text().splitlines()]
     assert [line["number"] for line in lines] == list(range(1, 17))
-    assert {line["reason"] for line in lines} == {
-        f"{name}{turn}" for name in "ab" for turn in range(8)
-    }
+    assert {line["reason"] for line in lines} == {f"{n}{i}" for n in "ab" for i in range(8)}
     check_consistent(store)
 
 
 def test_a_store_that_another_process_keeps(store, bundles, monkeypatch):
-    for name in "ab":
-        store.deploy(bundles[name])
+    follow(store, bundles, "a b")
     monkeypatch.setattr("tokt.models.store.store.LOCK_WAIT_S", 0.1)
     holder = (
-        "import sys; from pathlib import Path; from tokt.features.common.atomic import locked\n"
+        "import os, sys; from pathlib import Path\n"
+        "from tokt.features.common.atomic import locked\n"
         "with locked(Path(sys.argv[1]), 1):\n"
-        "    print('held', flush=True); sys.stdin.readline()\n"
+        "    print('ready', flush=True); sys.stdin.readline(); os.abort()\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", holder, str(store.path / "lock")],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout and process.stdout.readline() == "held\n"
+    with answering(holder, store.path / "lock") as ask:
         for action in (store.rollback, lambda: store.deploy(bundles["c"])):
             refuses("another tokt has been writing", action)
         assert store.active().name == "b" and story(store) == ["deploy a", "deploy b"]
-        process.kill()
+        ask("die")
     assert store.rollback().name == "a"
 
 
@@ -564,39 +508,22 @@ for line in sys.stdin:
 def deploy_and_kill(store, bundles, tmp_path):
     for name, bundle in bundles.items():
         (tmp_path / f"{name}.tokt").write_bytes(bundle.data)
-    files = [str(tmp_path / f"{name}.tokt") for name in bundles]
-    with subprocess.Popen(
-        [sys.executable, "-c", KILLER, str(store.path), *files],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    ) as process:
-        assert process.stdin and process.stdout
-        assert process.stdout.readline() == "ready\n"
-
-        def kill_after(delay_s: float) -> None:
-            assert process.stdin and process.stdout
-            process.stdin.write(f"{delay_s}\n")
-            process.stdin.flush()
-            assert process.stdout.readline() == "9\n"
-
+    files = [tmp_path / f"{name}.tokt" for name in bundles]
+    with answering(KILLER, store.path, *files) as kill_after:
         yield kill_after
-        process.stdin.close()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
 def test_a_killed_deployment_leaves_a_store_that_loads(store, bundles, deploy_and_kill):
     chance = random.Random(8)  # every step is met on purpose in test_store_interrupted
     begun = time.monotonic()
-    for name in "abca":
-        store.deploy(bundles[name])
+    follow(store, bundles, "a b c a")
     longest_s = max(0.03, time.monotonic() - begun)  # so that some are finished on a busy machine
     lengths, interrupted = [], 0
     for trial in range(300):
         if trial >= 15 and interrupted:
             break
-        deploy_and_kill(chance.uniform(0.0, longest_s))
+        assert deploy_and_kill(chance.uniform(0.0, longest_s)) == "9"
         lines = (store.path / "history.jsonl").read_text().count("\n")
         check_consistent(store)
         interrupted += lines < len(store.history()) or bool(list(store.path.rglob(".partial-*")))
@@ -620,7 +547,7 @@ def test_a_reason_typed_in_another_encoding(store, bundles, monkeypatch):
 
 
 def test_a_folder_where_the_bundle_belongs(store: Store, bundles: dict[str, Bundle]) -> None:
-    bundle_file(store, bundles["a"]).mkdir(parents=True)
+    store.bundle_file(bundles["a"].sha256).mkdir(parents=True)
     refuses("a folder is in its place", store.deploy, bundles["a"])
     assert store.active_entry() is None
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from tests.calls import refuses
+from tests.calls import answering, refuses
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.signing.keys import SigningKey
 from tokt.models.store.health import store_summary
@@ -86,6 +86,7 @@ for line in sys.stdin:
 """
 
 Run = Callable[..., int]
+COMMANDS = ["deploy", "rollback", "trust", "distrust", "accept unsigned"]
 
 
 @pytest.fixture(scope="module")
@@ -99,25 +100,8 @@ def run(place: Path, signed: dict[str, Bundle], key_files: dict[str, Path]) -> I
     for name, bundle in signed.items():
         (place / f"{name}.tokt").write_bytes(bundle.data)
     public = key_files["boat"].with_suffix(".pub")
-    command = [sys.executable, "-c", HOST, str(place / "store"), str(place), str(public)]
-    with subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    ) as process:
-        assert process.stdin and process.stdout
-        assert process.stdout.readline() == "ready\n"
-
-        def once(name: str, step: int = 0, limit: int | None = None) -> int:
-            assert process.stdin and process.stdout
-            process.stdin.write(json.dumps([name, step, limit]) + "\n")
-            process.stdin.flush()
-            return int(process.stdout.readline())
-
-        yield once
-        process.stdin.close()
+    with answering(HOST, place / "store", place, public) as ask:
+        yield lambda name, step=0, limit=None: int(ask(json.dumps([name, step, limit])))
 
 
 @pytest.fixture
@@ -138,22 +122,14 @@ def state(store: Store) -> tuple[Any, ...]:
     return (entries, events, good)
 
 
-def prepared(
-    store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle], name: str
-) -> None:
+def prepared(store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle], name: str):
     if name in ("distrust", "accept unsigned"):
         store.trust(keys["boat"].public, "boat")
     if name == "remember":
         remember_good(store, signed["a"])
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *("deploy", "deploy an old one", "rollback", "rollback to 1"),
-        *("trust", "distrust", "accept unsigned", "remember"),
-    ],
-)
+@pytest.mark.parametrize("name", [*COMMANDS, "deploy an old one", "rollback to 1", "remember"])
 def test_killed_at_every_step(store, keys, signed, run, place, name):
     if name == "rollback to 1":
         store.deploy(signed["c"])
@@ -202,7 +178,7 @@ def test_killed_during_the_very_first_deployment(store: Store, run: Run) -> None
     assert code == 0 and step > 8
 
 
-@pytest.mark.parametrize("name", ["deploy", "rollback", "trust", "distrust", "accept unsigned"])
+@pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("limit", [0, 100, 340])
 def test_a_full_disk(store, keys, signed, run, name, limit):
     """The system refuses every write beyond so many bytes of a file."""
@@ -277,15 +253,9 @@ def test_a_read_only_file_system(store, signed, keys, tmp_path):
     )
     (tmp_path / "c.tokt").write_bytes(signed["c"].data)
     shell = 'mount --bind "$1" "$1" && mount -o remount,ro,bind "$1" && shift && exec "$@"'
-    done = subprocess.run(
-        [
-            *("unshare", "-m", "sh", "-c", shell, "sh", str(store.path)),
-            *(sys.executable, "-c", script, str(store.path), str(tmp_path / "c.tokt")),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    mount = ["unshare", "-m", "sh", "-c", shell, "sh", store.path]
+    python = [sys.executable, "-c", script, store.path, tmp_path / "c.tokt"]
+    done = subprocess.run([*mount, *python], capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.skip(f"no file system can be mounted here: {done.stderr.strip()[-80:]}")
     lines = done.stdout.splitlines()

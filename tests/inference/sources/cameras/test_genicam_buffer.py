@@ -21,9 +21,8 @@ NAMES = {MONO: "Mono8", BGR: "BGR8", MONO12: "Mono12Packed"}
 
 
 def buffer(raw: bytes, height: int, width: int, **more: Any) -> SimpleNamespace:
-    return SimpleNamespace(
-        raw_buffer=raw, height=height, width=width, **{"pixel_format": MONO, **more}
-    )
+    more = {"pixel_format": MONO, **more}
+    return SimpleNamespace(raw_buffer=raw, height=height, width=width, **more)
 
 
 def pixels(buffer: Any) -> Any:
@@ -31,29 +30,16 @@ def pixels(buffer: Any) -> Any:
 
 
 @given(
-    st.integers(1, 7),
-    st.integers(1, 7),
-    st.sampled_from([(MONO, 1), (BGR, 3)]),
-    st.integers(0, 5),
-    st.integers(0, 9),
-    st.booleans(),
+    *(st.integers(1, 7), st.integers(1, 7), st.sampled_from([(MONO, 1), (BGR, 3)])),
+    *(st.integers(0, 5), st.integers(0, 9), st.booleans()),
 )
 def test_padding_and_offset_are_left_out(height, width, kind, padding, offset, whole):
     pixel_format, depth = kind
     rows = np.random.default_rng(0).integers(0, 255, (height, width * depth + padding), np.uint8)
     raw = bytes(offset) + rows.tobytes()[: None if whole or not padding else -padding]
-    found = pixels(
-        buffer(
-            raw,
-            height,
-            width,
-            pixel_format=pixel_format,
-            padding_x=padding,
-            image_offset=offset,
-            size_filled=len(raw),
-            delivered_image_height=height,
-        )
-    )
+    placed = {"padding_x": padding, "image_offset": offset, "delivered_image_height": height}
+    more = {"pixel_format": pixel_format, "size_filled": len(raw), **placed}
+    found = pixels(buffer(raw, height, width, **more))
     assert (found.height, found.width, found.pixel_format) == (height, width, NAMES[pixel_format])
     assert found.data.tobytes() == rows[:, : width * depth].tobytes()
 
@@ -61,9 +47,8 @@ def test_padding_and_offset_are_left_out(height, width, kind, padding, offset, w
 def test_the_first_image_of_several_parts():
     raw = bytes(10) + bytes(range(6)) + bytes(4)
     depth = SimpleNamespace(data_type=5, data_offset=0)
-    image = SimpleNamespace(
-        data_type=1, data_offset=10, data_format=MONO, width=3, height=2, x_padding=0
-    )
+    size = {"width": 3, "height": 2, "x_padding": 0}
+    image = SimpleNamespace(data_type=1, data_offset=10, data_format=MONO, **size)
     found = pixels(buffer(raw, 0, 0, parts=(depth, image), size_filled=20))
     assert (found.height, found.width, found.data.tobytes()) == (2, 3, bytes(range(6)))
 

@@ -11,12 +11,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
@@ -61,6 +62,12 @@ def producers() -> Iterator[Producers]:
         yield opened
 
 
+def red(producers: Producers, **options: Any) -> Any:
+    """The first camera, opened."""
+    listed = producers.listing.cameras[0]
+    return opened_camera(producers, listed, "red", SourceConfig(**options), 1.0)
+
+
 def taken(camera: GenicamCamera, count: int) -> list[FetchedFrame]:
     """So many exposures, with pictures of their own."""
     found = []
@@ -79,39 +86,32 @@ def test_what_is_listed_and_who_is_meant(producers):
     assert listing.camera("VikyTL_DEV_green") is listing.cameras[1]
     assert listing.camera("2") is listing.cameras[2]  # serial number and index
     assert listing == Listing.from_json(listing.to_json())
-    with pytest.raises(ToktError, match=r"no GenICam camera 'x': found 0: VikyTL_DEV_red .*serial"):
-        listing.camera("x")
+    refuses(r"no GenICam camera 'x': found 0: VikyTL_DEV_red .*serial", listing.camera, "x")
     # What a camera's process is told: a name, and where the camera was if that is known.
     assert _chosen(listing, {"name": "VikyTL_DEV_green", "place": None}) is listing.cameras[1]
     place = asdict(listing.cameras[2].place)
     assert _chosen(listing, {"name": "bow", "place": place}) is listing.cameras[2]
-    with pytest.raises(ToktError, match=r"no GenICam camera 'bow': found 0: Viky"):
-        _chosen(listing, {"name": "bow", "place": {**place, "device": "gone"}})
-    with pytest.raises(ToktError, match=r"no GenICam camera 'not here yet': found 0: Viky"):
-        _chosen(listing, {"name": "not here yet", "place": None})
+    for name, gone in (("bow", {**place, "device": "gone"}), ("not here yet", None)):
+        words = f"no GenICam camera '{name}': found 0: Viky"
+        refuses(words, _chosen, listing, {"name": name, "place": gone})
 
 
 def test_who_is_meant_is_one_camera():
     place = Place("p", "i", "d")
     other = Place("p", "j", "e")
-    listing = Listing(
-        ("p",), (ListedCamera(place, "7", "bow"), ListedCamera(other, "8", "bow")), ()
-    )
+    cameras = (ListedCamera(place, "7", "bow"), ListedCamera(other, "8", "bow"))
+    listing = Listing(("p",), cameras, ())
     assert listing.camera("7").place == listing.camera("0").place == place
-    with pytest.raises(ToktError, match="2 cameras are called 'bow'"):
-        listing.camera("bow")
-    with pytest.raises(ToktError, match="no GenICam camera '2'"):
-        listing.camera("2")
+    refuses("2 cameras are called 'bow'", listing.camera, "bow")
+    refuses("no GenICam camera '2'", listing.camera, "2")
 
 
 def test_no_producer(monkeypatch, tmp_path):
     monkeypatch.setenv(VARIABLE, f"{tmp_path}{os.pathsep}{tmp_path / 'none'}")
-    with pytest.raises(ToktError, match=r"no GenTL producer \(\*\.cti\) in"):
-        producer_files()
+    refuses(r"no GenTL producer \(\*\.cti\) in", producer_files)
     assert genicam_producers.genicam_finding().state == "note"
     monkeypatch.delenv(VARIABLE)
-    with pytest.raises(ToktError, match=f"install the camera vendor's, and set {VARIABLE}"):
-        producer_files()
+    refuses(f"install the camera vendor's, and set {VARIABLE}", producer_files)
 
 
 def test_producers_that_are_none_are_said_and_others_used(monkeypatch, tmp_path):
@@ -128,9 +128,7 @@ def test_producers_that_are_none_are_said_and_others_used(monkeypatch, tmp_path)
 
 
 def test_frames_and_the_buffers_given_back(producers):
-    listed = producers.listing.cameras[0]
-    options = SourceConfig(camera_rate=200)
-    with opened_camera(producers, listed, "red", options, 1.0) as camera:
+    with red(producers, camera_rate=200) as camera:
         assert camera.period_s == pytest.approx(1 / 200)
         found = taken(camera, 20)
     numbers = [one.frame_id for one in found]
@@ -156,8 +154,7 @@ def test_incomplete_frames_are_told_and_given_back(producers, monkeypatch):
     """viky sends none: its complete ones are declared incomplete, and harvesters does the rest."""
     calls = iter(range(1000))
     monkeypatch.setattr(genicam.gentl.Buffer, "is_complete", lambda self: next(calls) % 2 == 0)
-    options = SourceConfig(camera_rate=200)
-    with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
+    with red(producers, camera_rate=200) as camera:
         found = taken(camera, 24)
     halves = [one for one in found if one.pixels is None]
     assert len(halves) == 12
@@ -174,9 +171,8 @@ class Stuck(io.BytesIO):
 
 
 def test_what_came_while_nobody_read_is_given_back(producers):
-    options = SourceConfig(camera_rate=20)
     pipe = Stuck()
-    with opened_camera(producers, producers.listing.cameras[0], "red", options, 1.0) as camera:
+    with red(producers, camera_rate=20) as camera:
         stream = producers.harvester.image_acquirers[0].data_streams[0]
 
         def given_back() -> bool:
@@ -191,26 +187,17 @@ def test_what_came_while_nobody_read_is_given_back(producers):
 
 def test_a_camera_that_is_pulled_out_can_be_opened_again(producers):
     """Its handles are closed under harvesters, as a producer does when its device is gone."""
-    listed = producers.listing.cameras[0]
-    with (
-        opened_camera(producers, listed, "red", SourceConfig(), 1.0) as camera,
-        pytest.raises(CameraGoneError, match="handle"),
-    ):
+    with red(producers) as camera, pytest.raises(CameraGoneError, match="handle"):
         taken(camera, 1)
         producers.harvester.image_acquirers[0].device.module.close()
         taken(camera, 1)
-    with opened_camera(producers, listed, "red", SourceConfig(), 1.0) as camera:
+    with red(producers) as camera:
         assert taken(camera, 1)[0].frame_id == 1
 
 
 def test_a_camera_in_use(producers):
-    listed = producers.listing.cameras[0]
-    with (
-        opened_camera(producers, listed, "red", SourceConfig(), 1.0),
-        pytest.raises(ToktError, match=r"camera red cannot be opened: .*already in use"),
-        opened_camera(producers, listed, "red", SourceConfig(), 1.0),
-    ):
-        pass
+    with red(producers):
+        refuses("camera red cannot be opened: .*already in use", red(producers).__enter__)
 
 
 def test_what_doctor_finds():
@@ -225,7 +212,5 @@ def test_without_harvesters_doctor_says_what_to_install(monkeypatch):
 
     monkeypatch.setattr(genicam_producers, "version", version)
     found = genicam_producers.genicam_finding()
-    assert (found.state, found.text) == (
-        "note",
-        "no harvesters; GenICam cameras need tokt[genicam]",
-    )
+    assert found.state == "note"
+    assert found.text == "no harvesters; GenICam cameras need tokt[genicam]"

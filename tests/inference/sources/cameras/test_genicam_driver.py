@@ -18,8 +18,8 @@ from typing import Any
 
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
@@ -166,10 +166,8 @@ def test_one_camera_from_start_to_stop_and_again(open_camera):
     assert captures[5].frame_id < 5 and driver.lost() == ""
     time.sleep(0.05)
     assert len(captures) == count
-    assert all(
-        (one == other.picture).all()
-        for one, other in zip(first_pictures, captures[:2], strict=True)
-    )
+    for one, other in zip(first_pictures, captures[:2], strict=True):
+        assert (one == other.picture).all()
 
 
 @pytest.fixture
@@ -190,8 +188,7 @@ def listed(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_what_cannot_be_meant(ids, wait, words, listed):
-    with pytest.raises(ToktError, match=words):
-        open_drivers(ids, SourceConfig(wait=wait), SYSTEM_CLOCK)
+    refuses(words, open_drivers, ids, SourceConfig(wait=wait), SYSTEM_CLOCK)
 
 
 def test_a_camera_that_is_waited_for(listed):
@@ -201,23 +198,18 @@ def test_a_camera_that_is_waited_for(listed):
 
 def test_nothing_to_drive_cameras_with(monkeypatch):
     monkeypatch.setattr(genicam_producers, "find_spec", lambda name: None)
-    with pytest.raises(ToktError, match=r"needs harvesters: install tokt\[genicam\]"):
-        open_drivers(["0"], SourceConfig(), SYSTEM_CLOCK)
-
-
-def test_no_producer_is_said_by_the_runtime(monkeypatch):
-    monkeypatch.delenv("GENICAM_GENTL64_PATH")
-    with pytest.raises(ToktError, match="no GenTL producer: install the camera vendor's"):
-        open_drivers(["0"], SourceConfig(), SYSTEM_CLOCK)
+    asked = (["0"], SourceConfig(), SYSTEM_CLOCK)
+    refuses(r"needs harvesters: install tokt\[genicam\]", open_drivers, *asked)
+    monkeypatch.undo()
+    monkeypatch.delenv("GENICAM_GENTL64_PATH", raising=False)
+    refuses("no GenTL producer: install the camera vendor's", open_drivers, *asked)
 
 
 def test_producers_that_crash_or_hang(instead):
     instead("os.abort()")
-    with pytest.raises(ToktError, match="producers end the process with -6"):
-        list_cameras()
+    refuses("producers end the process with -6", list_cameras)
     instead("time.sleep(60)")
-    with pytest.raises(ToktError, match=r"do not answer in 0\.2 s"):
-        list_cameras(timeout_s=0.2)
+    refuses(r"do not answer in 0\.2 s", list_cameras, timeout_s=0.2)
 
 
 @pytest.mark.parametrize(
@@ -233,8 +225,7 @@ def test_cameras_that_do_not_open(program, words, open_camera, instead, monkeypa
     monkeypatch.setattr(genicam_driver, "_CLOSE_S", 0.1)
     instead(program)
     driver = open_camera(open_s=0.3 if "sleep" in program else MAX_S)
-    with pytest.raises(ToktError, match=words):
-        driver.start(lambda capture: None)
+    refuses(words, driver.start, lambda capture: None)
     assert driver._process is None
 
 
@@ -293,8 +284,8 @@ def test_a_process_without_a_runtime_ends_though_it_hangs():
 
 def test_a_process_that_cannot_be_started_is_a_camera_that_cannot(open_camera, monkeypatch):
     monkeypatch.setattr(genicam_driver, "program", lambda: ["/no/such/program"])
-    with pytest.raises(ToktError, match=r"camera 0: no process for it: .*/no/such/program"):
-        open_camera().start(lambda capture: None)
+    words = "camera 0: no process for it: .*/no/such/program"
+    refuses(words, open_camera().start, lambda capture: None)
 
 
 def test_memory_does_not_grow(open_camera, instead):

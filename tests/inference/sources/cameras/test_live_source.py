@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -213,13 +213,10 @@ def test_while_a_lone_camera_is_lost_frames_say_so_again_and_again(simulator, li
     assert len({frame.arrived for frame in frames}) == 3
 
 
-@pytest.mark.parametrize(
-    ("text", "words"), [("pymba:DEV_1", "no camera 'DEV_1'"), ("pymba:0,2", "no camera '2'")]
-)
-def test_a_camera_that_is_not_there_at_the_start(text, words, simulator, live):
-    with pytest.raises(ToktError, match=words):
-        live(text)
-    assert simulator.opened == [0, 0]
+def test_a_camera_that_is_not_there_at_the_start(simulator, live):
+    for text, words in (("pymba:DEV_1", "no camera 'DEV_1'"), ("pymba:0,2", "no camera '2'")):
+        refuses(words, live, text)
+        assert simulator.opened == [0, 0]
 
 
 def test_a_camera_that_is_waited_for(simulator, quick):

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.sources.cameras.capture import bandwidth_bytes_s
@@ -20,10 +20,8 @@ from tokt.inference.sources.cameras.open import (
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"exposure_us": 0}, "microseconds"),
-        ({"exposure_us": math.nan}, "microseconds"),
-        ({"camera_rate": -1}, "frames per second"),
-        ({"camera_rate": math.inf}, "frames per second"),
+        *[({"exposure_us": value}, "microseconds") for value in (0, math.nan)],
+        *[({"camera_rate": value}, "frames per second") for value in (-1, math.inf)],
         ({"bandwidth": 0}, "bytes per second"),
         ({"gain_db": math.inf}, "dB"),
         ({"pixel_format": "BGR16"}, "choose from Mono8"),
@@ -33,8 +31,7 @@ from tokt.inference.sources.cameras.open import (
     ],
 )
 def test_what_cannot_be_meant(options, words):
-    with pytest.raises(ToktError, match=words):
-        open_camera_source(SourceConfig("pymba:0", **options), SYSTEM_CLOCK, print)
+    refuses(words, open_camera_source, SourceConfig("pymba:0", **options), SYSTEM_CLOCK, print)
 
 
 def test_what_can_be_meant():
@@ -47,13 +44,12 @@ def test_what_can_be_meant():
 
 @pytest.mark.parametrize("text", ["pymba:", "pymba:1,", "pymba:1,2,3", "genicam:", "usb:1"])
 def test_what_names_no_cameras(text):
-    with pytest.raises(ToktError, match="live cameras are"):
-        open_camera_source(SourceConfig(text), SYSTEM_CLOCK, print)
+    refuses("live cameras are", open_camera_source, SourceConfig(text), SYSTEM_CLOCK, print)
 
 
 def test_one_camera_is_not_two():
-    with pytest.raises(ToktError, match="are both '02-2130A'"):
-        open_camera_source(SourceConfig("pymba:02-2130A, 02-2130A"), SYSTEM_CLOCK, print)
+    both = SourceConfig("pymba:02-2130A, 02-2130A")
+    refuses("are both '02-2130A'", open_camera_source, both, SYSTEM_CLOCK, print)
 
 
 def test_cameras_and_folders_are_told_apart():
