@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -50,9 +49,7 @@ def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: An
     return line
 
 
-def run_python(
-    *arguments: object, folder: Path | None = None, **environment: str
-) -> subprocess.CompletedProcess[str]:
+def run_python(*arguments, folder=None, **environment):
     """Run ``python ARGUMENTS`` in a folder, with more in its environment, to its end."""
     return subprocess.run(
         [sys.executable, *map(str, arguments)],

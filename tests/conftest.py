@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -29,11 +29,11 @@ from _pytest.mark.expression import Expression
 from hypothesis import settings
 from numpy.typing import NDArray
 
-from tests.calls import Ran, call_tokt
+from tests.calls import call_tokt
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.features.frames.grid import Grid
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.datasets.dataset import DatasetPlan, DatasetVersion, FrameSource, build_dataset
+from tokt.training.datasets.dataset import DatasetPlan, FrameSource, build_dataset
 
 # Hundreds of tests call the command line in this process: it is put together once.
 typer.main.get_command = cache(typer.main.get_command)
@@ -85,7 +85,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(scope="session")
-def mission_dir() -> Path:
+def mission_dir():
     """The real mission's folder."""
     if not (MISSION / "Left").is_dir():
         pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
@@ -93,7 +93,7 @@ def mission_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
-def git_files() -> list[str]:
+def git_files():
     """What git holds of the checkout, or would once all is added; empty without git."""
     git = shutil.which("git")
     if git is None:
@@ -104,7 +104,7 @@ def git_files() -> list[str]:
 
 
 @pytest.fixture(scope="session")
-def wheel(git_files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(git_files, tmp_path_factory):
     """tokt as a wheel, built from a copy: what an older build left behind would come along."""
     source, built = ROOT, tmp_path_factory.mktemp("wheel")
     if git_files:
@@ -173,7 +173,7 @@ class TinyMission:
 
 
 @pytest.fixture(scope="session")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> TinyMission:
+def tiny(tmp_path_factory):
     """The tiny mission; not to be changed."""
     folder = tmp_path_factory.mktemp("mission") / "tiny"
     (folder / "Left").mkdir(parents=True)
@@ -183,20 +183,20 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> TinyMission:
 
 
 @pytest.fixture
-def own_tiny(tiny: TinyMission, tmp_path: Path) -> TinyMission:
+def own_tiny(tiny, tmp_path):
     """A copy of the tiny mission that a test may change."""
     shutil.copytree(tiny.path, tmp_path / "tiny")
     return TinyMission(tmp_path / "tiny", tmp_path / "tiny" / "labels.csv")
 
 
 @pytest.fixture(scope="session")
-def run_tokt() -> Callable[..., Ran]:
+def run_tokt():
     """`call_tokt`."""
     return call_tokt
 
 
 @pytest.fixture(scope="session")
-def preload() -> str:
+def preload():
     """Python that imports what commands import as they go, for a program that forks them."""
     return """
 import alembic.command, git, matplotlib.backends.backend_agg, matplotlib.figure, skops.io
@@ -216,7 +216,7 @@ TRAIN_TINY = ("--folds", 3, "--embargo", 1)
 
 
 @pytest.fixture(scope="session")
-def trained(tiny: TinyMission, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(tiny, tmp_path_factory):
     """A workspace with dataset `tiny` and model `tiny-lbp/1` (preset plain); not to be changed."""
     workspace = tmp_path_factory.mktemp("workspace") / ".tokt"
     for command in (
@@ -229,14 +229,14 @@ def trained(tiny: TinyMission, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture
-def workspace(trained: Path, tmp_path: Path) -> Path:
+def workspace(trained, tmp_path):
     """A copy of `trained` that a test may change. Runs' artifacts stay where they are."""
     shutil.copytree(trained, tmp_path / ".tokt", ignore=shutil.ignore_patterns("mlartifacts"))
     return tmp_path / ".tokt"
 
 
 @pytest.fixture(scope="session")
-def tiny_bundle(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tiny_bundle(trained, tmp_path_factory):
     """`tiny-lbp/1` as a bundle file; not to be changed."""
     path = tmp_path_factory.mktemp("exported") / "tiny-lbp-1.tokt"
     ran = call_tokt("export", "tiny-lbp", "-o", path, "--workspace", trained)
@@ -250,13 +250,13 @@ def quiet(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="session")
-def no_progress() -> Callable[..., Iterator[Any]]:
+def no_progress():
     """`quiet`."""
     return quiet
 
 
 @pytest.fixture(scope="session")
-def tiny_truth() -> SimpleNamespace:
+def tiny_truth():
     """The functions that made the tiny mission, for tests that make a variant of it."""
     return SimpleNamespace(
         labels=tiny_labels, write_labels=write_labels, draw=draw_tiny_frame, cells=tower_cells
@@ -264,12 +264,10 @@ def tiny_truth() -> SimpleNamespace:
 
 
 @pytest.fixture
-def fabricate(tmp_path: Path) -> Callable[..., DatasetVersion]:
+def fabricate(tmp_path):
     """Build a dataset of 6x6 pixel frames of 1x1 patches from a label and a group for each."""
 
-    def build(
-        labels: list[str], groups: list[str] | None = None, frames: list[int] | None = None
-    ) -> DatasetVersion:
+    def build(labels, groups=None, frames=None):
         numbers = frames or list(range(len(labels)))
         rng = np.random.default_rng(7)
         images = rng.integers(0, 255, (len(labels), 6, 6), np.uint8)

@@ -4,15 +4,10 @@ A rendered dive of small frames: water, kelp in the left half of some frames, an
 only the taxonomy file knows, across others.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import socket
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -48,18 +43,18 @@ BLOCK = ("--grid", GRID, "--block", 3)
 TRAIN = ("--extractor", "haralick+lbp", "--preset", "plain", "--folds", 3, "--embargo", 1)
 
 
-def shown(frame: int) -> str:
+def shown(frame):
     """What a frame shows: three frames of each in turn."""
     return CLASSES[frame // 3 % 3]
 
 
-def label(frame: int, row: int, col: int) -> str:
+def label(frame, row, col):
     if shown(frame) == KELP and col < 2:
         return KELP
     return PIPELINE if shown(frame) == PIPELINE and row == 2 else WATER
 
 
-def draw(frame: int, dive: int) -> np.ndarray[Any, Any]:
+def draw(frame, dive):
     rng = np.random.default_rng([dive, frame])
     image = rng.normal(70, 3, (HEIGHT, WIDTH))
     if shown(frame) == KELP:
@@ -69,7 +64,7 @@ def draw(frame: int, dive: int) -> np.ndarray[Any, Any]:
     return np.asarray(image.clip(0, 255), np.uint8)
 
 
-def render(folder: Path, dive: int) -> Path:
+def render(folder, dive):
     """A mission with its label file."""
     (folder / "Left").mkdir(parents=True)
     lines = ["mission,camera,frame,row,col,label"]
@@ -93,7 +88,7 @@ def chain(run_tokt, trained, tmp_path_factory):
     shutil.copy(trained / "mlflow.db", workspace)  # making its tables takes seconds
     (workspace / "taxonomy.toml").write_text(TAXONOMY, "utf-8")
 
-    def tokt(*arguments: object) -> Any:
+    def tokt(*arguments):
         ran = run_tokt(*arguments, "--workspace", workspace, "--json")
         assert ran.code == 0, ran.err
         return json.loads(ran.out)
@@ -110,14 +105,14 @@ def chain(run_tokt, trained, tmp_path_factory):
 
 
 @pytest.fixture
-def receiver() -> Iterator[str]:
+def receiver():
     """A UDP port of this machine that nobody else gets the datagrams of."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         yield f"127.0.0.1:{own.getsockname()[1]}"
 
 
-def statuses(chain: SimpleNamespace, run_tokt: Callable[..., Any], udp: str, store: Path) -> Any:
+def statuses(chain, run_tokt, udp, store):
     """What the runtime says of the other dive's frames, by what they show."""
     log = store.parent / f"{store.name}.jsonl"
     ran = run_tokt(
@@ -125,7 +120,7 @@ def statuses(chain: SimpleNamespace, run_tokt: Callable[..., Any], udp: str, sto
         *("--udp", udp, "--log", log),
     )
     assert ran.code == 0, ran.err
-    found: dict[str, list[int]] = {name: [] for name in CLASSES}
+    found = {name: [] for name in CLASSES}
     for frame, line in zip(FRAMES, log.read_text("utf-8").splitlines(), strict=True):
         found[shown(frame)].append(json.loads(line)["status"])
     return {name: (sum(s == 1 for s in said), len(said)) for name, said in found.items()}

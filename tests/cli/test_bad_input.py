@@ -1,7 +1,5 @@
 """A user's mistake is one line on stderr and exit code 2; nothing is written, nothing changes."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -35,13 +33,13 @@ class World:
 
 
 @pytest.fixture
-def world(workspace, own_tiny, tiny_bundle, tiny_truth, tmp_path) -> World:
+def world(workspace, own_tiny, tiny_bundle, tiny_truth, tmp_path):
     bundle = Path(shutil.copy(tiny_bundle, tmp_path / "m.tokt"))
     about = (tmp_path, own_tiny.path, own_tiny.labels, bundle, tmp_path / "store")
     return World(*about, tiny_truth.labels(), tiny_truth.write_labels)
 
 
-def listing(folder: Path) -> dict[str, tuple[int, int]]:
+def listing(folder):
     """Every file with its size and time; SQLite's own side files come and go."""
     return {
         str(path.relative_to(folder)): (path.stat().st_size, path.stat().st_mtime_ns)
@@ -58,26 +56,26 @@ FRAME = "tiny/Left/tiny_L_20.png"
 # --- ways to spoil something -------------------------------------------------------------------
 
 
-def nothing(world: World) -> None:
+def nothing(world):
     pass
 
 
-def empty_mission(world: World) -> None:
+def empty_mission(world):
     shutil.rmtree(world.mission / "Left")
 
 
-def changed(name: str, change: Callable[[bytes], bytes]) -> Callable[[World], None]:
+def changed(name, change):
     """A file with other bytes."""
 
-    def spoil(world: World) -> None:
+    def spoil(world):
         path = world.folder / name
         path.write_bytes(change(path.read_bytes()))
 
     return spoil
 
 
-def label_text(old: str, new: str) -> Callable[[World], None]:
-    def spoil(world: World) -> None:
+def label_text(old, new):
+    def spoil(world):
         text = world.labels.read_text("utf-8")
         assert old in text
         world.labels.write_text(text.replace(old, new, 1), "utf-8")
@@ -85,17 +83,17 @@ def label_text(old: str, new: str) -> Callable[[World], None]:
     return spoil
 
 
-def only_rows(keep: Callable[[list[Any]], bool]) -> Callable[[World], None]:
-    def spoil(world: World) -> None:
+def only_rows(keep):
+    def spoil(world):
         world.write_labels(world.labels, [row for row in world.rows if keep(row)])
 
     return spoil
 
 
-def rewritten(change: Callable[[dict[str, bytes]], None]) -> Callable[[World], None]:
+def rewritten(change):
     """The bundle with other members; their hashes are made to fit where `change` says so."""
 
-    def spoil(world: World) -> None:
+    def spoil(world):
         members = unpack(world.bundle.read_bytes())
         change(members)
         world.bundle.write_bytes(pack(members))
@@ -103,16 +101,16 @@ def rewritten(change: Callable[[dict[str, bytes]], None]) -> Callable[[World], N
     return spoil
 
 
-def edit_card(members: dict[str, bytes]) -> None:
+def edit_card(members):
     members["card.md"] += b"better than it is\n"
 
 
-def newer_format(members: dict[str, bytes]) -> None:
+def newer_format(members):
     manifest = json.loads(members["manifest.json"])
     members["manifest.json"] = json.dumps({**manifest, "format_version": 99}).encode()
 
 
-def golden_mismatch(members: dict[str, bytes]) -> None:
+def golden_mismatch(members):
     """Weights changed by somebody who knows how to make every hash fit."""
     with np.load(io.BytesIO(members["weights.npz"])) as file:
         arrays = {name: file[name] for name in file.files}
@@ -123,24 +121,24 @@ def golden_mismatch(members: dict[str, bytes]) -> None:
     members.update(unpack(rehash(members)))
 
 
-def store_without_model(world: World) -> None:
+def store_without_model(world):
     world.store.mkdir()
 
 
-def store_with_one(world: World) -> None:
+def store_with_one(world):
     Store(world.store).deploy(read_bundle(world.bundle))
 
 
-def store_is_a_file(world: World) -> None:
+def store_is_a_file(world):
     world.store.write_text("not a folder")
 
 
-def workspace_is_a_file(world: World) -> None:
+def workspace_is_a_file(world):
     shutil.rmtree(world.folder / ".tokt")
     (world.folder / ".tokt").write_text("not a folder")
 
 
-def label_store_empty(world: World) -> None:
+def label_store_empty(world):
     assert not (world.folder / ".tokt" / "labels.db").exists()
 
 
@@ -320,7 +318,7 @@ CASES = {
 PROGRESS = re.compile(r"(reading frames|scoring|features|cross-validation): \d+/\d+")
 
 
-def check(code: int, out: str, err: str, message: str) -> None:
+def check(code, out, err, message):
     lines = err.splitlines()
     assert code == 2, err
     assert out == ""

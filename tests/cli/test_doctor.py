@@ -1,7 +1,5 @@
 """`tokt doctor`: what it finds, its exit code at a fault, and that it changes nothing."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -10,11 +8,9 @@ import socket
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import distribution
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +24,7 @@ from tokt.features.kernels.health import compared, kernel_findings
 from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
 
 
-def listing(folder: Path) -> dict[str, bytes | None]:
+def listing(folder):
     """Every file and folder below, with its bytes."""
     return {
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
@@ -36,7 +32,7 @@ def listing(folder: Path) -> dict[str, bytes | None]:
     }
 
 
-def by_name(out: str) -> dict[str, dict[str, Any]]:
+def by_name(out):
     value = json.loads(out)
     faults = [item for item in value["findings"] if item["state"] == "fault"]
     assert value["ok"] is (faults == [])
@@ -45,31 +41,31 @@ def by_name(out: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def start(*arguments: object, folder: Path, **environment: str) -> Any:
+def start(*arguments, folder, **environment):
     """The command in a process of its own."""
     return run_python("-m", "tokt", "doctor", *arguments, folder=folder, **environment)
 
 
 @pytest.fixture
-def store(tiny_bundle: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> Path:
+def store(tiny_bundle, tmp_path, run_tokt):
     ran = run_tokt("deploy", tiny_bundle, tmp_path / "store")
     assert ran.code == 0, ran.err
     return tmp_path / "store"
 
 
 @pytest.fixture
-def labelled(workspace: Path, tiny, run_tokt: Callable[..., Any]) -> Path:
+def labelled(workspace, tiny, run_tokt):
     ran = run_tokt("labels", "import", tiny.labels, "--workspace", workspace)
     assert ran.code == 0, ran.err
     return workspace
 
 
 @pytest.fixture
-def doctor(tmp_path, run_tokt, monkeypatch) -> Callable[..., tuple[int, dict[str, Any]]]:
+def doctor(tmp_path, run_tokt, monkeypatch):
     """Its exit code and findings; nothing on the disk is changed by it."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*options: object) -> tuple[int, dict[str, Any]]:
+    def run(*options):
         before = listing(tmp_path)
         ran = run_tokt("doctor", *options, "--json")
         assert (listing(tmp_path), ran.err) == (before, "")
@@ -174,15 +170,15 @@ def test_the_kernels_of_this_machine_agree():
 
 
 def test_kernels_that_differ_are_a_fault():
-    def one_count_off(*options: Any, **more: Any) -> Any:
+    def one_count_off(*options, **more):
         counts = KERNELS.lbp_counts(*options, **more)
         counts[0, 0] += 1
         return counts
 
-    def a_little_off(*options: Any, **more: Any) -> Any:
+    def a_little_off(*options, **more):
         return KERNELS.haralick_features(*options, **more) * (1 + 2e-9)
 
-    def not_a_number(*options: Any, **more: Any) -> Any:
+    def not_a_number(*options, **more):
         return np.full_like(KERNELS.haralick_features(*options, **more), np.nan)
 
     assert compared(KERNELS, KERNELS).state == "ok"
@@ -198,14 +194,14 @@ def test_kernels_that_differ_are_a_fault():
     assert gray.state == "fault" and gray.figures["gray_difference"] == 54 * 72
 
 
-def spoil_bundle(store: Path) -> None:
+def spoil_bundle(store):
     (file,) = store.glob("versions/*/bundle.tokt")
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1
     file.write_bytes(data)
 
 
-def rename_version(store: Path) -> None:
+def rename_version(store):
     (folder,) = store.glob("versions/*")
     shutil.copytree(folder, folder.with_name("0" * 64))
 
@@ -347,7 +343,7 @@ needs_vimba_like = pytest.mark.skipif(
 )
 
 
-def make_vimba(folder: Path, code: str) -> None:
+def make_vimba(folder, code):
     """A library with every function that pymba looks up; `code` is its version function's body."""
     pymba = distribution("pymba").locate_file("pymba/vimba_c.py")
     names = set(re.findall(r"_vimba_lib\.(\w+)", Path(str(pymba)).read_text()))

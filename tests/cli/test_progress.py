@@ -1,7 +1,5 @@
 """Progress where there is no terminal: few lines, and how long it will take."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -12,7 +10,7 @@ from tokt.cli import output
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def clock(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(output.time, "monotonic", lambda: now[0])
     return now
@@ -56,7 +54,7 @@ def test_lines_each_quarter_and_each_half_minute(clock, capsys, seconds, lines):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a pipe without a reader is another error elsewhere")
-def test_lines_that_nobody_reads_end_nothing() -> None:
+def test_lines_that_nobody_reads_end_nothing():
     reader, writer = os.pipe()
     os.close(reader)
     program = "from tokt.cli.output import say; say('one'); say('two'); print('done')"

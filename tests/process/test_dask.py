@@ -1,7 +1,5 @@
 """A real dask cluster: a scheduler and worker processes, each a program of its own, on loopback."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -11,10 +9,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,7 +42,7 @@ worse = "lbp_10_5_frame"
 
 
 @contextmanager
-def _running(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+def _running(folder, name, *arguments):
     """A dask program, killed at the end; its log is ``NAME.log``."""
     command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
     environment = {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(folder)}
@@ -62,7 +58,7 @@ def _running(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Po
 class Cluster:
     """A scheduler with two workers of one thread."""
 
-    def __init__(self, folder: Path, stack: ExitStack) -> None:
+    def __init__(self, folder, stack):
         self._folder, self._stack = folder, stack
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
@@ -75,10 +71,10 @@ class Cluster:
         ]
         self._wait()
 
-    def _start(self, name: str, *arguments: str) -> subprocess.Popen[bytes]:
+    def _start(self, name, *arguments):
         return self._stack.enter_context(_running(self._folder, name, *arguments))
 
-    def _wait(self) -> None:
+    def _wait(self):
         """Until all workers have joined."""
         deadline = time.monotonic() + MAX_S
         while True:
@@ -92,13 +88,13 @@ class Cluster:
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+def cluster(tmp_path_factory):
     with ExitStack() as stack:
         yield Cluster(tmp_path_factory.mktemp("dask"), stack)
 
 
 @pytest.fixture
-def fresh(workspace: Path) -> Path:
+def fresh(workspace):
     """A workspace with the tiny dataset and its model, and no features computed yet."""
     shutil.rmtree(workspace / "cache")
     return workspace

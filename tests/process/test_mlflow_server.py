@@ -1,7 +1,5 @@
 """A real MLflow server, over http with artifacts proxied, gives what the workspace's file gives."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -12,9 +10,7 @@ import sys
 import urllib.error
 import urllib.request
 import zipfile
-from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
@@ -24,7 +20,7 @@ pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there alrea
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def server(tmp_path_factory):
     """The address of an ``mlflow server`` with a sqlite backend, on a free loopback port."""
     folder = tmp_path_factory.mktemp("server")
     with socket.socket() as free:
@@ -55,8 +51,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
                 process.wait(10)
 
 
-def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
-    def answers() -> bool:
+def _wait_for(url, process, log):
+    def answers():
         assert process.poll() is None, log.read_text()
         with (
             suppress(urllib.error.URLError, ConnectionError, TimeoutError),
@@ -68,7 +64,7 @@ def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
     until(answers, log.read_text)
 
 
-def _without_ids(bundle: Path) -> dict[str, bytes]:
+def _without_ids(bundle):
     """A bundle's members, with the names that MLflow drew for run and model left out."""
     with zipfile.ZipFile(bundle) as members:
         content = {name: members.read(name) for name in members.namelist()}

@@ -1,7 +1,5 @@
 """The plain install, without [train], judges frames with a bundle made by the full one."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -23,7 +21,7 @@ pytestmark = pytest.mark.xdist_group("wheel")  # it is built once
 SPLIT = ("--folds", 3, "--embargo", 1)
 
 
-def _run(*command: object) -> subprocess.CompletedProcess[str]:
+def _run(*command):
     # Not from the checkout: its folder `tokt` would stand before the installed package.
     return subprocess.run(
         [str(part) for part in command],
@@ -35,7 +33,7 @@ def _run(*command: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def slim_python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def slim_python(wheel, tmp_path_factory):
     home = tmp_path_factory.mktemp("slim") / "venv"
     venv.create(home)
     python = home / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")

@@ -1,17 +1,12 @@
 """The demo: the whole chain on a rendered mission, and on the real one where it is there."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 
-def _check(result: dict, out: Path) -> None:
+def _check(result, out):
     held = result["replay"]
     # v1 has no word for unknown: a frame rule's wait after a gap between held-back blocks.
     assert held["frames"] == held["datagrams"] + held["unknown"]
@@ -31,7 +26,7 @@ def _check(result: dict, out: Path) -> None:
     assert result["champion"] == best
 
 
-def test_rendered_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_rendered_demo(tmp_path, run_tokt):
     out = tmp_path / "out"
     ran = run_tokt("demo", "--json", "--out", out, "--frames", 60, "--width", 360)
     assert ran.code == 0, ran.err
@@ -46,8 +41,8 @@ def test_rendered_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
 
 
 @pytest.fixture
-def refused(run_tokt: Callable[..., Any]) -> Callable[..., str]:
-    def run(*arguments: object) -> str:
+def refused(run_tokt):
+    def run(*arguments):
         ran = run_tokt("demo", *arguments)
         assert ran.code == 2
         assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
@@ -56,16 +51,14 @@ def refused(run_tokt: Callable[..., Any]) -> Callable[..., str]:
     return run
 
 
-def test_demo_empties_only_its_own_folder(tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_demo_empties_only_its_own_folder(tmp_path, refused):
     precious = tmp_path / "precious.txt"
     precious.write_text("keep me")
     refused("--out", tmp_path)
     assert precious.read_text() == "keep me"
 
 
-def test_an_earlier_demo_survives_a_wrong_command(
-    own_tiny: Any, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_an_earlier_demo_survives_a_wrong_command(own_tiny, tmp_path, refused):
     out = tmp_path / "out"
     mission = out / "synthetic"
     out.mkdir()
@@ -82,7 +75,7 @@ def test_an_earlier_demo_survives_a_wrong_command(
 
 
 @pytest.mark.mission
-def test_real_demo(mission_dir: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_real_demo(mission_dir, tmp_path, run_tokt):
     out = tmp_path / "out"
     # A quarter of the labelled frames: water, the first sight of the tower, its closer view.
     labels = tmp_path / "labels.csv"

@@ -1,9 +1,6 @@
 """The presets on the real mission: what they reach, and that `thesis` is the thesis's method."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -25,7 +22,7 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def workspace(mission_dir, run_tokt, tmp_path_factory) -> Path:
+def workspace(mission_dir, run_tokt, tmp_path_factory):
     """A workspace with the mission's dataset."""
     folder = tmp_path_factory.mktemp("real") / ".tokt"
     for name, *some in (("approach",), ("few", "--frames", FEW)):

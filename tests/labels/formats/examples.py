@@ -1,9 +1,5 @@
 """Labels of a small mission, and files gone wrong."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
@@ -24,7 +20,7 @@ SLOW = settings(
 )
 
 
-def said(label: str = "reef", row: int = 0, col: int = 0, **more) -> LabelRecord:
+def said(label="reef", row=0, col=0, **more):
     """A label of the mission."""
     values = {"camera": "left", "frame": 3, "grid": Grid(), "annotator": "ann", "time": TIME}
     values.update(more)
@@ -40,7 +36,7 @@ _moments = st.datetimes(timezones=st.timezones()).filter(lambda t: 2 < t.year < 
 
 
 @st.composite
-def _records(draw: st.DrawFn, cameras: tuple[str, ...], grids: tuple[Grid, ...]) -> LabelRecord:
+def _records(draw, cameras, grids):
     grid = draw(st.sampled_from(grids))
     source = draw(st.sampled_from(["human", "human", "model", "settled"]))
     return LabelRecord(
@@ -58,9 +54,7 @@ def _records(draw: st.DrawFn, cameras: tuple[str, ...], grids: tuple[Grid, ...])
     )
 
 
-def some_records(
-    cameras: tuple[str, ...] = ("left", "right"), grids: tuple[Grid, ...] = GRIDS
-) -> st.SearchStrategy[list[LabelRecord]]:
+def some_records(cameras=("left", "right"), grids=GRIDS):
     """Labels in force: one a patch and annotator, one settlement and any suggestions a patch."""
     return st.lists(
         _records(cameras, grids),
@@ -71,7 +65,7 @@ def some_records(
 
 
 @st.composite
-def damaged(draw: st.DrawFn, data: bytes) -> bytes:
+def damaged(draw, data):
     """A file that was cut, or had some bytes changed, put in or taken out."""
     if draw(st.booleans()):
         return data[: draw(st.integers(0, len(data)))]
@@ -109,7 +103,7 @@ ODD_VALUES = st.sampled_from(
 
 
 @st.composite
-def with_odd_values(draw: st.DrawFn, value: object) -> object:
+def with_odd_values(draw, value):
     """A JSON value some of whose parts are another kind of thing."""
     places = list(_places(value))
     for _ in range(draw(st.integers(1, 3))):
@@ -118,7 +112,7 @@ def with_odd_values(draw: st.DrawFn, value: object) -> object:
     return value
 
 
-def _places(value: object):
+def _places(value):
     items = value.items() if isinstance(value, dict) else enumerate(value)
     for key, part in items:
         yield value, key
@@ -138,7 +132,7 @@ DIVE = """# 1: Detection or Track-id,2: Video or Image Identifier,3: Unique Fram
 """
 
 
-def foreign_coco() -> dict[str, Any]:
+def foreign_coco():
     """A file of another tool, of pictures of twice our frames' size."""
     image = {"width": 362, "height": 274}
     return {
@@ -163,7 +157,7 @@ def foreign_coco() -> dict[str, Any]:
     }
 
 
-def _box(label: str, x: float, y: float, width: float, height: float) -> dict[str, Any]:
+def _box(label, x, y, width, height):
     return {
         "id": "Dx_aB91ISN",
         "type": "rectanglelabels",
@@ -179,7 +173,7 @@ def _box(label: str, x: float, y: float, width: float, height: float) -> dict[st
     }  # fmt: skip
 
 
-def foreign_label_studio() -> list[dict[str, Any]]:
+def foreign_label_studio():
     """A project that two people labelled, and a model."""
     turned = _box("reef", 0, 0, 10, 10)
     turned["value"]["rotation"] = 30

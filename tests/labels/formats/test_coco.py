@@ -1,28 +1,23 @@
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.calls import refuses
 from tokt.features.frames.grid import Grid
 from tokt.labels.formats.coco import read_coco, write_coco
-from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.taxonomy import Taxonomy
 
 from .examples import foreign_coco, said
 
 
-def _file(folder: Path, value: Any) -> Path:
+def _file(folder, value):
     path = folder / "boxes.json"
     path.write_text(value if isinstance(value, str) else json.dumps(value), encoding="utf-8")
     return path
 
 
-def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
+def test_what_other_tools_see(tmp_path, writing):
     some = [said("sand", 1, 2), said("unsure", camera="right", frame=20), said("sand", 0, 0)]
     write_coco(tmp_path / "out.json", some, writing)
     document = json.loads((tmp_path / "out.json").read_text())
@@ -43,7 +38,7 @@ def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
     assert (third["image_id"], third["iscrowd"]) == (2, 0)
 
 
-def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
+def test_foreign_boxes(tmp_path, reading):
     options = replace(reading, classes={"fish": "other"})
     read = read_coco(_file(tmp_path, foreign_coco()), options)
     found = {(r.camera, r.frame, r.row, r.col, r.label, r.source) for r in read.records}
@@ -64,7 +59,7 @@ def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
     assert sum(record.source == "human" for record in coarse.records) == 2 * 5
 
 
-def test_half_of_a_patch_is_enough(tmp_path: Path, reading: ReadOptions) -> None:
+def test_half_of_a_patch_is_enough(tmp_path, reading):
     value = foreign_coco()
     half, less = [0, 0, 36.2, 13.6001], [0, 0, 36.2, 13.5]
     value["annotations"] = [{"id": 1, "image_id": 1, "category_id": 7, "bbox": half}]
@@ -119,7 +114,7 @@ def test_a_label_corrected_elsewhere_and_a_box_drawn_over(tmp_path, reading, wri
         ),
     ],
 )
-def test_mistakes_are_one_line(tmp_path: Path, reading: ReadOptions, change, message: str) -> None:
+def test_mistakes_are_one_line(tmp_path, reading, change, message):
     value = foreign_coco()
     change(value)
     path = _file(tmp_path, value)
@@ -138,7 +133,7 @@ def test_mistakes_are_one_line(tmp_path: Path, reading: ReadOptions, change, mes
         ("7", "the file is not an object"),
     ],
 )
-def test_files_that_are_none(tmp_path: Path, reading: ReadOptions, text: str, message: str) -> None:
+def test_files_that_are_none(tmp_path, reading, text, message):
     refuses(message, read_coco, _file(tmp_path, text), reading)
     (tmp_path / "utf16.json").write_text("{}", encoding="utf-16")
     refuses("not UTF-8", read_coco, tmp_path / "utf16.json", reading)

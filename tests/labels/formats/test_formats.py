@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import fields, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -36,13 +33,13 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_formats_are_told_apart_by_content(tmp_path: Path, name: str) -> None:
+def test_formats_are_told_apart_by_content(tmp_path, name):
     kind, text = KINDS[name]
     (tmp_path / name).write_text(text)
     assert format_to_read(tmp_path / name) == kind
 
 
-def test_what_is_no_label_file(tmp_path: Path) -> None:
+def test_what_is_no_label_file(tmp_path):
     assert format_to_read(tmp_path) == "patches"
     (tmp_path / "labels").write_text("")
     (tmp_path / "x.json").write_text('{"a": 1}')
@@ -62,7 +59,7 @@ def test_what_is_no_label_file(tmp_path: Path) -> None:
     assert format_to_write(tmp_path / "patches") == "patches"
 
 
-def test_a_label_that_is_taken_back_goes_into_no_file() -> None:
+def test_a_label_that_is_taken_back_goes_into_no_file():
     with pytest.raises(ValueError, match="has no label"):
         to_attributes(replace(said(), label=None))
 
@@ -89,13 +86,13 @@ def test_csv_says_what_six_columns_lose(tmp_path, reading, writing):
         FORMATS["csv"].read(tmp_path / "all.csv", replace(reading, classes={"a": "b"}))
 
 
-def test_all_that_a_record_says_is_carried() -> None:
+def test_all_that_a_record_says_is_carried():
     record = said(source="settled", model_version="net/3")
     carried = {name.removeprefix("tokt_") for name in to_attributes(record)} - {"format"}
     assert carried == {field.name for field in fields(LabelRecord)}
 
 
-def test_file_names_of_other_tools(images: MissionImages, dive: Path, tmp_path: Path) -> None:
+def test_file_names_of_other_tools(images, dive, tmp_path):
     third = FrameKey("left", 3)
     for name in (
         "dive_L_3.png",
@@ -121,7 +118,7 @@ def test_file_names_of_other_tools(images: MissionImages, dive: Path, tmp_path: 
     assert twins.find("x/right/3.png") == FrameKey("right", 3)
 
 
-def test_frames_of_a_video(tmp_path: Path) -> None:
+def test_frames_of_a_video(tmp_path):
     out = cv2.VideoWriter(str(tmp_path / "dive.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 5, (64, 48))
     for level in range(3):
         out.write(np.full((48, 64, 3), 80 * level, np.uint8))
@@ -135,7 +132,7 @@ def test_frames_of_a_video(tmp_path: Path) -> None:
         images.size(FrameKey("left", 4))
 
 
-def test_boxes_of_the_thesis_grid() -> None:
+def test_boxes_of_the_thesis_grid():
     # 1360x1024 becomes 360x271: 136 px wide patches, 27 of 271 rows high.
     assert patch_box(Grid(), Size(1024, 1360), 1, 2) == pytest.approx(
         (272, 27 * 1024 / 271, 408, 54 * 1024 / 271)

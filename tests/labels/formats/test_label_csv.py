@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import time
 from dataclasses import replace
@@ -24,13 +22,13 @@ ROOT = Path(__file__).parents[3]
 MISSION = Path(os.environ.get("TOKT_MISSION", ROOT / "../shared/mission/approach"))
 
 
-def _file(folder: Path, text: str, name: str = "ann.csv") -> Path:
+def _file(folder, text, name="ann.csv"):
     path = folder / name
     path.write_bytes(text.encode("utf-8"))
     return path
 
 
-def test_six_columns(tmp_path: Path) -> None:
+def test_six_columns(tmp_path):
     path = _file(tmp_path, HEADER + "dive,left,7,2,3,ocean\ndive,right,7,2,3,unsure\n")
     first, second = read_label_csv(path, TAXONOMY)
     assert first.cell == ("dive", "left", 7, Grid(), 2, 3)
@@ -40,7 +38,7 @@ def test_six_columns(tmp_path: Path) -> None:
     assert (given_grid.annotator, given_grid.grid) == ("bob", Grid(4, 4))
 
 
-def test_all_columns_in_any_order_with_mark_and_windows_line_ends(tmp_path: Path) -> None:
+def test_all_columns_in_any_order_with_mark_and_windows_line_ends(tmp_path):
     path = _file(
         tmp_path,
         "\ufefflabel,source,model_version,time,grid,annotator,col,row,frame,camera,mission\r\n"
@@ -84,13 +82,13 @@ GOOD = "dive,left,1,0,0,ocean\n"
         (HEADER.replace("label", "label,source") + "dive,left,1,0,1,ocean,me\n", 2, "source 'me'"),
     ],
 )
-def test_mistakes_name_file_and_line(tmp_path: Path, text: str, line: int, message: str) -> None:
+def test_mistakes_name_file_and_line(tmp_path, text, line, message):
     path = _file(tmp_path, text)
     said = refuses("", read_label_csv, path, TAXONOMY)
     assert said.startswith(f"{path} line {line}: ") and message in said
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_files_that_are_none(tmp_path):
     refuses("does not exist", read_label_csv, tmp_path / "none.csv", TAXONOMY)
     refuses("has no labels", read_label_csv, _file(tmp_path, HEADER), TAXONOMY)
     refuses(r"Is a directory|Permission denied", read_label_csv, tmp_path, TAXONOMY)
@@ -98,14 +96,14 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     refuses("not UTF-8", read_label_csv, tmp_path / "image.csv", TAXONOMY)
 
 
-def test_same_patch_by_two_annotators_or_in_two_grids_is_no_duplicate(tmp_path: Path) -> None:
+def test_same_patch_by_two_annotators_or_in_two_grids_is_no_duplicate(tmp_path):
     text = "mission,camera,frame,row,col,label,annotator,grid\n" + "".join(
         f"dive,left,1,0,0,ocean,{who},{grid}\n" for who in "ab" for grid in ("2x2@60", "3x3@60")
     )
     assert len(read_label_csv(_file(tmp_path, text), TAXONOMY)) == 4
 
 
-def test_six_columns_are_refused_where_they_would_lose_something(tmp_path: Path) -> None:
+def test_six_columns_are_refused_where_they_would_lose_something(tmp_path):
     time = "2016-04-20T10:00:00Z"
     ann = LabelRecord("dive", "left", 1, Grid(), 0, 0, "ocean", "ann", time)
     bob = LabelRecord("dive", "left", 1, Grid(), 0, 0, "ocean", "bob", time)
@@ -119,7 +117,7 @@ def test_six_columns_are_refused_where_they_would_lose_something(tmp_path: Path)
     assert write_label_csv(path, [ann, bob, coarse], full=True) == 3
 
 
-def test_a_failed_export_leaves_the_old_file(tmp_path: Path) -> None:
+def test_a_failed_export_leaves_the_old_file(tmp_path):
     record = LabelRecord("d", "left", 1, Grid(), 0, 0, "reef", "a", "2016-04-20T10:00:00Z")
     (tmp_path / "file").write_text("old")
     refuses("cannot write", write_label_csv, tmp_path / "file" / "out.csv", [record])
@@ -154,7 +152,7 @@ distinct = st.lists(
 
 @settings(max_examples=scaled(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(distinct)
-def test_export_import_export_is_lossless(tmp_path: Path, some: list[LabelRecord]) -> None:
+def test_export_import_export_is_lossless(tmp_path, some):
     path = tmp_path / "full.csv"
     write_label_csv(path, some, full=True)
     first = path.read_bytes()
@@ -166,7 +164,7 @@ def test_export_import_export_is_lossless(tmp_path: Path, some: list[LabelRecord
 
 @settings(max_examples=scaled(30), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(distinct)
-def test_store_keeps_records_as_they_are(tmp_path: Path, some: list[LabelRecord]) -> None:
+def test_store_keeps_records_as_they_are(tmp_path, some):
     path = tmp_path / "labels.db"
     for leftover in tmp_path.glob("labels.db*"):
         leftover.unlink()
@@ -176,7 +174,7 @@ def test_store_keeps_records_as_they_are(tmp_path: Path, some: list[LabelRecord]
 
 
 @pytest.mark.mission
-def test_mission_labels_are_read_fast_and_written_back_byte_for_byte(tmp_path: Path) -> None:
+def test_mission_labels_are_read_fast_and_written_back_byte_for_byte(tmp_path):
     source = MISSION / "labels.csv"
     if not source.is_file():
         pytest.skip(f"no mission labels at {source} (TOKT_MISSION)")

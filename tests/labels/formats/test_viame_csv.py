@@ -1,10 +1,7 @@
-from __future__ import annotations
-
 import csv
 import re
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -12,19 +9,19 @@ from hypothesis import given
 from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
-from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.formats.options import WriteOptions
 from tokt.labels.formats.viame_csv import read_viame_csv, write_viame_csv
 
 from .examples import DIVE, SLOW, TAXONOMY, said, some_records
 
 
-def _file(folder: Path, text: str) -> Path:
+def _file(folder, text):
     path = folder / "boxes.csv"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def _through_dive(text: str) -> str:
+def _through_dive(text):
     """What DIVE makes of a file: whole pixels, numbers where attributes look like some."""
     out = []
     for row in csv.reader(text.splitlines()):
@@ -34,7 +31,7 @@ def _through_dive(text: str) -> str:
         for n, cell in enumerate(row):
             match = re.match(r"^\(atr\) (.*?)\s(.+)", cell)
             if match:
-                value: object = match[2]
+                value = match[2]
                 with suppress(ValueError):
                     value = {"true": True, "false": False}.get(match[2]) or float(match[2])
                 row[n] = f"(atr) {match[1]} {str(value).lower() if value is True else value}"
@@ -52,7 +49,7 @@ def test_own_files_come_back_whole_from_dive(tmp_path, reading, writing, some):
     assert set(read.records) == set(some) and read.lost == []
 
 
-def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
+def test_what_other_tools_see(tmp_path, writing):
     path = tmp_path / "out.csv"
     write_viame_csv(path, [said("sand", 1, 2, frame=20)], writing)
     *comments, row = csv.reader(path.read_text().splitlines())
@@ -64,7 +61,7 @@ def test_what_other_tools_see(tmp_path: Path, writing: WriteOptions) -> None:
     assert "(atr) tokt_annotator ann" in row
 
 
-def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
+def test_foreign_boxes(tmp_path, reading):
     options = replace(reading, annotator="net", classes={"fish": "other", "rock": "reef"})
     read = read_viame_csv(_file(tmp_path, DIVE), options)
     people = [record for record in read.records if record.source == "human"]
@@ -83,7 +80,7 @@ def test_foreign_boxes(tmp_path: Path, reading: ReadOptions) -> None:
     ]
 
 
-def test_unknown_classes_are_named_with_what_to_do(tmp_path: Path, reading: ReadOptions) -> None:
+def test_unknown_classes_are_named_with_what_to_do(tmp_path, reading):
     with pytest.raises(ToktError, match=r"'fish' \(3\); known: ocean, .*--map THEIRS=OURS"):
         read_viame_csv(_file(tmp_path, DIVE), reading)
     left_out = replace(reading, classes={"fish": ""})
@@ -91,12 +88,12 @@ def test_unknown_classes_are_named_with_what_to_do(tmp_path: Path, reading: Read
         read_viame_csv(_file(tmp_path, DIVE), left_out)
 
 
-def test_foreign_boxes_need_frames(tmp_path: Path, reading: ReadOptions) -> None:
+def test_foreign_boxes_need_frames(tmp_path, reading):
     options = replace(reading, images=None, classes={"fish": "other"})
     refuses(r"line 3: .*--mission-dir DIR", read_viame_csv, _file(tmp_path, DIVE), options)
 
 
-def test_frames_without_names_go_by_position(tmp_path: Path, reading: ReadOptions) -> None:
+def test_frames_without_names_go_by_position(tmp_path, reading):
     path = _file(tmp_path, "0,,1,0,0,37,28,1,-1,reef,1\n")
     (first, *_) = read_viame_csv(path, replace(reading, camera="right")).records
     assert (first.camera, first.frame) == ("right", 7)
@@ -176,7 +173,7 @@ def test_mistakes_are_one_line(tmp_path, reading, row, message):
     assert str(path) in refuses(message, read_viame_csv, path, reading)
 
 
-def test_huge_boxes_stay_in_the_frame(tmp_path: Path, reading: ReadOptions) -> None:
+def test_huge_boxes_stay_in_the_frame(tmp_path, reading):
     path = _file(tmp_path, "0,dive_L_3.png,0,-1e300,-1e300,1e300,1e300,1,-1,reef,1\n")
     assert len(read_viame_csv(path, reading).records) == 100
     huge = said("reef", 0, 0, grid=Grid(9999, 9999, None))
@@ -192,7 +189,7 @@ def test_huge_boxes_stay_in_the_frame(tmp_path: Path, reading: ReadOptions) -> N
     refuses("more than 1000000 patches", read_viame_csv, path, reading)
 
 
-def test_one_camera_one_mission(tmp_path: Path, writing: WriteOptions) -> None:
+def test_one_camera_one_mission(tmp_path, writing):
     both = [said(), said(camera="right")]
     with pytest.raises(ToktError, match="cameras left, right: VIAME CSV holds one"):
         write_viame_csv(tmp_path / "out.csv", both, writing)

@@ -1,14 +1,10 @@
 """Two dives of one name do not mix: their frames are told apart, copies are not."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +20,7 @@ from tokt.labels.store.known_missions import FILE_NAME, check_mission, note_miss
 from tokt.labels.store.store import LabelStore
 
 
-def _dive(folder: Path, seed: int, frames: range = range(1, 9), suffix: str = "png") -> Path:
+def _dive(folder, seed, frames=range(1, 9), suffix="png"):
     for camera in ("Left", "Right"):
         (folder / camera).mkdir(parents=True, exist_ok=True)
         for frame in frames:
@@ -34,11 +30,11 @@ def _dive(folder: Path, seed: int, frames: range = range(1, 9), suffix: str = "p
     return folder
 
 
-def _note(workspace: Path, path: Path) -> None:
+def _note(workspace, path):
     note_mission(workspace, open_mission(path))
 
 
-def _refused(workspace: Path, path: Path, old: Path) -> None:
+def _refused(workspace, path, old):
     said = (
         f"the labels of mission {path.stem!r} in {workspace} belong to the frames in"
         f" {old.resolve()}; for another dive rename its folder or take another --workspace"
@@ -50,7 +46,7 @@ def _refused(workspace: Path, path: Path, old: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["png", "bmp"])  # the latter are all of one size
-def test_another_dive_of_the_same_name(tmp_path: Path, suffix: str) -> None:
+def test_another_dive_of_the_same_name(tmp_path, suffix):
     one = _dive(tmp_path / "1" / "dive", 1, suffix=suffix)
     other = _dive(tmp_path / "2" / "dive", 2, suffix=suffix)
     _note(tmp_path, one)
@@ -61,13 +57,13 @@ def test_another_dive_of_the_same_name(tmp_path: Path, suffix: str) -> None:
     assert set(json.loads((tmp_path / FILE_NAME).read_bytes())["missions"]) == {"dive", "dive 2"}
 
 
-def test_no_frame_in_common(tmp_path: Path) -> None:
+def test_no_frame_in_common(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1, range(1, 5))
     _note(tmp_path, one)
     _refused(tmp_path, _dive(tmp_path / "2" / "dive", 1, range(5, 9)), one)
 
 
-def test_a_copy_or_a_moved_folder_is_the_same_dive(tmp_path: Path) -> None:
+def test_a_copy_or_a_moved_folder_is_the_same_dive(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1)
     _note(tmp_path, one)
     copy = tmp_path / "2" / "dive"
@@ -81,7 +77,7 @@ def test_a_copy_or_a_moved_folder_is_the_same_dive(tmp_path: Path) -> None:
     _note(tmp_path, copy.rename(tmp_path / "dive"))
 
 
-def test_one_other_frame_is_enough_to_refuse(tmp_path: Path) -> None:
+def test_one_other_frame_is_enough_to_refuse(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1)
     _note(tmp_path, one)
     copy = shutil.copytree(one, tmp_path / "2" / "dive")
@@ -89,7 +85,7 @@ def test_one_other_frame_is_enough_to_refuse(tmp_path: Path) -> None:
     _refused(tmp_path, copy, one)
 
 
-def test_more_frames_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_frames_in_the_same_folder(tmp_path, monkeypatch):
     one = _dive(tmp_path / "1" / "dive", 1, range(100, 102))
     _note(tmp_path, one)
     shutil.rmtree(one)
@@ -103,7 +99,7 @@ def test_more_frames_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.Monk
     _note(tmp_path, shutil.copytree(one, tmp_path / "2" / "dive"))
 
 
-def test_nothing_is_written_where_nothing_changed(tmp_path: Path) -> None:
+def test_nothing_is_written_where_nothing_changed(tmp_path):
     one = _dive(tmp_path / "dive", 1)
     _note(tmp_path, one)
     os.utime(tmp_path / FILE_NAME, (1, 1))
@@ -116,10 +112,10 @@ def test_few_files_of_a_long_mission_are_opened(tmp_path, monkeypatch):
     folder.mkdir()
     for frame in range(2_000):
         (folder / f"a_{frame}.png").touch()
-    opened: list[Path] = []
-    real: Callable[..., Any] = Path.open
+    opened = []
+    real = Path.open
 
-    def count(path: Path, *arguments: Any, **options: Any) -> Any:
+    def count(path, *arguments, **options):
         opened.append(path)
         return real(path, *arguments, **options)
 
@@ -129,7 +125,7 @@ def test_few_files_of_a_long_mission_are_opened(tmp_path, monkeypatch):
     assert len([path for path in opened if path.parent == folder]) == 50
 
 
-def test_videos(tmp_path: Path) -> None:
+def test_videos(tmp_path):
     for number, n_frames in ((1, 3), (2, 4)):
         path = tmp_path / str(number) / "dive.avi"
         path.parent.mkdir()
@@ -145,7 +141,7 @@ def test_videos(tmp_path: Path) -> None:
     _note(tmp_path, Path(shutil.copy(one, tmp_path / "4" / "dive.avi")))
 
 
-def test_frames_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+def test_frames_that_cannot_be_read_are_left_out(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1)
     (one / "Left" / "a_4.png").unlink()
     (one / "Left" / "a_4.png").mkdir()
@@ -154,7 +150,7 @@ def test_frames_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
     _note(tmp_path, other)
 
 
-def test_a_newer_format(tmp_path: Path) -> None:
+def test_a_newer_format(tmp_path):
     path = _dive(tmp_path / "dive", 1)
     text = json.dumps({"format": 2, "dives": []})
     (tmp_path / FILE_NAME).write_text(text)
@@ -185,7 +181,7 @@ GOOD = '{"format": 1, "missions": {"dive": {"path": "/x", "frames": {"left 1": "
         '{"format": 1, "missions": {"dive": {"path": "/x", "frames": ["left 1"]}}}',
     ],
 )
-def test_damage(tmp_path: Path, text: str) -> None:
+def test_damage(tmp_path, text):
     path = _dive(tmp_path / "dive", 1)
     (tmp_path / FILE_NAME).write_bytes(text.encode("latin-1"))
     for read in (note_mission, check_mission):
@@ -205,13 +201,13 @@ def test_one_wrong_character(tmp_path_factory, place, character):
         assert "\n" not in str(error)
 
 
-def test_a_workspace_that_cannot_be_written(tmp_path: Path) -> None:
+def test_a_workspace_that_cannot_be_written(tmp_path):
     path = _dive(tmp_path / "dive", 1)
     (tmp_path / "workspace").touch()
     refuses(r"missions.json: ", _note, tmp_path / "workspace", path)
 
 
-def test_label_notes_a_mission_and_refuses_another(run_tokt: Any, tmp_path: Path) -> None:
+def test_label_notes_a_mission_and_refuses_another(run_tokt, tmp_path):
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
     workspace = tmp_path / "w"
     _import(run_tokt, workspace, tmp_path)  # labels that were there before
@@ -226,14 +222,14 @@ def test_label_notes_a_mission_and_refuses_another(run_tokt: Any, tmp_path: Path
     )
 
 
-def _import(run_tokt: Any, workspace: Path, folder: Path) -> None:
+def _import(run_tokt, workspace, folder):
     file = folder / "labels.csv"
     rows = [f"dive,left,{frame},0,0,{label}" for frame in range(1, 9) for label in ("reef",)]
     file.write_text("\n".join(["mission,camera,frame,row,col,label", *rows, ""]))
     assert run_tokt("labels", "import", file, "--workspace", workspace).code == 0
 
 
-def test_dataset_build_refuses_another_dive(run_tokt: Any, tmp_path: Path) -> None:
+def test_dataset_build_refuses_another_dive(run_tokt, tmp_path):
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
     workspace = tmp_path / "w"
     _import(run_tokt, workspace, tmp_path)
@@ -249,7 +245,7 @@ def test_dataset_build_refuses_another_dive(run_tokt: Any, tmp_path: Path) -> No
     assert "belong to the frames" not in run_tokt(*build, "--mission", one).err
 
 
-def test_the_page_notes_the_mission_that_it_opens(tmp_path: Path) -> None:
+def test_the_page_notes_the_mission_that_it_opens(tmp_path):
     pytest.importorskip("fastapi")
     from tokt.features.frames.grid import Grid
     from tokt.labels.page.state.session import open_session

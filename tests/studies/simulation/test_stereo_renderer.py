@@ -1,7 +1,5 @@
 """The closed loop's renderer: geometry, likeness to missions, the same bytes again."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Synthetic missions: the same bytes again, truth by construction, likeness to the real one."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json
@@ -294,7 +292,7 @@ def test_killed_half_way_leaves_no_mission(tmp_path):
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(out)])
 
-    def begun() -> bool:
+    def begun():
         assert process.poll() is None
         return bool(list(tmp_path.glob(".partial-*/Left/sim_L_5.jpg")))
 

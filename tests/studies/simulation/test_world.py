@@ -1,7 +1,5 @@
 """The world of the closed loop: what is where, how far it is, and how it moves."""
 
-from __future__ import annotations
-
 import hashlib
 from itertools import product
 

@@ -1,7 +1,5 @@
 """`tokt compare`: its figures against evaluate's, what it refuses, and the page in a browser."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import dataclass, replace
@@ -45,12 +43,12 @@ class Compared:
     judged: ComparedModels
     err: str
 
-    def model(self, label: str) -> dict[str, Any]:
+    def model(self, label):
         return next(model for model in self.json["models"] if model["model"] == label)
 
 
 @pytest.fixture(scope="module")
-def compared(trained, done, tmp_path_factory) -> Compared:
+def compared(trained, done, tmp_path_factory):
     """A cross-validated model against one of the thesis's kind, on what both held out."""
     folder = tmp_path_factory.mktemp("compare")
     workspace = folder / ".tokt"
@@ -64,7 +62,7 @@ def compared(trained, done, tmp_path_factory) -> Compared:
     return Compared(workspace, page, json.loads(ran.out), judged, ran.err)
 
 
-def test_held_out_figures_are_those_of_the_training(compared) -> None:
+def test_held_out_figures_are_those_of_the_training(compared):
     registry = Registry(compared.workspace)
     recipe = registry.recipe(registry.find(LBP))["metrics"]
     mine, frames = compared.model(LBP), recipe["frames"]
@@ -78,7 +76,7 @@ def test_held_out_figures_are_those_of_the_training(compared) -> None:
     assert any(f"{left_out} of" in note for note in compared.json["notes"])
 
 
-def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch) -> None:
+def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch):
     """On all that the model's folds tested, with nothing left out for another model."""
     monkeypatch.setattr(
         "tokt.training.compare.held_out_predictions.check_different", lambda labels: None
@@ -95,7 +93,7 @@ def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch) -> N
     assert frames["first_obstacle_frame"] == {"tiny": sequence["first_obstacle_frame"]}
 
 
-def test_the_verdict_is_in_words_with_how_sure_it_is(compared) -> None:
+def test_the_verdict_is_in_words_with_how_sure_it_is(compared):
     (pair,) = compared.json["pairs"]
     assert pair["models"] == [LBP, THESIS]
     assert pair["difference"] == pytest.approx(
@@ -112,7 +110,7 @@ def test_the_verdict_is_in_words_with_how_sure_it_is(compared) -> None:
     assert 0 < time["low_ms"] <= time["median_ms"] <= time["high_ms"] and time["runs"] >= 30
 
 
-def test_the_learning_curve_tests_on_what_was_held_out(compared) -> None:
+def test_the_learning_curve_tests_on_what_was_held_out(compared):
     curve = compared.json["learning_curve"]
     assert curve["model"] == LBP
     registry = Registry(compared.workspace)
@@ -125,7 +123,7 @@ def test_the_learning_curve_tests_on_what_was_held_out(compared) -> None:
     assert sum(labels.values()) == recipe["patches_tested"]
 
 
-def test_the_worst_errors_are_errors_and_have_pictures(compared) -> None:
+def test_the_worst_errors_are_errors_and_have_pictures(compared):
     errors = compared.json["errors"]
     assert {error["kind"] for error in errors} == {"miss", "false alarm"}
     assert all(error["said"][label] != error["label"] for error in errors for label in error["of"])
@@ -139,7 +137,7 @@ def test_the_worst_errors_are_errors_and_have_pictures(compared) -> None:
     assert "https://" not in page
 
 
-def test_a_comparison_is_a_run_of_mlflow(compared) -> None:
+def test_a_comparison_is_a_run_of_mlflow(compared):
     registry = Registry(compared.workspace)
     run_id = compared.err.rpartition("MLflow run: ")[2].split()[0]
     run = registry.client.get_run(run_id)
@@ -162,11 +160,11 @@ def test_a_comparison_is_a_run_of_mlflow(compared) -> None:
         (["tiny-lbp", "tiny-thesis", "-o", "."], "names the report's file"),
     ],
 )
-def test_what_cannot_be_compared_is_one_line(compared, refused, arguments, said) -> None:
+def test_what_cannot_be_compared_is_one_line(compared, refused, arguments, said):
     refused(said, "compare", *arguments, "--workspace", compared.workspace)
 
 
-def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) -> None:
+def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch):
     held_out, recipe = Registry.held_out, Registry.recipe
 
     def turned(self, reference):
@@ -190,20 +188,20 @@ def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) ->
         read_held_out([LBP, THESIS], compared.workspace)
 
 
-def test_a_file_that_was_exported_is_the_registered_model(compared, refused, tiny_bundle) -> None:
+def test_a_file_that_was_exported_is_the_registered_model(compared, refused, tiny_bundle):
     command = ("compare", tiny_bundle, LBP, "--workspace")
     refused(f"{LBP} is given twice", *command, compared.workspace)
     refused("no model has been trained in workspace", *command, tiny_bundle.parent)
 
 
-def test_two_models_of_one_name_are_not_said_to_be_one() -> None:
+def test_two_models_of_one_name_are_not_said_to_be_one():
     with pytest.raises(ToktError, match="two different models are called tower/1"):
         check_different(["tower/1", "tower/1"], ["aa", "bb"])
     with pytest.raises(ToktError, match="tower/1 is given twice"):
         check_different(["tower/1", "tower/1"], ["aa", "aa"])
 
 
-def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curve() -> None:
+def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curve():
     """There is no F1 without an obstacle: it would be NaN in the JSON."""
     table = pd.DataFrame({"mission": "m", "frame": [1, 2, 3, 4]})
     targets = np.array([1, 0, 0, 1])
@@ -226,7 +224,7 @@ def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curv
     assert row["frames"] == "4" and np.isfinite(row["help"])
 
 
-def test_equal_counts_are_not_said_to_be_equal_verdicts(compared) -> None:
+def test_equal_counts_are_not_said_to_be_equal_verdicts(compared):
     """One model misses one patch of each block, the other model another one."""
     judged = compared.judged
     rows = np.arange(8)
@@ -247,7 +245,7 @@ def test_equal_counts_are_not_said_to_be_equal_verdicts(compared) -> None:
     assert pair["words"].endswith("equally often in every block: nothing tells them apart.")
 
 
-def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny) -> None:
+def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny):
     options = ("--mission", tiny.path, "--labels", tiny.labels, "--workspace", compared.workspace)
     said = refused("learnt from 40 of the 40", "compare", "tiny-lbp", "tiny-thesis", *options)
     assert f"{LBP} learnt from 40 of the 40 frames (1-40)" in said
@@ -255,7 +253,7 @@ def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny) -> No
 
 
 @pytest.fixture
-def later_dive(tiny_truth, tmp_path) -> Path:
+def later_dive(tiny_truth, tmp_path):
     """Frames like the tiny mission's that no model has seen; every fourth number is missing."""
     folder = tmp_path / "later" / "Left"
     folder.mkdir(parents=True)
@@ -274,7 +272,7 @@ def later_dive(tiny_truth, tmp_path) -> Path:
     return folder.parent
 
 
-def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path) -> None:
+def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path):
     options = ("--mission", later_dive, "--labels", later_dive / "labels.csv")
     options = (*options, "--workspace", compared.workspace)
     page = tmp_path / "report.html"
@@ -295,7 +293,7 @@ def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_
 
 def test_open_ocean_alone_gives_no_verdict_but_false_statuses(
     compared, told, later_dive, open_page, tmp_path
-) -> None:
+):
     page = tmp_path / "ocean.html"
     options = ("--mission", later_dive, "--labels", later_dive / "labels.csv", "-o", page)
     options = (*options, "--frames", "109-111", "--workspace", compared.workspace)
@@ -323,10 +321,10 @@ def chromium():
 @pytest.fixture(scope="module")
 def open_page(chromium):
     """Open a report from disk; any console error, dialog or request of it fails the test."""
-    faults: list[str] = []
+    faults = []
     context = chromium.new_context(offline=True, viewport={"width": 390, "height": 800})
 
-    def start(path: Path):
+    def start(path):
         page = context.new_page()
         page.on("console", lambda message: faults.append(message.text))
         page.on("pageerror", lambda error: faults.append(str(error)))
@@ -345,12 +343,12 @@ def open_page(chromium):
     assert not faults
 
 
-def _shown(form) -> dict[str, str]:
+def _shown(form):
     names = ("precision", "recall", "f1", "falseStatus", "detected", "first")
     return {name: form.locator(f'[data-is="{name}"]').inner_text() for name in names}
 
 
-def _expected(judged: ComparedModels, index: int, rule: MofNRule) -> dict[str, str]:
+def _expected(judged, index, rule):
     predictions = judged.models[index]
     patch = obstacle_metrics(judged.truth, predictions.score - rule.margin)
     frames = frame_figures(judged.series, judged.status(predictions, rule))
@@ -367,7 +365,7 @@ def _expected(judged: ComparedModels, index: int, rule: MofNRule) -> dict[str, s
     }
 
 
-def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page) -> None:
+def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page):
     page = open_page(compared.page)
     for index, predictions in enumerate(compared.judged.models):
         form = page.locator("[data-model]").nth(index)
@@ -402,7 +400,7 @@ def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page)
     assert embedded == compared.json
 
 
-def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_path) -> None:
+def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_path):
     """A rule that confirms next to nothing: what it finds, it finds at once."""
     result = json.loads(json.dumps(compared.json))
     (model,) = (model for model in result["models"] if model["model"] == LBP)
@@ -430,7 +428,7 @@ def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_pa
     assert _shown(form) == _expected(compared.judged, 0, beyond)
 
 
-def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_path) -> None:
+def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_path):
     """A dive may be called anything that a folder can be called."""
     evil = "</script><img src=x onerror=\"alert('x')\">{{ 7 * 7 }}&amp;"
     series = compared.judged.series
@@ -451,7 +449,7 @@ def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_
     assert page.locator("[data-model]").count() == 2
 
 
-def test_models_of_one_side_are_not_said_to_miss_nothing(compared) -> None:
+def test_models_of_one_side_are_not_said_to_miss_nothing(compared):
     """Of sand and reef no patch can be a missed obstacle; "None." would read as praise."""
     sided = [
         replace(item, score=np.full(len(item.score), np.inf)) for item in compared.judged.models
@@ -463,7 +461,7 @@ def test_models_of_one_side_are_not_said_to_miss_nothing(compared) -> None:
     assert "Missed obstacles" not in page and "Worst errors" in page
 
 
-def _random_dives(judged: ComparedModels, white: int) -> ComparedModels:
+def _random_dives(judged, white):
     """Two cameras of random patches that persist, with missing frames and some not judged."""
     rng = np.random.default_rng(white)
     kept = np.sort(rng.choice(60, 50, replace=False))
@@ -496,7 +494,7 @@ def _random_dives(judged: ComparedModels, white: int) -> ComparedModels:
 
 
 @pytest.mark.parametrize("white", [1, 2])
-def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, white: int) -> None:
+def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, white):
     page = open_page(compared.page)
     judged = _random_dives(compared.judged, white)
     predictions, data = judged.models[0], explorer_data(judged)
@@ -525,7 +523,7 @@ def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, whit
     assert set(np.ravel(expected)) == {-1, 0, 1}
 
 
-def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared) -> None:
+def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared):
     table = compared.judged.series.table
     rule = MofNRule(0.0, 1, 2, 2)
     series = FrameSeries.of(table.drop(index=20))
@@ -542,7 +540,7 @@ def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared) -> 
     ]
 
 
-def test_a_fold_is_judged_by_its_own_rule_alone(compared) -> None:
+def test_a_fold_is_judged_by_its_own_rule_alone(compared):
     """Over the frames before its first one too, whichever fold these are of."""
     table = compared.judged.series.table.iloc[:4].assign(frame=range(4), fold=[0, 0, 1, 1])
     series, judged = FrameSeries.of(table), np.ones(4, bool)

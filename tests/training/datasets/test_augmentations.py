@@ -1,7 +1,5 @@
 """Changed pictures: what they are, that they are learnt from, and tested on beside."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

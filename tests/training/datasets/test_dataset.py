@@ -1,7 +1,5 @@
 """Dataset versions: what their hash covers, what they hold, and what they refuse."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -247,7 +245,7 @@ def test_a_refused_build_leaves_nothing(own_tiny, tmp_path, refused):
 
 
 @pytest.fixture
-def stored(workspace) -> Path:
+def stored(workspace):
     """The folder of a dataset that a test may damage, in a workspace without feature cache."""
     shutil.rmtree(workspace / "cache")
     return open_dataset("tiny", workspace / "datasets").path
@@ -297,7 +295,7 @@ def test_an_entry_missing_in_dataset_json_is_one_clear_line(stored, key):
 
 
 @pytest.fixture
-def format_1(tmp_path) -> Path:
+def format_1(tmp_path):
     """A dataset folder as format 1 has it, written without any code of tokt."""
     root = tmp_path / "datasets"
     folder = root / "old" / "placeholder"
@@ -368,7 +366,7 @@ def test_a_newer_format_is_refused(format_1):
 
 
 @pytest.fixture
-def patch_folder(tmp_path) -> Path:
+def patch_folder(tmp_path):
     folder = tmp_path / "cut"
     rng = np.random.default_rng(3)
     for label, spread in (("ocean", 2), ("reef", 14), ("unsure", 5)):
@@ -475,7 +473,7 @@ def test_own_taxonomy_file(build, tiny, tmp_path):
     ]
 
 
-def test_truth_helpers_agree_with_what_is_built(trained, tiny_truth: SimpleNamespace):
+def test_truth_helpers_agree_with_what_is_built(trained, tiny_truth):
     """The tiny mission's labels are true by construction; nothing on the way changes them."""
     dataset = open_dataset("tiny", trained / "datasets")
     obstacle = dataset.patches[dataset.targets() == 1]

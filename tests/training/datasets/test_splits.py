@@ -1,7 +1,5 @@
 """No split may leak: whole groups, a gap on both sides, every row tested once."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np
@@ -13,7 +11,7 @@ from hypothesis import strategies as st
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets import splits
-from tokt.training.datasets.splits import Fold, block_of, blocked_folds, every_nth_block
+from tokt.training.datasets.splits import block_of, blocked_folds, every_nth_block
 
 
 @st.composite
@@ -33,7 +31,7 @@ def layouts(draw):
     return table, targets
 
 
-def distance_to_test(table: pd.DataFrame, fold: Fold) -> int:
+def distance_to_test(table, fold):
     """The least number of frames between a training and a test row of the same mission."""
     train, test = table.iloc[fold.train], table.iloc[fold.test]
     pairs = train.merge(test, on="mission", suffixes=("", "_test"))
@@ -61,7 +59,7 @@ def test_no_layout_leaks(layout, n_folds, embargo):
         assert set(targets[fold.train]) == set(targets)
 
 
-def regular(frames: int, block: int, period: int = 2) -> tuple[pd.DataFrame, np.ndarray]:
+def regular(frames, block, period=2):
     frame = np.arange(frames)
     groups = [block_of("m", n, block) for n in frame]
     table = pd.DataFrame({"mission": "m", "frame": frame, "group": groups})

@@ -1,7 +1,5 @@
 """`tokt evaluate`: its figures against a count by hand, for binary and several-class models."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -120,8 +118,8 @@ def test_frames_are_judged_at_the_operating_point_across_a_gap(
     assert (result["latency_frames"], plain["latency_frames"]) == (1, 0)
 
 
-def test_three_in_a_row_do_not_reach_over_a_gap() -> None:
-    def first(missed: list[int], status: list[int]) -> int | None:
+def test_three_in_a_row_do_not_reach_over_a_gap():
+    def first(missed, status):
         return first_detection(list(range(10, 10 * len(missed) + 1, 10)), missed, status)
 
     assert first([0, 0, 0, 0], [0, 1, 1, 1]) == 20

@@ -1,7 +1,5 @@
 """The operating point: what it promises of open ocean, and that the figures for it are honest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Label audit: planted wrong labels come first, and nothing is learnt from them twice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

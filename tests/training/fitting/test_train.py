@@ -1,7 +1,5 @@
 """Training and its cross-validation: the same each time, and honest."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -56,7 +54,7 @@ PLAIN = settings_named("plain")
 def request_for(trained, tmp_path):
     """A request to train on the tiny dataset."""
 
-    def make(preset: str, extractor: str = "lbp", **more) -> TrainRequest:
+    def make(preset, extractor="lbp", **more):
         dataset = open_dataset("tiny", trained / "datasets")
         settings = settings_named(preset)
         chosen = extractor_for(extractor, preset)

@@ -1,21 +1,13 @@
 """Calibration from checkerboard pictures, rendered here through known cameras."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.training.rig.calibrate.checkerboard import parse_board
 
-Float = NDArray[np.float64]
 CORNERS, SQUARE_MM = (7, 5), 40.0
 SIZE = (480, 360)
 CELL = 60  # pixels of a square of the flat board
@@ -24,7 +16,7 @@ CELL = 60  # pixels of a square of the flat board
 class Cameras:
     """Two known cameras that draw what they see of the board."""
 
-    def __init__(self, calibration: StereoCalibration) -> None:
+    def __init__(self, calibration):
         self.calibration = calibration
         pixels = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), axis=-1)
         pixels = pixels.reshape(-1, 1, 2).astype(np.float64)
@@ -38,7 +30,7 @@ class Cameras:
         ]
         self._flat = cv2.GaussianBlur(_flat_board(), (0, 0), 4.0)
 
-    def picture(self, side: int, turn: Float, at_mm: Float) -> NDArray[np.uint8]:
+    def picture(self, side, turn, at_mm):
         """The board, turned, its first corner at `at_mm` in the left camera's axes."""
         R, t = cv2.Rodrigues(turn)[0], at_mm.reshape(3, 1)
         if side == 1:
@@ -54,7 +46,7 @@ class Cameras:
         )
 
 
-def _flat_board() -> NDArray[np.uint8]:
+def _flat_board():
     """The board from straight above with a white rim; its first inner corner at (2, 2) squares."""
     rows, cols = CORNERS[1] + 3, CORNERS[0] + 3
     squares = np.indices((rows, cols)).sum(axis=0) % 2 * 215 + 20
@@ -64,8 +56,8 @@ def _flat_board() -> NDArray[np.uint8]:
 
 
 @pytest.fixture(scope="module")
-def cameras() -> Cameras:
-    def matrix(focal: float, x: float, y: float) -> Float:
+def cameras():
+    def matrix(focal, x, y):
         return np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
 
     return Cameras(
@@ -82,7 +74,7 @@ def cameras() -> Cameras:
 
 
 @pytest.fixture(scope="module")
-def boards(cameras: Cameras, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def boards(cameras, tmp_path_factory):
     """Fourteen pairs; the board all over the picture, near and far, tilted every way."""
     folder = tmp_path_factory.mktemp("boards")
     rng = np.random.default_rng(3)
@@ -100,9 +92,7 @@ def boards(cameras: Cameras, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_recovers_the_cameras(
-    cameras: Cameras, boards: Path, tmp_path: Path, told: Callable[..., Any]
-) -> None:
+def test_recovers_the_cameras(cameras, boards, tmp_path, told):
     file = tmp_path / "board.yml"
     said = told("calibrate", boards, "--board", "7x5", "--square", SQUARE_MM, "-o", file)
     truth, found = cameras.calibration, load_calibration(file)
@@ -124,9 +114,7 @@ def test_recovers_the_cameras(
     np.testing.assert_allclose(found.T_mm, truth.T_mm, atol=1.0)
 
 
-def test_too_few_boards_are_one_line(
-    boards: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_too_few_boards_are_one_line(boards, tmp_path, refused):
     few = tmp_path / "few"
     for side in ("Left", "Right"):
         (few / side).mkdir(parents=True)
@@ -141,7 +129,7 @@ def test_too_few_boards_are_one_line(
     assert not file.exists()
 
 
-def test_board_words() -> None:
+def test_board_words():
     assert parse_board("9x6") == (9, 6)
     for text in ("9", "9x", "1x6", "9x60", "x", "9*6", "-9x6"):
         with pytest.raises(ToktError, match="inner corners"):

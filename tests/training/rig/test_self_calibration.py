@@ -1,7 +1,5 @@
 """The adjustment's geometry on simulated points: what is put in must come out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import cv2
@@ -16,12 +14,10 @@ from tokt.training.rig.calibrate.matching import FrameMatches, Tracks, build_tra
 from tokt.training.rig.calibrate.parameter_uncertainty import (
     FIXED,
     NOT_FIXED,
-    ParameterUncertainty,
     parameter_uncertainty,
 )
 from tokt.training.rig.calibrate.rig_fit import (
     PRIORS,
-    RigFit,
     epipolar_px,
     fit_epipolar,
     fit_rig,
@@ -65,12 +61,12 @@ class Dive:
     depths_m: list[Float]
 
     @property
-    def plain(self) -> Rig:
+    def plain(self):
         """What a calibration starts from."""
         return Rig.plain(1111.0, 305.5, SIZE)
 
 
-def draw_dive(**other: float) -> Dive:
+def draw_dive(**other):
     """Twelve frames; positions off by 0.3 px, one match in ten in a wrong place on the right."""
     rng = np.random.default_rng(5)
     values = TRUE | other
@@ -95,34 +91,34 @@ def draw_dive(**other: float) -> Dive:
 
 
 @pytest.fixture(scope="module")
-def dive() -> Dive:
+def dive():
     return draw_dive()
 
 
 @pytest.fixture(scope="module")
-def fit(dive: Dive) -> RigFit:
+def fit(dive):
     """The rig fitted to the even frames."""
     return fit_rig(dive.matches[::2], dive.plain, DISTORTION)
 
 
 @pytest.fixture(scope="module")
-def sure(fit: RigFit, dive: Dive) -> ParameterUncertainty:
+def sure(fit, dive):
     return parameter_uncertainty(fit, dive.matches[1::2])
 
 
-def test_recovers_the_rig(fit: RigFit) -> None:
+def test_recovers_the_rig(fit):
     bounds = dict.fromkeys(POSE[:3], 5e-4) | {"direction_y": 2e-3, "direction_z": 1e-2}
     bounds |= {"focal_ratio": 1.5e-3, "k1": 0.05, "k2": 0.3}
     off = {name: abs(fit.rig.values[name] - value) for name, value in TRUE.items()}
     assert {name: error for name, error in off.items() if error > bounds[name]} == {}
 
 
-def test_scipys_least_squares_finds_nothing_better(fit: RigFit) -> None:
+def test_scipys_least_squares_finds_nothing_better(fit):
     """The same loss, as a sum of squares: each observation's residuals scaled by their length."""
     problem = fit.problem(fit.names, PRIORS)
     n = len(problem.tracks.frame)
 
-    def scaled(vector: Float) -> Float:
+    def scaled(vector):
         residuals = problem.residuals(vector)
         length = np.maximum(problem.lengths(residuals), 1e-9)
         factor = LOSS_PX * np.sqrt(np.log1p(np.square(length / LOSS_PX))) / length
@@ -135,7 +131,7 @@ def test_scipys_least_squares_finds_nothing_better(fit: RigFit) -> None:
     assert better.cost > 0.999 * problem.cost(problem.residuals(end))
 
 
-def test_the_zero_of_disparity_is_found(fit: RigFit, dive: Dive) -> None:
+def test_the_zero_of_disparity_is_found(fit, dive):
     """Depth errs by less than 1 % from 7 m to 2 m: a wrong yaw would bend it over the approach."""
     tracks = build_tracks(dive.matches)
     found = triangulate(fit.rig, tracks)[:, 2]
@@ -144,7 +140,7 @@ def test_the_zero_of_disparity_is_found(fit: RigFit, dive: Dive) -> None:
         assert ratio == pytest.approx(1, abs=0.01), f"at {np.median(depths):.1f} m"
 
 
-def test_rows_alone_do_not_fix_the_yaw(dive: Dive) -> None:
+def test_rows_alone_do_not_fix_the_yaw(dive):
     """Why points are followed: other yaws have rows that agree nearly as well."""
     tracks = build_tracks(dive.matches)
     names = [name for name in POSE if name != "rotation_y"]
@@ -157,18 +153,18 @@ def test_rows_alone_do_not_fix_the_yaw(dive: Dive) -> None:
 
 
 @pytest.mark.parametrize(("yaw", "free"), [(0.06, DISTORTION), (-0.05, ())])
-def test_a_large_yaw_is_found(yaw: float, free: tuple[str, ...]) -> None:
+def test_a_large_yaw_is_found(yaw, free):
     """Three degrees are 60 px of disparity; found even where the lens is taken for straight."""
     found = fit_rig(draw_dive(rotation_y=yaw).matches[::2], Rig.plain(1111.0, 305.5, SIZE), free)
     assert found.rig.values["rotation_y"] == pytest.approx(yaw, abs=2e-3)
 
 
-def test_wrong_matches_are_dropped(fit: RigFit) -> None:
+def test_wrong_matches_are_dropped(fit):
     observed = len(fit.tracks.point) + fit.dropped
     assert 0.05 < fit.dropped / observed < 0.25
 
 
-def test_says_what_the_data_cannot_fix(sure: ParameterUncertainty, dive: Dive) -> None:
+def test_says_what_the_data_cannot_fix(sure, dive):
     verdicts = {one.name: one for one in sure.parameters}
     assert verdicts["baseline"].verdict == NOT_FIXED and verdicts["baseline"].held
     assert verdicts["focal"].held and verdicts["focal"].verdict != FIXED
@@ -178,7 +174,7 @@ def test_says_what_the_data_cannot_fix(sure: ParameterUncertainty, dive: Dive) -
     assert shorter.vertical_median_px < sure.focal[0].vertical_median_px + 0.1
 
 
-def test_a_view_of_little_depth_fixes_less(sure: ParameterUncertainty, dive: Dive) -> None:
+def test_a_view_of_little_depth_fixes_less(sure, dive):
     """The first five frames alone, seven to five metres off, and the middle of their pictures."""
     middle = np.array(SIZE) / 2
     few = [
@@ -196,13 +192,13 @@ def test_a_view_of_little_depth_fixes_less(sure: ParameterUncertainty, dive: Div
     assert less.loose and any("focal" in direction.changes for direction in less.loose)
 
 
-def test_sigma_is_the_size_of_the_error(fit: RigFit, sure: ParameterUncertainty) -> None:
+def test_sigma_is_the_size_of_the_error(fit, sure):
     for one in sure.parameters:
         if one.name in TRUE and one.sigma is not None:
             assert abs(one.value - TRUE[one.name]) < 5 * one.sigma, one.name
 
 
-def test_jacobian_against_finite_differences(dive: Dive) -> None:
+def test_jacobian_against_finite_differences(dive):
     names = (*POSE, *DISTORTION, *FOCAL, *PRINCIPAL)
     rng = np.random.default_rng(0)
     frame, point = np.repeat([0, 1, 2], 3), np.tile([0, 1, 2], 3)
@@ -229,7 +225,7 @@ def test_jacobian_against_finite_differences(dive: Dive) -> None:
         )
 
 
-def test_vertical_error_is_zero_through_the_true_cameras(dive: Dive) -> None:
+def test_vertical_error_is_zero_through_the_true_cameras(dive):
     rng = np.random.default_rng(1)
     pixels = dive.rig.project(rng.uniform([-0.5, -0.4, 2], [0.5, 0.4, 6], (50, 3)))
     none = np.zeros((50, 128), np.float32)
@@ -241,7 +237,7 @@ def test_vertical_error_is_zero_through_the_true_cameras(dive: Dive) -> None:
     assert sum(cell["matches"] for row in regions for cell in row if cell) == 50
 
 
-def _moved(matches: list[FrameMatches], rows: float, swapped: bool = False) -> list[FrameMatches]:
+def _moved(matches, rows, swapped=False):
     """Matches with the right view higher by `rows`, or with the cameras exchanged."""
     down = np.array([0, -rows])
     if swapped:
@@ -249,7 +245,7 @@ def _moved(matches: list[FrameMatches], rows: float, swapped: bool = False) -> l
     return [replace(one, right=one.right + down) for one in matches]
 
 
-def test_judges_good_shifted_unusable(dive: Dive) -> None:
+def test_judges_good_shifted_unusable(dive):
     good = [  # nine in ten are right: without the others, p90 is of these
         replace(one, left=one.left[fine], right=one.right[fine])
         for one in dive.matches
@@ -268,7 +264,7 @@ def test_judges_good_shifted_unusable(dive: Dive) -> None:
     assert check_calibration(level, good).state == UNUSABLE
 
 
-def test_points_that_cannot_be_followed_are_one_line(dive: Dive) -> None:
+def test_points_that_cannot_be_followed_are_one_line(dive):
     rng = np.random.default_rng(2)
     strangers = [
         replace(
@@ -282,7 +278,7 @@ def test_points_that_cannot_be_followed_are_one_line(dive: Dive) -> None:
         fit_rig(strangers, dive.plain)
 
 
-def test_a_track_that_returns_to_a_frame_falls_apart(dive: Dive) -> None:
+def test_a_track_that_returns_to_a_frame_falls_apart(dive):
     one, two = dive.matches[0], dive.matches[1]
     twins = replace(
         one,

@@ -1,7 +1,5 @@
 """`tokt search`: the rule, the space, and a search that is stopped, or killed, and goes on."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -11,7 +9,6 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -63,7 +60,7 @@ SPLIT = ("--folds", 3, "--embargo", 1)
 
 
 @pytest.fixture(scope="module")
-def space_file(tmp_path_factory) -> Path:
+def space_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("space") / "space.toml"
     path.write_text(SPACE, "utf-8")
     (path.parent / "dead.json").write_text(json.dumps(DEAD), "utf-8")
@@ -147,7 +144,7 @@ def test_wrong_budgets(text):
 
 @settings(max_examples=scaled(50))
 @given(st.integers(2, 4), st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), max_size=30))
-def test_f1_is_scikit_learns(classes: int, pairs: list[tuple[int, int]]) -> None:
+def test_f1_is_scikit_learns(classes, pairs):
     counts = np.zeros((classes, classes), np.int64)
     pairs = [(truth % classes, said % classes) for truth, said in pairs]
     for truth, said in pairs:
@@ -162,14 +159,14 @@ def test_f1_is_scikit_learns(classes: int, pairs: list[tuple[int, int]]) -> None
     assert f1_of_counts(counts) == pytest.approx(expected, nan_ok=True)
 
 
-def made(hits: list[int], missed: list[int], folds: list[int] | None = None) -> BlockConfusion:
+def made(hits, missed, folds=None):
     """A tally with a block an entry: so many obstacle patches found and missed."""
     counts = np.array([[[10, 0], [miss, hit]] for hit, miss in zip(hits, missed, strict=True)])
     blocks = np.arange(len(hits))
     return BlockConfusion(blocks, np.array(folds or [0] * len(hits)), counts, len(hits))
 
 
-def trial(name: str, features: int) -> Trial:
+def trial(name, features):
     return Trial(name, {"name": name}, features, 1)
 
 
@@ -279,7 +276,7 @@ def test_a_trial_that_is_not_whole_is_one_line(tmp_path, before, after, said):
 
 
 def test_state_belongs_to_one_question_and_one_process(tmp_path):
-    def opened(question: str, fresh: bool = False) -> Any:
+    def opened(question, fresh=False):
         return opened_state(tmp_path, {"asked": question}, "sea", fresh=fresh)
 
     with opened("one") as state:
@@ -311,7 +308,7 @@ def test_state_of_a_newer_tokt_is_one_line(tmp_path):
 # --- a whole search ------------------------------------------------------------------------------
 
 
-def begin_like(trained: Path, workspace: Path) -> None:
+def begin_like(trained, workspace):
     """The tiny dataset and a registry's tables, which take seconds to make anew."""
     shutil.copytree(trained / "datasets", workspace / "datasets")
     shutil.copy(trained / "mlflow.db", workspace / "mlflow.db")
@@ -327,7 +324,7 @@ def searched(trained, tmp_path_factory, done, told, space_file):
     return workspace, command, first, told(*command, "--nested")
 
 
-def search_runs(workspace: Path) -> list[Any]:
+def search_runs(workspace):
     registry = Registry(workspace)
     return list(registry.client.search_runs([registry.experiment_id()]))
 
@@ -476,7 +473,7 @@ for awaited in ("*/trials/[!.]*.json", "*/winner.json", None):
 """After `preload`: forks a child a run, so that a kill costs no second of imports."""
 
 
-def finished_trials(folder: Path) -> dict[str, Any]:
+def finished_trials(folder):
     """What is kept of each trial, but how long it took."""
     found = {}
     for path in sorted(folder.glob("*/[!.]*.json")):
@@ -485,7 +482,7 @@ def finished_trials(folder: Path) -> dict[str, Any]:
     return found
 
 
-def model_bytes(workspace: Path, result: dict[str, Any]) -> tuple[bytes, bytes]:
+def model_bytes(workspace, result):
     model = Registry(workspace).bundle(result["model"]["name"]).content.model
     return model.weights.tobytes(), model.bias.tobytes()
 

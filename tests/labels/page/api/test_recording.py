@@ -1,11 +1,6 @@
 """From sea back to training: what the runtime recorded is labelled and becomes a dataset."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +17,7 @@ from tokt.models.bundle.bundle import read_bundle
 OCEAN = [0, 1, 2, 90, 91, 92]  # patches
 
 
-def stereo_copy(mission: Path, to: Path) -> Path:
+def stereo_copy(mission, to):
     """The mission with a right camera, whose frames are those of the left one, brighter."""
     (to / "Left").mkdir(parents=True)
     (to / "Right").mkdir()
@@ -33,7 +28,7 @@ def stereo_copy(mission: Path, to: Path) -> Path:
     return to
 
 
-def record(mission: Path, bundle_file: Path, folder: Path) -> Path:
+def record(mission, bundle_file, folder):
     """Run a model over a mission as at sea, recording what it warns of."""
     bundle = read_bundle(bundle_file)
     recorder = Recorder(folder, "run-1", SYSTEM_CLOCK, disk=DiskLimits(100, 0))
@@ -45,13 +40,7 @@ def record(mission: Path, bundle_file: Path, folder: Path) -> Path:
     return folder / "run-1"
 
 
-def test_the_loop_from_sea_to_training_closes(
-    tiny: Any,
-    tiny_bundle: Path,
-    page_server: Callable[..., Any],
-    run_tokt: Callable[..., Any],
-    tmp_path: Path,
-) -> None:
+def test_the_loop_from_sea_to_training_closes(tiny, tiny_bundle, page_server, run_tokt, tmp_path):
     sea = stereo_copy(tiny.path, tmp_path / "sea")
     recording = record(sea, tiny_bundle, tmp_path / "rec")
     lines = [line for line in read_recording(recording) if "event" not in line]
@@ -95,9 +84,7 @@ def test_the_loop_from_sea_to_training_closes(
     assert dataset["patches"] == painted
 
 
-def test_other_files_beside_the_frames_do_not_matter(
-    tiny: Any, tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_other_files_beside_the_frames_do_not_matter(tiny, tiny_bundle, tmp_path):
     recording = record(tiny.path, tiny_bundle, tmp_path / "rec")
     before = open_mission(recording).frames()
     (recording / "recording.jsonl.copy").write_text("x")

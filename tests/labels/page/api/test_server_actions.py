@@ -1,12 +1,9 @@
 """Labels, actions, undo and what is answered when something is wrong with them."""
 
-from __future__ import annotations
-
 import json
 import resource
 import sys
 from contextlib import closing
-from typing import Any
 from urllib.parse import quote
 
 import psutil
@@ -29,21 +26,21 @@ def server(page_server):
     return page_server("--annotator", "anna")
 
 
-def _frame(server: Any, frame: int, who: str = "anna") -> dict[str, Any]:
+def _frame(server, frame, who="anna"):
     return server.get("/api/labels", camera="left", frames=frame, who=who)["frames"][0]
 
 
-def _mine(server: Any, frame: int, who: str = "anna") -> list[str | None]:
+def _mine(server, frame, who="anna"):
     return _frame(server, frame, who)["mine"]
 
 
-def _is_refused(answer: Any, *statuses: int) -> None:
+def _is_refused(answer, *statuses):
     """The answer is one line with a reason."""
     assert answer.status in statuses, answer.body
     assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
 
 
-def test_mission(server) -> None:
+def test_mission(server):
     mission = server.get("/api/mission")
     assert (mission["mission"], mission["annotator"], mission["fault"]) == ("tiny", "anna", "")
     assert mission["grid"] == {"rows": 10, "cols": 10, "width": 360}
@@ -62,7 +59,7 @@ def test_mission(server) -> None:
     assert nobody["frames"] == [] and "--model" in nobody["why_not"]
 
 
-def test_an_action_and_its_undo(server) -> None:
+def test_an_action_and_its_undo(server):
     done = server.paint("act-1", 1, [0, 1, 99], "ocean", who="dora")
     head = {"key": "act-1", "kind": "paint", "camera": "left", "frame": 1, "changed": 3}
     assert done == {
@@ -93,7 +90,7 @@ def test_an_action_and_its_undo(server) -> None:
     assert other.status == 409 and "\n" not in other.json["error"]
 
 
-def test_what_was_said_meanwhile_is_a_conflict(server) -> None:
+def test_what_was_said_meanwhile_is_a_conflict(server):
     server.paint("tab-1", 2, [0, 1], "ocean")
     late = server.paint("tab-2", 2, [0, 5], "reef")
     conflict = {"camera": "left", "frame": 2, "cell": 0, "theirs": "ocean", "yours": "reef"}
@@ -101,7 +98,7 @@ def test_what_was_said_meanwhile_is_a_conflict(server) -> None:
     assert [_mine(server, 2)[cell] for cell in (0, 1, 5)] == ["ocean", "ocean", "reef"]
 
 
-def test_confirmed_suggestions_keep_the_model(server) -> None:
+def test_confirmed_suggestions_keep_the_model(server):
     change = {"camera": "left", "frame": 4, "label": "reef", "cells": [7], "base": [None]}
     server.paint("yes-1", 4, [], None, changes=[{**change, "model": "reefs/3"}], kind="accept")
     assert _frame(server, 4)["models"] == {"7": "reefs/3"}
@@ -111,7 +108,7 @@ def test_confirmed_suggestions_keep_the_model(server) -> None:
     ]
 
 
-def test_two_annotators_settle(server) -> None:
+def test_two_annotators_settle(server):
     server.paint("two-1", 6, [0, 1, 2], "ocean", who="anna")
     server.paint("two-2", 6, [0, 1, 3], "reef", who="ben")
     server.paint("two-3", 6, [1], "ocean", who="ben", base="reef")
@@ -132,7 +129,7 @@ def test_two_annotators_settle(server) -> None:
     assert server.request("GET", "/api/agreement?a=zoe&b=ben").status == 409
 
 
-def test_seen_frames_and_frames_of_somebody(server) -> None:
+def test_seen_frames_and_frames_of_somebody(server):
     seen = {"who": "anna", "camera": "left", "frame": 30}
     assert server.post("/api/seen", **seen) == {"states": {"left": {"30": "s"}}}
     assert server.get("/api/mission", who="anna")["states"]["left"][29] == "s"
@@ -143,8 +140,8 @@ def test_seen_frames_and_frames_of_somebody(server) -> None:
     assert server.request("GET", "/api/labelled?of=nobody").status == 404
 
 
-def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server) -> None:
-    def found(who: str, label: str, **more: Any) -> list[int]:
+def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server):
+    def found(who, label, **more):
         query = {"who": who, "class": label, **more}
         frames = server.get("/api/frames_with", **query)["cameras"]["left"]
         assert isinstance(frames, list)
@@ -165,7 +162,7 @@ def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server) -> 
     assert server.request("GET", "/api/frames_with?who=gus").status == 400
 
 
-def test_an_action_for_another_mission_is_not_taken(server) -> None:
+def test_an_action_for_another_mission_is_not_taken(server):
     change = {"camera": "left", "frame": 8, "label": "reef", "cells": [7], "base": [None]}
     body = {"who": "anna", "kind": "paint", "time": TIME, "changes": [change]}
     grid = {"rows": 10, "cols": 10, "width": 360}
@@ -208,7 +205,7 @@ ACTION = {"key": "bad", "who": "anna", "kind": "paint", "time": TIME, "changes":
         ({"\ud800": 1}, 400),
     ],
 )
-def test_wrong_changes_are_refused(server, change: dict[str, Any], status: int) -> None:
+def test_wrong_changes_are_refused(server, change, status):
     answer = server.send("/api/actions", {**ACTION, "changes": [{**CHANGE, **change}]})
     _is_refused(answer, status)
     assert _mine(server, 9) == [None] * 100
@@ -233,7 +230,7 @@ def test_wrong_changes_are_refused(server, change: dict[str, Any], status: int) 
         {"source": "settled", "blind": True},
     ],
 )
-def test_wrong_actions_are_refused(server, wrong: dict[str, Any]) -> None:
+def test_wrong_actions_are_refused(server, wrong):
     answer = server.send("/api/actions", {**ACTION, **wrong})
     _is_refused(answer, 400, 403)
     assert _mine(server, 9) == [None] * 100
@@ -242,7 +239,7 @@ def test_wrong_actions_are_refused(server, wrong: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "body", [b"", b"{", b"null", b"[]", b"\xff", b"[" * 100_000, b'{"frame": NaN}', b"1e999"]
 )
-def test_what_is_not_json_is_refused(server, body: bytes) -> None:
+def test_what_is_not_json_is_refused(server, body):
     for path in ("/api/actions", "/api/undo", "/api/seen"):
         answer = server.request("POST", path, body, {"Content-Type": "application/json"})
         assert answer.status == 400, (path, answer.body)
@@ -266,12 +263,12 @@ _bodies = st.one_of(
 )
 
 
-def test_no_json_is_a_fault_of_the_server(server) -> None:
+def test_no_json_is_a_fault_of_the_server(server):
     with closing(server.connect()) as connection:
 
         @settings(max_examples=scaled(60))
         @given(st.sampled_from(["/api/actions", "/api/undo", "/api/redo", "/api/seen"]), _bodies)
-        def send(path: str, body: Any) -> None:
+        def send(path, body):
             connection.request("POST", path, json.dumps(body), {"Content-Type": "application/json"})
             answer = connection.getresponse()
             text = answer.read()
@@ -311,11 +308,11 @@ def test_no_json_is_a_fault_of_the_server(server) -> None:
         "patches?cells=" + ",".join(["left:1:0"] * 401),
     ],
 )
-def test_wrong_queries_are_refused(server, query: str) -> None:
+def test_wrong_queries_are_refused(server, query):
     _is_refused(server.request("GET", f"/api/{query}"), 400)
 
 
-def test_ranges_of_millions_of_frames_are_not_listed(server) -> None:
+def test_ranges_of_millions_of_frames_are_not_listed(server):
     process = psutil.Process(server.process.pid)
     begin = process.cpu_times().user
     ranges = ",".join(f"{n}0000000 - {n}9999999" for n in range(1, 4))
@@ -324,7 +321,7 @@ def test_ranges_of_millions_of_frames_are_not_listed(server) -> None:
     assert process.cpu_times().user - begin < 1
 
 
-def test_pictures(server) -> None:
+def test_pictures(server):
     own = next((server.mission / "Left").glob("*_3.png")).read_bytes()
     assert server.request("GET", "/api/picture/left/3").body == own
     for path in ("picture/left/3?enhance=60", "thumb/left/3", "patches?cells=left:3:5,left:4:99"):
@@ -333,7 +330,7 @@ def test_pictures(server) -> None:
         assert answer.body.startswith(b"\xff\xd8")
 
 
-def test_unreadable_frame(page_server, own_tiny) -> None:
+def test_unreadable_frame(page_server, own_tiny):
     next((own_tiny.path / "Left").glob("*_3.png")).write_bytes(b"not a picture")
     server = page_server(mission=own_tiny.path)
     for path in ("picture/left/3", "picture/left/3?enhance=60", "thumb/left/3"):
@@ -343,7 +340,7 @@ def test_unreadable_frame(page_server, own_tiny) -> None:
     assert server.request("GET", "/api/patches?cells=left:3:5,left:4:5").status == 200
 
 
-def test_acknowledged_means_kept(page_server) -> None:
+def test_acknowledged_means_kept(page_server):
     server = page_server()
     for n in range(5):
         server.paint(f"kept-{n}", 1 + n, list(range(100)), "ocean")
@@ -356,7 +353,7 @@ def test_acknowledged_means_kept(page_server) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs prlimit")
-def test_full_disk_is_said_at_once_and_passes(page_server) -> None:
+def test_full_disk_is_said_at_once_and_passes(page_server):
     server = page_server()
     server.paint("full-0", 1, [0], "ocean")
     limit = resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE)

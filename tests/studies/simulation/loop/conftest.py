@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tokt.studies.simulation.loop.autopilot import STEP_S, Autopilot
-from tokt.studies.simulation.loop.planner import Planner, PlannerSettings
+from tokt.studies.simulation.loop.planner import Planner
 from tokt.studies.simulation.loop.track import SaidOfFrame, Step, Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M, State, Vehicle
 
@@ -147,9 +147,7 @@ class Camera:
         }  # fmt: skip
 
 
-def fly(
-    sea: Sea, seed: int, settings: PlannerSettings | None = None, most_s: float = 240.0
-) -> Track:
+def fly(sea, seed, settings=None, most_s=240.0):
     """One transit from START_M to GOAL_M along the sea's heading."""
     rng = np.random.default_rng(seed)
     camera = Camera(sea, rng)
@@ -210,6 +208,6 @@ def draw_sea(kind: str, seed: int, **changes: Any) -> Sea:
 
 
 @pytest.fixture(scope="session")
-def stand_in() -> SimpleNamespace:
+def stand_in():
     """The stand-in's functions and classes."""
     return SimpleNamespace(Sea=Sea, draw=draw_sea, fly=fly, tower=tower, trap=trap)

@@ -1,11 +1,6 @@
 """`tokt simulate --closed-loop` from the command to its folder."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -18,10 +13,10 @@ pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model(tmp_path_factory):
     """The default model's own way, on short missions."""
     path = tmp_path_factory.mktemp("model") / "small.tokt"
-    said: list[str] = []
+    said = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(default_model, "SEEDS", (900_001, 900_002))
         patch.setattr(default_model, "FRAMES", 30)
@@ -37,9 +32,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_study(
-    model: Path, tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study(model, tmp_path, run_tokt, monkeypatch):
     monkeypatch.setattr(scenes, "START_M", -7.0)
     monkeypatch.setattr(flight, "MAX_S", 13.0)  # into the tower, or beside it by then
     out = tmp_path / "out"
@@ -62,12 +55,10 @@ def test_a_study(
     assert 'src="http' not in page and (out / "maps" / "tower-texture.png").is_file()
 
 
-def test_methods_without_a_model_need_none_and_the_seeds_are_said(
-    tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_methods_without_a_model_need_none_and_the_seeds_are_said(tmp_path, run_tokt, monkeypatch):
     monkeypatch.setattr(flight, "MAX_S", 0.5)
     monkeypatch.setattr(study, "train_default_model", None)
-    about: list[str] = []
+    about = []
     monkeypatch.setattr(study, "write_report", lambda *given: about.extend(given[-1]))
     out = tmp_path / "out"
     command = ["simulate", out, "--closed-loop", "--scenes", "empty", "--methods", "none"]
@@ -95,22 +86,18 @@ def test_methods_without_a_model_need_none_and_the_seeds_are_said(
         (["--jobs", 0], "jobs: a number of processes"),
     ],
 )
-def test_what_cannot_be_flown(
-    options: list[Any], words: str, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_what_cannot_be_flown(options, words, tmp_path, run_tokt):
     ran = run_tokt("simulate", tmp_path / "out", "--closed-loop", *options)
     assert ran.code == 2 and words in ran.err and "Traceback" not in ran.err
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_is_there(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_a_folder_that_is_there(tmp_path, run_tokt):
     ran = run_tokt("simulate", tmp_path, "--closed-loop")
     assert ran.code == 2 and "is there already" in ran.err
 
 
 @pytest.mark.parametrize("name", ["scenes", "methods", "runs", "model"])
-def test_options_of_the_closed_loop_alone(
-    name: str, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_options_of_the_closed_loop_alone(name, tmp_path, run_tokt):
     ran = run_tokt("simulate", tmp_path / "out", f"--{name}", 3)
     assert ran.code == 2 and f"--{name} is for --closed-loop" in ran.err
