@@ -2,23 +2,19 @@ import csv
 import re
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import given
 
 from tests.calls import refuses
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.formats.options import WriteOptions
 from tokt.labels.formats.viame_csv import read_viame_csv, write_viame_csv
 
-from .examples import DIVE, SLOW, TAXONOMY, said, some_records
+from .examples import DIVE, SLOW, TAXONOMY, put, said, some_records
 
-
-def _file(folder, text):
-    path = folder / "boxes.csv"
-    path.write_text(text, encoding="utf-8")
-    return path
+_file = partial(put, name="boxes.csv")
 
 
 def _through_dive(text):
@@ -81,11 +77,9 @@ def test_foreign_boxes(tmp_path, reading):
 
 
 def test_unknown_classes_are_named_with_what_to_do(tmp_path, reading):
-    with pytest.raises(ToktError, match=r"'fish' \(3\); known: ocean, .*--map THEIRS=OURS"):
-        read_viame_csv(_file(tmp_path, DIVE), reading)
-    left_out = replace(reading, classes={"fish": ""})
-    with pytest.raises(ToktError, match=r"no labels in it; .*3 boxes left out by --map"):
-        read_viame_csv(_file(tmp_path, DIVE), left_out)
+    path, left_out = _file(tmp_path, DIVE), replace(reading, classes={"fish": ""})
+    refuses(r"'fish' \(3\); known: ocean, .*--map THEIRS=OURS", read_viame_csv, path, reading)
+    refuses(r"no labels in it; .*3 boxes left out by --map", read_viame_csv, path, left_out)
 
 
 def test_foreign_boxes_need_frames(tmp_path, reading):
@@ -157,10 +151,7 @@ def test_another_class_is_a_label_by_hand_and_no_confirmed_suggestion(
         ('"0,dive_L_3.png,0', "line 1: unexpected end of data"),
         ("0,dive_L_3.png,0,10,10,0,0,1,-1,reef,1", "1 box left out: without area"),
         ("0,dive_L_3.png,0,900,0,999,50,1,-1,reef,1", "1 box left out: outside the frame"),
-        (
-            "0,other_L_3.png,0,0,0,50,50,1,-1,reef,1",
-            "1 image not of the mission, .* 'other_L_3.png'",
-        ),
+        ("0,other_L_3.png,0,0,0,50,50,1,-1,reef,1", "1 image not of .* 'other_L_3.png'"),
         ("0,dive_L_3.png,0,0,0,50,50,1,-1", r"unknown class '' \(1\)"),
         ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 1", "no tokt_mission beside tokt_format"),
         ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 9", "a newer tokt wrote it"),
@@ -190,13 +181,12 @@ def test_huge_boxes_stay_in_the_frame(tmp_path, reading):
 
 
 def test_one_camera_one_mission(tmp_path, writing):
-    both = [said(), said(camera="right")]
-    with pytest.raises(ToktError, match="cameras left, right: VIAME CSV holds one"):
-        write_viame_csv(tmp_path / "out.csv", both, writing)
-    with pytest.raises(ToktError, match=r"missions dive, wreck: .* --mission NAME"):
-        write_viame_csv(tmp_path / "out.csv", [said(), replace(said(), mission="wreck")], writing)
-    with pytest.raises(ToktError, match=r"needs file names .* --mission-dir DIR"):
-        write_viame_csv(tmp_path / "out.csv", [said()], WriteOptions(TAXONOMY))
-    with pytest.raises(ToktError, match=r"no label could be written; 1 label left out: .*no such"):
-        write_viame_csv(tmp_path / "out.csv", [said(frame=4)], writing)
+    wreck = replace(said(), mission="wreck")
+    for some, options, message in (
+        ([said(), said(camera="right")], writing, "cameras left, right: VIAME CSV holds one"),
+        ([said(), wreck], writing, "missions dive, wreck: .* --mission NAME"),
+        ([said()], WriteOptions(TAXONOMY), "needs file names .* --mission-dir DIR"),
+        ([said(frame=4)], writing, "no label could be written; 1 label left out: .*no such"),
+    ):
+        refuses(message, write_viame_csv, tmp_path / "out.csv", some, options)
     assert not (tmp_path / "out.csv").exists()
