@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -40,6 +41,13 @@ def call_tokt(*arguments: object, program: Callable[[], None] = main) -> Ran:
     return Ran(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
 
 
+def succeeds(*arguments: object) -> Ran:
+    """Run the command line in this process to a normal end."""
+    ran = call_tokt(*arguments)
+    assert ran.code == 0, ran.err
+    return ran
+
+
 def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: Any) -> str:
     """Call what must raise a ToktError of one line with `words` in it, or with any; that line."""
     with pytest.raises(ToktError, match=words or None) as caught:
@@ -49,14 +57,14 @@ def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: An
     return line
 
 
+def free_port() -> int:
+    """A port of this machine that nothing listens to."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
+
+
 def run_python(*arguments, folder=None, **environment):
     """Run ``python ARGUMENTS`` in a folder, with more in its environment, to its end."""
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-        check=False,
-    )
+    command, where = [sys.executable, *map(str, arguments)], {**os.environ, **environment}
+    how = {"capture_output": True, "text": True, "timeout": MAX_S, "check": False}
+    return subprocess.run(command, cwd=folder, env=where, **how)

@@ -1,12 +1,8 @@
 """The command line in a process of its own, as an install without some packages has it."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 
-from tests.waiting import MAX_S
+from tests.calls import run_python
 
 
 def without(modules, folder, *arguments, **environment):
@@ -14,15 +10,7 @@ def without(modules, folder, *arguments, **environment):
         f"import runpy, sys; sys.modules.update(dict.fromkeys({(*modules,)!r}));"
         "runpy.run_module('tokt', run_name='__main__')"
     )
-    return subprocess.run(
-        [sys.executable, "-c", program, *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-        check=False,
-    )
+    return run_python("-c", program, *arguments, folder=folder, **environment)
 
 
 @pytest.fixture(scope="session")

@@ -6,20 +6,11 @@ import re
 import pytest
 
 import tokt
-from tests.calls import run_python
+from tests.calls import succeeds
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
 TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib", "pyarrow")
-
-
-def tokt_aboard(folder, *arguments):
-    """Run the command line where no training tool can be imported."""
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({TRAINING_TOOLS!r}));"
-        "from tokt.cli import main; main()"
-    )
-    return run_python("-c", program, *arguments, folder=folder)
 
 
 def test_version(run_tokt):
@@ -89,10 +80,9 @@ def test_a_store_that_is_not_there(command, tmp_path, run_tokt):
     assert not (tmp_path / "none").exists()
 
 
-def test_alias_as_json(workspace, run_tokt):
-    ran = run_tokt("models", "alias", "tiny-lbp", "champion", "--workspace", workspace, "--json")
-    assert ran.code == 0, ran.err
-    found = json.loads(ran.out)
+def test_alias_as_json(workspace):
+    command = ("models", "alias", "tiny-lbp", "champion", "--workspace", workspace, "--json")
+    found = json.loads(succeeds(*command).out)
     assert (found["name"], found["version"]) == ("tiny-lbp", "1")
     assert "champion" in found["aliases"]
 

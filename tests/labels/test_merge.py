@@ -49,7 +49,8 @@ def test_a_settlement_decides_whatever_the_annotators_say(label):
 
 
 def test_a_settlement_decides_only_its_own_patch():
-    said = [_record(label, annotator=who, col=n) for n in (0, 1) for who, label in OPINIONS]
+    opinions = (("ann", "reef"), ("ben", "ocean"))
+    said = [_record(label, annotator=who, col=n) for n in (0, 1) for who, label in opinions]
     merged = merge_annotators([*said, _record("reef", annotator="carl", source=SETTLED)])
     assert [record.label for record in merged.records] == ["reef", "unsure"]
     assert merged.conflicts == [Cell("dive", "left", 1, GRID, 0, 1)]
@@ -64,6 +65,3 @@ def test_settlements_of_two_stores_that_differ_are_a_conflict():
     merged = merge_annotators(two)
     assert [record.label for record in merged.records] == ["reef", "unsure", "unsure"]
     assert [cell.col for cell in merged.conflicts] == [1, 2]
-
-
-OPINIONS = (("ann", "reef"), ("ben", "ocean"))

@@ -1,7 +1,6 @@
 import pytest
 
 from tests.calls import refuses
-from tokt.features.common.errors import ToktError
 from tokt.labels.taxonomy import UNSURE, Taxonomy, load_taxonomy
 
 OCEAN = '[[classes]]\nname = "ocean"\nobstacle = false\ncolor = "#0000ff"\nkey = "1"\n'
@@ -34,8 +33,8 @@ def test_unsure_is_a_label_but_never_a_class():
 
 
 def test_unknown_class_names_the_known_ones():
-    with pytest.raises(ToktError, match="unknown class 'Ocean'; known: ocean, other, sand"):
-        Taxonomy.load().check_label("Ocean")
+    message = "unknown class 'Ocean'; known: ocean, other, sand"
+    refuses(message, Taxonomy.load().check_label, "Ocean")
 
 
 def test_workspace_file_adds_a_class_and_a_given_file_wins(tmp_path):

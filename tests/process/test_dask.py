@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from distributed import Client
 
+from tests.calls import free_port, succeeds
 from tests.waiting import MAX_S
 from tokt.cli.output import progress
 from tokt.features.extractors.extractor import extractor_named
@@ -60,15 +61,12 @@ class Cluster:
 
     def __init__(self, folder, stack):
         self._folder, self._stack = folder, stack
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        port = free_port()
         self.address = f"tcp://127.0.0.1:{port}"
         self._start("scheduler", "scheduler", "--port", str(port))
         options = ("--nthreads", "1", "--no-nanny", "--memory-limit", "1GB")
-        self.workers = [
-            self._start(name, "worker", self.address, *options) for name in ("one", "two")
-        ]
+        join = ("worker", self.address, *options)
+        self.workers = [self._start(name, *join) for name in ("one", "two")]
         self._wait()
 
     def _start(self, name, *arguments):
@@ -110,14 +108,12 @@ def test_a_worker_builds_the_same_dataset(cluster, tiny, trained, tmp_path):
     assert there.hash == open_dataset("tiny", trained / "datasets").hash
 
 
-def test_a_search_on_a_cluster_finds_the_same(cluster, fresh, trained, tmp_path, run_tokt):
+def test_a_search_on_a_cluster_finds_the_same(cluster, fresh, trained, tmp_path):
     """Its winner is the very model that `tokt train` makes in one process."""
     (tmp_path / "space.toml").write_text(SPACE)
     asked = ("search", "tiny", "--space", tmp_path / "space.toml", "--name", "found", "--folds", 3)
     where = ("--dask", cluster.address, "--workspace", fresh)
-    ran = run_tokt(*asked, "--embargo", 1, "--json", *where)
-    assert ran.code == 0, ran.err
-    result = json.loads(ran.out)
+    result = json.loads(succeeds(*asked, "--embargo", 1, "--json", *where).out)
     assert {rank["extractor"] for rank in result["ranks"]} == {"better", "worse"}
     assert result["winner"]["extractor"] == "better"
     here, there = (Registry(trained).bundle("tiny-lbp"), Registry(fresh).bundle("found"))

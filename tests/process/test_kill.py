@@ -72,7 +72,6 @@ class Host:
 
     def run(self, *command, kill_after_s=None, begun=lambda: True):
         """Exit code, or minus the signal that ended it: so long after `begun` became true."""
-        assert self._process.stdin and self._process.stdout
         print(json.dumps([str(part) for part in command]), file=self._process.stdin, flush=True)
         child = int(self._process.stdout.readline())
         if kill_after_s is not None:
@@ -88,15 +87,9 @@ class Host:
 @pytest.fixture(scope="module")
 def host(tmp_path_factory, preload):
     log = tmp_path_factory.mktemp("host") / "log"
-    environment = {**os.environ, "LOG": str(log)}
-    with subprocess.Popen(
-        [sys.executable, "-c", preload + HOST],
-        env=environment,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout and process.stdin
+    command, environment = [sys.executable, "-c", preload + HOST], {**os.environ, "LOG": str(log)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment, **pipes) as process:
         assert process.stdout.readline() == "ready\n"
         yield Host(process, log)
         process.stdin.close()

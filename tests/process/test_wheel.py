@@ -34,9 +34,7 @@ EXTENSION_SOURCES = (".pyx", ".h", ".c")
 MODULE = re.compile(r"""\b(?:from|import)\b[\s(]*["'`](\.{0,2}/[^"'`]+)["'`]""")
 FILLED_IN = re.compile(r"\$\{[^}]*\}")
 
-pytestmark = [
-    pytest.mark.xdist_group("wheel")  # it is built once
-]
+pytestmark = pytest.mark.xdist_group("wheel")  # it is built once
 on_posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
 
@@ -195,9 +193,8 @@ def test_a_run_goes_over_to_a_store_s_next_model(start, tiny, tiny_bundle, tmp_p
     assert set(models()) == {first.label, second.label}
     run.end(signal.SIGTERM)
     events = [line for line in _lines(tmp_path / "log.events.jsonl") if line["event"] == "model"]
-    assert [(event["label"], event["sha256"]) for event in events] == [
-        (second.label, second.sha256)
-    ]
+    found = [(event["label"], event["sha256"]) for event in events]
+    assert found == [(second.label, second.sha256)]
 
 
 @on_posix
@@ -206,9 +203,8 @@ def test_a_camera_s_process_sends_its_pictures(installed, start, tiny_bundle, tm
     genicam = pytest.importorskip("genicam")  # brings a producer with simulated cameras
     log, rig = tmp_path / "log.jsonl", ("--source", "genicam:0", "--camera-rate", 20)
     producers = str(Path(genicam.__file__).parent)
-    run = start(
-        *("run", *rig, "--bundle", tiny_bundle, "--log", log), GENICAM_GENTL64_PATH=producers
-    )
+    command = ("run", *rig, "--bundle", tiny_bundle, "--log", log)
+    run = start(*command, GENICAM_GENTL64_PATH=producers)
     run.until(lambda: [line for line in _lines(log) if isinstance(line.get("left"), str)])
     (camera,) = psutil.Process(run.process.pid).children()
     assert camera in installed.processes()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -59,22 +60,19 @@ def test_an_action_is_written_with_who_when_and_which_model(store):
     assert done == ActionResult("k", 1, 2, 2, (), False, (("left", 1), ("left", 2)), "paint")
     expected = [_said("reef", model_version="lbp/3"), replace(_said("ocean", col=1), frame=2)]
     assert store.current() == expected
-    assert list(store.rows_after(1, "dive", GRID)) == [
-        (2, "left", 2, 0, 1, "ocean", "ann", "human", None, True)
-    ]
+    (row,) = store.rows_after(1, "dive", GRID)
+    assert row == (2, "left", 2, 0, 1, "ocean", "ann", "human", None, True)
 
 
 def test_what_changed_meanwhile_is_not_overwritten(store):
     store.add([_said("reef"), _said("sand", col=1), _said("ocean", col=2)])
-    done = store.apply(
-        _action(
-            "k",
-            _change("ocean", base=None),  # it is reef
-            _change("ocean", base="sand", col=1),
-            _change("ocean", base="reef", col=2),  # it is what shall be
-            _change(None, base="reef", col=3),  # there is none anyway
-        )
+    changes = (
+        _change("ocean", base=None),  # it is reef
+        _change("ocean", base="sand", col=1),
+        _change("ocean", base="reef", col=2),  # it is what shall be
+        _change(None, base="reef", col=3),  # there is none anyway
     )
+    done = store.apply(_action("k", *changes))
     assert (done.changed, done.conflicts) == (1, (Conflict("left", 1, 0, 0, "reef", "ocean"),))
     assert _labels(store) == {0: "reef", 1: "ocean", 2: "ocean"}
 
@@ -89,9 +87,8 @@ def test_annotators_do_not_disturb_each_other(store):
 
 def test_undo_and_redo_bring_back_labels_and_their_models(store):
     store.add([_said("sand", model_version="lbp/1")])
-    store.apply(
-        _action("k", _change("reef", "sand", model_version="lbp/2"), _change("reef", col=1))
-    )
+    changes = (_change("reef", "sand", model_version="lbp/2"), _change("reef", col=1))
+    store.apply(_action("k", *changes))
     done = _undo(store, "u")
     assert (done.changed, done.kind, done.frames) == (2, "paint", (("left", 1),))
     assert store.current() == [_said("sand", model_version="lbp/1")]
@@ -99,9 +96,8 @@ def test_undo_and_redo_bring_back_labels_and_their_models(store):
     assert store.current() == [_said("reef", model_version="lbp/2"), _said("reef", col=1)]
     assert _undo(store, "u2").changed == 2
     assert store.current() == [_said("sand", model_version="lbp/1")]
-    assert [said.label for said in store.history(_said(None).cell)] == [
-        *("sand", "reef", "sand", "reef", "sand")
-    ]
+    labels = [said.label for said in store.history(_said(None).cell)]
+    assert labels == ["sand", "reef", "sand", "reef", "sand"]
 
 
 def test_undo_has_no_limit_and_outlives_the_process(store):
@@ -150,12 +146,9 @@ def test_an_action_that_changed_nothing_is_no_step_back(store):
 
 def test_histories_are_kept_apart_by_annotator_mission_and_grid(store):
     coarse = replace(_action("coarse", _change("reef")), grid=Grid(5, 5))
-    others = [
-        _action("ben", _change("reef"), who="ben"),
-        _action("m", _change("reef"), mission="b"),
-    ]
-    for action in (*others, coarse):
-        store.apply(action)
+    store.apply(_action("ben", _change("reef"), who="ben"))
+    store.apply(_action("m", _change("reef"), mission="b"))
+    store.apply(coarse)
     assert _undo(store, "u") is None
     assert store.undo("ann", "dive", Grid(5, 5), "u2", TIME).changed == 1
 
@@ -291,17 +284,12 @@ def test_a_long_history_makes_no_undo_slower(store):
     """Counted in steps of SQLite's machine: times would tell of the computer."""
 
     def steps_of_an_undo(key):
-        ticks = 0
-
-        def tick():
-            nonlocal ticks
-            ticks += 1
-
-        store._connection.set_progress_handler(tick, 1)
+        ticks = count()
+        store._connection.set_progress_handler(lambda: next(ticks) < 0, 1)
         assert _undo(store, key).changed == 1
         assert store.history_top(*WHERE)[0] is not None
         store._connection.set_progress_handler(None, 0)
-        return ticks
+        return next(ticks)
 
     store._connection.execute("PRAGMA synchronous = OFF")
     for n in range(2000):
@@ -495,9 +483,8 @@ def test_settlements_are_actions_too(store):
     assert store.apply(again).conflicts == (Conflict("left", 1, 0, 0, "reef", "ocean"),)
     changed = replace(again, key="s3", changes=(_change("ocean", "reef"),))
     assert store.apply(changed).changed == 1
-    assert store.undo("carl", "dive", GRID, "u", TIME).conflicts == (
-        Conflict("left", 1, 0, 0, "ocean", None),
-    )
+    conflict = Conflict("left", 1, 0, 0, "ocean", None)
+    assert store.undo("carl", "dive", GRID, "u", TIME).conflicts == (conflict,)
     assert store.undo("ben", "dive", GRID, "u2", TIME, "s3").changed == 1
     assert [record.label for record in store.settled()] == ["reef"]
     assert store.redo("ben", "dive", GRID, "r", TIME, "s3").kind == "settle"

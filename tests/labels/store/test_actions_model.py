@@ -22,8 +22,6 @@ cells = st.sampled_from([(row, col) for row in range(2) for col in range(2)])
 labels = st.sampled_from(["reef", "sand", None])
 TIME = "2016-04-20T10:00:00Z"
 
-Cell = tuple[int, int]
-
 
 class Session(RuleBasedStateMachine):
     """Two connections to one file stand for two processes; either may serve either person."""
@@ -87,11 +85,9 @@ class Session(RuleBasedStateMachine):
             (cell, stale.get(cell, self._holds(who, source, cell)), label)
             for cell, label in changes.items()
         ]
-        action = Action(
-            *(next(self.keys), who, "dive", GRID, f"{source} act", TIME),
-            tuple(Change("left", 1, *cell, label, base) for cell, base, label in wanted),
-            source=source,
-        )
+        said = tuple(Change("left", 1, *cell, label, base) for cell, base, label in wanted)
+        about = (next(self.keys), who, "dive", GRID, f"{source} act", TIME)
+        action = Action(*about, said, source=source)
         done = self.stores[store].apply(action)
         made, conflicts = self._write(who, source, wanted)
         assert (done.changed, len(done.conflicts)) == (len(made), conflicts)
@@ -113,10 +109,8 @@ class Session(RuleBasedStateMachine):
         name, source, steps = take.pop()
         back = [(cell, after, before) for cell, before, after in steps]
         made, conflicts = self._write(who, source, back)
-        assert (done.changed, len(done.conflicts), done.kind) == (
-            *(len(made), conflicts),
-            f"{source} act",
-        )
+        assert (done.changed, len(done.conflicts)) == (len(made), conflicts)
+        assert done.kind == f"{source} act"
         if made:
             put.append((name, source, made))
 

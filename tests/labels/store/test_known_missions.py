@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.calls import refuses
+from tests.calls import refuses, succeeds
+from tests.conftest import write_labels
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store import known_missions
@@ -34,11 +36,15 @@ def _note(workspace, path):
     note_mission(workspace, open_mission(path))
 
 
-def _refused(workspace, path, old):
-    said = (
+def _words(workspace, path, old):
+    return (
         f"the labels of mission {path.stem!r} in {workspace} belong to the frames in"
         f" {old.resolve()}; for another dive rename its folder or take another --workspace"
     )
+
+
+def _refused(workspace, path, old):
+    said = _words(workspace, path, old)
     before = (workspace / FILE_NAME).read_bytes()
     for refuse in (note_mission, check_mission):
         refuses(f"^{re.escape(said)}$", refuse, workspace, open_mission(path))
@@ -112,17 +118,11 @@ def test_few_files_of_a_long_mission_are_opened(tmp_path, monkeypatch):
     folder.mkdir()
     for frame in range(2_000):
         (folder / f"a_{frame}.png").touch()
-    opened = []
-    real = Path.open
-
-    def count(path, *arguments, **options):
-        opened.append(path)
-        return real(path, *arguments, **options)
-
     mission = open_mission(folder)
-    monkeypatch.setattr(Path, "open", count)
+    opened = Mock(wraps=Path.open)
+    monkeypatch.setattr(Path, "open", lambda *given, **how: opened(*given, **how))
     note_mission(tmp_path, mission)
-    assert len([path for path in opened if path.parent == folder]) == 50
+    assert sum(call.args[0].parent == folder for call in opened.call_args_list) == 50
 
 
 def test_videos(tmp_path):
@@ -166,17 +166,9 @@ GOOD = '{"format": 1, "missions": {"dive": {"path": "/x", "frames": {"left 1": "
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "[]",
-        "\xff",
-        "{",
-        "[" * 100_000,
-        '{"format": 1}',
-        GOOD.replace("1,", "true,"),
-        GOOD.replace("1,", "0,"),
-        GOOD.replace("left 1", "left"),
-        GOOD.replace('"3 00"', "3"),
-        GOOD.replace('"/x"', "null"),
+        *("", "[]", "\xff", "{", "[" * 100_000, '{"format": 1}'),
+        *(GOOD.replace("1,", "true,"), GOOD.replace("1,", "0,"), GOOD.replace("left 1", "left")),
+        *(GOOD.replace('"3 00"', "3"), GOOD.replace('"/x"', "null")),
         '{"format": 1, "missions": {"dive": []}}',
         '{"format": 1, "missions": {"dive": {"path": "/x", "frames": ["left 1"]}}}',
     ],
@@ -209,30 +201,26 @@ def test_a_workspace_that_cannot_be_written(tmp_path):
 
 def test_label_notes_a_mission_and_refuses_another(run_tokt, tmp_path):
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
-    workspace = tmp_path / "w"
-    _import(run_tokt, workspace, tmp_path)  # labels that were there before
+    workspace = _import(tmp_path)  # labels that were there before
     check_mission(workspace, open_mission(other))
     _note(workspace, one)
     fixed = ("--port", 0, "--no-browser", "--annotator", "anna", "--grid", "2x2@40")
     ran = run_tokt("label", other, *fixed, "--workspace", workspace)
-    assert ran.code == 2 and ran.out == ""
-    assert ran.err == (
-        f"tokt: error: the labels of mission 'dive' in {workspace} belong to the frames in"
-        f" {one.resolve()}; for another dive rename its folder or take another --workspace\n"
-    )
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == f"tokt: error: {_words(workspace, other, one)}\n"
 
 
-def _import(run_tokt, workspace, folder):
-    file = folder / "labels.csv"
-    rows = [f"dive,left,{frame},0,0,{label}" for frame in range(1, 9) for label in ("reef",)]
-    file.write_text("\n".join(["mission,camera,frame,row,col,label", *rows, ""]))
-    assert run_tokt("labels", "import", file, "--workspace", workspace).code == 0
+def _import(folder):
+    """A workspace with a label of each frame, and the labels in a file beside it."""
+    rows = [["dive", "left", frame, 0, 0, "reef"] for frame in range(1, 9)]
+    file = write_labels(folder / "labels.csv", rows)
+    succeeds("labels", "import", file, "--workspace", folder / "w")
+    return folder / "w"
 
 
 def test_dataset_build_refuses_another_dive(run_tokt, tmp_path):
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
-    workspace = tmp_path / "w"
-    _import(run_tokt, workspace, tmp_path)
+    workspace = _import(tmp_path)
     build = ("dataset", "build", "one", "--task", "classes", "--workspace", workspace)
     unknown = run_tokt(*build, "--mission", other)  # nothing noted: as it was
     assert "belong to the frames" not in unknown.err

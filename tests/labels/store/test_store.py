@@ -1,5 +1,6 @@
 import os
 import random
+import re
 import signal
 import sqlite3
 import subprocess
@@ -7,11 +8,13 @@ import sys
 import threading
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
 
 from tests.calls import refuses
+from tests.conftest import write_labels
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now, utc_text
@@ -36,11 +39,8 @@ def store(tmp_path):
 def test_last_word_of_each_annotator_is_in_force(store):
     assert store.add([_record("ocean"), _record("reef", annotator="bob")]) == 2
     assert store.add([_record("sand"), _record("ocean", col=1)]) == 2
-    assert store.current() == [
-        _record("sand"),
-        _record("reef", annotator="bob"),
-        _record("ocean", col=1),
-    ]
+    bobs = _record("reef", annotator="bob")
+    assert store.current() == [_record("sand"), bobs, _record("ocean", col=1)]
     assert [said.label for said in store.history(_record(None).cell)] == ["ocean", "reef", "sand"]
 
 
@@ -194,11 +194,8 @@ def yesterdays(tmp_path):
 def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays):
     with LabelStore(yesterdays) as store:
         assert store.current() == [_record("ocean", model_version="lbp/3")]
-        assert [said.label for said in store.history(_record(None).cell)] == [
-            "reef",
-            "ocean",
-            "reef",
-        ]
+        labels = [said.label for said in store.history(_record(None).cell)]
+        assert labels == ["reef", "ocean", "reef"]
         assert [row[0] for row in store.rows_after(0, "dive", GRID)] == [1, 2, 7, 8]
         assert store.last_event() == 8
         assert store.add([_record("sand"), replace(_record("reef"), source="settled")]) == 2
@@ -226,10 +223,8 @@ def test_an_interrupted_upgrade_leaves_yesterdays_file(yesterdays, monkeypatch):
     with sqlite3.connect(yesterdays) as old:
         assert old.execute("PRAGMA user_version").fetchone() == (1,)
         assert old.execute("SELECT COUNT(*) FROM events").fetchone() == (5,)
-        assert (
-            old.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'actions'").fetchone()[0]
-            == 0
-        )
+        new = "SELECT COUNT(*) FROM sqlite_master WHERE name = 'actions'"
+        assert old.execute(new).fetchone() == (0,)
     old.close()
     with LabelStore(yesterdays) as store:
         assert store.last_event() == 8
@@ -242,15 +237,11 @@ def test_two_processes_upgrade_at_once(yesterdays):
         "with LabelStore(Path(sys.argv[1])) as store: print(store.last_event())"
     )
     command = [sys.executable, "-c", code, str(yesterdays)]
-    children = [
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        for _ in range(2)
-    ]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    children = [subprocess.Popen(command, **pipes) for _ in range(2)]
     for child in children:
-        assert child.stdin is not None
         child.stdin.close()
     for child in children:
-        assert child.stdout is not None
         assert child.stdout.read() == "8\n"
         child.stdout.close()
         assert child.wait() == 0
@@ -296,11 +287,8 @@ def test_threads_share_a_store(store):
             store.add([_record("ocean", annotator=f"ann{who}", frame=frame)])
             store.current(frame=frame)
 
-    threads = [threading.Thread(target=label, args=(who,)) for who in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(label, range(4)))
     assert [entry.patches for entry in store.stats()] == [20] * 4
 
 
@@ -318,10 +306,8 @@ ROWS = 300
 
 @pytest.fixture
 def label_file(tmp_path):
-    rows = [f"dive,left,{n // 100},{n // 10 % 10},{n % 10},ocean\n" for n in range(ROWS)]
-    path = tmp_path / "some.csv"
-    path.write_text("mission,camera,frame,row,col,label\n" + "".join(rows))
-    return path
+    rows = [["dive", "left", n // 100, n // 10 % 10, n % 10, "ocean"] for n in range(ROWS)]
+    return write_labels(tmp_path / "some.csv", rows)
 
 
 def _import_loop(file, workspace, name, count):
@@ -336,18 +322,13 @@ def test_sigkill_at_any_moment_loses_no_acknowledged_import(tmp_path, label_file
     acknowledged = set()
     for trial in range(6):
         child = _import_loop(label_file, tmp_path, f"t{trial}n", 10_000)
-        assert child.stdout is not None
         lines = [child.stdout.readline()]
         time.sleep(chance.uniform(0, 0.15))
         child.send_signal(signal.SIGKILL)
         lines += child.stdout.readlines()
         child.wait()
         child.stdout.close()
-        acknowledged |= {
-            line.split()[1]
-            for line in lines
-            if line.startswith("acknowledged") and line.endswith("\n")
-        }
+        acknowledged |= set(re.findall(r"^acknowledged (\w+)\n", "".join(lines), re.MULTILINE))
         with LabelStore(tmp_path / "labels.db") as store:
             assert store._connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
             counts = Counter(record.annotator for record in store.current())
