@@ -48,6 +48,15 @@ def succeeds(*arguments: object) -> Ran:
     return ran
 
 
+def refused(words: str, *arguments: object) -> str:
+    """Run the command line, which must fail and say why in its last line; all that it said."""
+    ran = call_tokt(*arguments)
+    assert ran.code == 2 and words in ran.err, ran.err
+    assert ran.err.splitlines()[-1].startswith("tokt: error: ")
+    assert "Traceback" not in ran.err
+    return ran.err
+
+
 def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: Any) -> str:
     """Call what must raise a ToktError of one line with `words` in it, or with any; that line."""
     with pytest.raises(ToktError, match=words or None) as caught:

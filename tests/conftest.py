@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -43,6 +44,9 @@ MISSION = Path(os.environ.get("TOKT_MISSION", ROOT / ".." / "shared" / "mission"
 PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x272 frame
 TINY_FRAMES = 40
 TINY_BLOCK = 4
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+_BROWSER_ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
+_BROWSER_ARGUMENTS += ["--disable-background-networking"]
 LABEL_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
@@ -149,18 +153,35 @@ def tiny_label(frame: int, row: int, col: int) -> str:
 
 def tiny_labels(name: str = "tiny") -> list[list[Any]]:
     """All rows of the tiny mission's label file."""
-    return [
-        [name, "left", frame, row, col, tiny_label(frame, row, col)]
-        for frame in range(1, TINY_FRAMES + 1)
-        for row in range(10)
-        for col in range(10)
-    ]
+    patches = product(range(1, TINY_FRAMES + 1), range(10), range(10))
+    return [[name, "left", *patch, tiny_label(*patch)] for patch in patches]
 
 
 def write_labels(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
     """A label file with these rows."""
     with path.open("w", newline="", encoding="utf-8") as handle:
         csv.writer(handle, lineterminator="\n").writerows([LABEL_COLUMNS, *rows])
+    return path
+
+
+def taxonomy_toml(**obstacle: bool) -> str:
+    """A taxonomy file of these classes, each told whether it is an obstacle; keys are 1, 2, ..."""
+    classes = [
+        f'{{ name = "{name}", obstacle = {str(flag).lower()}, color = "#00000{n}", key = "{n}" }},'
+        for n, (name, flag) in enumerate(obstacle.items(), 1)
+    ]
+    return "\n".join(["format = 1", "classes = [", *classes, "]"])
+
+
+def write_video(path: Path, images: Iterable[NDArray[np.uint8]]) -> Path:
+    """A video of these colour images."""
+    first, *others = images
+    codec = cv2.VideoWriter.fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(path), codec, 10.0, first.shape[1::-1])
+    assert writer.isOpened()
+    for image in (first, *others):
+        writer.write(image)
+    writer.release()
     return path
 
 
@@ -271,21 +292,31 @@ def fabricate(tmp_path):
         numbers = frames or list(range(len(labels)))
         rng = np.random.default_rng(7)
         images = rng.integers(0, 255, (len(labels), 6, 6), np.uint8)
+        files = [(cv2.imencode(".png", image)[1].tobytes(), ".png") for image in images]
         sources = [
-            FrameSource(
-                "dive",
-                "left",
-                n,
-                group,
-                lambda i=image: (cv2.imencode(".png", i)[1].tobytes(), ".png"),
-            )
-            for n, group, image in zip(numbers, groups or map(str, numbers), images, strict=True)
+            FrameSource("dive", "left", n, group, lambda file=file: file)
+            for n, group, file in zip(numbers, groups or map(str, numbers), files, strict=True)
         ]
         rows = [("dive", "left", n, 0, 0, label) for n, label in zip(numbers, labels, strict=True)]
         patches = pd.DataFrame(rows, columns=LABEL_COLUMNS)
-        plan = DatasetPlan(
-            "made", "binary", Grid(1, 1, None), Taxonomy.load(), sources, patches, 0, 1, ["made"]
-        )
+        about = ("made", "binary", Grid(1, 1, None), Taxonomy.load())
+        plan = DatasetPlan(*about, sources, patches, 0, 1, ["made"])
         return build_dataset(plan, tmp_path / "datasets", quiet)
 
     return build
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium without a window.
+
+    For one module: as long as Playwright's event loop runs in this thread, no other can.
+    """
+    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
+    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser found (looked for {', '.join(_BROWSERS)})")
+    with playwright.sync_playwright() as running:
+        started = running.chromium.launch(executable_path=path, args=_BROWSER_ARGUMENTS)
+        yield started
+        started.close()

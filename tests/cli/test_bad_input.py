@@ -5,15 +5,14 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.calls import run_python
+from tests.conftest import tiny_labels, write_labels
 from tests.models.parts import pack, rehash, unpack
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
@@ -28,15 +27,12 @@ class World:
     labels: Path
     bundle: Path
     store: Path
-    rows: list[list[Any]]
-    write_labels: Callable[..., Path]
 
 
 @pytest.fixture
-def world(workspace, own_tiny, tiny_bundle, tiny_truth, tmp_path):
+def world(workspace, own_tiny, tiny_bundle, tmp_path):
     bundle = Path(shutil.copy(tiny_bundle, tmp_path / "m.tokt"))
-    about = (tmp_path, own_tiny.path, own_tiny.labels, bundle, tmp_path / "store")
-    return World(*about, tiny_truth.labels(), tiny_truth.write_labels)
+    return World(tmp_path, own_tiny.path, own_tiny.labels, bundle, tmp_path / "store")
 
 
 def listing(folder):
@@ -85,7 +81,7 @@ def label_text(old, new):
 
 def only_rows(keep):
     def spoil(world):
-        world.write_labels(world.labels, [row for row in world.rows if keep(row)])
+        write_labels(world.labels, [row for row in tiny_labels() if keep(row)])
 
     return spoil
 

@@ -371,6 +371,6 @@ def test_a_camera_library_that_is_none(tmp_path, monkeypatch):
     assert found.state == "fault" and "libVimbaC.so" in found.text
 
 
-def test_no_pymba_is_a_note(tmp_path, monkeypatch):
+def test_no_pymba_is_a_note(monkeypatch):
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
     assert camera_driver_finding().text.startswith("no pymba")

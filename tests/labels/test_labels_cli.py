@@ -3,7 +3,8 @@ import json
 
 import pytest
 
-from tests.calls import call_tokt
+from tests.calls import refused, succeeds
+from tests.conftest import taxonomy_toml
 
 HEADER = "mission,camera,frame,row,col,label\n"
 ANN = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 6 else 'ocean'}\n" for n in range(10))
@@ -17,23 +18,16 @@ def folder(tmp_path):
     return tmp_path
 
 
-def _tokt(folder, *words):
-    """In this process, which has imported everything; test_bad_input starts real ones."""
-    with contextlib.chdir(folder):
-        return call_tokt("labels", *words)
-
-
 def _good(folder, *words):
-    ran = _tokt(folder, *words)
-    assert ran.code == 0, ran.err
-    return ran.out
+    with contextlib.chdir(folder):
+        return succeeds("labels", *words).out
 
 
 def _refused(folder, *words):
-    ran = _tokt(folder, *words)
-    assert ran.code == 2 and ran.out == ""
-    assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
-    return ran.err
+    with contextlib.chdir(folder):
+        said = refused("", "labels", *words)
+    assert said.count("\n") == 1
+    return said
 
 
 def test_import_stats_export(folder):
@@ -111,9 +105,7 @@ def test_own_classes(folder):
     (folder / "cage.csv").write_text(HEADER + "dive,left,1,0,0,cage\n")
     assert "unknown class 'cage'" in _refused(folder, "import", "cage.csv")
     (folder / ".tokt").mkdir()
-    table = '[[classes]]\nname = "{}"\nobstacle = {}\ncolor = "#123456"\nkey = "{}"\n'
-    text = "format = 1\n" + table.format("ocean", "false", 1) + table.format("cage", "true", 2)
-    (folder / ".tokt" / "taxonomy.toml").write_text(text)
+    (folder / ".tokt" / "taxonomy.toml").write_text(taxonomy_toml(ocean=False, cage=True))
     _good(folder, "import", "cage.csv")
 
 

@@ -1,13 +1,13 @@
 from contextlib import suppress
 from dataclasses import fields, replace
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.calls import refuses
+from tests.conftest import write_video
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
@@ -118,11 +118,8 @@ def test_file_names_of_other_tools(images, dive, tmp_path):
 
 
 def test_frames_of_a_video(tmp_path):
-    out = cv2.VideoWriter(str(tmp_path / "dive.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 5, (64, 48))
-    for level in range(3):
-        out.write(np.full((48, 64, 3), 80 * level, np.uint8))
-    out.release()
-    images = MissionImages(open_mission(tmp_path / "dive.avi"))
+    levels = (np.full((48, 64, 3), 80 * level, np.uint8) for level in range(3))
+    images = MissionImages(open_mission(write_video(tmp_path / "dive.avi", levels)))
     assert images.is_video and images.file_name(FrameKey("left", 2)) == "dive_000002.png"
     assert images.find("dive_000002.png") == FrameKey("left", 2)
     assert images.at("left", 0) == FrameKey("left", 1) and images.at("left", 3) is None

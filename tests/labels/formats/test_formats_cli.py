@@ -15,7 +15,7 @@ RECORDS = [
 
 
 @pytest.fixture
-def labels(tmp_path, dive, run_tokt):
+def labels(tmp_path, run_tokt):
     """`tokt labels` in a workspace with some labels, one of them changed since."""
     workspace = tmp_path / ".tokt"
     with LabelStore(workspace / "labels.db") as store:

@@ -24,12 +24,6 @@ GRID = Grid()
 WHERE = ("ann", "dive", GRID)
 
 
-@pytest.fixture
-def store(tmp_path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        yield opened
-
-
 def _change(label, base=None, col=0, **more):
     return Change("left", more.pop("frame", 1), 0, col, label, base, **more)
 

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.calls import refuses, succeeds
-from tests.conftest import write_labels
+from tests.conftest import write_labels, write_video
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store import known_missions
@@ -127,12 +127,9 @@ def test_few_files_of_a_long_mission_are_opened(tmp_path, monkeypatch):
 
 def test_videos(tmp_path):
     for number, n_frames in ((1, 3), (2, 4)):
-        path = tmp_path / str(number) / "dive.avi"
-        path.parent.mkdir()
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
-        for _ in range(n_frames):
-            writer.write(np.zeros((48, 64, 3), np.uint8))
-        writer.release()
+        (tmp_path / str(number)).mkdir()
+        images = [np.zeros((48, 64, 3), np.uint8)] * n_frames
+        write_video(tmp_path / str(number) / "dive.avi", images)
     one = tmp_path / "1" / "dive.avi"
     _note(tmp_path, one)
     _refused(tmp_path, tmp_path / "2" / "dive.avi", one)

@@ -25,10 +25,10 @@ def _settled(label, who="ann", *, col=0, **more):
 
 
 @pytest.fixture
-def store(tmp_path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        opened.add([_said("reef", "ann"), _said("ocean", "ben")])
-        yield opened
+def store(store):
+    """Two opinions on a patch."""
+    store.add([_said("reef", "ann"), _said("ocean", "ben")])
+    return store
 
 
 def test_a_settlement_stands_beside_the_opinions(store):

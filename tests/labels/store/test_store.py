@@ -30,12 +30,6 @@ def _record(label, *, annotator="ann", frame=1, col=0, **more):
     return LabelRecord("dive", "left", frame, GRID, 0, col, label, annotator, TIME, **more)
 
 
-@pytest.fixture
-def store(tmp_path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        yield opened
-
-
 def test_last_word_of_each_annotator_is_in_force(store):
     assert store.add([_record("ocean"), _record("reef", annotator="bob")]) == 2
     assert store.add([_record("sand"), _record("ocean", col=1)]) == 2

@@ -5,6 +5,7 @@ import json
 import cv2
 import numpy as np
 
+from tests.calls import succeeds
 from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.policy.assembly import assemble
@@ -40,7 +41,7 @@ def record(mission, bundle_file, folder):
     return folder / "run-1"
 
 
-def test_the_loop_from_sea_to_training_closes(tiny, tiny_bundle, page_server, run_tokt, tmp_path):
+def test_the_loop_from_sea_to_training_closes(tiny, tiny_bundle, page_server, tmp_path):
     sea = stereo_copy(tiny.path, tmp_path / "sea")
     recording = record(sea, tiny_bundle, tmp_path / "rec")
     lines = [line for line in read_recording(recording) if "event" not in line]
@@ -52,15 +53,13 @@ def test_the_loop_from_sea_to_training_closes(tiny, tiny_bundle, page_server, ru
             assert np.array_equal(recorded.read(number, camera), mission.read(number, camera))
 
     workspace = tmp_path / ".tokt"
-    server = page_server(
-        *("--annotator", "anna", "--model", tiny_bundle), mission=recording, workspace=workspace
-    )
+    options = ("--annotator", "anna", "--model", tiny_bundle)
+    server = page_server(*options, mission=recording, workspace=workspace)
     shown = server.get("/api/mission")
     assert shown["mission"] == "run-1" and shown["cameras"]["left"]["count"] == len(numbers)
     alarms = [line["frame"] for line in lines if line["status"] == 1][:4]
-    found = server.get(
-        *("/api/labels",), camera="left", frames=",".join(map(str, alarms)), who="anna", suggest=1
-    )
+    query = {"camera": "left", "frames": ",".join(map(str, alarms)), "who": "anna"}
+    found = server.get("/api/labels", suggest=1, **query)
     assert len(found["frames"]) == len(alarms)
     painted = 0
     for key, frame in enumerate(found["frames"]):
@@ -73,12 +72,8 @@ def test_the_loop_from_sea_to_training_closes(tiny, tiny_bundle, page_server, ru
         painted += len(warned) + len(ocean)
     server.interrupt()
 
-    ran = run_tokt(
-        *("dataset", "build", "from-sea", "--mission", recording, "--block", 1, "--json"),
-        *("--workspace", workspace),
-    )
-    assert ran.code == 0, ran.err
-    dataset = json.loads(ran.out)
+    build = ("dataset", "build", "from-sea", "--mission", recording, "--block", 1, "--json")
+    dataset = json.loads(succeeds(*build, "--workspace", workspace).out)
     assert dataset["frames"] == len(alarms)
     assert dataset["labels"].keys() == {"ocean", "subsea_installation"}
     assert dataset["patches"] == painted

@@ -47,13 +47,9 @@ def test_mission(server):
     assert mission["cameras"] == {"left": {"ranges": [[1, 40]], "count": 40}}
     assert len(mission["states"]["left"]) == 40 and mission["model"] is None
     assert [known["name"] for known in mission["classes"]] == list(COUNTS)
-    assert mission["classes"][-1] == {
-        "name": "unsure",
-        "obstacle": None,
-        "color": "#b0b0b0",
-        "key": "u",
-        "description": "Looked at, and could not be decided.",
-    }
+    unsure = {"name": "unsure", "obstacle": None, "color": "#b0b0b0", "key": "u"}
+    described = {**unsure, "description": "Looked at, and could not be decided."}
+    assert mission["classes"][-1] == described
     assert mission["undo"] == {"undo": None, "redo": None}
     nobody = server.get("/api/queue", n=3)
     assert nobody["frames"] == [] and "--model" in nobody["why_not"]
@@ -63,13 +59,8 @@ def test_an_action_and_its_undo(server):
     done = server.paint("act-1", 1, [0, 1, 99], "ocean", who="dora")
     head = {"key": "act-1", "kind": "paint", "camera": "left", "frame": 1, "changed": 3}
     assert done == {
-        "key": "act-1",
-        "event": done["event"],
-        "changed": 3,
-        "repeated": False,
-        "conflicts": [],
-        "states": {"left": {"1": "p"}},
-        "counts": {**COUNTS, "ocean": 3},
+        **{"key": "act-1", "event": done["event"], "changed": 3, "repeated": False},
+        **{"conflicts": [], "states": {"left": {"1": "p"}}, "counts": {**COUNTS, "ocean": 3}},
         "undo": {"undo": head, "redo": None},
     }
     mine = _mine(server, 1, "dora")
@@ -103,9 +94,8 @@ def test_confirmed_suggestions_keep_the_model(server):
     server.paint("yes-1", 4, [], None, changes=[{**change, "model": "reefs/3"}], kind="accept")
     assert _frame(server, 4)["models"] == {"7": "reefs/3"}
     events = server.get("/api/history", camera="left", frame=4, cell=7)["events"]
-    assert [(said["label"], said["source"], said["model_version"]) for said in events] == [
-        ("reef", "human", "reefs/3")
-    ]
+    found = [(said["label"], said["source"], said["model_version"]) for said in events]
+    assert found == [("reef", "human", "reefs/3")]
 
 
 def test_two_annotators_settle(server):
@@ -143,9 +133,7 @@ def test_seen_frames_and_frames_of_somebody(server):
 def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server):
     def found(who, label, **more):
         query = {"who": who, "class": label, **more}
-        frames = server.get("/api/frames_with", **query)["cameras"]["left"]
-        assert isinstance(frames, list)
-        return frames
+        return server.get("/api/frames_with", **query)["cameras"]["left"]
 
     assert found("gus", "sand") == []
     server.paint("with-1", 9, [3, 4], "sand", who="gus")
@@ -183,26 +171,13 @@ ACTION = {"key": "bad", "who": "anna", "kind": "paint", "time": TIME, "changes":
 @pytest.mark.parametrize(
     ("change", "status"),
     [
-        ({"camera": "../left"}, 400),
-        ({"camera": "right"}, 404),
-        ({"frame": 41}, 404),
-        ({"frame": -1}, 400),
-        ({"frame": True}, 400),
-        ({"frame": "9"}, 400),
-        ({"frame": 10**400}, 400),
-        ({"label": "kelp"}, 400),
-        ({"label": ""}, 400),
-        ({"label": 1}, 400),
-        ({"cells": [100]}, 400),
-        ({"cells": [-1]}, 400),
+        *(({"camera": "right"}, 404), ({"frame": 41}, 404), ({"camera": "../left"}, 400)),
+        *(({"frame": frame}, 400) for frame in (-1, True, "9", 10**400)),
+        *(({"label": label}, 400) for label in ("kelp", "", 1)),
+        *(({"cells": cells}, 400) for cells in ([100], [-1], [0, 1], 0, [0.0])),
         ({"cells": [0, 0], "base": [None, None]}, 400),
-        ({"cells": [0, 1]}, 400),
-        ({"cells": 0}, 400),
-        ({"cells": [0.0]}, 400),
-        ({"base": ["\ud800"]}, 400),
-        ({"model": " x"}, 400),
-        ({"more": 1}, 400),
-        ({"\ud800": 1}, 400),
+        *(({"base": ["\ud800"]}, 400), ({"model": " x"}, 400)),
+        *(({"more": 1}, 400), ({"\ud800": 1}, 400)),
     ],
 )
 def test_wrong_changes_are_refused(server, change, status):
@@ -214,19 +189,9 @@ def test_wrong_changes_are_refused(server, change, status):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"key": ""},
-        {"key": "a\nb"},
-        {"key": "k" * 300},
-        {"who": " anna"},
-        {"who": None},
-        {"kind": "undo"},
-        {"time": "yesterday"},
-        {"time": "2016-04-20T10:00:00"},
-        {"source": "model"},
-        {"changes": []},
-        {"changes": {}},
-        {"blind": 2},
-        {"grid": [10]},
+        *({"key": ""}, {"key": "a\nb"}, {"key": "k" * 300}, {"who": " anna"}, {"who": None}),
+        *({"kind": "undo"}, {"time": "yesterday"}, {"time": "2016-04-20T10:00:00"}),
+        *({"source": "model"}, {"changes": []}, {"changes": {}}, {"blind": 2}, {"grid": [10]}),
         {"source": "settled", "blind": True},
     ],
 )
@@ -282,29 +247,15 @@ def test_no_json_is_a_fault_of_the_server(server):
 @pytest.mark.parametrize(
     "query",
     [
-        "labels?camera=left",
-        "labels?camera=up&frames=1",
-        "labels?camera=left&frames=",
-        "labels?camera=left&frames=1-2-3",
-        "labels?camera=left&frames=1-999999999999",
-        "labels?camera=left&frames=1-61",
+        *("labels?camera=left", "labels?camera=up&frames=1"),
+        *(f"labels?camera=left&frames={n}" for n in ("", "1-2-3", "1-999999999999", "1-61")),
         "labels?camera=left&frames=1&blind=maybe",
-        "mission?who=",
-        "mission?who=" + "x" * 300,
-        "events?since=-1",
-        "events?since=9999999999999999999",
-        "history?camera=left&frame=1&cell=100",
-        "history?camera=left&frame=1&cell=x",
-        "queue?n=0",
-        "queue?n=99999",
-        "picture/left/1?enhance=101",
-        "thumb/left/1?width=0",
-        "patches",
-        "patches?cells=",
-        "patches?cells=left:1",
-        "patches?cells=left:1:0,",
-        "patches?cells=left:1:0&size=100000",
-        "patches?cells=left:1:0&margin=nan",
+        *("mission?who=", "mission?who=" + "x" * 300),
+        *("events?since=-1", "events?since=9999999999999999999"),
+        *("history?camera=left&frame=1&cell=100", "history?camera=left&frame=1&cell=x"),
+        *("queue?n=0", "queue?n=99999", "picture/left/1?enhance=101", "thumb/left/1?width=0"),
+        *("patches", "patches?cells=", "patches?cells=left:1", "patches?cells=left:1:0,"),
+        *("patches?cells=left:1:0&size=100000", "patches?cells=left:1:0&margin=nan"),
         "patches?cells=" + ",".join(["left:1:0"] * 401),
     ],
 )

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from tests.conftest import taxonomy_toml
+
 pytestmark = pytest.mark.xdist_group("server_blind")  # what they share is made once
 
 OTHERS = "benedikt"
@@ -17,8 +19,8 @@ def server(page_server, tiny_bundle, tmp_path_factory):
     """Frame 1: both said something; 2: only the other; 3: both, and it is settled."""
     folder = tmp_path_factory.mktemp("blind") / ".tokt"
     folder.mkdir()
-    classes = ["ocean", THEIRS, ONLY_THEIRS]
-    (folder / "taxonomy.toml").write_text(_taxonomy(classes))
+    known = {"ocean": False, THEIRS: True}
+    (folder / "taxonomy.toml").write_text(taxonomy_toml(**known, **{ONLY_THEIRS: True}))
     server = page_server("--model", tiny_bundle, "--annotator", "anna", workspace=folder)
     server.paint("b1", 1, [0, 1], THEIRS, who=OTHERS)
     server.paint("b2", 2, [0], ONLY_THEIRS, who=OTHERS)
@@ -28,16 +30,8 @@ def server(page_server, tiny_bundle, tmp_path_factory):
     server.paint("s3", 3, [0], THEIRS, who="carl", source="settled")
     server.interrupt()
     # The class that only the other one used is in no taxonomy any more.
-    (folder / "taxonomy.toml").write_text(_taxonomy(classes[:2]))
+    (folder / "taxonomy.toml").write_text(taxonomy_toml(**known))
     return server.start()
-
-
-def _taxonomy(names):
-    return "format = 1\n" + "".join(
-        f'[[classes]]\nname = "{name}"\nobstacle = {"false" if n == 0 else "true"}\n'
-        f'color = "#00000{n}"\nkey = "{n}"\n'
-        for n, name in enumerate(names)
-    )
 
 
 def _texts(value):
@@ -84,17 +78,11 @@ def test_labels(server):
 
 
 def test_what_is_only_for_the_seeing_is_refused(server):
-    for query in (
-        f"agreement?a=anna&b={OTHERS}&blind=1",
-        "history?camera=left&frame=1&cell=0&blind=1",
-    ):
-        answer = server.request("GET", f"/api/{query}&who=anna")
+    for query in (f"agreement?a=anna&b={OTHERS}", "history?camera=left&frame=1&cell=0"):
+        answer = server.request("GET", f"/api/{query}&who=anna&blind=1")
         assert answer.status == 403
         _check(answer.json)
-        assert (
-            server.request("GET", f"/api/{query}&who=anna".replace("blind=1", "blind=0")).status
-            == 200
-        )
+        assert server.request("GET", f"/api/{query}&who=anna&blind=0").status == 200
     queue = server.get("/api/queue", who="anna", blind=1)
     assert queue["frames"] == [] and queue["done"] == queue["total"] == 0 and queue["why_not"]
     assert server.get("/api/queue", who="anna", blind=0)["total"] == 40
@@ -131,9 +119,8 @@ def test_actions_undo_and_seen(server):
     assert seen == {"states": {"left": {"2": "s"}}}
     for answer in (done, undone, redone, undone_again, seen):
         _check(answer)
-    assert server.post("/api/seen", who="anna", camera="left", frame=1)["states"]["left"] == {
-        "1": "x"
-    }
+    seen = server.post("/api/seen", who="anna", camera="left", frame=1)
+    assert seen["states"]["left"] == {"1": "x"}
 
 
 def test_events(server):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.calls import refused, run_python
 from tests.waiting import MAX_S, until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
@@ -66,39 +67,31 @@ def test_port_that_is_taken(run_tokt, tiny, tmp_path):
         (["--taxonomy", "missing.toml"], "missing.toml"),
     ],
 )
-def test_options_that_cannot_be_used(run_tokt, tiny, tmp_path, options, said):
+def test_options_that_cannot_be_used(tiny, tmp_path, options, said):
     fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / ".tokt")
-    ran = run_tokt("label", tiny.path, *fixed, *options)
-    assert ran.code == 2 and said in ran.err and ran.err.count("\n") == 1, ran.err
+    assert refused(said, "label", tiny.path, *fixed, *options).count("\n") == 1
 
 
-def test_missions_that_cannot_be_used(run_tokt, tiny, tmp_path):
+def test_missions_that_cannot_be_used(tiny, tmp_path):
     picture = next((tiny.path / "Left").iterdir())
+    fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / "w")
     for folder, file in ((" blanks ", "a_1.png"), ("late", "a_9999999999.png"), ("empty", "a.txt")):
         (tmp_path / folder).mkdir()
         shutil.copy(picture, tmp_path / folder / file)
-        ran = run_tokt(
-            "label", tmp_path / folder, "--port", 0, "--no-browser", "--workspace", tmp_path / "w"
-        )
-        assert ran.code == 2 and ran.err.count("\n") == 1, (folder, ran.err)
+        assert refused("", "label", tmp_path / folder, *fixed).count("\n") == 1, folder
 
 
-def test_a_model_of_another_grid(run_tokt, tiny, tiny_bundle, tmp_path):
+def test_a_model_of_another_grid(tiny, tiny_bundle, tmp_path):
     fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / ".tokt")
-    ran = run_tokt("label", tiny.path, *fixed, "--grid", "5x5", "--model", tiny_bundle)
-    assert ran.code == 2 and "10x10@360" in ran.err and "5x5@360" in ran.err
+    other = ("--grid", "5x5", "--model", tiny_bundle)
+    assert "5x5@360" in refused("10x10@360", "label", tiny.path, *fixed, *other)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a limit on the size of files")
 def test_a_store_that_cannot_be_written(tiny, tmp_path):
     LabelStore(tmp_path / "labels.db").close()
-    options = ["--port", "0", "--no-browser", "--workspace", str(tmp_path)]
-    ran = subprocess.run(
-        [sys.executable, "-c", _LIMITED, "label", str(tiny.path), *options],
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-    )
+    options = ("--port", 0, "--no-browser", "--workspace", tmp_path)
+    ran = run_python("-c", _LIMITED, "label", tiny.path, *options)
     assert ran.returncode == 2 and ran.stdout == "", ran.stderr
     assert ran.stderr.startswith(f"tokt: error: label store {tmp_path / 'labels.db'}: ")
     assert ran.stderr.count("\n") == 1

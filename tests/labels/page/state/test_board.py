@@ -4,7 +4,6 @@ import tempfile
 from itertools import count, pairwise
 from pathlib import Path
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,12 +32,6 @@ class Dive:
         return FRAMES[camera]
 
 
-@pytest.fixture
-def store(tmp_path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        yield opened
-
-
 def _board(store):
     board = Board(Dive(), GRID, TAXONOMY, store)
     board.refresh()
@@ -51,9 +44,9 @@ _keys = count()
 def _say(store, who, frame, cell, label, **more):
     camera, source = more.pop("camera", "left"), more.pop("source", HUMAN)
     said = store.settled if source == SETTLED else store.current
-    held = [r.label for r in said("dive", grid=GRID, camera=camera, frame=frame)
-            if r.col == cell and (source == SETTLED or r.annotator == who)]  # fmt: skip
-    base = held[0] if held else None
+    there = said("dive", grid=GRID, camera=camera, frame=frame)
+    held = [r for r in there if r.col == cell and (source == SETTLED or r.annotator == who)]
+    base = held[0].label if held else None
     change = Change(camera, frame, 0, cell, label, base, more.pop("model", None))
     key = f"key-{next(_keys)}"
     store.apply(Action(key, who, "dive", GRID, "paint", utc_now(), (change,), source, **more))
@@ -202,11 +195,8 @@ def _check(board, store):
         frames = {(camera, frame) for name, camera, frame, _ in said if name == who}
         assert set(board.labelled_frames(who)) == frames
     for a, b in pairwise(WHO):
-        both = [
-            (said[a, *patch], said[b, *patch])
-            for name, *patch in said
-            if name == a and (b, *patch) in said
-        ]
+        patches = [patch for name, *patch in said if name == a and (b, *patch) in said]
+        both = [(said[a, *patch], said[b, *patch]) for patch in patches]
         assert sorted(board.pairs(a, b).elements()) == sorted(both)
         differ = [(*pair, UNSURE not in pair) for pair in both if pair[0] != pair[1]]
         assert sorted((d.a, d.b, d.sure) for d in board.differences(a, b)) == sorted(differ)

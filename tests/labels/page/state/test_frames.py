@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.conftest import write_video
 from tests.waiting import MAX_S
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.mission import VideoMission, open_mission
@@ -22,14 +23,9 @@ FRAME_BYTES = 48 * 64 * 3
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
-    path = tmp_path_factory.mktemp("video") / "dive.avi"
     rng = np.random.default_rng(3)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
-    assert writer.isOpened()
-    for number in range(1, N + 1):
-        writer.write((rng.integers(0, 9, (48, 64, 3)) + 3 * number).astype(np.uint8))
-    writer.release()
-    return path
+    images = ((rng.integers(0, 9, (48, 64, 3)) + 3 * n).astype(np.uint8) for n in range(1, N + 1))
+    return write_video(tmp_path_factory.mktemp("video") / "dive.avi", images)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +117,7 @@ def test_files_of_frames(video, truth, opened):
     assert len(opened) == 2
 
 
-def test_frames_that_cannot_be_read(video, truth, tmp_path):
+def test_frames_that_cannot_be_read(video, tmp_path):
     for camera, number in (("left", 0), ("left", N + 1), ("right", 1)):
         for read in (read_frame, encoded_frame):
             with pytest.raises(FrameError, match=f"no {camera} frame {number}"):

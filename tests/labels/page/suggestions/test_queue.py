@@ -35,14 +35,8 @@ def dive(n, unsure, cameras=("left",)):
     values = rng.uniform(2, 6, (n * len(cameras), PATCHES))
     for frame, patches in unsure.items():
         values[frame - 1, :patches] = np.linspace(0.02, 0.3, patches)
-    return Known(
-        MissionSuggestions(
-            np.repeat(cameras, n),
-            np.tile(number, len(cameras)),
-            values,
-            features.astype(np.float32),
-        )
-    )
+    frames = (np.repeat(cameras, n), np.tile(number, len(cameras)))
+    return Known(MissionSuggestions(*frames, values, features.astype(np.float32)))
 
 
 def names(queue):
@@ -110,9 +104,8 @@ def test_scores_fall_and_every_frame_comes_once():
 def test_when_all_is_labelled_or_nothing_is_known_the_queue_is_empty():
     known = dive(5, {})
     assert next_frames(known, {("left", frame): True for frame in range(1, 6)}, 3) == []
-    nothing = MissionSuggestions(
-        np.zeros(0, str), np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros((0, 2), np.float32)
-    )
+    frames = (np.zeros(0, str), np.zeros(0, np.int64))
+    nothing = MissionSuggestions(*frames, np.zeros((0, 4)), np.zeros((0, 2), np.float32))
     assert next_frames(Known(nothing), {}, 3) == []
 
 

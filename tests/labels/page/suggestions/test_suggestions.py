@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.calls import refuses
+from tests.conftest import write_video
 from tests.waiting import until
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
 from tokt.labels.page.suggestions.suggester import Suggester, suggestions
@@ -53,9 +55,8 @@ def test_a_frame_that_is_not_known_yet_is_computed_at_once(tiny, bundle, tmp_pat
 
 
 def test_with_several_classes_the_margin_is_the_lead_over_the_second():
-    model = LinearModel(
-        np.eye(3), np.zeros(3), np.array([0.0, 0.0, 1.0]), ("a", "b", "c"), (False, True, True)
-    )
+    thresholds, obstacles = np.array([0.0, 0.0, 1.0]), (False, True, True)
+    model = LinearModel(np.eye(3), np.zeros(3), thresholds, ("a", "b", "c"), obstacles)
     found = suggestions(model, np.array([[2.0, 1.5, 0.0], [-3.0, -2.0, 1.5], [0.0, 0.0, 0.0]]))
     assert found.classes.tolist() == [0, 2, 0]
     assert found.values.tolist() == [0.5, 2.5, 0.0]
@@ -63,8 +64,7 @@ def test_with_several_classes_the_margin_is_the_lead_over_the_second():
 
 
 def test_another_grid_is_refused(tiny, bundle, tmp_path):
-    with pytest.raises(ToktError, match=r"10x10@360.*5x5@360"):
-        Suggester(bundle, open_mission(tiny.path), Grid(5, 5), tmp_path)
+    refuses(r"10x10@360.*5x5@360", Suggester, bundle, open_mission(tiny.path), Grid(5, 5), tmp_path)
 
 
 def test_faulty_frames_have_a_fault_and_no_suggestions(own_tiny, bundle, tmp_path):
@@ -97,11 +97,8 @@ def test_a_restart_computes_nothing_again(tiny, bundle, tmp_path, monkeypatch):
 
 
 def counted(mission, monkeypatch):
-    reads = []
-    read = mission.read
-    monkeypatch.setattr(
-        mission, "read", lambda frame, camera: reads.append(frame) or read(frame, camera)
-    )
+    reads, read = [], mission.read
+    monkeypatch.setattr(mission, "read", lambda n, camera: reads.append(n) or read(n, camera))
     return reads
 
 
@@ -130,7 +127,7 @@ def test_what_is_kept_of_other_files_or_models_is_not_used(
     assert np.array_equal(before.values, after.values) == (change != "frame")
 
 
-def test_other_files_in_the_missions_folder_do_not_matter(own_tiny, bundle, tmp_path, monkeypatch):
+def test_other_files_in_the_missions_folder_do_not_matter(own_tiny, bundle, monkeypatch):
     workspace = own_tiny.path / ".tokt"
     finished(Suggester(bundle, open_mission(own_tiny.path), Grid(), workspace))
     (workspace / "labels.db").write_text("as if somebody had labelled")
@@ -208,21 +205,13 @@ def test_many_threads_ask_while_all_is_computed(tiny, bundle, tmp_path):
 def test_requests_do_not_stop_the_computing(tiny, bundle, tmp_path):
     suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
     suggester.start()
-
-    def asking():
-        suggester.give_way()
-        return suggester.progress[0] >= 5
-
-    until(asking)
+    until(lambda: suggester.give_way() or suggester.progress[0] >= 5)
     suggester.close()
 
 
 def test_a_video_is_read_forwards(bundle, tiny_truth, tmp_path):
-    path = tmp_path / "dive.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (360, 272))
-    for frame in range(1, 13):
-        writer.write(cv2.cvtColor(tiny_truth.draw(frame), cv2.COLOR_GRAY2BGR))
-    writer.release()
+    drawn = (cv2.cvtColor(tiny_truth.draw(n), cv2.COLOR_GRAY2BGR) for n in range(1, 13))
+    path = write_video(tmp_path / "dive.avi", drawn)
     mission = open_mission(path)
     suggester = Suggester(bundle, mission, Grid(), tmp_path)
     suggester.prefer("left", 9)

@@ -159,9 +159,8 @@ def test_suggestions_are_labels_only_when_accepted(view, server):
     view.label("2", 0)
     view.click_holding("Alt", 1)
     view.saved()
-    [suggested] = server.get("/api/labels", who="anna", camera="left", frames=14, suggest=1)[
-        "frames"
-    ]
+    query = {"who": "anna", "camera": "left", "frames": 14, "suggest": 1}
+    [suggested] = server.get("/api/labels", **query)["frames"]
     assert set(view.stored(14)) == {0, 1} and list(suggested["models"]) == ["1"]
     values = suggested["suggestions"]["values"]
     view.press(*">" * 25, "Enter")

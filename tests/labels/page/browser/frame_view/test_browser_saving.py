@@ -170,7 +170,7 @@ def test_only_the_person_says_who_works_here_and_blind_holds_without_a_server(op
     server.start()
 
 
-def test_a_refused_action_is_set_aside_and_later_ones_go_on(open_frame, server):
+def test_a_refused_action_is_set_aside_and_later_ones_go_on(open_frame):
     view = open_frame(15, allow="400")
 
     def spoil(route):
