@@ -4,17 +4,13 @@ import json
 
 import pytest
 
+from tests import calls
+
 
 @pytest.fixture(scope="session")
-def done(run_tokt):
-    """Run a command that must end well."""
-
-    def run(*arguments):
-        ran = run_tokt(*arguments)
-        assert ran.code == 0, ran.err
-        return ran
-
-    return run
+def done():
+    """`tests.calls.succeeds`."""
+    return calls.succeeds
 
 
 @pytest.fixture(scope="session")
@@ -24,14 +20,6 @@ def told(done):
 
 
 @pytest.fixture(scope="session")
-def refused(run_tokt):
-    """Run a command that must fail, and say why in its last line; all that it said."""
-
-    def run(why, *arguments):
-        ran = run_tokt(*arguments)
-        assert ran.code == 2 and why in ran.err, ran.err
-        assert ran.err.splitlines()[-1].startswith("tokt: error: ")
-        assert "Traceback" not in ran.err
-        return str(ran.err)
-
-    return run
+def refused():
+    """`tests.calls.refused`."""
+    return calls.refused

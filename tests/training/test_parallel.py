@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from tests.calls import refuses
 from tokt.features.common.errors import ToktError
 from tokt.training import parallel
 from tokt.training.parallel import mapped
@@ -45,5 +46,4 @@ def test_a_port_of_something_else_is_no_scheduler(monkeypatch):
     monkeypatch.setattr(parallel, "_REACHED_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
-        with pytest.raises(ToktError, match="cannot be reached"):
-            list(mapped(math.sqrt, [1.0], dask=address))
+        refuses("cannot be reached", list, mapped(math.sqrt, [1.0], dask=address))

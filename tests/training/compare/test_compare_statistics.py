@@ -40,14 +40,12 @@ def test_figures_from_counts_are_scikit_learns():
     counts = obstacle_counts(truth, score > 0, block, 7)
     assert f1(counts.sum(axis=0)) == pytest.approx(f1_score(truth, score > 0))
     ranked = ranked_counts(truth, score, block, 7)
-    assert average_precision(ranked.sum(axis=0)) == pytest.approx(
-        average_precision_score(truth, score)
-    )
+    expected = average_precision_score(truth, score)
+    assert average_precision(ranked.sum(axis=0)) == pytest.approx(expected)
     weights = drawn_blocks(7, seed=3, resamples=4)
     for row, found in zip(weights, spread_of_ap(weights, ranked), strict=True):
-        again = np.concatenate(
-            [np.flatnonzero(block == b) for b in np.repeat(range(7), row.astype(int))]
-        )
+        drawn = np.repeat(range(7), row.astype(int))
+        again = np.concatenate([np.flatnonzero(block == b) for b in drawn])
         assert found == pytest.approx(average_precision_score(truth[again], score[again]))
     targets, predicted = rng.integers(0, 3, (2, block.size))
     several = ComparisonMetric(3)
@@ -62,9 +60,8 @@ def test_many_thresholds_change_average_precision_by_next_to_nothing():
     score = truth + rng.normal(0, 1, truth.size)
     counts = ranked_counts(truth, score, np.zeros(truth.size, int), 1)
     assert counts.shape[1] <= 4096
-    assert average_precision(counts.sum(axis=0)) == pytest.approx(
-        average_precision_score(truth, score), abs=1e-3
-    )
+    expected = average_precision_score(truth, score)
+    assert average_precision(counts.sum(axis=0)) == pytest.approx(expected, abs=1e-3)
 
 
 def test_the_interval_holds_the_truth_about_as_often_as_it_says():
@@ -76,7 +73,6 @@ def test_the_interval_holds_the_truth_about_as_often_as_it_says():
     for repeat in range(repeats):
         mine = whole[rng.integers(0, len(whole), 10)]
         bounds = interval(f1(summed(drawn_blocks(10, repeat, 500), mine)), 10)
-        assert bounds is not None
         held += bounds[0] <= true_f1 <= bounds[1]
     assert 0.90 <= held / repeats <= 0.98
 
@@ -104,10 +100,8 @@ def test_a_model_against_itself_is_luck_and_a_planted_difference_is_not(n_blocks
 def test_exact_p_values_are_scipys():
     for seed in range(5):
         rng, block, truth, score = _blocks(seed, 6)
-        first, second = (
-            obstacle_counts(truth, score + rng.normal(0, 0.6, score.size) > 0, block, 6)
-            for _ in range(2)
-        )
+        scores = score + rng.normal(0, 0.6, (2, score.size))
+        first, second = (obstacle_counts(truth, one > 0, block, 6) for one in scores)
         both = np.concatenate([first, second])
 
         def difference(a, b, axis, both=both):
@@ -206,19 +200,13 @@ def _curve(low, high):
     half = {"difference": 0.05, "low": 0.01, "high": 0.09}
     last = {"difference": 0.02, "low": low, "high": high}
     stretch = {"mission": "m", "obstacle": 3, "low": -0.01, "high": 0.03, "help": 0.01}
-    return {
-        "measure_title": "F1",
-        "points": [{"fraction": fraction} for fraction in (0.25, 0.5, 0.75, 1.0)],
-        "gains": [half, last],
-        "by_label": [
-            {"label": "ocean", "n": 90, "wrong": [0.02, 0.01, 0.01, 0.01]},
-            {"label": "kelp", "n": 10, "wrong": [0.5, 0.4, 0.3, 0.2]},
-        ],
-        "stretches": [
-            stretch | {"frames": "1-9"},
-            stretch | {"frames": "20-29", "help": -0.1, "low": -0.2, "high": -0.02},
-        ],
-    }
+    harm = {"frames": "20-29", "help": -0.1, "low": -0.2, "high": -0.02}
+    ocean = {"label": "ocean", "n": 90, "wrong": [0.02, 0.01, 0.01, 0.01]}
+    kelp = {"label": "kelp", "n": 10, "wrong": [0.5, 0.4, 0.3, 0.2]}
+    points = [{"fraction": fraction} for fraction in (0.25, 0.5, 0.75, 1.0)]
+    stretches = [stretch | {"frames": "1-9"}, stretch | harm]
+    labels = {"by_label": [ocean, kelp], "stretches": stretches}
+    return {"measure_title": "F1", "points": points, "gains": [half, last], **labels}
 
 
 @pytest.mark.parametrize(

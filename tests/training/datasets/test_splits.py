@@ -8,6 +8,7 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets import splits
@@ -95,17 +96,12 @@ def test_the_split_is_the_same_each_time():
 
 def test_there_is_no_random_split_to_choose():
     """No seed, no shuffle, and patches that do not say their group cannot be split at all."""
-    assert set(inspect.signature(blocked_folds).parameters) == {
-        "patches",
-        "targets",
-        "n_folds",
-        "embargo_frames",
-    }
+    asked = set(inspect.signature(blocked_folds).parameters)
+    assert asked == {"patches", "targets", "n_folds", "embargo_frames"}
     for name, function in inspect.getmembers(splits, inspect.isfunction):
         if function.__module__ == splits.__name__:
-            assert not {"seed", "random_state", "shuffle"} & set(
-                inspect.signature(function).parameters
-            ), name
+            asked = set(inspect.signature(function).parameters)
+            assert not {"seed", "random_state", "shuffle"} & asked, name
     table, targets = regular(100, 10)
     with pytest.raises(AttributeError):
         blocked_folds(table.drop(columns="group"), targets)
@@ -121,8 +117,7 @@ def test_there_is_no_random_split_to_choose():
 )
 def test_too_little_to_split_is_said(frames, block, period, n_folds, message):
     table, targets = regular(frames, block, period)
-    with pytest.raises(ToktError, match=message):
-        blocked_folds(table, targets, n_folds, 5)
+    refuses(message, blocked_folds, table, targets, n_folds, 5)
 
 
 def test_fewer_patches_of_each_class_than_folds():

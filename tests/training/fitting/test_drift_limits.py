@@ -56,7 +56,6 @@ def plain(dataset, features):
 def test_limits_are_those_of_plain_held_back_windows():
     dataset, features = table()
     found = training_distribution(dataset, features, GAP)
-    assert found is not None
     distances = plain(dataset, features)
     typical = np.maximum(distances.mean(axis=0), MIN_TYPICAL)
     assert found.windows == len(distances) and found.window_frames == LENGTH
@@ -77,7 +76,6 @@ def test_patches_of_a_frame_in_another_order_give_the_same_bytes():
     order = np.lexsort((-dataset.patches.row, *(dataset.patches[k] for k in ("frame", "camera"))))
     other = SimpleNamespace(block_frames=LENGTH, patches=dataset.patches.iloc[order])
     again = training_distribution(other, features[order], GAP)
-    assert found is not None and again is not None
     assert distribution_bytes(found) == distribution_bytes(again)
 
 
@@ -89,7 +87,7 @@ def test_too_little_to_measure_on_is_no_distribution(block_frames):
     assert training_distribution(dataset, features, GAP) is None
 
 
-def test_it_is_kept_with_the_run_and_goes_into_the_bundle(trained, tmp_path):
+def test_it_is_kept_with_the_run_and_goes_into_the_bundle(trained):
     registry = Registry(trained)
     version = registry.find("tiny-lbp/1")
     bundle, recipe = registry.bundle("tiny-lbp"), registry.recipe(version)

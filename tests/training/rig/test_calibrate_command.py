@@ -38,10 +38,9 @@ def rendered(tmp_path_factory):
     for frame in FRAMES:
         _render_frame(scene, folder, frame)
     rig = scene.rig
-    truth = StereoCalibration(
-        rig.left, np.zeros(5), rig.right, np.zeros(5), rig.rotation,
-        rig.translation_m.reshape(3, 1) * 1000, (rig.width, rig.height),
-    )  # fmt: skip
+    cameras = (rig.left, np.zeros(5), rig.right, np.zeros(5))
+    pose = (rig.rotation, rig.translation_m.reshape(3, 1) * 1000)
+    truth = StereoCalibration(*cameras, *pose, (rig.width, rig.height))
     write_calibration(folder.parent / "truth.yml", truth)
     return Rendered(folder, truth, folder.parent / "truth.yml")
 
@@ -70,9 +69,8 @@ def test_recovers_the_rendered_rig(rendered, calibrated):
     assert turned[1] < 2.5e-4  # the yaw: 0.2 px of disparity
     np.testing.assert_allclose(found.T_mm, truth.T_mm, atol=3)
     assert np.linalg.norm(found.T_mm) == pytest.approx(305.5, abs=1e-6)
-    assert found.K2[0, 0] / found.K1[0, 0] == pytest.approx(
-        truth.K2[0, 0] / truth.K1[0, 0], abs=1e-3
-    )
+    ratio = truth.K2[0, 0] / truth.K1[0, 0]
+    assert found.K2[0, 0] / found.K1[0, 0] == pytest.approx(ratio, abs=1e-3)
     # Rendered lenses are straight: at the picture's edge what was found moves less than a pixel.
     k1, k2, r = *found.D1[:2], WIDTH / 2 / found.K1[0, 0]
     assert abs(k1 * r**3 + k2 * r**5) * found.K1[0, 0] < 1
@@ -109,8 +107,8 @@ def test_check_tells_good_shifted_and_unusable(rendered, tmp_path, run_tokt):
     for state, calibration in cases.items():
         file = tmp_path / f"{state}.yml"
         write_calibration(file, calibration)
-        ran = run_tokt("calibrate", "--check", rendered.path, "--calibration", file, "--json",
-                       "--frames", "84,90")  # fmt: skip
+        options = ("--calibration", file, "--json", "--frames", "84,90")
+        ran = run_tokt("calibrate", "--check", rendered.path, *options)
         said = json.loads(ran.out)
         assert (said["state"], ran.code) == (state, 0 if state == "good" else 1), said
     assert said["vertical_error"]["median"] > 1
@@ -180,10 +178,10 @@ def test_starts_from_a_file(rendered, tmp_path, done):
 
 def test_the_printed_form_gives_focal_length_and_lens(rendered, tmp_path, done):
     """A principal point outside the frame is not used, and this is said."""
-    eye = {"fx": 790.0, "fy": 780.0, "cx": 240.0, "cy": -22.0, "skew": 0,
-           "k": [0.02, 0.01, 0, 0, 0], "p": [0, 0, 0, 0]}  # fmt: skip
-    table = {"left": eye, "right": eye, "rotation_vector_rad": [0, 0, 0],
-             "translation_mm": [-300, 0, 0], "image_width": WIDTH, "image_height": 361}  # fmt: skip
+    lens = {"skew": 0, "k": [0.02, 0.01, 0, 0, 0], "p": [0, 0, 0, 0]}
+    eye = {"fx": 790.0, "fy": 780.0, "cx": 240.0, "cy": -22.0, **lens}
+    pose = {"rotation_vector_rad": [0, 0, 0], "translation_mm": [-300, 0, 0]}
+    table = {"left": eye, "right": eye, **pose, "image_width": WIDTH, "image_height": 361}
     printed = tmp_path / "printed.json"
     printed.write_text(json.dumps(table), encoding="utf-8")
     out = tmp_path / "own.yml"
@@ -204,9 +202,7 @@ def test_the_real_mission_fit_even_tested_odd(mission_dir, tmp_path, told):
     error = told("calibrate", mission_dir, "-o", out, *options)["vertical_error"]
     assert error["before"]["median"] > 60
     assert error["after"]["median"] <= 0.6 and error["after"]["p90"] <= 1.6
-    found, reference = (
-        load_calibration(out),
-        load_calibration(mission_dir.parent / "calibration.yml"),
-    )
+    found = load_calibration(out)
+    reference = load_calibration(mission_dir.parent / "calibration.yml")
     turned = np.abs(cv2.Rodrigues(found.R @ reference.R.T)[0]).ravel()
     assert turned[1] < 0.002  # 5 px of the 97 to 370 px of disparity

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.rectify import Rectifier
@@ -50,9 +50,8 @@ def draw_pair(frame):
     """An even sea, and in some frames one textured square nearer than it."""
     fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
     views = []
-    texture = cv2.resize(
-        np.random.default_rng(3).uniform(20, 120, (50, 50)), (SQUARE_PX, SQUARE_PX)
-    )
+    coarse = np.random.default_rng(3).uniform(20, 120, (50, 50))
+    texture = cv2.resize(coarse, (SQUARE_PX, SQUARE_PX))
     for moved in (0, DISPARITIES.get(frame, 0)):
         view = fall + np.random.default_rng([frame, moved]).normal(0, 0.6, fall.shape)
         if frame in DISPARITIES:
@@ -143,10 +142,8 @@ def test_pictures_and_plot_are_pictures(ran):
     found, out, _ = ran
     assert found["pictures"] == ["depth_5.png", "depth_6.png"]
     written = sorted(path.relative_to(out / "all") for path in (out / "all").rglob("*.*"))
-    assert [str(path) for path in written] == [
-        *("depth.csv", "depth.json", "depth.png"),
-        *(str(Path("frames") / name) for name in found["pictures"]),
-    ]
+    pictures = [str(Path("frames") / name) for name in found["pictures"]]
+    assert [str(path) for path in written] == ["depth.csv", "depth.json", "depth.png", *pictures]
     for path in (out / "all").rglob("*.png"):
         picture = cv2.imread(str(path))
         assert picture is not None and min(picture.shape[:2]) > 400 and picture.std() > 20
@@ -226,9 +223,7 @@ def test_one_camera_has_no_depth(sea, tmp_path, refused):
 
 def rows_of(depths):
     """Frames with an obstacle at these depths, and unknown ones for None."""
-    return [
-        DepthRow(frame, -1 if depth is None else 1, depth, depth) for frame, depth in depths.items()
-    ]
+    return [DepthRow(n, -1 if depth is None else 1, depth, depth) for n, depth in depths.items()]
 
 
 def test_three_in_a_row_make_a_detection():
@@ -273,12 +268,10 @@ def test_points_that_stand_alone_are_left_out():
     assert not outliers(wall[:5]).any()
 
 
-@given(
-    st.lists(
-        st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3, *[st.integers(0, 255)] * 3), max_size=5
-    ),
-    st.text(max_size=20),
-)
+POINT = st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3, *[st.integers(0, 255)] * 3)
+
+
+@given(st.lists(POINT, max_size=5), st.text(max_size=20))
 def test_any_cloud_survives_a_ply_file(points, comment):
     wanted = np.array(points, VERTEX)
     table = np.array(points, float).reshape(-1, 6)
@@ -290,8 +283,7 @@ def test_any_cloud_survives_a_ply_file(points, comment):
 
 
 def test_no_cloud_of_what_is_no_number():
-    with pytest.raises(ToktError, match="not finite"):
-        ply_bytes(np.array([[0, 0, np.nan]]), np.zeros((1, 3), np.uint8))
+    refuses("not finite", ply_bytes, np.array([[0, 0, np.nan]]), np.zeros((1, 3), np.uint8))
 
 
 def test_the_picture_tells_depth_unmatched_and_blind_apart():
