@@ -145,7 +145,7 @@ def registry_sound(workspace, tiny_bundle):
     return check
 
 
-def test_dataset_build(host, workspace, tiny, own_tiny):
+def test_dataset_build(host, workspace, tiny):
     root = workspace / "datasets"
     before = open_dataset("tiny", root).hash
     seen = set()

@@ -5,13 +5,14 @@ import math
 import shutil
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refused, refuses, succeeds
 from tokt.features.extractors.extractor import Moments, Quantization
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
@@ -28,22 +29,12 @@ from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 pytestmark = pytest.mark.xdist_group("bench")  # what they share is made once
 
+FRAME_CASES = ["lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"]
 CASES = [
-    "lbp_10_5.kernel",
-    "lbp_24_8.kernel",
-    "haralick.kernel",
-    "haralick_texture.kernel",
-    "lbp_10_5.frame",
-    "lbp_24_8.frame",
-    "haralick.frame",
-    "best.frame",
-    "latency.frame_to_udp",
-    "extract.dataset",
-    "extract.dataset_all_cores",
-    "start",
+    *("lbp_10_5.kernel", "lbp_24_8.kernel", "haralick.kernel", "haralick_texture.kernel"),
+    *(*FRAME_CASES, "best.frame", "latency.frame_to_udp"),
+    *("extract.dataset", "extract.dataset_all_cores", "start"),
 ]
-
-
 ONE_OF_EACH = BenchSize(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1, latency=1)
 """Enough where no figure is looked at."""
 
@@ -78,7 +69,7 @@ def check_a_result_says_what_it_was_measured_on(found):
     assert found["stereo"] == "left out: the thesis's pipeline is for frames of 1360x1024"
     assert "percentile" in found["spread_is"] and "labelled frames" in found["model"]
     cases = {case["name"]: case for case in found["cases"]}
-    for name in ("lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"):
+    for name in FRAME_CASES:
         assert cases[name]["obstacle_patches"] > 0 and cases[name]["frames_checked"] == 3
         assert cases[name]["floor_ms"] > 0 and cases[name]["memory_ms"] > 0
     assert cases["haralick.kernel"]["max_relative_difference"] <= 1e-9
@@ -105,12 +96,11 @@ def check_the_table_says_when_kernels_are_the_libraries(about):
     assert "ARE the libraries" not in "\n".join(about_lines(about))
 
 
-def test_the_whole_bench(sea, run_tokt, tmp_path, monkeypatch):
+def test_the_whole_bench(sea, tmp_path, monkeypatch):
     """One test, as two workers would each run the command for tests of their own."""
     monkeypatch.setattr("tokt.studies.speed.run.QUICK", replace(ONE_OF_EACH, compared=3))
     out = tmp_path / "bench"
-    ran = run_tokt("bench", "--quick", "--json", "--mission", sea, "--out", out)
-    assert ran.code == 0, ran.err
+    ran = succeeds("bench", "--quick", "--json", "--mission", sea, "--out", out)
     found = json.loads(ran.out)
     assert json.loads((out / "bench.json").read_text("utf-8")) == found
     check_every_case_is_measured_and_exact(found["cases"])
@@ -136,11 +126,7 @@ def test_the_real_missions_frames_are_judged_alike(mission_dir, run_tokt, tmp_pa
     assert [case["name"] for case in found["cases"] if not case["exact"]] == []
     assert ran.code == 0 and found["frame_size"] == "1360x1024 colour"
     frames = [case for case in found["cases"] if "obstacle_patches" in case]
-    assert [case["name"] for case in frames] == [
-        "lbp_10_5.frame",
-        "lbp_24_8.frame",
-        "haralick.frame",
-    ]
+    assert [case["name"] for case in frames] == FRAME_CASES
     assert all(case["obstacle_patches"] > 10 and case["ties"] == 0 for case in frames)
     assert [case["name"] for case in found["cases"][-2:]] == ["stereo.pair", "pushbroom.pair"]
     assert found["stereo"] == "calibration given"
@@ -153,33 +139,28 @@ def test_a_mission_that_is_not_there(run_tokt, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_labels_that_do_not_fit(run_tokt, sea, tmp_path, tiny_truth):
+def test_labels_that_do_not_fit(sea, tmp_path, tiny_truth):
     rows = [["sea", "left", 999, 0, 0, "ocean"]]
     labels = tiny_truth.write_labels(tmp_path / "other.csv", rows)
-    ran = run_tokt("bench", "--mission", sea, "--labels", labels, "--out", tmp_path / "out")
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err.startswith("tokt: error: ") and "999" in ran.err and ran.err.count("\n") == 1
+    asked = ("bench", "--mission", sea, "--out", tmp_path / "out", "--labels")
+    assert refused("999", *asked, labels).count("\n") == 1
     rows = [["sea", "left", 1, 0, 0, "ocean"]]
     labels = tiny_truth.write_labels(tmp_path / "clear.csv", rows)
-    ran = run_tokt("bench", "--mission", sea, "--labels", labels, "--out", tmp_path / "out")
-    assert ran.code == 2 and "both obstacles and clear water" in ran.err
+    refused("both obstacles and clear water", *asked, labels)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
     "options",
     [
-        ("--labels", "l.csv"),
-        ("--calibration", "c.yml"),
+        *(("--labels", "l.csv"), ("--calibration", "c.yml"), ("--out", "file")),
         ("--calibration", "c.yml", "--mission", "m", "--effort"),
-        ("--out", "file"),
     ],
 )
-def test_options_that_cannot_be_used(options, run_tokt, tmp_path, monkeypatch):
+def test_options_that_cannot_be_used(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("mine")
-    ran = run_tokt("bench", *options)
-    assert ran.code == 2 and ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
+    assert refused("", "bench", *options).count("\n") == 1
     assert Path("file").read_text() == "mine"
 
 
@@ -210,11 +191,8 @@ def test_the_libraries_features_are_exact(picture):
 @pytest.fixture(scope="module")
 def directions(picture):
     """What mahotas says of each patch of the picture: it is needed for every feature."""
-    return {
-        (patch.tobytes(), ignore_zeros): haralick_directions(patch, ignore_zeros)
-        for patch in picture.patches
-        for ignore_zeros in (False, True)
-    }
+    asked = product(picture.patches, (False, True))
+    return {(patch.tobytes(), zeros): haralick_directions(patch, zeros) for patch, zeros in asked}
 
 
 @pytest.mark.parametrize("feature", [None, *range(13)])
@@ -300,7 +278,7 @@ def test_refused_frames_are_not_timed(sea, tmp_path, no_progress):
     assert frame.extras["frames_refused"] == 1 and frame.extras["libraries_ms"] > 0
 
 
-def test_a_mission_without_labels_learns_from_two_images(sea, tmp_path, run_tokt):
+def test_a_mission_without_labels_learns_from_two_images(sea, tmp_path):
     shutil.copytree(sea / "Left", tmp_path / "dive" / "Left")
     examples = examples_from_two_images(open_mission(tmp_path / "dive"))
     assert [flags.mean() for _, _, flags in examples.pictures] == [0, 1]
@@ -357,5 +335,4 @@ def test_a_program_that_fails_is_told(sends, tmp_path):
             program += f"s.sendto(b'x', ('127.0.0.1', {port}));"
         return [sys.executable, "-c", f"{program} sys.exit('no model')"]
 
-    with pytest.raises(ToktError, match="ended with 1: no model"):
-        first_verdict(broken, tmp_path)
+    refuses("ended with 1: no model", first_verdict, broken, tmp_path)

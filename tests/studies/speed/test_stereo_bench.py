@@ -48,12 +48,8 @@ def dive(pair, tmp_path_factory):
     """Four pairs: water, the square, a right frame that is broken, water that is black."""
     folder = tmp_path_factory.mktemp("stereo") / "dive"
     black = np.zeros((HEIGHT, WIDTH), np.uint8)
-    views = {
-        1: (flat(3), flat(4)),
-        2: (pair.left, pair.right),
-        3: (black, black),
-        4: (black, black),
-    }
+    water, square = (flat(3), flat(4)), (pair.left, pair.right)
+    views = {1: water, 2: square, 3: (black, black), 4: (black, black)}
     for side, name in enumerate(("Left", "Right")):
         (folder / name).mkdir(parents=True)
         for number, pictures in views.items():
@@ -85,12 +81,8 @@ def test_the_thesis_pipeline_gives_the_means_that_were_measured(mission_dir):
     with (mission_dir.parent / "thesis_port_curves.csv").open() as handle:
         table = {int(row["# frame"]): float(row["disp"]) for row in csv.DictReader(handle)}
     for number in (154, 155, 180, 212):
-        names = ("Left", "L"), ("Right", "R")
-        views = [
-            read_image(mission_dir / side / f"tokt1_{letter}_{number}.jpg")
-            for side, letter in names
-        ]
-        found = judge_pair(*views)
+        files = (f"{side}/tokt1_{side[0]}_{number}.jpg" for side in ("Left", "Right"))
+        found = judge_pair(*(read_image(mission_dir / file) for file in files))
         assert found.mean == pytest.approx(table[number], rel=1e-4)
         assert found.obstacle == (number in (155, 180))
 
@@ -125,18 +117,13 @@ def test_both_cases_of_a_mission(dive, no_progress, capsys):
     assert stereo["obstacle_pairs"]["ours"] == 1 and stereo["exact"]
     for kind in ("with_obstacle", "without_obstacle"):
         assert stereo[kind]["pairs"] == 1 and stereo[kind]["baseline_ms"] > 0
+    packages = ("python", "numpy", "opencv", "scikit-image", "mahotas", "scikit-learn")
     about = {
-        "machine": dict.fromkeys(
-            (*("python", "numpy", "opencv", "scikit-image"), *("mahotas", "scikit-learn")), "1"
-        )
-        | {"cpu": "one", "cores": 1},
+        "machine": dict.fromkeys(packages, "1") | {"cpu": "one", "cores": 1},
         "kernels": {"name": "compiled", "why": "built", "is_library": False},
-        "mission": "dive",
-        "frame_size": "1360x1024 gray",
-        "frames": {"compared": 2, "timed": 2},
-        "model": "none",
+        **{"mission": "dive", "frame_size": "1360x1024 gray", "model": "none"},
+        **{"frames": {"compared": 2, "timed": 2}, "spread_is": "wide"},
         "stereo": "calibration given",
-        "spread_is": "wide",
     }
     print_table(results, about)
     table = capsys.readouterr().out

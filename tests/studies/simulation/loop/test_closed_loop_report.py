@@ -103,15 +103,11 @@ def test_a_track_knows_where_frames_were_taken():
 def track(modes, status, least_m, seed=1, method="m"):
     """Straight north past something, a mode for every stretch of a second."""
     count = 20 * len(modes)
-    steps = [
-        (
-            step * 0.05,
-            State(np.array([0.0, 0.0, step * 0.25]), 0.0, np.zeros(3)),
-            modes[step // 20],
-            max(least_m, abs(5 - step * 0.25)),
-        )
-        for step in range(count)
-    ]
+    steps = []
+    for step in range(count):
+        state = State(np.array([0.0, 0.0, step * 0.25]), 0.0, np.zeros(3))
+        clearance_m = max(least_m, abs(5 - step * 0.25))
+        steps.append((step * 0.05, state, modes[step // 20], clearance_m))
     frames = [(step * 0.05, status, True) for step in range(0, count, 5)]
     return Track.of("one <tower>", "tower", method, seed, steps, frames, (), True)
 
@@ -169,12 +165,8 @@ def test_the_overview_has_every_run_and_marks_those_that_hit(chart):
 
 
 def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(chart, tmp_path):
-    runs = [
-        track([Mode.TRANSIT] * 2, status, least, seed, method)
-        for status, least, seed, method in (
-            (1, 2.0, 4, "texture"), (1, 0.9, 5, "texture"), (0, 0.3, 6, "none")
-        )
-    ]  # fmt: skip
+    about = ((1, 2.0, 4, "texture"), (1, 0.9, 5, "texture"), (0, 0.3, 6, "none"))
+    runs = [track([Mode.TRANSIT] * 2, *one) for one in about]
     write_report(tmp_path, runs, [chart] * 3, ["Flown for <this> test."])
     page = (tmp_path / "report.html").read_text("utf-8")
     assert "Flown for &lt;this&gt; test." in page and "one &lt;tower&gt;" in page
@@ -183,13 +175,8 @@ def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(chart,
     assert "than 10 m had been in the left picture for 2.5 s" in page
     assert "Seed 5: of these runs the one that came nearest" in page
     names = sorted(path.name for path in (tmp_path / "maps").iterdir())
-    assert names == [
-        "tower-none-6.png",
-        "tower-none.png",
-        "tower-texture-5.png",
-        "tower-texture-5.webp",
-        "tower-texture.png",
-    ]
+    texture = ["tower-texture-5.png", "tower-texture-5.webp", "tower-texture.png"]
+    assert names == ["tower-none-6.png", "tower-none.png", *texture]
     with (tmp_path / "runs.csv").open(newline="") as handle:
         rows = list(csv.DictReader(handle))
     assert [row["collided"] for row in rows] == ["False", "False", "True"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.studies.simulation.loop import flight
 from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.flight import NONE, fly
@@ -103,9 +103,8 @@ def test_scenes_are_drawn_by_their_seed(name):
     assert _ahead(first) == _ahead(again)
     # The straight way leads into what there is to hit, and nothing else is on it.
     for seed in range(1, 9):
-        assert (_ahead(draw_scene(name, seed, WIDTH)) < HULL_RADIUS_M) == (
-            KINDS[name].obstacles > 0
-        )
+        hit = _ahead(draw_scene(name, seed, WIDTH)) < HULL_RADIUS_M
+        assert hit == (KINDS[name].obstacles > 0)
 
 
 def _ahead(scene):
@@ -116,8 +115,7 @@ def _ahead(scene):
 
 
 def test_an_unknown_scene():
-    with pytest.raises(ToktError, match="unknown scene 'reef'"):
-        draw_scene("reef", 1, WIDTH)
+    refuses("unknown scene 'reef'", draw_scene, "reef", 1, WIDTH)
 
 
 def test_a_runtime_that_cannot_start_says_why(tmp_path):
@@ -125,14 +123,8 @@ def test_a_runtime_that_cannot_start_says_why(tmp_path):
     options = ["--bundle", str(tmp_path / "no.tokt"), "--policy", "texture"]
     scene = draw_scene("empty", 1, WIDTH)
     left = StereoRenderer(scene.world, scene.rig, 1).left(0.0, np.zeros(3), 0.0, np.zeros(3))
-    with (
-        pytest.raises(ToktError, match=r"did not say a verdict: tokt: error: .*no.tokt: truncated"),
-        RuntimeProcess(options) as runtime,
-    ):
-        runtime.judge(1, 1e9, left, None)
-    unasked = ["--policy", "texture", "--rate", "5"]
-    with (
-        pytest.raises(ToktError, match=r"did not connect: tokt: error: --rate is for recorded"),
-        RuntimeProcess(unasked),
-    ):
-        pass
+    with RuntimeProcess(options) as runtime:
+        said = r"did not say a verdict: tokt: error: .*no.tokt: truncated"
+        refuses(said, runtime.judge, 1, 1e9, left, None)
+    unasked = RuntimeProcess(["--policy", "texture", "--rate", "5"])
+    refuses("did not connect: tokt: error: --rate is for recorded", unasked.__enter__)

@@ -48,8 +48,8 @@ def test_what_drifts_goes_with_the_water_however_it_turns():
     current = (0.3, 0.05, -0.2)
     heading = 0.7
     sine, cosine = math.sin(heading), math.cos(heading)
-    body = np.array([current[2] * cosine + current[0] * sine,
-                     current[0] * cosine - current[2] * sine, current[1]])  # fmt: skip
+    surge, sway = current[2] * cosine + current[0] * sine, current[0] * cosine - current[2] * sine
+    body = np.array([surge, sway, current[1]])
     vehicle = Vehicle(State(np.zeros(3), heading, body, yaw_rate=0.6), current)
     run(vehicle, 10.0, Forces())
     assert abs(vehicle.state.heading_rad - heading) > 0.2
@@ -124,9 +124,8 @@ def test_it_turns_the_short_way():
 
 def test_errors_are_taken_in_the_body_fixed_frame():
     """Looking east, a target in the north is to port: it must sway, not surge."""
-    forces = Autopilot().forces(
-        at_rest(math.pi / 2), Setpoint(np.array([0, 0, 3.0]), 1.57, Mode.AVOID)
-    )
+    north = Setpoint(np.array([0, 0, 3.0]), 1.57, Mode.AVOID)
+    forces = Autopilot().forces(at_rest(math.pi / 2), north)
     assert forces.sway < -50 and abs(forces.surge) < 1
 
 
