@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import io
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -39,6 +39,22 @@ def call_tokt(*arguments: object, program: Callable[[], None] = main) -> Ran:
         sys.argv = before
     code = ended.value.code
     return Ran(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
+
+
+def succeeds(*arguments: object) -> Ran:
+    """Run the command line in this process to a normal end."""
+    ran = call_tokt(*arguments)
+    assert ran.code == 0, ran.err
+    return ran
+
+
+def refused(words: str, *arguments: object) -> str:
+    """Run the command line, which must fail and say why in its last line; all that it said."""
+    ran = call_tokt(*arguments)
+    assert ran.code == 2 and words in ran.err, ran.err
+    assert ran.err.splitlines()[-1].startswith("tokt: error: ")
+    assert "Traceback" not in ran.err
+    return ran.err
 
 
 def refuses(words: str, call: Callable[..., Any], *arguments: Any, **options: Any) -> str:
@@ -72,16 +88,14 @@ def answering(program: str, *arguments: object) -> Iterator[Callable[[object], s
         process.stdin.close()
 
 
-def run_python(
-    *arguments: object, folder: Path | None = None, **environment: str
-) -> subprocess.CompletedProcess[str]:
+def free_port() -> int:
+    """A port of this machine that nothing listens to."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
+
+
+def run_python(*arguments, folder=None, **environment):
     """Run ``python ARGUMENTS`` in a folder, with more in its environment, to its end."""
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-        check=False,
-    )
+    command, where = [sys.executable, *map(str, arguments)], {**os.environ, **environment}
+    how = {"capture_output": True, "text": True, "timeout": MAX_S, "check": False}
+    return subprocess.run(command, cwd=folder, env=where, **how)

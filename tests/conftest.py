@@ -7,9 +7,10 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,11 +30,11 @@ from _pytest.mark.expression import Expression
 from hypothesis import settings
 from numpy.typing import NDArray
 
-from tests.calls import Ran, call_tokt
+from tests.calls import call_tokt
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.features.frames.grid import Grid
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.datasets.dataset import DatasetPlan, DatasetVersion, FrameSource, build_dataset
+from tokt.training.datasets.dataset import DatasetPlan, FrameSource, build_dataset
 
 # Hundreds of tests call the command line in this process: it is put together once.
 typer.main.get_command = cache(typer.main.get_command)
@@ -43,6 +44,9 @@ MISSION = Path(os.environ.get("TOKT_MISSION", ROOT / ".." / "shared" / "mission"
 PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x272 frame
 TINY_FRAMES = 40
 TINY_BLOCK = 4
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+_BROWSER_ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
+_BROWSER_ARGUMENTS += ["--disable-background-networking"]
 LABEL_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
@@ -86,7 +90,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(scope="session")
-def mission_dir() -> Path:
+def mission_dir():
     """The real mission's folder."""
     if not (MISSION / "Left").is_dir():
         pytest.skip(f"the real mission is not at {MISSION} (set TOKT_MISSION)")
@@ -94,7 +98,7 @@ def mission_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
-def git_files() -> list[str]:
+def git_files():
     """What git holds of the checkout, or would once all is added; empty without git."""
     git = shutil.which("git")
     if git is None:
@@ -105,7 +109,7 @@ def git_files() -> list[str]:
 
 
 @pytest.fixture(scope="session")
-def wheel(git_files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(git_files, tmp_path_factory):
     """tokt as a wheel, built from a copy: what an older build left behind would come along."""
     source, built = ROOT, tmp_path_factory.mktemp("wheel")
     if git_files:
@@ -150,18 +154,35 @@ def tiny_label(frame: int, row: int, col: int) -> str:
 
 def tiny_labels(name: str = "tiny") -> list[list[Any]]:
     """All rows of the tiny mission's label file."""
-    return [
-        [name, "left", frame, row, col, tiny_label(frame, row, col)]
-        for frame in range(1, TINY_FRAMES + 1)
-        for row in range(10)
-        for col in range(10)
-    ]
+    patches = product(range(1, TINY_FRAMES + 1), range(10), range(10))
+    return [[name, "left", *patch, tiny_label(*patch)] for patch in patches]
 
 
 def write_labels(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
     """A label file with these rows."""
     with path.open("w", newline="", encoding="utf-8") as handle:
         csv.writer(handle, lineterminator="\n").writerows([LABEL_COLUMNS, *rows])
+    return path
+
+
+def taxonomy_toml(**obstacle: bool) -> str:
+    """A taxonomy file of these classes, each told whether it is an obstacle; keys are 1, 2, ..."""
+    classes = [
+        f'{{ name = "{name}", obstacle = {str(flag).lower()}, color = "#00000{n}", key = "{n}" }},'
+        for n, (name, flag) in enumerate(obstacle.items(), 1)
+    ]
+    return "\n".join(["format = 1", "classes = [", *classes, "]"])
+
+
+def write_video(path: Path, images: Iterable[NDArray[np.uint8]]) -> Path:
+    """A video of these colour images."""
+    first, *others = images
+    codec = cv2.VideoWriter.fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(path), codec, 10.0, first.shape[1::-1])
+    assert writer.isOpened()
+    for image in (first, *others):
+        writer.write(image)
+    writer.release()
     return path
 
 
@@ -174,7 +195,7 @@ class TinyMission:
 
 
 @pytest.fixture(scope="session")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> TinyMission:
+def tiny(tmp_path_factory):
     """The tiny mission; not to be changed."""
     folder = tmp_path_factory.mktemp("mission") / "tiny"
     (folder / "Left").mkdir(parents=True)
@@ -184,20 +205,20 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> TinyMission:
 
 
 @pytest.fixture
-def own_tiny(tiny: TinyMission, tmp_path: Path) -> TinyMission:
+def own_tiny(tiny, tmp_path):
     """A copy of the tiny mission that a test may change."""
     shutil.copytree(tiny.path, tmp_path / "tiny")
     return TinyMission(tmp_path / "tiny", tmp_path / "tiny" / "labels.csv")
 
 
 @pytest.fixture(scope="session")
-def run_tokt() -> Callable[..., Ran]:
+def run_tokt():
     """`call_tokt`."""
     return call_tokt
 
 
 @pytest.fixture(scope="session")
-def preload() -> str:
+def preload():
     """Python that imports what commands import as they go, for a program that forks them."""
     return """
 import alembic.command, git, matplotlib.backends.backend_agg, matplotlib.figure, skops.io
@@ -217,7 +238,7 @@ TRAIN_TINY = ("--folds", 3, "--embargo", 1)
 
 
 @pytest.fixture(scope="session")
-def trained(tiny: TinyMission, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(tiny, tmp_path_factory):
     """A workspace with dataset `tiny` and model `tiny-lbp/1` (preset plain); not to be changed."""
     workspace = tmp_path_factory.mktemp("workspace") / ".tokt"
     for command in (
@@ -230,14 +251,14 @@ def trained(tiny: TinyMission, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture
-def workspace(trained: Path, tmp_path: Path) -> Path:
+def workspace(trained, tmp_path):
     """A copy of `trained` that a test may change. Runs' artifacts stay where they are."""
     shutil.copytree(trained, tmp_path / ".tokt", ignore=shutil.ignore_patterns("mlartifacts"))
     return tmp_path / ".tokt"
 
 
 @pytest.fixture(scope="session")
-def tiny_bundle(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tiny_bundle(trained, tmp_path_factory):
     """`tiny-lbp/1` as a bundle file; not to be changed."""
     path = tmp_path_factory.mktemp("exported") / "tiny-lbp-1.tokt"
     ran = call_tokt("export", "tiny-lbp", "-o", path, "--workspace", trained)
@@ -251,13 +272,13 @@ def quiet(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="session")
-def no_progress() -> Callable[..., Iterator[Any]]:
+def no_progress():
     """`quiet`."""
     return quiet
 
 
 @pytest.fixture(scope="session")
-def tiny_truth() -> SimpleNamespace:
+def tiny_truth():
     """The functions that made the tiny mission, for tests that make a variant of it."""
     return SimpleNamespace(
         labels=tiny_labels, write_labels=write_labels, draw=draw_tiny_frame, cells=tower_cells
@@ -265,30 +286,38 @@ def tiny_truth() -> SimpleNamespace:
 
 
 @pytest.fixture
-def fabricate(tmp_path: Path) -> Callable[..., DatasetVersion]:
+def fabricate(tmp_path):
     """Build a dataset of 6x6 pixel frames of 1x1 patches from a label and a group for each."""
 
-    def build(
-        labels: list[str], groups: list[str] | None = None, frames: list[int] | None = None
-    ) -> DatasetVersion:
+    def build(labels, groups=None, frames=None):
         numbers = frames or list(range(len(labels)))
         rng = np.random.default_rng(7)
         images = rng.integers(0, 255, (len(labels), 6, 6), np.uint8)
+        files = [(cv2.imencode(".png", image)[1].tobytes(), ".png") for image in images]
         sources = [
-            FrameSource(
-                "dive",
-                "left",
-                n,
-                group,
-                lambda i=image: (cv2.imencode(".png", i)[1].tobytes(), ".png"),
-            )
-            for n, group, image in zip(numbers, groups or map(str, numbers), images, strict=True)
+            FrameSource("dive", "left", n, group, lambda file=file: file)
+            for n, group, file in zip(numbers, groups or map(str, numbers), files, strict=True)
         ]
         rows = [("dive", "left", n, 0, 0, label) for n, label in zip(numbers, labels, strict=True)]
         patches = pd.DataFrame(rows, columns=LABEL_COLUMNS)
-        plan = DatasetPlan(
-            "made", "binary", Grid(1, 1, None), Taxonomy.load(), sources, patches, 0, 1, ["made"]
-        )
+        about = ("made", "binary", Grid(1, 1, None), Taxonomy.load())
+        plan = DatasetPlan(*about, sources, patches, 0, 1, ["made"])
         return build_dataset(plan, tmp_path / "datasets", quiet)
 
     return build
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium without a window.
+
+    For one module: as long as Playwright's event loop runs in this thread, no other can.
+    """
+    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
+    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser found (looked for {', '.join(_BROWSERS)})")
+    with playwright.sync_playwright() as running:
+        started = running.chromium.launch(executable_path=path, args=_BROWSER_ARGUMENTS)
+        yield started
+        started.close()

@@ -4,20 +4,18 @@ A rendered dive of small frames: water, kelp in the left half of some frames, an
 only the taxonomy file knows, across others.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import socket
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from itertools import product
 from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.calls import succeeds
+from tests.conftest import taxonomy_toml, write_labels
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import load_taxonomy
 
@@ -25,41 +23,24 @@ pytestmark = pytest.mark.xdist_group("own_class")  # what they share is made onc
 
 GRID, WIDTH, HEIGHT, CELLS = "4x4@96", 96, 72, 4
 WATER, KELP, PIPELINE = "water", "kelp", "pipeline"
-TAXONOMY = """format = 1
-[[classes]]
-name = "water"
-obstacle = false
-color = "#0072b2"
-key = "w"
-[[classes]]
-name = "kelp"
-obstacle = true
-color = "#009e73"
-key = "k"
-[[classes]]
-name = "pipeline"
-obstacle = true
-color = "#e69f00"
-key = "p"
-"""
 CLASSES = [WATER, KELP, PIPELINE]
 FRAMES = range(1, 37)
 BLOCK = ("--grid", GRID, "--block", 3)
 TRAIN = ("--extractor", "haralick+lbp", "--preset", "plain", "--folds", 3, "--embargo", 1)
 
 
-def shown(frame: int) -> str:
+def shown(frame):
     """What a frame shows: three frames of each in turn."""
     return CLASSES[frame // 3 % 3]
 
 
-def label(frame: int, row: int, col: int) -> str:
+def label(frame, row, col):
     if shown(frame) == KELP and col < 2:
         return KELP
     return PIPELINE if shown(frame) == PIPELINE and row == 2 else WATER
 
 
-def draw(frame: int, dive: int) -> np.ndarray[Any, Any]:
+def draw(frame, dive):
     rng = np.random.default_rng([dive, frame])
     image = rng.normal(70, 3, (HEIGHT, WIDTH))
     if shown(frame) == KELP:
@@ -69,95 +50,80 @@ def draw(frame: int, dive: int) -> np.ndarray[Any, Any]:
     return np.asarray(image.clip(0, 255), np.uint8)
 
 
-def render(folder: Path, dive: int) -> Path:
+def render(folder, dive):
     """A mission with its label file."""
     (folder / "Left").mkdir(parents=True)
-    lines = ["mission,camera,frame,row,col,label"]
     for frame in FRAMES:
         cv2.imwrite(str(folder / "Left" / f"dive_L_{frame}.png"), draw(frame, dive))
-        lines += [
-            f"{folder.name},left,{frame},{row},{col},{label(frame, row, col)}"
-            for row in range(CELLS)
-            for col in range(CELLS)
-        ]
-    (folder / "labels.csv").write_text("\n".join(lines) + "\n", "utf-8")
+    patches = product(FRAMES, range(CELLS), range(CELLS))
+    rows = [[folder.name, "left", *patch, label(*patch)] for patch in patches]
+    write_labels(folder / "labels.csv", rows)
     return folder
 
 
 @pytest.fixture(scope="module")
-def chain(run_tokt, trained, tmp_path_factory):
+def chain(trained, tmp_path_factory):
     """Label import, dataset, training: a workspace whose taxonomy file has the own class."""
     folder = tmp_path_factory.mktemp("own_class")
     workspace = folder / ".tokt"
     workspace.mkdir()
     shutil.copy(trained / "mlflow.db", workspace)  # making its tables takes seconds
-    (workspace / "taxonomy.toml").write_text(TAXONOMY, "utf-8")
+    (workspace / "taxonomy.toml").write_text(taxonomy_toml(water=False, kelp=True, pipeline=True))
 
-    def tokt(*arguments: object) -> Any:
-        ran = run_tokt(*arguments, "--workspace", workspace, "--json")
-        assert ran.code == 0, ran.err
-        return json.loads(ran.out)
+    def tokt(*arguments):
+        return json.loads(succeeds(*arguments, "--workspace", workspace, "--json").out)
 
     learnt, other = render(folder / "learnt", 1), render(folder / "other", 2)
     tokt("labels", "import", learnt / "labels.csv", "--grid", GRID)
-    dataset = tokt(
-        *("dataset", "build", "own", "--task", "classes", *BLOCK), *("--mission", learnt)
-    )
+    build = ("dataset", "build", "own", "--task", "classes", *BLOCK)
+    dataset = tokt(*build, "--mission", learnt)
     model = tokt("train", "own", "--name", "own", *TRAIN)
-    return SimpleNamespace(
-        folder=folder, workspace=workspace, tokt=tokt, other=other, dataset=dataset, model=model
-    )
+    made = {"other": other, "dataset": dataset, "model": model}
+    return SimpleNamespace(folder=folder, workspace=workspace, tokt=tokt, **made)
 
 
 @pytest.fixture
-def receiver() -> Iterator[str]:
+def receiver():
     """A UDP port of this machine that nobody else gets the datagrams of."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         yield f"127.0.0.1:{own.getsockname()[1]}"
 
 
-def statuses(chain: SimpleNamespace, run_tokt: Callable[..., Any], udp: str, store: Path) -> Any:
+def statuses(chain, udp, store):
     """What the runtime says of the other dive's frames, by what they show."""
     log = store.parent / f"{store.name}.jsonl"
-    ran = run_tokt(
-        *("run", "--store", store, "--source", chain.other, "--policy", "texture"),
-        *("--udp", udp, "--log", log),
-    )
-    assert ran.code == 0, ran.err
-    found: dict[str, list[int]] = {name: [] for name in CLASSES}
+    command = ("run", "--store", store, "--source", chain.other, "--policy", "texture")
+    succeeds(*command, "--udp", udp, "--log", log)
+    found = {name: [] for name in CLASSES}
     for frame, line in zip(FRAMES, log.read_text("utf-8").splitlines(), strict=True):
         found[shown(frame)].append(json.loads(line)["status"])
     return {name: (sum(s == 1 for s in said), len(said)) for name, said in found.items()}
 
 
-def test_an_own_class_is_learnt_evaluated_and_judged_at_run_time(chain, run_tokt, receiver):
+def test_an_own_class_is_learnt_evaluated_and_judged_at_run_time(chain, receiver):
     assert chain.dataset["labels"] == {"kelp": 96, "pipeline": 48, "water": 432}
     assert list(chain.model["cv"]["patch"]["per_class"]) == CLASSES
     assert chain.model["cv"]["patch"]["macro_f1"] > 0.9
-    score = chain.tokt(
-        "evaluate", "own", "--mission", chain.other, "--labels", chain.other / "labels.csv"
-    )
+    dive = ("--mission", chain.other, "--labels", chain.other / "labels.csv")
+    score = chain.tokt("evaluate", "own", *dive)
     assert score["patch"]["per_class"][PIPELINE]["f1"] > 0.9
     assert score["patch"]["per_class"][PIPELINE]["n"] == 48
     bundle = chain.folder / "own.tokt"
     chain.tokt("export", "own", "-o", bundle)
     store = chain.folder / "store"
-    assert run_tokt("deploy", bundle, store).code == 0
-    found = statuses(chain, run_tokt, receiver, store)
+    succeeds("deploy", bundle, store)
+    found = statuses(chain, receiver, store)
     assert found[WATER][0] == 0
     assert found[PIPELINE][0] >= 8 and found[KELP][0] >= 8
 
 
-def test_the_taxonomy_given_at_deployment_says_what_is_an_obstacle(chain, run_tokt, receiver):
+def test_the_taxonomy_given_at_deployment_says_what_is_an_obstacle(chain, receiver):
     harmless = chain.folder / "kelp_is_soft.toml"
-    harmless.write_text(TAXONOMY.replace('kelp"\nobstacle = true', 'kelp"\nobstacle = false'))
+    harmless.write_text(taxonomy_toml(water=False, kelp=False, pipeline=True))
     store = chain.folder / "store_soft"
-    ran = run_tokt(
-        *("deploy", "own", store, "--taxonomy", harmless, "--workspace", chain.workspace)
-    )
-    assert ran.code == 0, ran.err
-    found = statuses(chain, run_tokt, receiver, store)
+    succeeds("deploy", "own", store, "--taxonomy", harmless, "--workspace", chain.workspace)
+    found = statuses(chain, receiver, store)
     assert found[WATER][0] == 0 and found[PIPELINE][0] >= 8
     assert found[KELP][0] <= 1
 
@@ -173,20 +139,16 @@ def test_the_audit_suggests_an_own_class(chain, tmp_path):
     )
     out = tmp_path / "audit.csv"
     worst, *_ = chain.tokt("labels", "audit", "spoilt", "--folds", 3, "-o", out)["patches"]
-    assert [worst[key] for key in ("frame", "row", "col", "label", "suggested")] == [
-        *(7, 2, 1),
-        *(KELP, PIPELINE),
-    ]
+    found = [worst[key] for key in ("frame", "row", "col", "label", "suggested")]
+    assert found == [7, 2, 1, KELP, PIPELINE]
     # A patch of a 4x4 grid is imported as one, with nothing said of the grid.
     record, *_ = read_label_csv(out, load_taxonomy(chain.workspace))
     assert (str(record.grid), record.frame, record.row, record.col) == (GRID, 7, 2, 1)
 
 
 def test_without_the_taxonomy_file_it_is_said_how_to_add_the_class(chain, run_tokt, tmp_path):
-    ran = run_tokt(
-        *("labels", "import", chain.other / "labels.csv", "--grid", GRID),
-        *("--workspace", tmp_path / "new"),
-    )
+    command = ("labels", "import", chain.other / "labels.csv", "--grid", GRID)
+    ran = run_tokt(*command, "--workspace", tmp_path / "new")
     assert (ran.code, ran.out) == (2, "")
     (line,) = ran.err.splitlines()
     assert "unknown class 'water'" in line

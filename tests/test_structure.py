@@ -1,7 +1,5 @@
 """The house rules that a program can check: rooms, names, module docstrings, and a true map."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter, defaultdict
@@ -19,12 +17,12 @@ KINDS = (".py", ".js", ".css", ".html", ".h")
 QUESTION = re.compile(r"(What|Whether|How|Where|Which|When|Why)\b")
 
 
-def modules(*folders: str) -> list[Path]:
+def modules(*folders):
     return [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
 
 
 @pytest.mark.parametrize("folder", [*ROOMS, "tests", "docs"])
-def test_a_room_holds_at_most_some_twenty_files(folder: str) -> None:
+def test_a_room_holds_at_most_some_twenty_files(folder):
     counts = Counter(
         (path.parent.relative_to(ROOT).as_posix(), path.suffix)
         for path in (ROOT / folder).rglob("*")
@@ -33,11 +31,11 @@ def test_a_room_holds_at_most_some_twenty_files(folder: str) -> None:
     assert {room: n for room, n in counts.items() if n > MAX_FILES} == {}
 
 
-def test_the_root_of_inference_is_the_contracts_and_the_loop() -> None:
+def test_the_root_of_inference_is_the_contracts_and_the_loop():
     assert len(list((ROOT / "inference").glob("*.py"))) <= MAX_FILES_OF_INFERENCE
 
 
-def test_no_two_classes_have_one_name() -> None:
+def test_no_two_classes_have_one_name():
     places = defaultdict(list)
     for path in modules(*ROOMS):
         for node in ast.parse(path.read_text("utf-8")).body:
@@ -46,7 +44,7 @@ def test_no_two_classes_have_one_name() -> None:
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
-def test_a_modules_docstring_says_what_it_holds() -> None:
+def test_a_modules_docstring_says_what_it_holds():
     said = {
         path.relative_to(ROOT).as_posix(): ast.get_docstring(ast.parse(path.read_text("utf-8")))
         for path in modules(*ROOMS, "tests/load")
@@ -54,12 +52,12 @@ def test_a_modules_docstring_says_what_it_holds() -> None:
     assert {path: text for path, text in said.items() if not text or QUESTION.match(text)} == {}
 
 
-def test_bounds_are_called_min_and_max() -> None:
+def test_bounds_are_called_min_and_max():
     old = re.compile(r"\b_?(LEAST|MOST|LARGEST|LONGEST|SMALLEST|SHORTEST)_[A-Z]")
     assert [str(path) for path in modules(*ROOMS) if old.search(path.read_text("utf-8"))] == []
 
 
-def test_the_map_names_every_room_and_nothing_that_is_not_there() -> None:
+def test_the_map_names_every_room_and_nothing_that_is_not_there():
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     named = set(re.findall(rf"\b(?:{'|'.join([*ROOMS, 'tests'])})/(?:[\w./]*\w/?)?", text))
     assert {name for name in named if not (ROOT / name).exists()} == set()
@@ -71,7 +69,7 @@ def test_the_map_names_every_room_and_nothing_that_is_not_there() -> None:
     assert rooms - named == set()
 
 
-def test_what_docstrings_name_is_there() -> None:
+def test_what_docstrings_name_is_there():
     """A rename finds no whole name in backticks, such as `tokt.labels.record.LabelRecord`."""
     named = {
         name
@@ -82,7 +80,7 @@ def test_what_docstrings_name_is_there() -> None:
     assert [name for name in sorted(named) if not is_there(name)] == []
 
 
-def is_there(name: str) -> bool:
+def is_there(name):
     try:
         resolve_name(name)
     except (ImportError, AttributeError):

@@ -1,7 +1,5 @@
 """Every test has its tier, ``make test`` has the proof in it, and what it leaves out is run too."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path
@@ -18,7 +16,7 @@ MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
 FILES = sorted(HERE.rglob("test_*.py"))
 
 
-def in_make_test(*markers: str) -> bool:
+def in_make_test(*markers):
     """Whether `make test` runs a test with these markers."""
     (words,) = re.findall(r"^QUICK := (.*)$", MAKEFILE, re.MULTILINE)
     return Expression.compile(words).evaluate(lambda name, **_: name in markers)
@@ -39,11 +37,11 @@ def in_make_test(*markers: str) -> bool:
         ("fuzz/test_fuzz.py", "fuzz"),
     ],
 )
-def test_a_folder_decides(file: str, name: str) -> None:
+def test_a_folder_decides(file, name):
     assert (HERE / file).is_file() and tier_of(HERE / file).name == name
 
 
-def test_every_folder_of_a_tier_and_all_of_the_proof_is_there() -> None:
+def test_every_folder_of_a_tier_and_all_of_the_proof_is_there():
     tiers = {tier_of(path) for path in FILES}
     assert tiers == set(TIERS) and CORE in tiers
     folders = {folder for tier in TIERS for folder in tier.folders}
@@ -54,13 +52,13 @@ def test_every_folder_of_a_tier_and_all_of_the_proof_is_there() -> None:
         assert tests and all(map(is_proof, tests)), proof
 
 
-def test_the_markers_are_the_tiers() -> None:
+def test_the_markers_are_the_tiers():
     options = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["pytest"]
     markers = {line.partition(":")[0] for line in options["ini_options"]["markers"]}
     assert markers == {tier.name for tier in TIERS} | {"proof", "mission"}
 
 
-def test_make_test_has_the_proof_and_the_rest_is_run_after_it() -> None:
+def test_make_test_has_the_proof_and_the_rest_is_run_after_it():
     quick = [tier.name for tier in TIERS if in_make_test(tier.name)]
     assert quick == ["core"]
     assert all(in_make_test(tier.name, "proof") for tier in TIERS)
@@ -79,7 +77,7 @@ def test_a_run_of_the_missions_tests_leaves_none_of_their_files_out() -> None:
     assert [path for path in files if pytest_ignore_collect(path, config)] == []
 
 
-def test_every_test_carries_one_tier(request: pytest.FixtureRequest) -> None:
+def test_every_test_carries_one_tier(request):
     """Of those of this run: all, unless some were named."""
     names = {tier.name for tier in TIERS}
     for item in request.session.items:

@@ -1,37 +1,19 @@
 """The command line in a process of its own, as an install without some packages has it."""
 
-from __future__ import annotations
-
-import os
-import subprocess
-import sys
-from collections.abc import Callable, Iterable
-from pathlib import Path
-
 import pytest
 
-from tests.waiting import MAX_S
+from tests.calls import run_python
 
 
-def without(
-    modules: Iterable[str], folder: Path, *arguments: object, **environment: str
-) -> subprocess.CompletedProcess[str]:
+def without(modules, folder, *arguments, **environment):
     program = (
         f"import runpy, sys; sys.modules.update(dict.fromkeys({(*modules,)!r}));"
         "runpy.run_module('tokt', run_name='__main__')"
     )
-    return subprocess.run(
-        [sys.executable, "-c", program, *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-        check=False,
-    )
+    return run_python("-c", program, *arguments, folder=folder, **environment)
 
 
 @pytest.fixture(scope="session")
-def tokt_without() -> Callable[..., subprocess.CompletedProcess[str]]:
+def tokt_without():
     """Call the command line in a folder where some modules cannot be imported."""
     return without

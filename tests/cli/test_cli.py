@@ -1,41 +1,24 @@
 """The command line as a whole: its version, and what it can do and say aboard without MLflow."""
 
-from __future__ import annotations
-
 import json
 import re
-import subprocess
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 import tokt
-from tests.calls import run_python
+from tests.calls import succeeds
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
 TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib", "pyarrow")
 
 
-def tokt_aboard(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run the command line where no training tool can be imported."""
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({TRAINING_TOOLS!r}));"
-        "from tokt.cli import main; main()"
-    )
-    return run_python("-c", program, *arguments, folder=folder)
-
-
-def test_version(run_tokt: Callable[..., Any]) -> None:
+def test_version(run_tokt):
     ran = run_tokt("--version")
     assert (ran.code, ran.out, ran.err) == (0, f"tokt {tokt.__version__}\n", "")
 
 
-def test_a_bundle_file_is_shown_without_mlflow(
-    tiny_bundle: Path, tmp_path: Path, tokt_without: Callable[..., Any]
-) -> None:
+def test_a_bundle_file_is_shown_without_mlflow(tiny_bundle, tmp_path, tokt_without):
     card = tokt_without(TRAINING_TOOLS, tmp_path, "models", "show", tiny_bundle)
     assert (card.returncode, card.stderr) == (0, "")
     assert card.stdout == read_bundle(tiny_bundle).content.card
@@ -43,9 +26,7 @@ def test_a_bundle_file_is_shown_without_mlflow(
     assert named.returncode == 2 and "tokt[train]" in named.stderr
 
 
-def test_the_store_says_where_its_model_comes_from(
-    tiny_bundle: Path, tmp_path: Path, tokt_without: Callable[..., Any]
-) -> None:
+def test_the_store_says_where_its_model_comes_from(tiny_bundle, tmp_path, tokt_without):
     bundle = read_bundle(tiny_bundle)
     Store(tmp_path / "store").deploy(bundle, "sea trial")
     provenance = bundle.content.provenance
@@ -99,10 +80,9 @@ def test_a_store_that_is_not_there(command, tmp_path, run_tokt):
     assert not (tmp_path / "none").exists()
 
 
-def test_alias_as_json(workspace: Path, run_tokt: Callable[..., Any]) -> None:
-    ran = run_tokt("models", "alias", "tiny-lbp", "champion", "--workspace", workspace, "--json")
-    assert ran.code == 0, ran.err
-    found = json.loads(ran.out)
+def test_alias_as_json(workspace):
+    command = ("models", "alias", "tiny-lbp", "champion", "--workspace", workspace, "--json")
+    found = json.loads(succeeds(*command).out)
     assert (found["name"], found["version"]) == ("tiny-lbp", "1")
     assert "champion" in found["aliases"]
 
@@ -110,7 +90,7 @@ def test_alias_as_json(workspace: Path, run_tokt: Callable[..., Any]) -> None:
 @pytest.mark.parametrize(
     "command", ["labels import x.csv", "labels stats", "dataset list", "models list", "store x"]
 )
-def test_commands_share_their_options(command: str, run_tokt: Callable[..., Any]) -> None:
+def test_commands_share_their_options(command, run_tokt):
     helped = run_tokt(*command.split(), "--help").out
     options = {
         name: " ".join(re.findall(rf"{name}\b.*?(?=\n +-|\Z)", helped, re.S)[:1]).split()

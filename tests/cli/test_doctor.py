@@ -1,25 +1,20 @@
 """`tokt doctor`: what it finds, its exit code at a fault, and that it changes nothing."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import shutil
-import socket
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import distribution
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.calls import refuses, run_python
+from tests.calls import free_port, refuses, run_python, succeeds
 from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
 from tokt.features.common.sqlite_copy import copy_database
@@ -28,7 +23,7 @@ from tokt.features.kernels.health import compared, kernel_findings
 from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
 
 
-def listing(folder: Path) -> dict[str, bytes | None]:
+def listing(folder):
     """Every file and folder below, with its bytes."""
     return {
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
@@ -36,7 +31,7 @@ def listing(folder: Path) -> dict[str, bytes | None]:
     }
 
 
-def by_name(out: str) -> dict[str, dict[str, Any]]:
+def by_name(out):
     value = json.loads(out)
     faults = [item for item in value["findings"] if item["state"] == "fault"]
     assert value["ok"] is (faults == [])
@@ -45,31 +40,24 @@ def by_name(out: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def start(*arguments: object, folder: Path, **environment: str) -> Any:
-    """The command in a process of its own."""
-    return run_python("-m", "tokt", "doctor", *arguments, folder=folder, **environment)
-
-
 @pytest.fixture
-def store(tiny_bundle: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> Path:
-    ran = run_tokt("deploy", tiny_bundle, tmp_path / "store")
-    assert ran.code == 0, ran.err
+def store(tiny_bundle, tmp_path):
+    succeeds("deploy", tiny_bundle, tmp_path / "store")
     return tmp_path / "store"
 
 
 @pytest.fixture
-def labelled(workspace: Path, tiny, run_tokt: Callable[..., Any]) -> Path:
-    ran = run_tokt("labels", "import", tiny.labels, "--workspace", workspace)
-    assert ran.code == 0, ran.err
+def labelled(workspace, tiny):
+    succeeds("labels", "import", tiny.labels, "--workspace", workspace)
     return workspace
 
 
 @pytest.fixture
-def doctor(tmp_path, run_tokt, monkeypatch) -> Callable[..., tuple[int, dict[str, Any]]]:
+def doctor(tmp_path, run_tokt, monkeypatch):
     """Its exit code and findings; nothing on the disk is changed by it."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*options: object) -> tuple[int, dict[str, Any]]:
+    def run(*options):
         before = listing(tmp_path)
         ran = run_tokt("doctor", *options, "--json")
         assert (listing(tmp_path), ran.err) == (before, "")
@@ -156,12 +144,9 @@ def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path, tokt_w
 
 
 @pytest.mark.process
-def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path):
-    program = (
-        "import sys; sys.modules.update(dict.fromkeys(('skimage', 'skimage.feature', 'mahotas')));"
-        "from tokt.cli import main; sys.argv = ['tokt', 'doctor', '--json']; main()"
-    )
-    done = run_python("-c", program, folder=tmp_path, TOKT_KERNELS="")
+def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path, tokt_without):
+    libraries = ("skimage", "skimage.feature", "mahotas")
+    done = tokt_without(libraries, tmp_path, "doctor", "--json", TOKT_KERNELS="")
     assert (done.returncode, done.stderr) == (0, "")
     library = by_name(done.stdout)["library kernels"]
     assert library["state"] == "note" and "not on this machine" in library["text"]
@@ -174,38 +159,35 @@ def test_the_kernels_of_this_machine_agree():
 
 
 def test_kernels_that_differ_are_a_fault():
-    def one_count_off(*options: Any, **more: Any) -> Any:
-        counts = KERNELS.lbp_counts(*options, **more)
+    def with_wrong(name, spoil):
+        kernel = getattr(KERNELS, name)
+        wrong = replace(KERNELS, **{name: lambda *given, **more: spoil(kernel(*given, **more))})
+        return compared(KERNELS, wrong)
+
+    def one_count_off(counts):
         counts[0, 0] += 1
         return counts
 
-    def a_little_off(*options: Any, **more: Any) -> Any:
-        return KERNELS.haralick_features(*options, **more) * (1 + 2e-9)
-
-    def not_a_number(*options: Any, **more: Any) -> Any:
-        return np.full_like(KERNELS.haralick_features(*options, **more), np.nan)
-
     assert compared(KERNELS, KERNELS).state == "ok"
-    counts = compared(KERNELS, replace(KERNELS, lbp_counts=one_count_off))
-    assert (counts.state, counts.figures["lbp_difference"]) == ("fault", 4)
-    assert "LBP counts: 4" in counts.text
-    near = compared(KERNELS, replace(KERNELS, haralick_features=a_little_off))
-    assert near.state == "fault"
+    counts = with_wrong("lbp_counts", one_count_off)
+    assert counts.figures["lbp_difference"] == 4 and "LBP counts: 4" in counts.text
+    near = with_wrong("haralick_features", lambda features: features * (1 + 2e-9))
     assert near.figures["haralick_relative_difference"] == pytest.approx(2e-9, rel=1e-3)
-    lost = compared(KERNELS, replace(KERNELS, haralick_features=not_a_number))
-    assert lost.state == "fault" and lost.figures["haralick_relative_difference"] is None
-    gray = compared(KERNELS, replace(KERNELS, resized_gray=lambda *_: KERNELS.resized_gray(*_) ^ 1))
-    assert gray.state == "fault" and gray.figures["gray_difference"] == 54 * 72
+    lost = with_wrong("haralick_features", lambda features: features * np.nan)
+    assert lost.figures["haralick_relative_difference"] is None
+    gray = with_wrong("resized_gray", lambda image: image ^ 1)
+    assert gray.figures["gray_difference"] == 54 * 72
+    assert {found.state for found in (counts, near, lost, gray)} == {"fault"}
 
 
-def spoil_bundle(store: Path) -> None:
+def spoil_bundle(store):
     (file,) = store.glob("versions/*/bundle.tokt")
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1
     file.write_bytes(data)
 
 
-def rename_version(store: Path) -> None:
+def rename_version(store):
     (folder,) = store.glob("versions/*")
     shutil.copytree(folder, folder.with_name("0" * 64))
 
@@ -275,12 +257,8 @@ def test_databases_of_other_programs_and_versions(labelled, doctor):
 
 
 @pytest.mark.process
-def test_a_registry_without_mlflow_is_a_note(labelled):
-    program = (
-        "import sys; sys.modules['mlflow'] = None; from tokt.cli import main;"
-        "sys.argv = ['tokt', 'doctor', '--json', '--workspace', '.']; main()"
-    )
-    done = run_python("-c", program, folder=labelled)
+def test_a_registry_without_mlflow_is_a_note(labelled, tokt_without):
+    done = tokt_without(["mlflow"], labelled, "doctor", "--json", "--workspace", ".")
     assert (done.returncode, done.stderr) == (0, "")
     registry = by_name(done.stdout)["registry"]
     assert registry["state"] == "note" and "tokt[train]" in registry["text"]
@@ -302,10 +280,7 @@ def test_the_registry_that_the_environment_names(labelled, tmp_path, doctor, mon
 
 @pytest.mark.process
 def test_a_registry_server_that_is_down_is_a_fault(tmp_path, tokt_without):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    uri = f"http://me:secret@127.0.0.1:{port}"
+    uri = f"http://me:secret@127.0.0.1:{free_port()}"
     once = {"MLFLOW_TRACKING_URI": uri, "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
     done = tokt_without((), tmp_path, "doctor", "--json", **once)
     assert done.returncode == 1
@@ -347,7 +322,7 @@ needs_vimba_like = pytest.mark.skipif(
 )
 
 
-def make_vimba(folder: Path, code: str) -> None:
+def make_vimba(folder, code):
     """A library with every function that pymba looks up; `code` is its version function's body."""
     pymba = distribution("pymba").locate_file("pymba/vimba_c.py")
     names = set(re.findall(r"_vimba_lib\.(\w+)", Path(str(pymba)).read_text()))
@@ -396,6 +371,6 @@ def test_a_camera_library_that_is_none(tmp_path, monkeypatch):
     assert found.state == "fault" and "libVimbaC.so" in found.text
 
 
-def test_no_pymba_is_a_note(tmp_path, monkeypatch):
+def test_no_pymba_is_a_note(monkeypatch):
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
     assert camera_driver_finding().text.startswith("no pymba")

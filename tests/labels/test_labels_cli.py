@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import contextlib
 import json
-from pathlib import Path
 
 import pytest
 
-from tests.calls import Ran, call_tokt
+from tests.calls import refused, succeeds
+from tests.conftest import taxonomy_toml
 
 HEADER = "mission,camera,frame,row,col,label\n"
 ANN = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 6 else 'ocean'}\n" for n in range(10))
@@ -14,32 +12,25 @@ BOB = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 5 else 'ocean'}\n" for
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     (tmp_path / "ann.csv").write_text(ANN)
     (tmp_path / "bob.csv").write_text(BOB)
     return tmp_path
 
 
-def _tokt(folder: Path, *words: str) -> Ran:
-    """In this process, which has imported everything; test_bad_input starts real ones."""
+def _good(folder, *words):
     with contextlib.chdir(folder):
-        return call_tokt("labels", *words)
+        return succeeds("labels", *words).out
 
 
-def _good(folder: Path, *words: str) -> str:
-    ran = _tokt(folder, *words)
-    assert ran.code == 0, ran.err
-    return ran.out
+def _refused(folder, *words):
+    with contextlib.chdir(folder):
+        said = refused("", "labels", *words)
+    assert said.count("\n") == 1
+    return said
 
 
-def _refused(folder: Path, *words: str) -> str:
-    ran = _tokt(folder, *words)
-    assert ran.code == 2 and ran.out == ""
-    assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
-    return ran.err
-
-
-def test_import_stats_export(folder: Path) -> None:
+def test_import_stats_export(folder):
     assert "10 labels by ann: 10 new, 0 changed, 0 known" in _good(folder, "import", "ann.csv")
     again = json.loads(_good(folder, "import", "ann.csv", "--json"))
     assert (again["labels"], again["new"], again["unchanged"]) == (10, 0, 10)
@@ -58,7 +49,7 @@ def test_import_stats_export(folder: Path) -> None:
     assert (folder / "again.csv").read_text() == BOB
 
 
-def test_annotators_are_kept_apart(folder: Path) -> None:
+def test_annotators_are_kept_apart(folder):
     for name in ("ann.csv", "bob.csv"):
         _good(folder, "import", name, "--workspace", "ws")
     assert "2 annotators (ann, bob)" in _refused(folder, "export", "o.csv", "--workspace", "ws")
@@ -72,7 +63,7 @@ def test_annotators_are_kept_apart(folder: Path) -> None:
     assert (folder / "all2.csv").read_bytes() == (folder / "all.csv").read_bytes()
 
 
-def test_an_import_says_how_many_labels_were_settled(folder: Path) -> None:
+def test_an_import_says_how_many_labels_were_settled(folder):
     full = HEADER.replace("\n", ",annotator,time,grid,source,model_version\n")
     more = "2016-04-20T10:00:00Z,10x10@360"
     rows = f"dive,left,1,0,0,reef,ann,{more},human,\ndive,left,1,0,0,reef,cat,{more},settled,\n"
@@ -82,7 +73,7 @@ def test_an_import_says_how_many_labels_were_settled(folder: Path) -> None:
     assert (again["new"], again["settled"], again["unchanged"]) == (0, 0, 2)
 
 
-def test_agreement_of_files_and_annotators(folder: Path) -> None:
+def test_agreement_of_files_and_annotators(folder):
     by_file = json.loads(_good(folder, "agreement", "ann.csv", "bob.csv", "--json"))
     assert by_file["confusion"] == [[6, 1], [0, 3]]
     assert by_file["kappa"] == pytest.approx((0.9 - 0.54) / (1 - 0.54))
@@ -104,23 +95,21 @@ def test_agreement_of_files_and_annotators(folder: Path) -> None:
         ("dive,left,2,0,0", "line 12: 5 fields"),
     ],
 )
-def test_a_wrong_line_imports_nothing(folder: Path, row: str, message: str) -> None:
+def test_a_wrong_line_imports_nothing(folder, row, message):
     (folder / "bad.csv").write_text(ANN + row + "\n")
     assert message in _refused(folder, "import", "bad.csv")
     assert not (folder / ".tokt").exists()
 
 
-def test_own_classes(folder: Path) -> None:
+def test_own_classes(folder):
     (folder / "cage.csv").write_text(HEADER + "dive,left,1,0,0,cage\n")
     assert "unknown class 'cage'" in _refused(folder, "import", "cage.csv")
     (folder / ".tokt").mkdir()
-    table = '[[classes]]\nname = "{}"\nobstacle = {}\ncolor = "#123456"\nkey = "{}"\n'
-    text = "format = 1\n" + table.format("ocean", "false", 1) + table.format("cage", "true", 2)
-    (folder / ".tokt" / "taxonomy.toml").write_text(text)
+    (folder / ".tokt" / "taxonomy.toml").write_text(taxonomy_toml(ocean=False, cage=True))
     _good(folder, "import", "cage.csv")
 
 
-def test_other_mistakes_are_one_line(folder: Path) -> None:
+def test_other_mistakes_are_one_line(folder):
     assert "no label store" in _refused(folder, "stats")
     assert "no label store" in _refused(folder, "export", "out.csv")
     assert "does not exist" in _refused(folder, "import", "none.csv")

@@ -1,7 +1,5 @@
 """One label a patch out of several annotators' labels and settlements."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -14,16 +12,16 @@ TIME = "2016-04-20T10:00:00Z"
 GRID = Grid()
 
 
-def _record(label: str | None, *, annotator: str = "ann", col: int = 0, **more) -> LabelRecord:
+def _record(label, *, annotator="ann", col=0, **more):
     return LabelRecord("dive", "left", 1, GRID, 0, col, label, annotator, TIME, **more)
 
 
-def test_merge_of_one_annotator_changes_nothing() -> None:
+def test_merge_of_one_annotator_changes_nothing():
     records = [_record("ocean"), _record("unsure", col=1)]
     assert merge_annotators(records).records == records
 
 
-def test_merge_of_several_annotators() -> None:
+def test_merge_of_several_annotators():
     ann = [_record(label, col=n) for n, label in enumerate(["ocean", "ocean", "ocean", "unsure"])]
     late = "2016-04-21T10:00:00Z"
     bob = [
@@ -40,7 +38,7 @@ def test_merge_of_several_annotators() -> None:
 
 
 @pytest.mark.parametrize("label", ["reef", "ocean", "sand", "unsure"])
-def test_a_settlement_decides_whatever_the_annotators_say(label: str) -> None:
+def test_a_settlement_decides_whatever_the_annotators_say(label):
     late = "2016-04-21T10:00:00Z"
     opinions = [_record("reef", model_version="lbp/1"), _record("ocean", annotator="ben")]
     settled = replace(_record(label, annotator="ann", source=SETTLED), time=late)
@@ -50,14 +48,15 @@ def test_a_settlement_decides_whatever_the_annotators_say(label: str) -> None:
         assert merged.records == [replace(settled, annotator="ann+ben")]
 
 
-def test_a_settlement_decides_only_its_own_patch() -> None:
-    said = [_record(label, annotator=who, col=n) for n in (0, 1) for who, label in OPINIONS]
+def test_a_settlement_decides_only_its_own_patch():
+    opinions = (("ann", "reef"), ("ben", "ocean"))
+    said = [_record(label, annotator=who, col=n) for n in (0, 1) for who, label in opinions]
     merged = merge_annotators([*said, _record("reef", annotator="carl", source=SETTLED)])
     assert [record.label for record in merged.records] == ["reef", "unsure"]
     assert merged.conflicts == [Cell("dive", "left", 1, GRID, 0, 1)]
 
 
-def test_settlements_of_two_stores_that_differ_are_a_conflict() -> None:
+def test_settlements_of_two_stores_that_differ_are_a_conflict():
     two = [
         _record(label, annotator=who, source=SETTLED, col=col)
         for col, labels in enumerate([("reef", "reef"), ("reef", "ocean"), ("reef", "unsure")])
@@ -66,6 +65,3 @@ def test_settlements_of_two_stores_that_differ_are_a_conflict() -> None:
     merged = merge_annotators(two)
     assert [record.label for record in merged.records] == ["reef", "unsure", "unsure"]
     assert [cell.col for cell in merged.conflicts] == [1, 2]
-
-
-OPINIONS = (("ann", "reef"), ("ben", "ocean"))

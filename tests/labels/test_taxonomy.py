@@ -1,48 +1,43 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from tests.calls import refuses
-from tokt.features.common.errors import ToktError
 from tokt.labels.taxonomy import UNSURE, Taxonomy, load_taxonomy
 
 OCEAN = '[[classes]]\nname = "ocean"\nobstacle = false\ncolor = "#0000ff"\nkey = "1"\n'
 WRECK = '[[classes]]\nname = "wreck"\nobstacle = true\ncolor = "#ff0000"\nkey = "2"\n'
 
 
-def _write(folder: Path, text: str) -> Path:
+def _write(folder, text):
     path = folder / "taxonomy.toml"
     path.write_text(text, "utf-8")
     return path
 
 
-def test_packaged_taxonomy_has_the_five_classes() -> None:
+def test_packaged_taxonomy_has_the_five_classes():
     taxonomy = Taxonomy.load()
     assert taxonomy.names == ("ocean", "other", "sand", "reef", "subsea_installation")
     assert [name for name in taxonomy.names if not taxonomy.is_obstacle(name)] == ["ocean"]
     assert len({known.color for known in taxonomy.classes}) == 5
 
 
-def test_json_round_trip() -> None:
+def test_json_round_trip():
     taxonomy = Taxonomy.load()
     assert Taxonomy.from_json(taxonomy.to_json()) == taxonomy
 
 
-def test_unsure_is_a_label_but_never_a_class() -> None:
+def test_unsure_is_a_label_but_never_a_class():
     taxonomy = Taxonomy.load()
     taxonomy.check_label(UNSURE)
     assert UNSURE not in taxonomy.names
     refuses("unknown class 'unsure'", taxonomy.is_obstacle, UNSURE)
 
 
-def test_unknown_class_names_the_known_ones() -> None:
-    with pytest.raises(ToktError, match="unknown class 'Ocean'; known: ocean, other, sand"):
-        Taxonomy.load().check_label("Ocean")
+def test_unknown_class_names_the_known_ones():
+    message = "unknown class 'Ocean'; known: ocean, other, sand"
+    refuses(message, Taxonomy.load().check_label, "Ocean")
 
 
-def test_workspace_file_adds_a_class_and_a_given_file_wins(tmp_path: Path) -> None:
+def test_workspace_file_adds_a_class_and_a_given_file_wins(tmp_path):
     own = _write(tmp_path, f"format = 1\n{OCEAN}{WRECK}")
     assert load_taxonomy(tmp_path).is_obstacle("wreck")
     assert load_taxonomy(tmp_path / "elsewhere") == Taxonomy.load()
@@ -76,18 +71,18 @@ def test_workspace_file_adds_a_class_and_a_given_file_wins(tmp_path: Path) -> No
         ("format = [", "Invalid value"),
     ],
 )
-def test_mistakes_are_one_line_with_the_file(tmp_path: Path, text: str, message: str) -> None:
+def test_mistakes_are_one_line_with_the_file(tmp_path, text, message):
     path = _write(tmp_path, text)
     assert str(path) in refuses(message, Taxonomy.load, path)
 
 
-def test_missing_or_binary_file_is_a_user_error(tmp_path: Path) -> None:
+def test_missing_or_binary_file_is_a_user_error(tmp_path):
     refuses("No such file", Taxonomy.load, tmp_path / "none.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     refuses("not UTF-8", Taxonomy.load, tmp_path / "binary.toml")
 
 
 @pytest.mark.parametrize("value", ["9" * 5000, "[" * 3000])
-def test_toml_that_python_s_reader_gives_up_on(tmp_path: Path, value: str) -> None:
+def test_toml_that_python_s_reader_gives_up_on(tmp_path, value):
     (tmp_path / "t.toml").write_text(f"format = {value}\n")
     refuses(r"taxonomy .*t\.toml: ", Taxonomy.load, tmp_path / "t.toml")

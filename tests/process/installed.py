@@ -66,29 +66,18 @@ class Installed:
 
     def run(self, *command: object, given: str = "") -> str:
         """What a command prints that ends well."""
-        done = subprocess.run(
-            [str(part) for part in command],
-            input=given,
-            capture_output=True,
-            text=True,
-            timeout=MAX_S,
-            cwd=self._programs,  # outside of the checkout
-            env=self._environ,
-            check=False,
-        )
+        how = {"capture_output": True, "text": True, "timeout": MAX_S, "check": False}
+        where = {"cwd": self._programs, "env": self._environ}  # outside of the checkout
+        done = subprocess.run([str(part) for part in command], input=given, **how, **where)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     def start(self, folder: Path, words: Path, *arguments: object, **environ: str) -> Started:
         """Start `tokt` in a folder; what it says goes to a file."""
         with words.open("wb") as sink:
-            process = subprocess.Popen(
-                [self._program("tokt"), *map(str, arguments)],
-                stdout=sink,
-                stderr=sink,
-                cwd=folder,
-                env={**self._environ, **environ},
-            )
+            command = [self._program("tokt"), *map(str, arguments)]
+            where = {"cwd": folder, "env": {**self._environ, **environ}}
+            process = subprocess.Popen(command, stdout=sink, stderr=sink, **where)
         return Started(process, words)
 
     def processes(self) -> list[psutil.Process]:

@@ -1,7 +1,5 @@
 """A real dask cluster: a scheduler and worker processes, each a program of its own, on loopback."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -11,15 +9,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from distributed import Client
 
+from tests.calls import free_port, succeeds
 from tests.waiting import MAX_S
 from tokt.cli.output import progress
 from tokt.features.extractors.extractor import extractor_named
@@ -46,7 +43,7 @@ worse = "lbp_10_5_frame"
 
 
 @contextmanager
-def _running(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+def _running(folder, name, *arguments):
     """A dask program, killed at the end; its log is ``NAME.log``."""
     command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
     environment = {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(folder)}
@@ -62,23 +59,20 @@ def _running(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Po
 class Cluster:
     """A scheduler with two workers of one thread."""
 
-    def __init__(self, folder: Path, stack: ExitStack) -> None:
+    def __init__(self, folder, stack):
         self._folder, self._stack = folder, stack
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        port = free_port()
         self.address = f"tcp://127.0.0.1:{port}"
         self._start("scheduler", "scheduler", "--port", str(port))
         options = ("--nthreads", "1", "--no-nanny", "--memory-limit", "1GB")
-        self.workers = [
-            self._start(name, "worker", self.address, *options) for name in ("one", "two")
-        ]
+        join = ("worker", self.address, *options)
+        self.workers = [self._start(name, *join) for name in ("one", "two")]
         self._wait()
 
-    def _start(self, name: str, *arguments: str) -> subprocess.Popen[bytes]:
+    def _start(self, name, *arguments):
         return self._stack.enter_context(_running(self._folder, name, *arguments))
 
-    def _wait(self) -> None:
+    def _wait(self):
         """Until all workers have joined."""
         deadline = time.monotonic() + MAX_S
         while True:
@@ -92,13 +86,13 @@ class Cluster:
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+def cluster(tmp_path_factory):
     with ExitStack() as stack:
         yield Cluster(tmp_path_factory.mktemp("dask"), stack)
 
 
 @pytest.fixture
-def fresh(workspace: Path) -> Path:
+def fresh(workspace):
     """A workspace with the tiny dataset and its model, and no features computed yet."""
     shutil.rmtree(workspace / "cache")
     return workspace
@@ -114,14 +108,12 @@ def test_a_worker_builds_the_same_dataset(cluster, tiny, trained, tmp_path):
     assert there.hash == open_dataset("tiny", trained / "datasets").hash
 
 
-def test_a_search_on_a_cluster_finds_the_same(cluster, fresh, trained, tmp_path, run_tokt):
+def test_a_search_on_a_cluster_finds_the_same(cluster, fresh, trained, tmp_path):
     """Its winner is the very model that `tokt train` makes in one process."""
     (tmp_path / "space.toml").write_text(SPACE)
     asked = ("search", "tiny", "--space", tmp_path / "space.toml", "--name", "found", "--folds", 3)
     where = ("--dask", cluster.address, "--workspace", fresh)
-    ran = run_tokt(*asked, "--embargo", 1, "--json", *where)
-    assert ran.code == 0, ran.err
-    result = json.loads(ran.out)
+    result = json.loads(succeeds(*asked, "--embargo", 1, "--json", *where).out)
     assert {rank["extractor"] for rank in result["ranks"]} == {"better", "worse"}
     assert result["winner"]["extractor"] == "better"
     here, there = (Registry(trained).bundle("tiny-lbp"), Registry(fresh).bundle("found"))

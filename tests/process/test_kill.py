@@ -4,8 +4,6 @@ A host process imports everything once and forks a child for each command, so th
 into the work and not into a second of imports.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random
@@ -14,8 +12,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -70,18 +66,12 @@ for line in sys.stdin:
 class Host:
     """Runs commands in forked children, and kills them where asked."""
 
-    def __init__(self, process: subprocess.Popen[str], log: Path) -> None:
+    def __init__(self, process, log):
         self._process = process
         self.log = log
 
-    def run(
-        self,
-        *command: object,
-        kill_after_s: float | None = None,
-        begun: Callable[[], bool] = lambda: True,
-    ) -> int:
+    def run(self, *command, kill_after_s=None, begun=lambda: True):
         """Exit code, or minus the signal that ended it: so long after `begun` became true."""
-        assert self._process.stdin and self._process.stdout
         print(json.dumps([str(part) for part in command]), file=self._process.stdin, flush=True)
         child = int(self._process.stdout.readline())
         if kill_after_s is not None:
@@ -95,23 +85,17 @@ class Host:
 
 
 @pytest.fixture(scope="module")
-def host(tmp_path_factory: pytest.TempPathFactory, preload: str) -> Iterator[Host]:
+def host(tmp_path_factory, preload):
     log = tmp_path_factory.mktemp("host") / "log"
-    environment = {**os.environ, "LOG": str(log)}
-    with subprocess.Popen(
-        [sys.executable, "-c", preload + HOST],
-        env=environment,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout and process.stdin
+    command, environment = [sys.executable, "-c", preload + HOST], {**os.environ, "LOG": str(log)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment, **pipes) as process:
         assert process.stdout.readline() == "ready\n"
         yield Host(process, log)
         process.stdin.close()
 
 
-def moments(rng: random.Random, duration_s: float, trials: int) -> Iterator[float]:
+def moments(rng, duration_s, trials):
     """Seeded moments all over a command's duration; then ever earlier ones, as long as asked.
 
     A machine that was busier while the duration was measured lets the later kills miss.
@@ -122,15 +106,7 @@ def moments(rng: random.Random, duration_s: float, trials: int) -> Iterator[floa
         yield duration_s * rng.random() / (2 + again)
 
 
-def kill_until_hit(
-    host: Host,
-    command: tuple[object, ...],
-    sound: Callable[[], None],
-    rng: random.Random,
-    duration_s: float,
-    trials: int = TRIALS,
-    hits: int = 1,
-) -> None:
+def kill_until_hit(host, command, sound, rng, duration_s, trials=TRIALS, hits=1):
     """Kill a command at `trials` moments, and at more until so many kills have hit."""
     for trial, moment in enumerate(moments(rng, duration_s, trials)):
         if trial >= trials and hits <= 0:
@@ -140,16 +116,14 @@ def kill_until_hit(
     assert hits <= 0, "the kills come too late; the test proves nothing"
 
 
-def took_s(host: Host, *command: object) -> float:
+def took_s(host, *command):
     """Seconds that a command takes to its good end."""
     begun = time.monotonic()
     assert host.run(*command) == 0, host.log.read_text()
     return time.monotonic() - begun
 
 
-def kill_often(
-    host: Host, command: tuple[object, ...], sound: Callable[[], None], trials: int = TRIALS
-) -> None:
+def kill_often(host, command, sound, trials=TRIALS):
     """Run once whole for its duration, then kill it at seeded moments, then run it whole again."""
     duration_s = took_s(host, *command)
     kill_until_hit(host, command, sound, random.Random(1), duration_s, trials)
@@ -158,11 +132,11 @@ def kill_often(
 
 
 @pytest.fixture
-def registry_sound(workspace: Path, tiny_bundle: Path) -> Callable[[], None]:
+def registry_sound(workspace, tiny_bundle):
     """Everything listed exports, and version 1 to the very bytes of before."""
     original = tiny_bundle.read_bytes()
 
-    def check() -> None:
+    def check():
         registry = Registry(workspace)
         for version in registry.versions():
             assert registry.bundle(version.label).label == version.label
@@ -171,12 +145,12 @@ def registry_sound(workspace: Path, tiny_bundle: Path) -> Callable[[], None]:
     return check
 
 
-def test_dataset_build(host, workspace, tiny, own_tiny):
+def test_dataset_build(host, workspace, tiny):
     root = workspace / "datasets"
     before = open_dataset("tiny", root).hash
     seen = set()
 
-    def sound() -> None:
+    def sound():
         for dataset in list_datasets(root):
             dataset.check()
             for index in range(len(dataset.frames)):
@@ -197,7 +171,7 @@ def test_dataset_build(host, workspace, tiny, own_tiny):
 
 
 def test_train(host, workspace, registry_sound):
-    def sound() -> None:
+    def sound():
         registry_sound()
         shutil.rmtree(workspace / "cache")  # so that kills fall into the features too
 
@@ -212,7 +186,7 @@ def test_first_use_of_a_registry(host, tmp_path):
     """Killed while MLflow makes its tables: they are all there or not at all."""
     duration_s, workspace = took_s(host, NEW_REGISTRY, tmp_path / "whole"), tmp_path / "killed"
 
-    def sound() -> None:
+    def sound():
         if (workspace / "mlflow.db").exists():
             assert Registry(workspace).versions() == []
             (workspace / "mlflow.db").unlink()
@@ -225,7 +199,7 @@ def test_first_use_of_a_registry(host, tmp_path):
 def test_alias(host, workspace, registry_sound):
     command = ("models", "alias", "tiny-lbp/1", "champion", "--workspace", workspace)
 
-    def sound() -> None:
+    def sound():
         assert Registry(workspace).find("tiny-lbp@champion").version == "1"
 
     kill_often(host, command, sound)
@@ -235,7 +209,7 @@ def test_alias(host, workspace, registry_sound):
 def test_export(host, workspace, tiny_bundle, tmp_path):
     target = tmp_path / "out" / "m.tokt"
 
-    def sound() -> None:
+    def sound():
         assert target.read_bytes() == tiny_bundle.read_bytes()
 
     command = ("export", "tiny-lbp", "-o", target, "--workspace", workspace)
@@ -259,7 +233,7 @@ def test_deploy(host, tiny_bundle, tmp_path):
     place = tmp_path / "store"
     command = ("deploy", tiny_bundle, place, "--reason", "kill test")
 
-    def sound() -> None:
+    def sound():
         store = Store(place)
         assert store.active().label == "tiny-lbp/1"
         numbers = [entry.number for entry in store.history()]

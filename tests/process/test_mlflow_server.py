@@ -1,44 +1,35 @@
 """A real MLflow server, over http with artifacts proxied, gives what the workspace's file gives."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import urllib.error
 import urllib.request
 import zipfile
-from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
+from tests.calls import free_port, succeeds
 from tests.waiting import until
 
 pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there already
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def server(tmp_path_factory):
     """The address of an ``mlflow server`` with a sqlite backend, on a free loopback port."""
     folder = tmp_path_factory.mktemp("server")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
     command += ["--port", str(port), "--workers", "1"]
     command += ["--backend-store-uri", f"sqlite:///{folder / 'server.db'}"]
     command += ["--artifacts-destination", str(folder / "artifacts")]
-    environment = {
-        **os.environ,
-        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
-        "MLFLOW_DISABLE_TELEMETRY": "true",
-    }
+    quiet = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_DISABLE_TELEMETRY": "true"}
+    environment = {**os.environ, **quiet}
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen(
             command, env=environment, cwd=folder, stdout=log, stderr=log, start_new_session=True
@@ -55,8 +46,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
                 process.wait(10)
 
 
-def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
-    def answers() -> bool:
+def _wait_for(url, process, log):
+    def answers():
         assert process.poll() is None, log.read_text()
         with (
             suppress(urllib.error.URLError, ConnectionError, TimeoutError),
@@ -68,7 +59,7 @@ def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
     until(answers, log.read_text)
 
 
-def _without_ids(bundle: Path) -> dict[str, bytes]:
+def _without_ids(bundle):
     """A bundle's members, with the names that MLflow drew for run and model left out."""
     with zipfile.ZipFile(bundle) as members:
         content = {name: members.read(name) for name in members.namelist()}
@@ -84,27 +75,24 @@ def _without_ids(bundle: Path) -> dict[str, bytes]:
 
 
 def test_the_whole_way_through_a_server_gives_the_same(
-    server, trained, tiny_bundle, tmp_path, run_tokt, monkeypatch
+    server, trained, tiny_bundle, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", server)
     shutil.copytree(trained / "datasets", tmp_path / ".tokt" / "datasets")
     shutil.copytree(trained / "cache", tmp_path / ".tokt" / "cache")
     where = ("--workspace", tmp_path / ".tokt")
     training = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", "--folds", 3)
-    ran = run_tokt(*training, "--embargo", 1, "--json", *where)
-    assert ran.code == 0, ran.err
+    ran = succeeds(*training, "--embargo", 1, "--json", *where)
     result = json.loads(ran.out)  # nothing but the result is on standard output
     assert result["model"] == {"name": "tiny-lbp", "version": "1", "aliases": ["challenger"]}
     assert not (tmp_path / ".tokt" / "mlflow.db").exists()
     assert not (tmp_path / ".tokt" / "mlartifacts").exists()
-    assert run_tokt("models", "alias", "tiny-lbp", "champion", *where).code == 0
-    (listed,) = json.loads(run_tokt("models", "list", "--json", *where).out)["models"]
+    succeeds("models", "alias", "tiny-lbp", "champion", *where)
+    (listed,) = json.loads(succeeds("models", "list", "--json", *where).out)["models"]
     assert listed["aliases"] == ["challenger", "champion"]
-    shown = run_tokt("models", "show", "tiny-lbp@champion", *where)
-    assert shown.code == 0, shown.err
+    shown = succeeds("models", "show", "tiny-lbp@champion", *where)
     assert result["run_id"] in shown.out
     for name in ("a.tokt", "b.tokt"):
-        ran = run_tokt("export", "tiny-lbp@champion", "-o", tmp_path / name, *where)
-        assert ran.code == 0, ran.err
+        succeeds("export", "tiny-lbp@champion", "-o", tmp_path / name, *where)
     assert (tmp_path / "a.tokt").read_bytes() == (tmp_path / "b.tokt").read_bytes()
     assert _without_ids(tmp_path / "a.tokt") == _without_ids(tiny_bundle)

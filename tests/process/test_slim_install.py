@@ -1,7 +1,5 @@
 """The plain install, without [train], judges frames with a bundle made by the full one."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -11,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.calls import succeeds
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS
 
@@ -23,19 +22,22 @@ pytestmark = pytest.mark.xdist_group("wheel")  # it is built once
 SPLIT = ("--folds", 3, "--embargo", 1)
 
 
-def _run(*command: object) -> subprocess.CompletedProcess[str]:
+def _run(*command):
     # Not from the checkout: its folder `tokt` would stand before the installed package.
-    return subprocess.run(
-        [str(part) for part in command],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tempfile.gettempdir(),
-    )
+    words, folder = [str(part) for part in command], tempfile.gettempdir()
+    return subprocess.run(words, capture_output=True, text=True, check=False, cwd=folder)
+
+
+def _judged(python, bundle, mission, log):
+    """The log lines of a run over a mission."""
+    about = ("--bundle", bundle, "--source", mission, "--log", log, "--log-values")
+    done = _run(python, "-m", "tokt", "run", *about, "--format", "v2")
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in log.read_text().splitlines()]
 
 
 @pytest.fixture(scope="module")
-def slim_python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def slim_python(wheel, tmp_path_factory):
     home = tmp_path_factory.mktemp("slim") / "venv"
     venv.create(home)
     python = home / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
@@ -49,43 +51,20 @@ def slim_python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return python
 
 
-def test_plain_install_runs_a_bundle(slim_python, workspace, tiny, run_tokt, tmp_path):
-    present = _run(
-        slim_python,
-        "-c",
-        "import importlib.util as u, json, sys;"
-        f"print(json.dumps([n for n in {TRAINING_TOOLS!r} if u.find_spec(n)]))",
-    )
-    assert json.loads(present.stdout) == []
+def test_plain_install_runs_a_bundle(slim_python, workspace, tiny, tmp_path):
+    find = f"print([n for n in {TRAINING_TOOLS!r} if importlib.util.find_spec(n)])"
+    assert _run(slim_python, "-c", f"import importlib.util; {find}").stdout == "[]\n"
 
-    mission, space = tiny.path, ("--workspace", workspace)
-    for command in (
-        ("train", "tiny", "--extractor", "haralick", *SPLIT, "--name", "m", *space),
-        ("export", "m", "-o", tmp_path / "m.tokt", *space),
-    ):
-        ran = run_tokt(*command)
-        assert ran.code == 0, ran.err
+    mission, bundle, space = tiny.path, tmp_path / "m.tokt", ("--workspace", workspace)
+    succeeds("train", "tiny", "--extractor", "haralick", *SPLIT, "--name", "m", *space)
+    succeeds("export", "m", "-o", bundle, *space)
 
-    log = tmp_path / "log.jsonl"
-    done = _run(
-        slim_python, "-m", "tokt", "run", "--bundle", tmp_path / "m.tokt", "--source", mission,
-        "--log", log, "--log-values", "--format", "v2",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    lines = _judged(slim_python, bundle, mission, tmp_path / "log.jsonl")
     assert [line["frame"] for line in lines] == open_mission(mission).frames()
     assert {line["status"] for line in lines} == {0, 1}
 
-    again = tmp_path / "full.jsonl"
-    done = _run(
-        sys.executable, "-m", "tokt", "run", "--bundle", tmp_path / "m.tokt", "--source", mission,
-        "--log", again, "--log-values", "--format", "v2",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    other = [json.loads(line) for line in again.read_text().splitlines()]
-    assert [line["decision_values"] for line in lines] == [
-        line["decision_values"] for line in other
-    ]
+    full = _judged(sys.executable, bundle, mission, tmp_path / "full.jsonl")
+    assert [x["decision_values"] for x in lines] == [x["decision_values"] for x in full]
 
     for missing in (
         ("train", "tiny", "--extractor", "lbp", *space),

@@ -3,8 +3,6 @@
 An editable install hides what a wheel lacks: it finds every file of the checkout.
 """
 
-from __future__ import annotations
-
 import http.client
 import json
 import re
@@ -12,13 +10,11 @@ import signal
 import sys
 import tomllib
 import zipfile
-from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
 from sysconfig import get_config_var
-from typing import Any
 from urllib.parse import urljoin, urlsplit
 
 import psutil
@@ -29,7 +25,7 @@ from tokt.features.frames.mission import open_mission
 from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
 from tokt.models.store.store import Store
 
-from .installed import Installed, Started
+from .installed import Installed
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
@@ -38,13 +34,11 @@ EXTENSION_SOURCES = (".pyx", ".h", ".c")
 MODULE = re.compile(r"""\b(?:from|import)\b[\s(]*["'`](\.{0,2}/[^"'`]+)["'`]""")
 FILLED_IN = re.compile(r"\$\{[^}]*\}")
 
-pytestmark = [
-    pytest.mark.xdist_group("wheel")  # it is built once
-]
+pytestmark = pytest.mark.xdist_group("wheel")  # it is built once
 on_posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
 
-def _import_path(name: str) -> str | None:
+def _import_path(name):
     """Where a file of the checkout belongs in the wheel; None for one outside of the product."""
     folders = sorted(SETUPTOOLS["package-dir"].items(), key=lambda one: -len(one[1]))
     for package, folder in folders:
@@ -55,7 +49,7 @@ def _import_path(name: str) -> str | None:
 
 
 @pytest.fixture(scope="module")
-def product(git_files: list[str]) -> dict[str, Path]:
+def product(git_files):
     """The product's files that git holds, by their paths in the wheel."""
     if not git_files:
         pytest.skip("not a git checkout")
@@ -64,14 +58,14 @@ def product(git_files: list[str]) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def packed(wheel: Path) -> dict[str, bytes]:
+def packed(wheel):
     """The wheel's files, but for what it says of itself."""
     with zipfile.ZipFile(wheel) as archive:
         names = [name for name in archive.namelist() if ".dist-info/" not in name]
         return {name: archive.read(name) for name in names}
 
 
-def test_the_wheel_holds_what_git_holds(product: dict[str, Path], packed: dict[str, bytes]) -> None:
+def test_the_wheel_holds_what_git_holds(product, packed):
     missing = sorted(product.keys() - packed.keys())
     assert [name for name in missing if not name.endswith(EXTENSION_SOURCES)] == []
     compiled = {
@@ -85,7 +79,7 @@ def test_the_wheel_holds_what_git_holds(product: dict[str, Path], packed: dict[s
 
 
 @pytest.fixture(scope="module")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installed]:
+def installed(wheel, tmp_path_factory):
     """The wheel in an environment of its own; nothing goes on in it after the tests."""
     made = Installed(wheel, tmp_path_factory.mktemp("installed").resolve() / "venv")
     yield made
@@ -96,11 +90,11 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 @pytest.fixture
-def start(installed: Installed, tmp_path: Path) -> Iterator[Callable[..., Started]]:
+def start(installed, tmp_path):
     """Start `tokt` outside of the checkout; it is asked to end when the test does."""
-    started: list[Started] = []
+    started = []
 
-    def begin(*arguments: object, **environ: str) -> Started:
+    def begin(*arguments, **environ):
         words = tmp_path / f"said-{len(started)}"
         started.append(installed.start(tmp_path, words, *arguments, **environ))
         return started[-1]
@@ -111,7 +105,7 @@ def start(installed: Installed, tmp_path: Path) -> Iterator[Callable[..., Starte
         one.process.wait(MAX_S)
 
 
-def _lines(log: Path) -> list[dict[str, Any]]:
+def _lines(log):
     """The whole lines of a log, which may still be written."""
     text = log.read_text("utf-8") if log.exists() else ""
     return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
@@ -144,7 +138,7 @@ def test_the_page_serves_every_file_and_no_other_is_asked_for(start, product, ti
         if path.startswith(folder)
     }
     kinds = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
-    asked: set[str] = set()
+    asked = set()
     port = urlsplit(found[0]).port
     with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=MAX_S)) as connection:
         for url, file in {**files, "/": product[index]}.items():
@@ -190,7 +184,7 @@ def test_a_run_goes_over_to_a_store_s_next_model(start, tiny, tiny_bundle, tmp_p
     store.deploy(first)
     run = start("run", "--store", store.path, "--source", tiny.path, "--rate", 1, "--log", log)
 
-    def models() -> list[str]:
+    def models():
         return [line["model"] for line in _lines(log) if line["frame"] is not None]
 
     run.until(models)
@@ -199,9 +193,8 @@ def test_a_run_goes_over_to_a_store_s_next_model(start, tiny, tiny_bundle, tmp_p
     assert set(models()) == {first.label, second.label}
     run.end(signal.SIGTERM)
     events = [line for line in _lines(tmp_path / "log.events.jsonl") if line["event"] == "model"]
-    assert [(event["label"], event["sha256"]) for event in events] == [
-        (second.label, second.sha256)
-    ]
+    found = [(event["label"], event["sha256"]) for event in events]
+    assert found == [(second.label, second.sha256)]
 
 
 @on_posix
@@ -210,9 +203,8 @@ def test_a_camera_s_process_sends_its_pictures(installed, start, tiny_bundle, tm
     genicam = pytest.importorskip("genicam")  # brings a producer with simulated cameras
     log, rig = tmp_path / "log.jsonl", ("--source", "genicam:0", "--camera-rate", 20)
     producers = str(Path(genicam.__file__).parent)
-    run = start(
-        *("run", *rig, "--bundle", tiny_bundle, "--log", log), GENICAM_GENTL64_PATH=producers
-    )
+    command = ("run", *rig, "--bundle", tiny_bundle, "--log", log)
+    run = start(*command, GENICAM_GENTL64_PATH=producers)
     run.until(lambda: [line for line in _lines(log) if isinstance(line.get("left"), str)])
     (camera,) = psutil.Process(run.process.pid).children()
     assert camera in installed.processes()

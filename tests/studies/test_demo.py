@@ -1,17 +1,14 @@
 """The demo: the whole chain on a rendered mission, and on the real one where it is there."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tests.calls import refused, succeeds
 
-def _check(result: dict, out: Path) -> None:
+
+def _check(result, out):
     held = result["replay"]
     # v1 has no word for unknown: a frame rule's wait after a gap between held-back blocks.
     assert held["frames"] == held["datagrams"] + held["unknown"]
@@ -31,10 +28,9 @@ def _check(result: dict, out: Path) -> None:
     assert result["champion"] == best
 
 
-def test_rendered_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_rendered_demo(tmp_path):
     out = tmp_path / "out"
-    ran = run_tokt("demo", "--json", "--out", out, "--frames", 60, "--width", 360)
-    assert ran.code == 0, ran.err
+    ran = succeeds("demo", "--json", "--out", out, "--frames", 60, "--width", 360)
     result = json.loads(ran.out)
     _check(result, out)
     assert result["rendered"]
@@ -45,27 +41,14 @@ def test_rendered_demo(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
     assert "A rendered mission" in (out / "report.html").read_text("utf-8")
 
 
-@pytest.fixture
-def refused(run_tokt: Callable[..., Any]) -> Callable[..., str]:
-    def run(*arguments: object) -> str:
-        ran = run_tokt("demo", *arguments)
-        assert ran.code == 2
-        assert ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
-        return ran.err
-
-    return run
-
-
-def test_demo_empties_only_its_own_folder(tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_demo_empties_only_its_own_folder(tmp_path):
     precious = tmp_path / "precious.txt"
     precious.write_text("keep me")
-    refused("--out", tmp_path)
+    assert refused("", "demo", "--out", tmp_path).count("\n") == 1
     assert precious.read_text() == "keep me"
 
 
-def test_an_earlier_demo_survives_a_wrong_command(
-    own_tiny: Any, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_an_earlier_demo_survives_a_wrong_command(own_tiny, tmp_path):
     out = tmp_path / "out"
     mission = out / "synthetic"
     out.mkdir()
@@ -73,24 +56,25 @@ def test_an_earlier_demo_survives_a_wrong_command(
     (out / "made-by-tokt-demo").write_text("")
     (out / "report.html").write_text("earlier")
     labels = mission / "labels.csv"
-    assert "lies in" in refused("--mission", mission, "--labels", labels, "--out", out)
+    inside = ("--mission", mission, "--labels", labels, "--out", out)
+    assert refused("lies in", "demo", *inside).count("\n") == 1
     elsewhere = tmp_path / "sea"
     mission.rename(elsewhere)
     given = ("--mission", elsewhere, "--out", out)
-    assert "does not exist" in refused(*given, "--labels", tmp_path / "none.csv")
+    said = refused("does not exist", "demo", *given, "--labels", tmp_path / "none.csv")
+    assert said.count("\n") == 1
     assert (out / "report.html").read_text() == "earlier"
 
 
 @pytest.mark.mission
-def test_real_demo(mission_dir: Path, tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
+def test_real_demo(mission_dir, tmp_path):
     out = tmp_path / "out"
     # A quarter of the labelled frames: water, the first sight of the tower, its closer view.
     labels = tmp_path / "labels.csv"
     lines = (mission_dir / "labels.csv").read_text().splitlines(keepends=True)
     wanted = {*range(70, 100), *range(132, 162)}
     labels.write_text("".join(x for x in lines if x[:3] == "mis" or int(x.split(",")[2]) in wanted))
-    ran = run_tokt("demo", "--json", "--mission", mission_dir, "--labels", labels, "--out", out)
-    assert ran.code == 0, ran.err
+    ran = succeeds("demo", "--json", "--mission", mission_dir, "--labels", labels, "--out", out)
     result = json.loads(ran.out)
     _check(result, out)
     assert not result["rendered"]

@@ -1,14 +1,12 @@
 """The presets on the real mission: what they reach, and that `thesis` is the thesis's method."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from tests.calls import succeeds
 from tokt.features.frames.mission import open_mission
 from tokt.models.registry.registry import Registry
 from tokt.training.evaluation.metrics import first_of_three
@@ -25,24 +23,20 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def workspace(mission_dir, run_tokt, tmp_path_factory) -> Path:
+def workspace(mission_dir, tmp_path_factory):
     """A workspace with the mission's dataset."""
     folder = tmp_path_factory.mktemp("real") / ".tokt"
+    where = ("--labels", mission_dir / "labels.csv", "--workspace", folder)
     for name, *some in (("approach",), ("few", "--frames", FEW)):
-        ran = run_tokt(
-            *("dataset", "build", name, "--mission", mission_dir, *some),
-            *("--labels", mission_dir / "labels.csv", "--workspace", folder),
-        )
-        assert ran.code == 0, ran.err
+        succeeds("dataset", "build", name, "--mission", mission_dir, *some, *where)
     return folder
 
 
 @pytest.fixture
-def train(workspace, run_tokt):
+def train(workspace):
     def run(dataset, *arguments):
-        ran = run_tokt("train", dataset, "--json", "--workspace", workspace, *arguments)
-        assert ran.code == 0, ran.err
-        return json.loads(ran.out)
+        command = ("train", dataset, "--json", "--workspace", workspace)
+        return json.loads(succeeds(*command, *arguments).out)
 
     return run
 
@@ -80,12 +74,8 @@ def test_preset_thesis_follows_the_thesiss_curve(train, workspace, mission_dir, 
     train("few", *arguments, "--folds", 2, "--ocean", ocean)
     bundle = Registry(workspace).bundle(f"thesis-{column}")
     mission = open_mission(mission_dir)
-    counts = np.array(
-        [
-            bundle.model.obstacle_patches(bundle.decision_values(mission.read(frame))).sum()
-            for frame in CURVE_FRAMES
-        ]
-    )
+    values = [bundle.decision_values(mission.read(frame)) for frame in CURVE_FRAMES]
+    counts = np.array([bundle.model.obstacle_patches(one).sum() for one in values])
     theirs = pd.read_csv(curves, index_col="# frame")[column]
     status = (counts > 0).astype(int).tolist()
     assert np.corrcoef(counts, theirs[CURVE_FRAMES])[0, 1] > 0.95

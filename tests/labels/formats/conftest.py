@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -14,7 +10,7 @@ from .examples import FRAMES, HEIGHT, TAXONOMY, WIDTH
 
 
 @pytest.fixture(scope="session")
-def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def dive(tmp_path_factory):
     """A stereo mission of three colour frames a camera; not to be changed."""
     folder = tmp_path_factory.mktemp("mission") / "dive"
     rng = np.random.default_rng(1)
@@ -27,16 +23,16 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def images(dive: Path) -> MissionImages:
+def images(dive):
     return MissionImages(open_mission(dive))
 
 
 @pytest.fixture(scope="session")
-def reading(images: MissionImages) -> ReadOptions:
+def reading(images):
     """With the frames."""
     return ReadOptions(TAXONOMY, images=images)
 
 
 @pytest.fixture(scope="session")
-def writing(images: MissionImages) -> WriteOptions:
+def writing(images):
     return WriteOptions(TAXONOMY, images)

@@ -1,7 +1,5 @@
 """Audit files: what is written is read, yesterday's too, and nothing half right is taken."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,10 +1,7 @@
 """What the formats of boxes have in common: whole there and back, and damage is refused."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -12,8 +9,6 @@ from hypothesis import strategies as st
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats.formats import FORMATS
-from tokt.labels.formats.options import ReadOptions, WriteOptions
-from tokt.labels.record import LabelRecord
 
 from .examples import (
     DIVE,
@@ -34,14 +29,7 @@ all_formats = pytest.mark.parametrize("name", FILES)
 @all_formats
 @SLOW
 @given(some_records(), st.booleans())
-def test_own_files_come_back_whole(
-    tmp_path: Path,
-    reading: ReadOptions,
-    writing: WriteOptions,
-    name: str,
-    some: list[LabelRecord],
-    with_frames: bool,
-) -> None:
+def test_own_files_come_back_whole(tmp_path, reading, writing, name, some, with_frames):
     path = tmp_path / FILES[name]
     if name == "viame":  # holds one camera
         some = [record for record in some if record.camera == some[0].camera]

@@ -1,10 +1,5 @@
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,14 +15,14 @@ RECORDS = [
 
 
 @pytest.fixture
-def labels(tmp_path: Path, dive: Path, run_tokt: Callable[..., Any]) -> Callable[..., Any]:
+def labels(tmp_path, run_tokt):
     """`tokt labels` in a workspace with some labels, one of them changed since."""
     workspace = tmp_path / ".tokt"
     with LabelStore(workspace / "labels.db") as store:
         store.add([said("ocean", 1, 2)])
         store.add(RECORDS)
 
-    def run(verb: str, file: str, *words: object, store: str = ".tokt") -> Any:
+    def run(verb, file, *words, store=".tokt"):
         return run_tokt("labels", verb, tmp_path / file, "--workspace", tmp_path / store, *words)
 
     return run
@@ -57,7 +52,7 @@ def test_the_missions_folder_chooses_the_mission_of_a_csv_too(labels, tmp_path, 
         assert f"{n} labels" in labels("export", "out.csv", "--full", *more).err
 
 
-def test_viame_and_patches(labels: Callable[..., Any], tmp_path: Path, dive: Path) -> None:
+def test_viame_and_patches(labels, tmp_path, dive):
     frames = ("--mission-dir", dive)
     ran = labels("export", "out.csv", "--format", "viame", *frames)
     assert ran.code == 2 and "choose it by --camera" in ran.err
@@ -76,7 +71,7 @@ def test_viame_and_patches(labels: Callable[..., Any], tmp_path: Path, dive: Pat
     assert ran.err == "folder of patches: 1 patch moved to another class: labels by hand\n"
 
 
-def test_foreign_file(labels: Callable[..., Any], tmp_path: Path, dive: Path) -> None:
+def test_foreign_file(labels, tmp_path, dive):
     (tmp_path / "fish.csv").write_text(
         "0,dive_L_3.png,0,0,0,37,28,1,-1,fish,1\n1,dive_L_3.png,0,90,90,95,95,1,-1,fish,1\n"
     )

@@ -1,36 +1,27 @@
-from __future__ import annotations
-
-import os
 import time
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refuses
 from tests.tiers import scaled
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.formats.label_csv import read_label_csv, write_label_csv
 from tokt.labels.record import LabelRecord, utc_text
 from tokt.labels.store.store import LabelStore
-from tokt.labels.taxonomy import Taxonomy
+
+from .examples import SLOW, TAXONOMY, moments, names, put, said
 
 HEADER = "mission,camera,frame,row,col,label\n"
-TAXONOMY = Taxonomy.load()
-ROOT = Path(__file__).parents[3]
-MISSION = Path(os.environ.get("TOKT_MISSION", ROOT / "../shared/mission/approach"))
 
 
-def _file(folder: Path, text: str, name: str = "ann.csv") -> Path:
-    path = folder / name
-    path.write_bytes(text.encode("utf-8"))
-    return path
+_file = partial(put, name="ann.csv")
 
 
-def test_six_columns(tmp_path: Path) -> None:
+def test_six_columns(tmp_path):
     path = _file(tmp_path, HEADER + "dive,left,7,2,3,ocean\ndive,right,7,2,3,unsure\n")
     first, second = read_label_csv(path, TAXONOMY)
     assert first.cell == ("dive", "left", 7, Grid(), 2, 3)
@@ -40,7 +31,7 @@ def test_six_columns(tmp_path: Path) -> None:
     assert (given_grid.annotator, given_grid.grid) == ("bob", Grid(4, 4))
 
 
-def test_all_columns_in_any_order_with_mark_and_windows_line_ends(tmp_path: Path) -> None:
+def test_all_columns_in_any_order_with_mark_and_windows_line_ends(tmp_path):
     path = _file(
         tmp_path,
         "\ufefflabel,source,model_version,time,grid,annotator,col,row,frame,camera,mission\r\n"
@@ -84,13 +75,13 @@ GOOD = "dive,left,1,0,0,ocean\n"
         (HEADER.replace("label", "label,source") + "dive,left,1,0,1,ocean,me\n", 2, "source 'me'"),
     ],
 )
-def test_mistakes_name_file_and_line(tmp_path: Path, text: str, line: int, message: str) -> None:
+def test_mistakes_name_file_and_line(tmp_path, text, line, message):
     path = _file(tmp_path, text)
     said = refuses("", read_label_csv, path, TAXONOMY)
     assert said.startswith(f"{path} line {line}: ") and message in said
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_files_that_are_none(tmp_path):
     refuses("does not exist", read_label_csv, tmp_path / "none.csv", TAXONOMY)
     refuses("has no labels", read_label_csv, _file(tmp_path, HEADER), TAXONOMY)
     refuses(r"Is a directory|Permission denied", read_label_csv, tmp_path, TAXONOMY)
@@ -98,63 +89,54 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     refuses("not UTF-8", read_label_csv, tmp_path / "image.csv", TAXONOMY)
 
 
-def test_same_patch_by_two_annotators_or_in_two_grids_is_no_duplicate(tmp_path: Path) -> None:
+def test_same_patch_by_two_annotators_or_in_two_grids_is_no_duplicate(tmp_path):
     text = "mission,camera,frame,row,col,label,annotator,grid\n" + "".join(
         f"dive,left,1,0,0,ocean,{who},{grid}\n" for who in "ab" for grid in ("2x2@60", "3x3@60")
     )
     assert len(read_label_csv(_file(tmp_path, text), TAXONOMY)) == 4
 
 
-def test_six_columns_are_refused_where_they_would_lose_something(tmp_path: Path) -> None:
-    time = "2016-04-20T10:00:00Z"
-    ann = LabelRecord("dive", "left", 1, Grid(), 0, 0, "ocean", "ann", time)
-    bob = LabelRecord("dive", "left", 1, Grid(), 0, 0, "ocean", "bob", time)
-    coarse = LabelRecord("dive", "left", 1, Grid(2, 2), 0, 0, "ocean", "ann", time)
+def test_six_columns_are_refused_where_they_would_lose_something(tmp_path):
+    ann, bob, coarse = said(), said(annotator="bob"), said(grid=Grid(2, 2))
     path = tmp_path / "out.csv"
     refuses(r"2 annotators \(ann, bob\)", write_label_csv, path, [ann, bob])
     refuses("grid 2x2@360", write_label_csv, path, [coarse])
-    with pytest.raises(ToktError, match="suggestions of a model"):
-        write_label_csv(path, [replace(ann, source="model", model_version="lbp/1")])
+    suggestion = replace(ann, source="model", model_version="lbp/1")
+    refuses("suggestions of a model", write_label_csv, path, [suggestion])
     assert not path.exists()
     assert write_label_csv(path, [ann, bob, coarse], full=True) == 3
 
 
-def test_a_failed_export_leaves_the_old_file(tmp_path: Path) -> None:
-    record = LabelRecord("d", "left", 1, Grid(), 0, 0, "reef", "a", "2016-04-20T10:00:00Z")
+def test_a_failed_export_leaves_the_old_file(tmp_path):
     (tmp_path / "file").write_text("old")
-    refuses("cannot write", write_label_csv, tmp_path / "file" / "out.csv", [record])
+    refuses("cannot write", write_label_csv, tmp_path / "file" / "out.csv", [said()])
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-names = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=8)
 cells = st.tuples(
     names, st.sampled_from(["left", "right"]), st.integers(0, 2**31 - 1),
     st.sampled_from([Grid(), Grid(3, 4, 120), Grid(12, 12, None)]),
     st.integers(0, 2), st.integers(0, 3),
 )  # fmt: skip
-moments = st.datetimes(timezones=st.timezones()).filter(lambda t: 2 < t.year < 9998)
 records = st.builds(
     lambda cell, label, annotator, moment, source, version: LabelRecord(
         *cell, label, annotator, utc_text(moment.isoformat()), source, version
     ),
-    cells,
-    st.sampled_from([*TAXONOMY.names, "unsure"]),
-    names,
-    moments,
-    st.sampled_from(["human", "human", "settled"]),
-    st.none() | names,
-)
-distinct = st.lists(
-    records,
-    min_size=1,
-    max_size=20,
-    unique_by=lambda r: (r.cell, r.source, r.annotator if r.source == "human" else ""),
+    *(cells, st.sampled_from([*TAXONOMY.names, "unsure"]), names, moments),
+    *(st.sampled_from(["human", "human", "settled"]), st.none() | names),
 )
 
 
-@settings(max_examples=scaled(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
+def by_whom(record):
+    return record.cell, record.source, record.annotator if record.source == "human" else ""
+
+
+distinct = st.lists(records, min_size=1, max_size=20, unique_by=by_whom)
+
+
+@settings(SLOW, max_examples=scaled(60))
 @given(distinct)
-def test_export_import_export_is_lossless(tmp_path: Path, some: list[LabelRecord]) -> None:
+def test_export_import_export_is_lossless(tmp_path, some):
     path = tmp_path / "full.csv"
     write_label_csv(path, some, full=True)
     first = path.read_bytes()
@@ -164,9 +146,9 @@ def test_export_import_export_is_lossless(tmp_path: Path, some: list[LabelRecord
     assert path.read_bytes() == first
 
 
-@settings(max_examples=scaled(30), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(SLOW, max_examples=scaled(30))
 @given(distinct)
-def test_store_keeps_records_as_they_are(tmp_path: Path, some: list[LabelRecord]) -> None:
+def test_store_keeps_records_as_they_are(tmp_path, some):
     path = tmp_path / "labels.db"
     for leftover in tmp_path.glob("labels.db*"):
         leftover.unlink()
@@ -176,10 +158,8 @@ def test_store_keeps_records_as_they_are(tmp_path: Path, some: list[LabelRecord]
 
 
 @pytest.mark.mission
-def test_mission_labels_are_read_fast_and_written_back_byte_for_byte(tmp_path: Path) -> None:
-    source = MISSION / "labels.csv"
-    if not source.is_file():
-        pytest.skip(f"no mission labels at {source} (TOKT_MISSION)")
+def test_mission_labels_are_read_fast_and_written_back_byte_for_byte(mission_dir, tmp_path):
+    source = mission_dir / "labels.csv"
     begin = time.process_time()
     records = read_label_csv(source, TAXONOMY)
     assert time.process_time() - begin < 2

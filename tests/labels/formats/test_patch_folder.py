@@ -1,9 +1,5 @@
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +14,7 @@ from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.images import MissionImages
-from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.formats.options import WriteOptions
 from tokt.labels.formats.patch_folder import MANIFEST, read_patch_folder, write_patch_folder
 from tokt.training.datasets.mission_source import plan_from_patch_folder
 
@@ -29,7 +25,7 @@ CELLS = [said("sand", 1, 2), said("reef", 9, 9), said("unsure", camera="right", 
 
 
 @pytest.fixture
-def folder(tmp_path: Path, writing: WriteOptions) -> Path:
+def folder(tmp_path, writing):
     written = write_patch_folder(tmp_path / "patches", CELLS, writing)
     assert (written.labels, written.lost) == (3, [])
     return tmp_path / "patches"
@@ -45,7 +41,7 @@ def test_a_folder_comes_back_whole(tmp_path_factory, reading, writing, some):
     assert set(read.records) == set(one_a_patch) and read.lost == []
 
 
-def test_training_reads_the_features_of_the_frames(folder: Path, images: MissionImages) -> None:
+def test_training_reads_the_features_of_the_frames(folder, images):
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*.png"))
     assert names == [
         "reef/dive_left_000003_r09_c09.png",
@@ -61,7 +57,7 @@ def test_training_reads_the_features_of_the_frames(folder: Path, images: Mission
     assert sorted(plan.patches.label) == ["reef", "sand"] and plan.unsure == 1
 
 
-def test_a_patch_moved_to_another_class_is_relabelled(folder: Path, reading: ReadOptions) -> None:
+def test_a_patch_moved_to_another_class_is_relabelled(folder, reading):
     name = "dive_left_000003_r01_c02.png"
     (folder / "ocean").mkdir()
     (folder / "sand" / name).rename(folder / "ocean" / name)
@@ -86,7 +82,7 @@ def test_a_suggestion_that_was_moved_is_a_label_by_hand(tmp_path, reading, writi
     assert (moved.source, moved.annotator, moved.model_version) == ("human", "sorted", None)
 
 
-def test_other_images_and_gone_ones_are_counted(folder: Path, reading: ReadOptions) -> None:
+def test_other_images_and_gone_ones_are_counted(folder, reading):
     (folder / "reef" / "dive_left_000003_r09_c09.png").unlink()
     (folder / "sand" / "from_elsewhere.png").write_bytes(b"")
     (folder / "sand" / "Thumbs.db").write_bytes(b"")
@@ -99,7 +95,7 @@ def test_other_images_and_gone_ones_are_counted(folder: Path, reading: ReadOptio
     ]
 
 
-def test_unknown_folders_and_patches_in_two(folder: Path, reading: ReadOptions) -> None:
+def test_unknown_folders_and_patches_in_two(folder, reading):
     (folder / "sand").rename(folder / "fish")
     refuses(r"unknown class 'fish' \(1\).* --map THEIRS=OURS", read_patch_folder, folder, reading)
     read = read_patch_folder(folder, replace(reading, classes={"fish": "other"}))
@@ -118,20 +114,17 @@ def test_nothing_is_written_over_and_nothing_half(tmp_path, folder, writing):
     refuses("is there already", write_patch_folder, folder / MANIFEST, CELLS, writing)
     for wrong, message in (
         ([*CELLS, said("ocean", 9, 9, annotator="bob")], "by ann and by bob.*--annotator"),
-        (
-            [*CELLS, said(grid=Grid(2, 2, None))],
-            "grids 10x10@360, 2x2@native: choose one by --grid",
-        ),
+        ([*CELLS, said(grid=Grid(2, 2, None))], "grids 10x10@360, 2x2@native: .* by --grid"),
         ([*CELLS, replace(said(), mission="wreck")], "missions dive, wreck"),
         ([said(frame=4)], "no patch could be written; 1 label left out: .* has no such frames"),
     ):
         refuses(message, write_patch_folder, tmp_path / "new", wrong, writing)
-    with pytest.raises(ToktError, match="--mission-dir DIR"):
-        write_patch_folder(tmp_path / "new", CELLS, WriteOptions(TAXONOMY))
-    with pytest.raises(ToktError, match=r"cannot write .*(File exists|Not a directory)"):
-        write_patch_folder(folder / MANIFEST / "below", CELLS, writing)
+    blind = WriteOptions(TAXONOMY)
+    refuses("--mission-dir DIR", write_patch_folder, tmp_path / "new", CELLS, blind)
+    failed = "cannot write .*(File exists|Not a directory)"
+    refuses(failed, write_patch_folder, folder / MANIFEST / "below", CELLS, writing)
 
-    def stop(items: Any, total: int, what: str) -> Any:
+    def stop(items, total, what):
         yield next(iter(items))
         raise KeyboardInterrupt
 
@@ -150,7 +143,7 @@ def test_a_settlement_is_written_and_its_opinions_are_not(tmp_path, reading, wri
     assert read_patch_folder(tmp_path / "out", reading).records == [settled]
 
 
-def test_unreadable_frames_are_counted(tmp_path: Path, dive: Path, writing: WriteOptions) -> None:
+def test_unreadable_frames_are_counted(tmp_path, dive, writing):
     copy = tmp_path / "dive"
     copy.mkdir()
     (copy / "dive_3.png").write_bytes((dive / "Left" / "dive_L_3.png").read_bytes())
@@ -160,10 +153,11 @@ def test_unreadable_frames_are_counted(tmp_path: Path, dive: Path, writing: Writ
     assert written.lost == ["1 label left out: their frames cannot be read"]
 
 
-def test_folders_without_our_manifest(tmp_path: Path, reading: ReadOptions) -> None:
+def test_folders_without_our_manifest(tmp_path, reading):
     (tmp_path / "reef").mkdir()
-    with pytest.raises(ToktError, match=f"no {MANIFEST}: .* belong to no frame .*--patches DIR"):
-        read_patch_folder(tmp_path, reading)
+    refuses(
+        f"no {MANIFEST}: .* belong to no frame .*--patches", read_patch_folder, tmp_path, reading
+    )
     for text, message in (
         ("", "not JSON"),
         ("[]", "the manifest is not an object"),

@@ -1,7 +1,5 @@
 """Work beside the page ends when it is told to, at whatever moment that is."""
 
-from __future__ import annotations
-
 import threading
 
 from tokt.labels.page.background import Background
@@ -9,11 +7,11 @@ from tokt.labels.page.background import Background
 HANG_S = 30.0  # only a thread that hangs takes so long
 
 
-def test_an_end_just_before_the_next_step_is_not_missed() -> None:
+def test_an_end_just_before_the_next_step_is_not_missed():
     """`close` comes after the thread has looked whether it is to end, and before it waits."""
 
     class Wake(threading.Event):
-        def clear(self) -> None:
+        def clear(self):
             if not work._ended.is_set():
                 work._ended.set()
                 self.set()

@@ -1,7 +1,5 @@
 """What the page is made of: its start is fetched at once, and nothing runs from the markup."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -11,7 +9,7 @@ STATIC = Path(page.__file__).parent / "static"
 _IMPORT = re.compile(r"""^(?:import|export|\})[^;"]*"(\.\.?/[\w./]+)";""", re.MULTILINE)
 
 
-def imported(module: str, found: set[str]) -> set[str]:
+def imported(module, found):
     """All modules that one loads before it runs."""
     found.add(module)
     path = STATIC / module
@@ -22,7 +20,7 @@ def imported(module: str, found: set[str]) -> set[str]:
     return found
 
 
-def test_all_modules_of_the_start_are_preloaded() -> None:
+def test_all_modules_of_the_start_are_preloaded():
     index = (STATIC / "index.html").read_text("utf-8")
     preloaded = re.findall(r'rel="modulepreload" href="/static/([\w./]+)"', index)
     needed = imported("core/main.js", set()) - {"core/main.js"}
@@ -30,7 +28,7 @@ def test_all_modules_of_the_start_are_preloaded() -> None:
     assert sorted(preloaded) == sorted(needed)
 
 
-def test_markup_and_modules_keep_to_the_content_security_policy() -> None:
+def test_markup_and_modules_keep_to_the_content_security_policy():
     index = (STATIC / "index.html").read_text("utf-8")
     assert not re.search(r"<style|style=|\son\w+=|<script>", index)
     for module in STATIC.rglob("*.js"):

@@ -1,7 +1,5 @@
 """Actions of the labelling page in the store: applied, undone, sent twice, interrupted."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3
@@ -9,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -25,63 +24,54 @@ GRID = Grid()
 WHERE = ("ann", "dive", GRID)
 
 
-@pytest.fixture
-def store(tmp_path: Path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        yield opened
-
-
-def _change(label: str | None, base: str | None = None, col: int = 0, **more) -> Change:
+def _change(label, base=None, col=0, **more):
     return Change("left", more.pop("frame", 1), 0, col, label, base, **more)
 
 
-def _action(key: str, *changes: Change, kind: str = "paint", who: str = "ann", **more) -> Action:
+def _action(key, *changes, kind="paint", who="ann", **more):
     return Action(key, who, more.pop("mission", "dive"), GRID, kind, TIME, changes, **more)
 
 
-def _said(label: str | None, *, who: str = "ann", col: int = 0, **more) -> LabelRecord:
+def _said(label, *, who="ann", col=0, **more):
     return LabelRecord("dive", "left", 1, GRID, 0, col, label, who, TIME, **more)
 
 
-def _labels(store: LabelStore, who: str = "ann") -> dict[int, str | None]:
+def _labels(store, who="ann"):
     return {record.col: record.label for record in store.current(annotator=who)}
 
 
-def _undo(store: LabelStore, key: str, **more) -> ActionResult | None:
+def _undo(store, key, **more):
     return store.undo(*WHERE, key, TIME, **more)
 
 
-def _redo(store: LabelStore, key: str, **more) -> ActionResult | None:
+def _redo(store, key, **more):
     return store.redo(*WHERE, key, TIME, **more)
 
 
-def test_an_action_is_written_with_who_when_and_which_model(store: LabelStore) -> None:
+def test_an_action_is_written_with_who_when_and_which_model(store):
     changes = (_change("reef", model_version="lbp/3"), _change("ocean", col=1, frame=2))
     done = store.apply(_action("k", *changes, blind=True))
     assert done == ActionResult("k", 1, 2, 2, (), False, (("left", 1), ("left", 2)), "paint")
     expected = [_said("reef", model_version="lbp/3"), replace(_said("ocean", col=1), frame=2)]
     assert store.current() == expected
-    assert list(store.rows_after(1, "dive", GRID)) == [
-        (2, "left", 2, 0, 1, "ocean", "ann", "human", None, True)
-    ]
+    (row,) = store.rows_after(1, "dive", GRID)
+    assert row == (2, "left", 2, 0, 1, "ocean", "ann", "human", None, True)
 
 
-def test_what_changed_meanwhile_is_not_overwritten(store: LabelStore) -> None:
+def test_what_changed_meanwhile_is_not_overwritten(store):
     store.add([_said("reef"), _said("sand", col=1), _said("ocean", col=2)])
-    done = store.apply(
-        _action(
-            "k",
-            _change("ocean", base=None),  # it is reef
-            _change("ocean", base="sand", col=1),
-            _change("ocean", base="reef", col=2),  # it is what shall be
-            _change(None, base="reef", col=3),  # there is none anyway
-        )
+    changes = (
+        _change("ocean", base=None),  # it is reef
+        _change("ocean", base="sand", col=1),
+        _change("ocean", base="reef", col=2),  # it is what shall be
+        _change(None, base="reef", col=3),  # there is none anyway
     )
+    done = store.apply(_action("k", *changes))
     assert (done.changed, done.conflicts) == (1, (Conflict("left", 1, 0, 0, "reef", "ocean"),))
     assert _labels(store) == {0: "reef", 1: "ocean", 2: "ocean"}
 
 
-def test_annotators_do_not_disturb_each_other(store: LabelStore) -> None:
+def test_annotators_do_not_disturb_each_other(store):
     store.apply(_action("a", _change("reef")))
     assert store.apply(_action("b", _change("ocean"), who="ben")).changed == 1
     assert _undo(store, "u").changed == 1
@@ -89,11 +79,10 @@ def test_annotators_do_not_disturb_each_other(store: LabelStore) -> None:
     assert _undo(store, "u2") is None
 
 
-def test_undo_and_redo_bring_back_labels_and_their_models(store: LabelStore) -> None:
+def test_undo_and_redo_bring_back_labels_and_their_models(store):
     store.add([_said("sand", model_version="lbp/1")])
-    store.apply(
-        _action("k", _change("reef", "sand", model_version="lbp/2"), _change("reef", col=1))
-    )
+    changes = (_change("reef", "sand", model_version="lbp/2"), _change("reef", col=1))
+    store.apply(_action("k", *changes))
     done = _undo(store, "u")
     assert (done.changed, done.kind, done.frames) == (2, "paint", (("left", 1),))
     assert store.current() == [_said("sand", model_version="lbp/1")]
@@ -101,12 +90,11 @@ def test_undo_and_redo_bring_back_labels_and_their_models(store: LabelStore) -> 
     assert store.current() == [_said("reef", model_version="lbp/2"), _said("reef", col=1)]
     assert _undo(store, "u2").changed == 2
     assert store.current() == [_said("sand", model_version="lbp/1")]
-    assert [said.label for said in store.history(_said(None).cell)] == [
-        *("sand", "reef", "sand", "reef", "sand")
-    ]
+    labels = [said.label for said in store.history(_said(None).cell)]
+    assert labels == ["sand", "reef", "sand", "reef", "sand"]
 
 
-def test_undo_has_no_limit_and_outlives_the_process(store: LabelStore) -> None:
+def test_undo_has_no_limit_and_outlives_the_process(store):
     for n in range(60):
         base = f"class{n - 1}" if n else None
         store.apply(_action(f"k{n}", _change(f"class{n}", base)))
@@ -122,7 +110,7 @@ def test_undo_has_no_limit_and_outlives_the_process(store: LabelStore) -> None:
         assert _labels(again) == {0: "class59"} and _redo(again, "last redo") is None
 
 
-def test_the_next_undo_and_redo_are_known(store: LabelStore) -> None:
+def test_the_next_undo_and_redo_are_known(store):
     assert store.history_top(*WHERE) == (None, None)
     store.apply(_action("k1", _change("reef", frame=3), kind="rest"))
     store.apply(_action("k2", _change("reef", col=1), _change("reef", col=2)))
@@ -138,7 +126,7 @@ def test_the_next_undo_and_redo_are_known(store: LabelStore) -> None:
     assert _redo(store, "r2") is None
 
 
-def test_an_action_that_changed_nothing_is_no_step_back(store: LabelStore) -> None:
+def test_an_action_that_changed_nothing_is_no_step_back(store):
     store.apply(_action("k1", _change("reef")))
     store.apply(_action("k2", _change("sand", "reef")))
     _undo(store, "u")
@@ -150,19 +138,16 @@ def test_an_action_that_changed_nothing_is_no_step_back(store: LabelStore) -> No
     assert before[0].key == "k1" and before[1].key == "k2"
 
 
-def test_histories_are_kept_apart_by_annotator_mission_and_grid(store: LabelStore) -> None:
+def test_histories_are_kept_apart_by_annotator_mission_and_grid(store):
     coarse = replace(_action("coarse", _change("reef")), grid=Grid(5, 5))
-    others = [
-        _action("ben", _change("reef"), who="ben"),
-        _action("m", _change("reef"), mission="b"),
-    ]
-    for action in (*others, coarse):
-        store.apply(action)
+    store.apply(_action("ben", _change("reef"), who="ben"))
+    store.apply(_action("m", _change("reef"), mission="b"))
+    store.apply(coarse)
     assert _undo(store, "u") is None
     assert store.undo("ann", "dive", Grid(5, 5), "u2", TIME).changed == 1
 
 
-def test_undo_of_something_else_than_meant_is_refused(store: LabelStore) -> None:
+def test_undo_of_something_else_than_meant_is_refused(store):
     store.apply(_action("k1", _change("reef")))
     store.apply(_action("k2", _change("sand", "reef"), kind="accept"))
     refuses(r"something else was done since.*accept", _undo, store, "u", target="k1")
@@ -171,7 +156,7 @@ def test_undo_of_something_else_than_meant_is_refused(store: LabelStore) -> None
     refuses("something else", _redo, store, "r", target="k1")
 
 
-def test_undo_does_not_overwrite_what_was_imported_since(store: LabelStore) -> None:
+def test_undo_does_not_overwrite_what_was_imported_since(store):
     store.apply(_action("k", _change("reef"), _change("reef", col=1)))
     store.add([_said("sand")])
     done = _undo(store, "u")
@@ -181,7 +166,7 @@ def test_undo_does_not_overwrite_what_was_imported_since(store: LabelStore) -> N
     assert _labels(store) == {0: "sand", 1: "reef"}
 
 
-def test_an_undo_that_could_change_nothing_makes_way_for_the_next(store: LabelStore) -> None:
+def test_an_undo_that_could_change_nothing_makes_way_for_the_next(store):
     store.apply(_action("k1", _change("reef", col=1)))
     store.apply(_action("k2", _change("reef")))
     store.add([_said("sand")])
@@ -190,7 +175,7 @@ def test_an_undo_that_could_change_nothing_makes_way_for_the_next(store: LabelSt
     assert _undo(store, "u2").changed == 1
 
 
-def test_what_is_sent_twice_counts_once(store: LabelStore) -> None:
+def test_what_is_sent_twice_counts_once(store):
     assert _undo(store, "idle") is None
     paint = _action("k", _change("reef"), _change("reef", "sand", col=1))
     done = store.apply(paint)
@@ -221,7 +206,7 @@ def test_what_is_sent_twice_counts_once(store: LabelStore) -> None:
         ({"changes": (_change("reef", model_version=""),)}, "model_version"),
     ],
 )
-def test_actions_that_cannot_be(changes: dict[str, object], message: str) -> None:
+def test_actions_that_cannot_be(changes, message):
     refuses(message, replace, _action("k", _change("reef")), **changes)
 
 
@@ -247,7 +232,7 @@ def test_events_written_while_reading_are_read_too(store, monkeypatch):
     assert [row[0] for row in reading] == [2, 3]
 
 
-def test_an_undo_is_blind_where_its_action_was(store: LabelStore) -> None:
+def test_an_undo_is_blind_where_its_action_was(store):
     for n, blind in enumerate((True, False)):
         store.apply(_action(f"k{n}", _change("reef", col=n), blind=blind))
     for n in range(2):
@@ -255,7 +240,7 @@ def test_an_undo_is_blind_where_its_action_was(store: LabelStore) -> None:
     assert [row[-1] for row in store.rows_after(0, "dive", GRID)] == [True, False, False, True]
 
 
-def test_seen_frames(store: LabelStore) -> None:
+def test_seen_frames(store):
     assert store.seen("dive", "ann") == set()
     for _ in range(2):
         store.mark_seen("dive", "left", 3, "ann", TIME)
@@ -268,7 +253,7 @@ def test_seen_frames(store: LabelStore) -> None:
     assert store.seen("transit", "ann") == set()
 
 
-def test_data_version_tells_of_every_write(store: LabelStore) -> None:
+def test_data_version_tells_of_every_write(store):
     with LabelStore(store.path) as other:
         versions = [store.data_version()]
         for n, writer in enumerate((store, other, store, other)):
@@ -280,7 +265,7 @@ def test_data_version_tells_of_every_write(store: LabelStore) -> None:
         assert store.data_version() == versions[-1]
 
 
-def test_actions_are_never_changed_or_deleted(store: LabelStore) -> None:
+def test_actions_are_never_changed_or_deleted(store):
     store.apply(_action("k", _change("reef")))
     with sqlite3.connect(store.path) as other:
         for statement in ("UPDATE actions SET kind = 'x'", "DELETE FROM actions"):
@@ -289,21 +274,16 @@ def test_actions_are_never_changed_or_deleted(store: LabelStore) -> None:
     other.close()
 
 
-def test_a_long_history_makes_no_undo_slower(store: LabelStore) -> None:
+def test_a_long_history_makes_no_undo_slower(store):
     """Counted in steps of SQLite's machine: times would tell of the computer."""
 
-    def steps_of_an_undo(key: str) -> int:
-        ticks = 0
-
-        def tick() -> None:
-            nonlocal ticks
-            ticks += 1
-
-        store._connection.set_progress_handler(tick, 1)
+    def steps_of_an_undo(key):
+        ticks = count()
+        store._connection.set_progress_handler(lambda: next(ticks) < 0, 1)
         assert _undo(store, key).changed == 1
         assert store.history_top(*WHERE)[0] is not None
         store._connection.set_progress_handler(None, 0)
-        return ticks
+        return next(ticks)
 
     store._connection.execute("PRAGMA synchronous = OFF")
     for n in range(2000):
@@ -341,12 +321,12 @@ for n in range(count):
 """
 
 
-def _child(path: Path, name: str, count: int, steps: int = 0) -> subprocess.Popen[str]:
+def _child(path, name, count, steps=0):
     command = [sys.executable, "-c", CHILD, str(path), name, str(count), str(steps)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
-def _events_by_key(path: Path) -> dict[str, int]:
+def _events_by_key(path):
     with sqlite3.connect(path) as reader:
         assert reader.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         counts = reader.execute(
@@ -361,10 +341,10 @@ def _events_by_key(path: Path) -> dict[str, int]:
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
 @pytest.mark.process
-def test_sigkill_in_the_middle_of_an_action(tmp_path: Path) -> None:
+def test_sigkill_in_the_middle_of_an_action(tmp_path):
     path = tmp_path / "labels.db"
     LabelStore(path).close()
-    acknowledged: set[str] = set()
+    acknowledged = set()
     # An action of 100 patches is about 1200 calls of the child's step(), an undo 1600.
     children = [_child(path, f"t{n}x", 60, 3000 + 701 * n) for n in range(6)]
     for child in children:
@@ -384,7 +364,7 @@ def test_sigkill_in_the_middle_of_an_action(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_processes_act_at_once(tmp_path: Path) -> None:
+def test_processes_act_at_once(tmp_path):
     path = tmp_path / "labels.db"
     children = [_child(path, name, 12) for name in ("anna", "ben")]
     for child in children:
@@ -427,7 +407,7 @@ print(done.repeated, done.changed)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs RLIMIT_FSIZE")
-def test_a_full_disk_is_noticed_and_nothing_half_written(tmp_path: Path) -> None:
+def test_a_full_disk_is_noticed_and_nothing_half_written(tmp_path):
     path = tmp_path / "labels.db"
     ran = run_python("-c", FULL_DISK, path)
     assert (ran.returncode, ran.stderr) == (0, "")
@@ -439,7 +419,7 @@ def test_a_full_disk_is_noticed_and_nothing_half_written(tmp_path: Path) -> None
         assert _labels(store) == {0: "reef", 1: "reef"}
 
 
-def test_a_store_that_may_only_be_read_says_so(store: LabelStore) -> None:
+def test_a_store_that_may_only_be_read_says_so(store):
     store.apply(_action("k", _change("reef")))
     store.check_writable()
     store._connection.execute("PRAGMA query_only = TRUE")
@@ -464,7 +444,7 @@ except ToktError as error:
 
 @pytest.mark.skipif(os.name == "nt", reason="needs file modes")
 @pytest.mark.parametrize("in_use", [False, True])
-def test_a_read_only_file_says_so(in_use: bool) -> None:
+def test_a_read_only_file_says_so(in_use):
     # Not pytest's folder: root's child becomes nobody, who could not even enter that.
     with tempfile.TemporaryDirectory() as name:
         folder, path = Path(name), Path(name) / "labels.db"
@@ -487,7 +467,7 @@ def test_a_read_only_file_says_so(in_use: bool) -> None:
         assert ran.stdout.startswith(f"label store {path}: ")
 
 
-def test_settlements_are_actions_too(store: LabelStore) -> None:
+def test_settlements_are_actions_too(store):
     store.apply(_action("a", _change("reef")))
     store.apply(_action("b", _change("ocean"), who="ben"))
     settle = _action("s", _change("reef"), who="carl", kind="settle", source=SETTLED)
@@ -497,9 +477,8 @@ def test_settlements_are_actions_too(store: LabelStore) -> None:
     assert store.apply(again).conflicts == (Conflict("left", 1, 0, 0, "reef", "ocean"),)
     changed = replace(again, key="s3", changes=(_change("ocean", "reef"),))
     assert store.apply(changed).changed == 1
-    assert store.undo("carl", "dive", GRID, "u", TIME).conflicts == (
-        Conflict("left", 1, 0, 0, "ocean", None),
-    )
+    conflict = Conflict("left", 1, 0, 0, "ocean", None)
+    assert store.undo("carl", "dive", GRID, "u", TIME).conflicts == (conflict,)
     assert store.undo("ben", "dive", GRID, "u2", TIME, "s3").changed == 1
     assert [record.label for record in store.settled()] == ["reef"]
     assert store.redo("ben", "dive", GRID, "r", TIME, "s3").kind == "settle"
@@ -507,8 +486,8 @@ def test_settlements_are_actions_too(store: LabelStore) -> None:
     assert (_labels(store), _labels(store, "ben")) == ({0: "reef"}, {0: "ocean"})
 
 
-def test_a_question_that_was_opened_again_is_settled_anew(store: LabelStore) -> None:
-    def settle(key: str, base: str | None) -> ActionResult:
+def test_a_question_that_was_opened_again_is_settled_anew(store):
+    def settle(key, base):
         change = _change("reef", base)
         return store.apply(_action(key, change, who="carl", kind="settle", source=SETTLED))
 

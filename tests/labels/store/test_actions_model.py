@@ -1,7 +1,5 @@
 """Random sessions of two annotators against a plain model of what must hold."""
 
-from __future__ import annotations
-
 import tempfile
 from itertools import count
 from pathlib import Path
@@ -24,40 +22,37 @@ cells = st.sampled_from([(row, col) for row in range(2) for col in range(2)])
 labels = st.sampled_from(["reef", "sand", None])
 TIME = "2016-04-20T10:00:00Z"
 
-Cell = tuple[int, int]
-Step = tuple[Cell, str | None, str | None]  # the label before and after
-
 
 class Session(RuleBasedStateMachine):
     """Two connections to one file stand for two processes; either may serve either person."""
 
     @initialize()
-    def begin(self) -> None:
+    def begin(self):
         self.folder = tempfile.TemporaryDirectory()
         self.path = Path(self.folder.name) / "labels.db"
         self.stores = [self._open(), self._open()]
         self.keys = (f"k{n}" for n in count())
-        self.said: dict[tuple[str, Cell], str | None] = {}
-        self.settled: dict[Cell, str | None] = {}
-        self.stacks: dict[str, tuple[list, list]] = {who: ([], []) for who in PEOPLE}
-        self.sent: list[tuple[object, ActionResult | None]] = []
+        self.said = {}
+        self.settled = {}
+        self.stacks = {who: ([], []) for who in PEOPLE}
+        self.sent = []
         self.events = 0
 
-    def _open(self) -> LabelStore:
+    def _open(self):
         store = LabelStore(self.path)
         store._connection.execute("PRAGMA synchronous = OFF")  # nobody is killed here
         return store
 
-    def teardown(self) -> None:
+    def teardown(self):
         if hasattr(self, "stores"):
             for store in self.stores:
                 store.close()
             self.folder.cleanup()
 
-    def _holds(self, who: str, source: str, cell: Cell) -> str | None:
+    def _holds(self, who, source, cell):
         return self.settled.get(cell) if source == SETTLED else self.said.get((who, cell))
 
-    def _say(self, who: str, source: str, cell: Cell, label: str | None) -> None:
+    def _say(self, who, source, cell, label):
         self.events += 1
         if source == SETTLED:
             self.settled[cell] = label
@@ -65,7 +60,7 @@ class Session(RuleBasedStateMachine):
             self.said[who, cell] = label
             self.settled[cell] = None
 
-    def _write(self, who: str, source: str, wanted: list[Step]) -> tuple[list[Step], int]:
+    def _write(self, who, source, wanted):
         made, conflicts = [], 0
         for cell, base, label in wanted:
             holds = self._holds(who, source, cell)
@@ -85,16 +80,14 @@ class Session(RuleBasedStateMachine):
         changes=st.dictionaries(cells, labels, max_size=4),
         stale=st.dictionaries(cells, labels, max_size=1),
     )
-    def act(self, store: int, who: str, source: str, changes: dict, stale: dict) -> None:
+    def act(self, store, who, source, changes, stale):
         wanted = [
             (cell, stale.get(cell, self._holds(who, source, cell)), label)
             for cell, label in changes.items()
         ]
-        action = Action(
-            *(next(self.keys), who, "dive", GRID, f"{source} act", TIME),
-            tuple(Change("left", 1, *cell, label, base) for cell, base, label in wanted),
-            source=source,
-        )
+        said = tuple(Change("left", 1, *cell, label, base) for cell, base, label in wanted)
+        about = (next(self.keys), who, "dive", GRID, f"{source} act", TIME)
+        action = Action(*about, said, source=source)
         done = self.stores[store].apply(action)
         made, conflicts = self._write(who, source, wanted)
         assert (done.changed, len(done.conflicts)) == (len(made), conflicts)
@@ -105,7 +98,7 @@ class Session(RuleBasedStateMachine):
         self.sent.append((action, done))
 
     @rule(store=st.sampled_from([0, 1]), who=people, way=st.sampled_from(["undo", "redo"]))
-    def reverse(self, store: int, who: str, way: str) -> None:
+    def reverse(self, store, who, way):
         key = next(self.keys)
         done = getattr(self.stores[store], way)(who, "dive", GRID, key, TIME)
         self.sent.append(((way, who, key), done))
@@ -116,15 +109,13 @@ class Session(RuleBasedStateMachine):
         name, source, steps = take.pop()
         back = [(cell, after, before) for cell, before, after in steps]
         made, conflicts = self._write(who, source, back)
-        assert (done.changed, len(done.conflicts), done.kind) == (
-            *(len(made), conflicts),
-            f"{source} act",
-        )
+        assert (done.changed, len(done.conflicts)) == (len(made), conflicts)
+        assert done.kind == f"{source} act"
         if made:
             put.append((name, source, made))
 
     @rule(store=st.sampled_from([0, 1]), who=people, source=sources, cell=cells, label=labels)
-    def imported(self, store: int, who: str, source: str, cell: Cell, label: str | None) -> None:
+    def imported(self, store, who, source, cell, label):
         time = f"2016-04-21T10:00:00.{self.events + 1:06d}Z"  # no file that was imported before
         record = LabelRecord("dive", "left", 1, GRID, *cell, label, who, time, source)
         new = self._holds(who, source, cell) != label
@@ -133,7 +124,7 @@ class Session(RuleBasedStateMachine):
             self._say(who, source, cell, label)
 
     @rule(store=st.sampled_from([0, 1]), which=st.integers(0, 1000))
-    def sent_again(self, store: int, which: int) -> None:
+    def sent_again(self, store, which):
         if not self.sent:
             return
         request, answer = self.sent[which % len(self.sent)]
@@ -149,12 +140,12 @@ class Session(RuleBasedStateMachine):
             assert again == ActionResult(**{**vars(answer), "repeated": True})
 
     @rule(store=st.sampled_from([0, 1]))
-    def restarted(self, store: int) -> None:
+    def restarted(self, store):
         self.stores[store].close()
         self.stores[store] = self._open()
 
     @invariant()
-    def holds(self) -> None:
+    def holds(self):
         if not hasattr(self, "stores"):
             return
         store = self.stores[self.events % 2]

@@ -1,14 +1,11 @@
 """Two dives of one name do not mix: their frames are told apart, copies are not."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -16,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.calls import refuses
+from tests.calls import refuses, succeeds
+from tests.conftest import write_labels, write_video
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store import known_missions
@@ -24,7 +22,7 @@ from tokt.labels.store.known_missions import FILE_NAME, check_mission, note_miss
 from tokt.labels.store.store import LabelStore
 
 
-def _dive(folder: Path, seed: int, frames: range = range(1, 9), suffix: str = "png") -> Path:
+def _dive(folder, seed, frames=range(1, 9), suffix="png"):
     for camera in ("Left", "Right"):
         (folder / camera).mkdir(parents=True, exist_ok=True)
         for frame in frames:
@@ -34,15 +32,19 @@ def _dive(folder: Path, seed: int, frames: range = range(1, 9), suffix: str = "p
     return folder
 
 
-def _note(workspace: Path, path: Path) -> None:
+def _note(workspace, path):
     note_mission(workspace, open_mission(path))
 
 
-def _refused(workspace: Path, path: Path, old: Path) -> None:
-    said = (
+def _words(workspace, path, old):
+    return (
         f"the labels of mission {path.stem!r} in {workspace} belong to the frames in"
         f" {old.resolve()}; for another dive rename its folder or take another --workspace"
     )
+
+
+def _refused(workspace, path, old):
+    said = _words(workspace, path, old)
     before = (workspace / FILE_NAME).read_bytes()
     for refuse in (note_mission, check_mission):
         refuses(f"^{re.escape(said)}$", refuse, workspace, open_mission(path))
@@ -50,7 +52,7 @@ def _refused(workspace: Path, path: Path, old: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["png", "bmp"])  # the latter are all of one size
-def test_another_dive_of_the_same_name(tmp_path: Path, suffix: str) -> None:
+def test_another_dive_of_the_same_name(tmp_path, suffix):
     one = _dive(tmp_path / "1" / "dive", 1, suffix=suffix)
     other = _dive(tmp_path / "2" / "dive", 2, suffix=suffix)
     _note(tmp_path, one)
@@ -61,13 +63,13 @@ def test_another_dive_of_the_same_name(tmp_path: Path, suffix: str) -> None:
     assert set(json.loads((tmp_path / FILE_NAME).read_bytes())["missions"]) == {"dive", "dive 2"}
 
 
-def test_no_frame_in_common(tmp_path: Path) -> None:
+def test_no_frame_in_common(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1, range(1, 5))
     _note(tmp_path, one)
     _refused(tmp_path, _dive(tmp_path / "2" / "dive", 1, range(5, 9)), one)
 
 
-def test_a_copy_or_a_moved_folder_is_the_same_dive(tmp_path: Path) -> None:
+def test_a_copy_or_a_moved_folder_is_the_same_dive(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1)
     _note(tmp_path, one)
     copy = tmp_path / "2" / "dive"
@@ -81,7 +83,7 @@ def test_a_copy_or_a_moved_folder_is_the_same_dive(tmp_path: Path) -> None:
     _note(tmp_path, copy.rename(tmp_path / "dive"))
 
 
-def test_one_other_frame_is_enough_to_refuse(tmp_path: Path) -> None:
+def test_one_other_frame_is_enough_to_refuse(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1)
     _note(tmp_path, one)
     copy = shutil.copytree(one, tmp_path / "2" / "dive")
@@ -89,7 +91,7 @@ def test_one_other_frame_is_enough_to_refuse(tmp_path: Path) -> None:
     _refused(tmp_path, copy, one)
 
 
-def test_more_frames_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_frames_in_the_same_folder(tmp_path, monkeypatch):
     one = _dive(tmp_path / "1" / "dive", 1, range(100, 102))
     _note(tmp_path, one)
     shutil.rmtree(one)
@@ -103,7 +105,7 @@ def test_more_frames_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.Monk
     _note(tmp_path, shutil.copytree(one, tmp_path / "2" / "dive"))
 
 
-def test_nothing_is_written_where_nothing_changed(tmp_path: Path) -> None:
+def test_nothing_is_written_where_nothing_changed(tmp_path):
     one = _dive(tmp_path / "dive", 1)
     _note(tmp_path, one)
     os.utime(tmp_path / FILE_NAME, (1, 1))
@@ -116,27 +118,18 @@ def test_few_files_of_a_long_mission_are_opened(tmp_path, monkeypatch):
     folder.mkdir()
     for frame in range(2_000):
         (folder / f"a_{frame}.png").touch()
-    opened: list[Path] = []
-    real: Callable[..., Any] = Path.open
-
-    def count(path: Path, *arguments: Any, **options: Any) -> Any:
-        opened.append(path)
-        return real(path, *arguments, **options)
-
     mission = open_mission(folder)
-    monkeypatch.setattr(Path, "open", count)
+    opened = Mock(wraps=Path.open)
+    monkeypatch.setattr(Path, "open", lambda *given, **how: opened(*given, **how))
     note_mission(tmp_path, mission)
-    assert len([path for path in opened if path.parent == folder]) == 50
+    assert sum(call.args[0].parent == folder for call in opened.call_args_list) == 50
 
 
-def test_videos(tmp_path: Path) -> None:
+def test_videos(tmp_path):
     for number, n_frames in ((1, 3), (2, 4)):
-        path = tmp_path / str(number) / "dive.avi"
-        path.parent.mkdir()
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
-        for _ in range(n_frames):
-            writer.write(np.zeros((48, 64, 3), np.uint8))
-        writer.release()
+        (tmp_path / str(number)).mkdir()
+        images = [np.zeros((48, 64, 3), np.uint8)] * n_frames
+        write_video(tmp_path / str(number) / "dive.avi", images)
     one = tmp_path / "1" / "dive.avi"
     _note(tmp_path, one)
     _refused(tmp_path, tmp_path / "2" / "dive.avi", one)
@@ -145,7 +138,7 @@ def test_videos(tmp_path: Path) -> None:
     _note(tmp_path, Path(shutil.copy(one, tmp_path / "4" / "dive.avi")))
 
 
-def test_frames_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+def test_frames_that_cannot_be_read_are_left_out(tmp_path):
     one = _dive(tmp_path / "1" / "dive", 1)
     (one / "Left" / "a_4.png").unlink()
     (one / "Left" / "a_4.png").mkdir()
@@ -154,7 +147,7 @@ def test_frames_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
     _note(tmp_path, other)
 
 
-def test_a_newer_format(tmp_path: Path) -> None:
+def test_a_newer_format(tmp_path):
     path = _dive(tmp_path / "dive", 1)
     text = json.dumps({"format": 2, "dives": []})
     (tmp_path / FILE_NAME).write_text(text)
@@ -170,22 +163,14 @@ GOOD = '{"format": 1, "missions": {"dive": {"path": "/x", "frames": {"left 1": "
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "[]",
-        "\xff",
-        "{",
-        "[" * 100_000,
-        '{"format": 1}',
-        GOOD.replace("1,", "true,"),
-        GOOD.replace("1,", "0,"),
-        GOOD.replace("left 1", "left"),
-        GOOD.replace('"3 00"', "3"),
-        GOOD.replace('"/x"', "null"),
+        *("", "[]", "\xff", "{", "[" * 100_000, '{"format": 1}'),
+        *(GOOD.replace("1,", "true,"), GOOD.replace("1,", "0,"), GOOD.replace("left 1", "left")),
+        *(GOOD.replace('"3 00"', "3"), GOOD.replace('"/x"', "null")),
         '{"format": 1, "missions": {"dive": []}}',
         '{"format": 1, "missions": {"dive": {"path": "/x", "frames": ["left 1"]}}}',
     ],
 )
-def test_damage(tmp_path: Path, text: str) -> None:
+def test_damage(tmp_path, text):
     path = _dive(tmp_path / "dive", 1)
     (tmp_path / FILE_NAME).write_bytes(text.encode("latin-1"))
     for read in (note_mission, check_mission):
@@ -205,38 +190,34 @@ def test_one_wrong_character(tmp_path_factory, place, character):
         assert "\n" not in str(error)
 
 
-def test_a_workspace_that_cannot_be_written(tmp_path: Path) -> None:
+def test_a_workspace_that_cannot_be_written(tmp_path):
     path = _dive(tmp_path / "dive", 1)
     (tmp_path / "workspace").touch()
     refuses(r"missions.json: ", _note, tmp_path / "workspace", path)
 
 
-def test_label_notes_a_mission_and_refuses_another(run_tokt: Any, tmp_path: Path) -> None:
+def test_label_notes_a_mission_and_refuses_another(run_tokt, tmp_path):
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
-    workspace = tmp_path / "w"
-    _import(run_tokt, workspace, tmp_path)  # labels that were there before
+    workspace = _import(tmp_path)  # labels that were there before
     check_mission(workspace, open_mission(other))
     _note(workspace, one)
     fixed = ("--port", 0, "--no-browser", "--annotator", "anna", "--grid", "2x2@40")
     ran = run_tokt("label", other, *fixed, "--workspace", workspace)
-    assert ran.code == 2 and ran.out == ""
-    assert ran.err == (
-        f"tokt: error: the labels of mission 'dive' in {workspace} belong to the frames in"
-        f" {one.resolve()}; for another dive rename its folder or take another --workspace\n"
-    )
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == f"tokt: error: {_words(workspace, other, one)}\n"
 
 
-def _import(run_tokt: Any, workspace: Path, folder: Path) -> None:
-    file = folder / "labels.csv"
-    rows = [f"dive,left,{frame},0,0,{label}" for frame in range(1, 9) for label in ("reef",)]
-    file.write_text("\n".join(["mission,camera,frame,row,col,label", *rows, ""]))
-    assert run_tokt("labels", "import", file, "--workspace", workspace).code == 0
+def _import(folder):
+    """A workspace with a label of each frame, and the labels in a file beside it."""
+    rows = [["dive", "left", frame, 0, 0, "reef"] for frame in range(1, 9)]
+    file = write_labels(folder / "labels.csv", rows)
+    succeeds("labels", "import", file, "--workspace", folder / "w")
+    return folder / "w"
 
 
-def test_dataset_build_refuses_another_dive(run_tokt: Any, tmp_path: Path) -> None:
+def test_dataset_build_refuses_another_dive(run_tokt, tmp_path):
     one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
-    workspace = tmp_path / "w"
-    _import(run_tokt, workspace, tmp_path)
+    workspace = _import(tmp_path)
     build = ("dataset", "build", "one", "--task", "classes", "--workspace", workspace)
     unknown = run_tokt(*build, "--mission", other)  # nothing noted: as it was
     assert "belong to the frames" not in unknown.err
@@ -249,7 +230,7 @@ def test_dataset_build_refuses_another_dive(run_tokt: Any, tmp_path: Path) -> No
     assert "belong to the frames" not in run_tokt(*build, "--mission", one).err
 
 
-def test_the_page_notes_the_mission_that_it_opens(tmp_path: Path) -> None:
+def test_the_page_notes_the_mission_that_it_opens(tmp_path):
     pytest.importorskip("fastapi")
     from tokt.features.frames.grid import Grid
     from tokt.labels.page.state.session import open_session

@@ -1,14 +1,10 @@
 """Settlements: when they hold, and how they travel through files into datasets."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from tests.calls import refuses
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.labels.formats.label_csv import read_label_csv, write_label_csv
 from tokt.labels.record import SETTLED, LabelRecord
@@ -20,31 +16,30 @@ TIME = "2016-04-20T10:00:00Z"
 TAXONOMY = Taxonomy.load()
 
 
-def _said(label: str | None, who: str, *, col: int = 0, **more) -> LabelRecord:
+def _said(label, who, *, col=0, **more):
     return LabelRecord("dive", "left", 1, DEFAULT_GRID, 0, col, label, who, TIME, **more)
 
 
-def _settled(label: str | None, who: str = "ann", *, col: int = 0, **more) -> LabelRecord:
+def _settled(label, who="ann", *, col=0, **more):
     return _said(label, who, col=col, source=SETTLED, **more)
 
 
 @pytest.fixture
-def store(tmp_path: Path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        opened.add([_said("reef", "ann"), _said("ocean", "ben")])
-        yield opened
+def store(store):
+    """Two opinions on a patch."""
+    store.add([_said("reef", "ann"), _said("ocean", "ben")])
+    return store
 
 
-def test_a_settlement_stands_beside_the_opinions(store: LabelStore) -> None:
+def test_a_settlement_stands_beside_the_opinions(store):
     added = store.add_counted([_settled("reef", "carl")])
     assert (added.settled, added.new, added.events) == (1, 0, 1)
     assert store.settled() == [_settled("reef", "carl")]
     assert store.current() == [_said("reef", "ann"), _said("ocean", "ben")]
     assert store.current_and_settled() == [*store.current(), _settled("reef", "carl")]
     assert store.annotators() == ["ann", "ben"]
-    assert [record.source for record in store.history(_said(None, "ann").cell)] == [
-        *("human", "human", "settled")
-    ]
+    sources = [record.source for record in store.history(_said(None, "ann").cell)]
+    assert sources == ["human", "human", "settled"]
 
 
 @pytest.mark.parametrize(
@@ -68,7 +63,7 @@ def test_anything_newer_that_people_say_opens_the_question_again(store, newer, h
     assert store.settled() == [_settled("ocean", "carl")]
 
 
-def test_settlements_are_chosen_like_labels(store: LabelStore) -> None:
+def test_settlements_are_chosen_like_labels(store):
     coarse = replace(_settled("sand", "ben"), grid=type(DEFAULT_GRID)(5, 5))
     other = replace(_settled("sand", "ben"), mission="transit", camera="right", frame=9)
     store.add([_settled("reef"), coarse, other])
@@ -80,7 +75,7 @@ def test_settlements_are_chosen_like_labels(store: LabelStore) -> None:
     assert store.current_and_settled(grid=coarse.grid, frame=1) == [coarse]
 
 
-def test_importing_a_settlement_twice_changes_nothing(store: LabelStore) -> None:
+def test_importing_a_settlement_twice_changes_nothing(store):
     assert store.add([_settled("reef"), _settled("reef")]) == 1
     assert store.add([_settled("reef")]) == 0
     assert store.add([_settled("reef", "carl")]) == 0  # it is settled so
@@ -103,14 +98,15 @@ def test_a_full_file_carries_settlements_to_another_store(store, tmp_path):
         assert other.add(read) == 0
 
 
-def test_six_columns_cannot_say_what_is_settled(store: LabelStore, tmp_path: Path) -> None:
+def test_six_columns_cannot_say_what_is_settled(store, tmp_path):
     store.add([_settled("reef")])
-    with pytest.raises(ToktError, match="--full"):
-        write_label_csv(tmp_path / "x.csv", store.current_and_settled(annotator="ann"))
+    refuses(
+        "--full", write_label_csv, tmp_path / "x.csv", store.current_and_settled(annotator="ann")
+    )
     assert write_label_csv(tmp_path / "x.csv", store.current(annotator="ann")) == 1
 
 
-def test_a_patch_that_a_file_settles_twice(tmp_path: Path) -> None:
+def test_a_patch_that_a_file_settles_twice(tmp_path):
     path = tmp_path / "full.csv"
     write_label_csv(path, [_said("reef", "ann"), _settled("reef")], full=True)
     assert len(read_label_csv(path, TAXONOMY)) == 2
@@ -118,22 +114,12 @@ def test_a_patch_that_a_file_settles_twice(tmp_path: Path) -> None:
     refuses(r"line 3: .* is settled on line 2 already", read_label_csv, path, TAXONOMY)
 
 
-def test_a_dataset_takes_what_is_settled(store, tmp_path, make_frames):
+def test_a_dataset_takes_what_is_settled(store, own_tiny, tmp_path):
+    mission = own_tiny.path.rename(tmp_path / "dive")
     store.add([_said("reef", "ann", col=1), _said("ocean", "ben", col=1), _settled("reef")])
     records = store.current_and_settled(grid=DEFAULT_GRID)
     write_label_csv(tmp_path / "full.csv", records, full=True)
     for given in (records, read_labels([tmp_path / "full.csv"], TAXONOMY, DEFAULT_GRID)):
-        plan, remarks = plan_from_missions("d", "binary", [make_frames], given, TAXONOMY)
+        plan, remarks = plan_from_missions("d", "binary", [mission], given, TAXONOMY)
         assert plan.patches[["col", "label"]].to_numpy().tolist() == [[0, "reef"]]
         assert remarks == ["1 patches left out: annotators disagree"]
-
-
-@pytest.fixture
-def make_frames(tmp_path: Path) -> Path:
-    import cv2
-    import numpy as np
-
-    folder = tmp_path / "dive"
-    (folder / "Left").mkdir(parents=True)
-    cv2.imwrite(str(folder / "Left" / "dive_L_1.jpg"), np.zeros((272, 360), np.uint8))
-    return folder

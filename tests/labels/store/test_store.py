@@ -1,7 +1,6 @@
-from __future__ import annotations
-
 import os
 import random
+import re
 import signal
 import sqlite3
 import subprocess
@@ -9,12 +8,13 @@ import sys
 import threading
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from tests.calls import refuses
+from tests.conftest import write_labels
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now, utc_text
@@ -26,34 +26,25 @@ TIME = "2016-04-20T10:00:00Z"
 GRID = Grid()
 
 
-def _record(label: str | None, *, annotator: str = "ann", frame: int = 1, col: int = 0, **more):
+def _record(label, *, annotator="ann", frame=1, col=0, **more):
     return LabelRecord("dive", "left", frame, GRID, 0, col, label, annotator, TIME, **more)
 
 
-@pytest.fixture
-def store(tmp_path: Path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        yield opened
-
-
-def test_last_word_of_each_annotator_is_in_force(store: LabelStore) -> None:
+def test_last_word_of_each_annotator_is_in_force(store):
     assert store.add([_record("ocean"), _record("reef", annotator="bob")]) == 2
     assert store.add([_record("sand"), _record("ocean", col=1)]) == 2
-    assert store.current() == [
-        _record("sand"),
-        _record("reef", annotator="bob"),
-        _record("ocean", col=1),
-    ]
+    bobs = _record("reef", annotator="bob")
+    assert store.current() == [_record("sand"), bobs, _record("ocean", col=1)]
     assert [said.label for said in store.history(_record(None).cell)] == ["ocean", "reef", "sand"]
 
 
-def test_a_clock_set_back_does_not_hide_the_last_word(store: LabelStore) -> None:
+def test_a_clock_set_back_does_not_hide_the_last_word(store):
     store.add([_record("ocean")])
     store.add([replace(_record("reef"), time="1970-01-01T00:00:00Z")])
     assert [said.label for said in store.current()] == ["reef"]
 
 
-def test_saying_the_same_again_writes_nothing(store: LabelStore) -> None:
+def test_saying_the_same_again_writes_nothing(store):
     records = [_record("ocean", col=col) for col in range(10)]
     assert store.add(records) == 10
     assert store.add([replace(record, time=utc_now()) for record in records]) == 0
@@ -61,14 +52,14 @@ def test_saying_the_same_again_writes_nothing(store: LabelStore) -> None:
     assert (counted.new, counted.changed, counted.unchanged) == (1, 1, 9)
 
 
-def test_back_and_forth_in_one_call_keeps_every_step(store: LabelStore) -> None:
+def test_back_and_forth_in_one_call_keeps_every_step(store):
     said = [_record(label) for label in ("ocean", "reef", "reef", "ocean")]
     said = [replace(record, time=f"2016-04-20T10:00:0{n}Z") for n, record in enumerate(said)]
     assert store.add(said) == 3
     assert [said.label for said in store.current()] == ["ocean"]
 
 
-def test_an_older_file_does_not_bring_back_what_was_changed_since(store: LabelStore) -> None:
+def test_an_older_file_does_not_bring_back_what_was_changed_since(store):
     older = [_record("ocean"), _record("ocean", col=1, model_version="net/3"), _record("sand")]
     older[2] = replace(older[2], col=2)
     store.add(older)
@@ -80,7 +71,7 @@ def test_an_older_file_does_not_bring_back_what_was_changed_since(store: LabelSt
     assert store.add([replace(older[0], time="1970-01-01T00:00:00Z")]) == 1
 
 
-def test_label_taken_back_is_gone_from_the_view_but_not_from_history(store: LabelStore) -> None:
+def test_label_taken_back_is_gone_from_the_view_but_not_from_history(store):
     assert store.add([_record(None)]) == 0
     store.add([_record("ocean")])
     assert store.add([_record(None), _record(None)]) == 1
@@ -92,8 +83,8 @@ def test_label_taken_back_is_gone_from_the_view_but_not_from_history(store: Labe
     assert [said.label for said in store.current()] == ["reef"]
 
 
-def test_suggestions_never_count_nor_overwrite(store: LabelStore) -> None:
-    def suggestion(label: str, version: str = "lbp/1") -> LabelRecord:
+def test_suggestions_never_count_nor_overwrite(store):
+    def suggestion(label, version="lbp/1"):
         return _record(label, source="model", model_version=version)
 
     store.add([suggestion("reef", "lbp/0"), suggestion("reef")])
@@ -108,7 +99,7 @@ def test_suggestions_never_count_nor_overwrite(store: LabelStore) -> None:
     assert len(store.history(confirmed.cell)) == 5
 
 
-def test_filters(store: LabelStore) -> None:
+def test_filters(store):
     coarse = LabelRecord("dive", "right", 3, Grid(5, 5), 4, 4, "reef", "bob", TIME)
     other = replace(_record("ocean"), mission="transit")
     store.add([coarse, other, _record("ocean"), _record("sand", frame=2)])
@@ -121,7 +112,7 @@ def test_filters(store: LabelStore) -> None:
     assert store.annotators() == ["ann", "bob"]
 
 
-def test_stats(store: LabelStore) -> None:
+def test_stats(store):
     store.add([_record("ocean", frame=f, col=c) for f in (1, 2) for c in range(3)])
     store.add([_record("unsure"), _record("reef", annotator="bob")])
     ann, bob = store.stats()
@@ -130,7 +121,7 @@ def test_stats(store: LabelStore) -> None:
     assert (bob.annotator, bob.counts, bob.events) == ("bob", {"reef": 1}, 1)
 
 
-def test_an_interrupted_add_leaves_nothing(store: LabelStore) -> None:
+def test_an_interrupted_add_leaves_nothing(store):
     def interrupted():
         yield _record("ocean")
         raise KeyboardInterrupt
@@ -142,14 +133,14 @@ def test_an_interrupted_add_leaves_nothing(store: LabelStore) -> None:
 
 
 @pytest.mark.parametrize("statement", ["UPDATE events SET label = 'sand'", "DELETE FROM events"])
-def test_events_cannot_be_changed_or_deleted(store: LabelStore, statement: str) -> None:
+def test_events_cannot_be_changed_or_deleted(store, statement):
     store.add([_record("ocean")])
     with sqlite3.connect(store.path) as other, pytest.raises(sqlite3.IntegrityError, match="never"):
         other.execute(statement)
     assert store.current() == [_record("ocean")]
 
 
-def test_writes_are_synced_through_a_write_ahead_log(store: LabelStore) -> None:
+def test_writes_are_synced_through_a_write_ahead_log(store):
     connection = store._connection
     assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     assert connection.execute("PRAGMA synchronous").fetchone() == (2,)
@@ -186,7 +177,7 @@ FORMAT_1 = """
 
 
 @pytest.fixture
-def yesterdays(tmp_path: Path) -> Path:
+def yesterdays(tmp_path):
     path = tmp_path / "labels.db"
     with sqlite3.connect(path) as old:
         old.executescript("PRAGMA journal_mode = WAL;" + FORMAT_1)
@@ -194,14 +185,11 @@ def yesterdays(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays: Path) -> None:
+def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays):
     with LabelStore(yesterdays) as store:
         assert store.current() == [_record("ocean", model_version="lbp/3")]
-        assert [said.label for said in store.history(_record(None).cell)] == [
-            "reef",
-            "ocean",
-            "reef",
-        ]
+        labels = [said.label for said in store.history(_record(None).cell)]
+        assert labels == ["reef", "ocean", "reef"]
         assert [row[0] for row in store.rows_after(0, "dive", GRID)] == [1, 2, 7, 8]
         assert store.last_event() == 8
         assert store.add([_record("sand"), replace(_record("reef"), source="settled")]) == 2
@@ -218,7 +206,7 @@ def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays
 
 
 def test_an_interrupted_upgrade_leaves_yesterdays_file(yesterdays, monkeypatch):
-    def killed(connection: sqlite3.Connection) -> None:
+    def killed(connection):
         upgrade(connection)
         raise KeyboardInterrupt
 
@@ -229,50 +217,44 @@ def test_an_interrupted_upgrade_leaves_yesterdays_file(yesterdays, monkeypatch):
     with sqlite3.connect(yesterdays) as old:
         assert old.execute("PRAGMA user_version").fetchone() == (1,)
         assert old.execute("SELECT COUNT(*) FROM events").fetchone() == (5,)
-        assert (
-            old.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'actions'").fetchone()[0]
-            == 0
-        )
+        new = "SELECT COUNT(*) FROM sqlite_master WHERE name = 'actions'"
+        assert old.execute(new).fetchone() == (0,)
     old.close()
     with LabelStore(yesterdays) as store:
         assert store.last_event() == 8
 
 
-def test_two_processes_upgrade_at_once(yesterdays: Path) -> None:
+def test_two_processes_upgrade_at_once(yesterdays):
     code = (
         "import sys; from pathlib import Path; from tokt.labels.store.store import LabelStore\n"
         "sys.stdin.read()\n"
         "with LabelStore(Path(sys.argv[1])) as store: print(store.last_event())"
     )
     command = [sys.executable, "-c", code, str(yesterdays)]
-    children = [
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        for _ in range(2)
-    ]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    children = [subprocess.Popen(command, **pipes) for _ in range(2)]
     for child in children:
-        assert child.stdin is not None
         child.stdin.close()
     for child in children:
-        assert child.stdout is not None
         assert child.stdout.read() == "8\n"
         child.stdout.close()
         assert child.wait() == 0
 
 
-def test_doctor_leaves_a_format_1_file_as_it_is(yesterdays: Path) -> None:
+def test_doctor_leaves_a_format_1_file_as_it_is(yesterdays):
     before = {file.name: file.read_bytes() for file in yesterdays.parent.iterdir()}
     finding = label_store_finding(yesterdays.parent)
     assert (finding.state, finding.figures) == ("ok", {"events": 5, "format": 1})
     assert {file.name: file.read_bytes() for file in yesterdays.parent.iterdir()} == before
 
 
-def test_a_newer_format_is_refused_and_left_alone(store: LabelStore) -> None:
+def test_a_newer_format_is_refused_and_left_alone(store):
     store._connection.execute("PRAGMA user_version = 3")
     store.close()
     refuses("format 3, newer", LabelStore, store.path)
 
 
-def test_other_files_are_refused_and_left_alone(tmp_path: Path) -> None:
+def test_other_files_are_refused_and_left_alone(tmp_path):
     path = tmp_path / "labels.db"
     path.write_text("mission,camera\n" * 100)
     refuses("not a database", LabelStore, path)
@@ -288,22 +270,19 @@ def test_other_files_are_refused_and_left_alone(tmp_path: Path) -> None:
     refuses("label store", LabelStore, tmp_path / "file" / "labels.db")
 
 
-def test_reading_where_there_is_no_store_makes_none(tmp_path: Path) -> None:
+def test_reading_where_there_is_no_store_makes_none(tmp_path):
     refuses("no label store", LabelStore, tmp_path / "a" / "labels.db", create=False)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_threads_share_a_store(store: LabelStore) -> None:
-    def label(who: int) -> None:
+def test_threads_share_a_store(store):
+    def label(who):
         for frame in range(20):
             store.add([_record("ocean", annotator=f"ann{who}", frame=frame)])
             store.current(frame=frame)
 
-    threads = [threading.Thread(target=label, args=(who,)) for who in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(label, range(4)))
     assert [entry.patches for entry in store.stats()] == [20] * 4
 
 
@@ -320,14 +299,12 @@ ROWS = 300
 
 
 @pytest.fixture
-def label_file(tmp_path: Path) -> Path:
-    rows = [f"dive,left,{n // 100},{n // 10 % 10},{n % 10},ocean\n" for n in range(ROWS)]
-    path = tmp_path / "some.csv"
-    path.write_text("mission,camera,frame,row,col,label\n" + "".join(rows))
-    return path
+def label_file(tmp_path):
+    rows = [["dive", "left", n // 100, n // 10 % 10, n % 10, "ocean"] for n in range(ROWS)]
+    return write_labels(tmp_path / "some.csv", rows)
 
 
-def _import_loop(file: Path, workspace: Path, name: str, count: int) -> subprocess.Popen[str]:
+def _import_loop(file, workspace, name, count):
     command = [sys.executable, "-c", IMPORT_LOOP, str(file), str(workspace), name, str(count)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
@@ -336,21 +313,16 @@ def _import_loop(file: Path, workspace: Path, name: str, count: int) -> subproce
 @pytest.mark.process
 def test_sigkill_at_any_moment_loses_no_acknowledged_import(tmp_path, label_file):
     chance = random.Random(42)
-    acknowledged: set[str] = set()
+    acknowledged = set()
     for trial in range(6):
         child = _import_loop(label_file, tmp_path, f"t{trial}n", 10_000)
-        assert child.stdout is not None
         lines = [child.stdout.readline()]
         time.sleep(chance.uniform(0, 0.15))
         child.send_signal(signal.SIGKILL)
         lines += child.stdout.readlines()
         child.wait()
         child.stdout.close()
-        acknowledged |= {
-            line.split()[1]
-            for line in lines
-            if line.startswith("acknowledged") and line.endswith("\n")
-        }
+        acknowledged |= set(re.findall(r"^acknowledged (\w+)\n", "".join(lines), re.MULTILINE))
         with LabelStore(tmp_path / "labels.db") as store:
             assert store._connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
             counts = Counter(record.annotator for record in store.current())
@@ -361,7 +333,7 @@ def test_sigkill_at_any_moment_loses_no_acknowledged_import(tmp_path, label_file
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
 @pytest.mark.process
-def test_sigkill_while_the_store_is_made(tmp_path: Path, label_file: Path) -> None:
+def test_sigkill_while_the_store_is_made(tmp_path, label_file):
     path = tmp_path / "labels.db"
     for _ in range(5):
         for leftover in tmp_path.glob("labels.db*"):
@@ -388,7 +360,7 @@ def test_processes_import_at_once_into_a_store_neither_has_made(tmp_path, label_
     assert counts == {f"{name}{n}": ROWS for name in "abc" for n in range(8)}
 
 
-def test_reader_does_not_wait_for_a_writer(store: LabelStore) -> None:
+def test_reader_does_not_wait_for_a_writer(store):
     store.add([_record("ocean")])
     with sqlite3.connect(store.path, isolation_level=None) as writer:
         writer.execute("BEGIN IMMEDIATE")
@@ -398,7 +370,7 @@ def test_reader_does_not_wait_for_a_writer(store: LabelStore) -> None:
         writer.execute("ROLLBACK")
 
 
-def test_threads_read_while_one_waits_for_another_process_to_write(store: LabelStore) -> None:
+def test_threads_read_while_one_waits_for_another_process_to_write(store):
     store.add([_record("ocean")])
     with sqlite3.connect(store.path, isolation_level=None) as writer:
         writer.execute("BEGIN IMMEDIATE")
@@ -429,11 +401,11 @@ def test_threads_read_while_one_waits_for_another_process_to_write(store: LabelS
         ({"time": "2016-04-20T12:00:00+02:00"}, "2016-04-20T10:00:00Z"),
     ],
 )
-def test_records_that_cannot_be(changes: dict[str, object], message: str) -> None:
+def test_records_that_cannot_be(changes, message):
     refuses(message, replace, _record("ocean"), **changes)
 
 
-def test_utc_text_keeps_the_moment() -> None:
+def test_utc_text_keeps_the_moment():
     assert utc_text("2016-04-20T12:00:00.25+02:00") == "2016-04-20T10:00:00.250000Z"
     now = utc_now()
     assert utc_text(now) == now

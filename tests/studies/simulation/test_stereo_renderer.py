@@ -1,7 +1,5 @@
 """The closed loop's renderer: geometry, likeness to missions, the same bytes again."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 
@@ -166,23 +164,20 @@ def test_heading_turns_clockwise_seen_from_above(scene):
 def test_the_nearer_of_two_towers_hides_the_other(scene, tower):
     behind = Placed.put(tower.shape, (0.1, 0.0, 3.0), 0.4)
     position = place(0.0, 0.3, -3.0)
-    alone, back, both, other_way = (
-        hits_of(World(scene.water, things), scene.rig, position).depth
+    seas = [
+        World(scene.water, things, seed=3)
         for things in ((tower,), (behind,), (tower, behind), (behind, tower))
-    )
+    ]
+    depths = [hits_of(sea, scene.rig, position).depth for sea in seas]
+    alone, back, both, other_way = depths
     # A stalk of which both ends are hidden is left out, though some of it may show between.
     assert (both != np.minimum(alone, back)).sum() <= 3
     assert np.array_equal(both, other_way)
     overlap = np.isfinite(alone) & np.isfinite(back)
     assert overlap.sum() > 500
     assert (both[overlap] < 4.5).all()
-    frames = [
-        StereoRenderer(World(scene.water, things, seed=3), scene.rig, 5).left(
-            0.0, position, 0.0, STILL
-        )
-        for things in ((tower, behind), (behind, tower))
-    ]
-    assert np.array_equal(*frames)
+    renderers = [StereoRenderer(sea, scene.rig, 5) for sea in seas[2:]]
+    assert np.array_equal(*(one.left(0.0, position, 0.0, STILL) for one in renderers))
 
 
 def test_inside_a_trap_every_pixel_has_the_depth_of_a_wall(scene):
@@ -246,11 +241,8 @@ def test_dust_brightens_hides_what_is_behind_it_and_thins(scene, tower):
         return (picture - cv2.GaussianBlur(picture, (0, 0), 4))[on_tower].std()
 
     clean, before, behind = frame(), frame(cloud_at(-2.0)), frame(cloud_at(2.0))
-    water, dusty, later, late = (
-        frame(*dust, things=(), t=t)
-        for dust, t in (((), 0.0), ((cloud_at(-2.0),), 0.0), ((cloud_at(-2.0),), 30.0),
-                        ((cloud_at(-2.0),), 600.0))
-    )  # fmt: skip
+    water = frame(things=())
+    dusty, later, late = (frame(cloud_at(-2.0), things=(), t=t) for t in (0.0, 30.0, 600.0))
     assert (dusty - water).mean() > 2
     assert (late - frame(things=(), t=600.0)).mean() == pytest.approx(0, abs=0.05)
     risen = np.maximum(cv2.GaussianBlur(later - frame(things=(), t=30.0), (0, 0), 3), 0)
@@ -300,9 +292,8 @@ def test_open_water_has_the_grey_levels_and_noise_of_a_mission(water_frames):
         bands = [power[(frequency >= a) & (frequency < b)].mean() for a, b in BANDS]
         return stack.mean(axis=(0, 1, 2)), spread, np.array(bands)
 
-    for (old, new), tolerance in zip(
-        zip(*map(figures, water_frames), strict=True), (0.01, 0.05, 0.25), strict=True
-    ):
+    found = zip(*map(figures, water_frames), (0.01, 0.05, 0.25), strict=True)
+    for old, new, tolerance in found:
         assert new == pytest.approx(old, rel=tolerance)
 
 
@@ -310,10 +301,7 @@ def test_open_water_has_the_grey_levels_and_noise_of_a_mission(water_frames):
 def test_open_water_has_the_texture_of_a_mission(water_frames, extractor):
     """Each feature's mean over the patches differs by at most a fifth of its deviation."""
     describe = extractor_named(extractor).describe
-    old, new = (
-        np.concatenate([describe(frame, DEFAULT_GRID) for frame in frames])
-        for frames in water_frames
-    )
+    old, new = (patches_of(frames, describe) for frames in water_frames)
     shift = np.abs(new.mean(axis=0) - old.mean(axis=0)) / (old.std(axis=0) + 1e-12)
     assert shift[old.std(axis=0) > 1e-9].max() < 0.2
 
@@ -342,12 +330,11 @@ def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
         assert np.linalg.norm(seen, axis=1).max() < 4.6
     # A little less than a mission draws: places that no camera sees may repeat and are left out.
     assert 850 < np.mean(counts) < 1010
-    first, second = (
-        snow.near(rig.cameras(np.eye(3), place(0, 0, z))[0], place(0, 0, carried))
+    there, again = (
+        snow.near(rig.cameras(np.eye(3), place(0, 0, z))[0], place(0, 0, carried))[0]
         for z, carried in ((0.0, 0.0), (0.4, 0.1))
     )
-    there = first[0] + 0.0
-    again = second[0] + place(0, 0, 0.3)  # moved 0.4 m, the water 0.1 m with it
+    again = again + place(0, 0, 0.3)  # moved 0.4 m, the water 0.1 m with it
     gap = np.array([np.abs(again - one).sum(axis=1).min() for one in there])
     assert (gap < 1e-4).mean() > 0.6
 
@@ -436,9 +423,7 @@ def test_a_model_trained_on_missions_scores_the_closed_loop_as_well_as_missions(
     model.fit(np.concatenate(rows), np.concatenate(truth))
     old, new, labels = both_renderers(31, 40)
     sure = labels >= 0
-    scores = [
-        f1_score(labels[sure], model.predict(patches_of(frames, describe)[sure]))
-        for frames in (old, new)
-    ]
+    said = [model.predict(patches_of(frames, describe)[sure]) for frames in (old, new)]
+    scores = [f1_score(labels[sure], predicted) for predicted in said]
     assert scores[0] > 0.8
     assert scores[1] == pytest.approx(scores[0], abs=0.02), scores

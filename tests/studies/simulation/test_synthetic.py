@@ -1,7 +1,5 @@
 """Synthetic missions: the same bytes again, truth by construction, likeness to the real one."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json
@@ -10,15 +8,14 @@ import signal
 import subprocess
 import sys
 from collections import defaultdict
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.calls import refuses
 from tests.waiting import MAX_S, until
 from tokt.features.common.atomic import remove_partials
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.studies.simulation.rendering.patch_labels import (
@@ -35,9 +32,6 @@ from tokt.studies.simulation.scene.tower import WHITE, Cuboid, Frustum, Tower
 
 pytestmark = pytest.mark.xdist_group("synthetic")  # what they share is made once
 
-REAL = Path(
-    os.environ.get("TOKT_MISSION", Path(__file__).parents[4] / "shared" / "mission" / "approach")
-)
 N_FRAMES = 40
 
 
@@ -54,13 +48,9 @@ SHORT = 20
 def short_missions(tmp_path_factory):
     """Missions of six seeds."""
     root = tmp_path_factory.mktemp("seeds")
-    return [
-        (
-            root / str(seed),
-            simulate_mission(root / str(seed), seed=seed, n_frames=SHORT, width=360, jobs=1),
-        )
-        for seed in range(1, 7)
-    ]
+    size = {"n_frames": SHORT, "width": 360, "jobs": 1}
+    folders = {seed: root / str(seed) for seed in range(1, 7)}
+    return [(to, simulate_mission(to, seed=seed, **size)) for seed, to in folders.items()]
 
 
 def fingerprints(folder):
@@ -184,14 +174,9 @@ def test_a_faint_or_small_part_of_the_tower_is_unsure():
     assert seen[:4] == pytest.approx([5, MIN_CONTRAST / 2, 5, 0], abs=1e-3)
     assert not seen[3:].any()
     covered = np.array([1, 1, MIN_COVERAGE, MIN_COVERAGE / 2, 0])
-    tower = "subsea_installation"
-    assert patch_labels(covered, np.array([5, MIN_CONTRAST / 2, 5, 5, 0])) == [
-        tower,
-        "unsure",
-        tower,
-        "unsure",
-        "ocean",
-    ]
+    tower, unsure = "subsea_installation", "unsure"
+    labels = patch_labels(covered, np.array([5, MIN_CONTRAST / 2, 5, 5, 0]))
+    assert labels == [tower, unsure, tower, unsure, "ocean"]
 
 
 def test_depth_of_a_cylinder_and_a_box_is_that_of_geometry():
@@ -226,10 +211,8 @@ def test_both_cameras_see_the_same_tower_at_the_depth_written(tmp_path):
     assert np.linalg.norm(shift_mm) == pytest.approx(305.5, abs=0.1)
     assert np.allclose(r1 @ rotation.T @ r2.T, np.eye(3), atol=1e-6)
     depth = read_depth_m(out, frame)
-    left, right = (
-        cv2.imread(str(out / side / f"sim_{side[0]}_{frame}.jpg"), cv2.IMREAD_GRAYSCALE)
-        for side in ("Left", "Right")
-    )
+    files = (out / side / f"sim_{side[0]}_{frame}.jpg" for side in ("Left", "Right"))
+    left, right = (cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in files)
     v, u = np.nonzero(depth)
     points = (np.linalg.inv(k1) @ np.stack([u, v, np.ones(len(u))])) * depth[v, u]
     seen = k2 @ (rotation @ points + shift_mm.reshape(3, 1) / 1000)
@@ -242,10 +225,8 @@ def test_both_cameras_see_the_same_tower_at_the_depth_written(tmp_path):
         solid = cv2.erode((depth > 0).astype(np.uint8), np.ones((15, 15))) > 0
         solid &= (maps[0] >= 0) & (maps[0] < depth.shape[1] - 1) & (maps[1] >= 0)
         solid &= (maps[1] < depth.shape[0] - 1) & (left < 250) & (warped < 250)
-        fine = [
-            image.astype(np.float32) - cv2.GaussianBlur(image.astype(np.float32), (0, 0), 12)
-            for image in (left, warped)
-        ]
+        images = (left.astype(np.float32), warped.astype(np.float32))
+        fine = [image - cv2.GaussianBlur(image, (0, 0), 12) for image in images]
         assert solid.sum() > 20_000
         return np.corrcoef(fine[0][solid], fine[1][solid])[0, 1]
 
@@ -268,14 +249,11 @@ def test_refuses_what_is_there_and_what_cannot_be(tmp_path):
     taken = tmp_path / "taken"
     taken.mkdir()
     (taken / "notes.txt").write_text("mine")
-    with pytest.raises(ToktError, match="not empty"):
-        simulate_mission(taken, n_frames=1, width=160)
-    with pytest.raises(ToktError, match="is a file"):
-        simulate_mission(taken / "notes.txt", n_frames=1, width=160)
+    refuses("not empty", simulate_mission, taken, n_frames=1, width=160)
+    refuses("is a file", simulate_mission, taken / "notes.txt", n_frames=1, width=160)
     assert [path.name for path in taken.iterdir()] == ["notes.txt"]
     for bad in ({"n_frames": 0}, {"width": 5000}, {"width": 40}, {"seed": -1}, {"jobs": 0}):
-        with pytest.raises(ToktError):
-            simulate_mission(tmp_path / "new", **bad)
+        refuses("", simulate_mission, tmp_path / "new", **bad)
     assert not (tmp_path / "new").exists()
 
 
@@ -294,11 +272,9 @@ def test_killed_half_way_leaves_no_mission(tmp_path):
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(out)])
 
-    def begun() -> bool:
-        assert process.poll() is None
-        return bool(list(tmp_path.glob(".partial-*/Left/sim_L_5.jpg")))
-
-    until(begun)
+    begun = ".partial-*/Left/sim_L_5.jpg"
+    until(lambda: process.poll() is not None or list(tmp_path.glob(begun)))
+    assert process.poll() is None
     process.send_signal(signal.SIGKILL if os.name != "nt" else signal.SIGTERM)
     process.wait(MAX_S)
     assert not out.exists()
@@ -322,9 +298,8 @@ def test_scene_file_says_how_it_was_made(mission):
     out, _ = mission
     scene = json.loads((out / "scene.json").read_text())
     assert (scene["format"], scene["seed"], scene["n_frames"]) == (1, 1, N_FRAMES)
-    assert scene["water"] == json.loads(
-        json.dumps(MissionScene.draw(1, N_FRAMES, 340).water.to_json())
-    )
+    water = MissionScene.draw(1, N_FRAMES, 340).water.to_json()
+    assert scene["water"] == json.loads(json.dumps(water))
     for entry in scene["frames"]:
         depth = read_depth_m(out, entry["frame"])
         if entry["nearest_m"] is None:
@@ -340,9 +315,8 @@ def patch_deviations(folder, every=1):
     for number in mission.frames()[::every]:
         frame = mission.read(number)
         size = DEFAULT_GRID.resized(*frame.shape[:2])[::-1]
-        gray = cv2.cvtColor(
-            cv2.resize(frame, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY
-        )
+        small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
+        gray = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
         deviations.append(DEFAULT_GRID.cells(gray).std(axis=(1, 2)))
     return np.concatenate(deviations)
 
@@ -353,15 +327,13 @@ TOLERANCE_FACTOR, TOLERANCE_SHARE = 1.1, 0.001
 
 
 @pytest.mark.mission
-def test_the_real_mission_lies_in_the_range_of_the_synthetic_ones(short_missions):
+def test_the_real_mission_lies_in_the_range_of_the_synthetic_ones(mission_dir, short_missions):
     """Per bin, the real share is between the least and the most of six seeds.
 
     The tolerance, a factor of 1.1 and 0.1 % of the patches either way, is the sampling error of
     the small bins: 0.5 % of the patches of a simulated mission of 20 frames are 10 patches.
     """
-    if not REAL.is_dir():
-        pytest.skip(f"the real mission is not at {REAL} (set TOKT_MISSION)")
-    real = patch_deviations(REAL, every=3)
+    real = patch_deviations(mission_dir, every=3)
     shares, extremes = [], []
     for folder, _ in short_missions:
         simulated = patch_deviations(folder)
@@ -374,7 +346,6 @@ def test_the_real_mission_lies_in_the_range_of_the_synthetic_ones(short_missions
         f"{100 * least[i]:6.2f} to {100 * most[i]:6.2f} % simulated"
         for i in range(len(real_share))
     )
-    print(table)
     assert (real_share >= least / TOLERANCE_FACTOR - TOLERANCE_SHARE).all(), table
     assert (real_share <= most * TOLERANCE_FACTOR + TOLERANCE_SHARE).all(), table
     low, high = np.transpose(extremes)

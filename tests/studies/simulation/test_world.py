@@ -1,7 +1,5 @@
 """The world of the closed loop: what is where, how far it is, and how it moves."""
 
-from __future__ import annotations
-
 import hashlib
 from itertools import product
 
@@ -80,9 +78,8 @@ def test_clearance_is_that_of_points_all_over_the_surfaces():
     assert (exact <= brute + 1e-9).all()
     # Between points 1 cm apart the nearest is at most 7 mm aside, on a bend of at least 5 cm.
     assert (brute[~inside] - exact[~inside] <= 1e-3).all()
-    assert world.clearance_m(points, 0.0) == pytest.approx(
-        world.clearance_m(points + np.array([0.3, 0.0, -0.6]), 3.0)
-    )
+    drifted = world.clearance_m(points + np.array([0.3, 0.0, -0.6]), 3.0)
+    assert world.clearance_m(points, 0.0) == pytest.approx(drifted)
     assert np.isinf(World(Water()).clearance_m(points)).all()
 
 
@@ -103,9 +100,8 @@ def test_a_trap_is_open_towards_the_vehicle_only():
     rng = np.random.default_rng(1)
     world = World(Water(), (trap(rng, (0.0, 0.0, 5.0), width_m=3.0, depth_m=2.0, height_m=2.0),))
     inside = np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 3.0], [1.0, 0.0, 4.5], [0.0, 0.0, 0.0]])
-    assert world.clearance_m(inside) == pytest.approx(
-        [0.94, 1.44, 0.44, np.hypot(1.44, 3.0)], abs=1e-9
-    )
+    away = [0.94, 1.44, 0.44, np.hypot(1.44, 3.0)]
+    assert world.clearance_m(inside) == pytest.approx(away, abs=1e-9)
     panel = World(Water(), (wall(rng, (0.0, 0.0, 5.0), turn_rad=np.pi / 2),))
     assert panel.clearance_m(np.array([[2.0, 0.0, 5.0]]))[0] == pytest.approx(1.94)
 
@@ -113,16 +109,15 @@ def test_a_trap_is_open_towards_the_vehicle_only():
 def test_a_turn_keeps_what_a_tower_is():
     tower = Tower.draw(np.random.default_rng(6))
     once = turned(turned(tower, 0.4), -0.4)
-    for first, again in zip(tower.solids, once.solids, strict=True):
-        assert np.allclose(first.frame() if isinstance(first, Frustum) else first.axes,
-                           again.frame() if isinstance(again, Frustum) else again.axes)  # fmt: skip
+    for pair in zip(tower.solids, once.solids, strict=True):
+        axes = [one.frame() if isinstance(one, Frustum) else one.axes for one in pair]
+        assert np.allclose(*axes)
     assert len(once.stalks) == len(tower.stalks)
 
 
 def test_a_school_passes_its_point_on_time_and_holds_together():
-    school = School.crossing(
-        np.random.default_rng(5), (0.0, 0.3, -6.0), 10.0, (0.5, 0.0, 0.0), count=200
-    )
+    rng, place, speed = np.random.default_rng(5), (0.0, 0.3, -6.0), (0.5, 0.0, 0.0)
+    school = School.crossing(rng, place, 10.0, speed, count=200)
     there = school.at(10.0)
     assert there.shape == (200, 3)
     assert np.array_equal(there, school.at(10.0))
@@ -135,8 +130,8 @@ def test_a_school_passes_its_point_on_time_and_holds_together():
     assert (school.length_m >= 0.2).all() and (school.length_m <= 0.5).all()
     centre, axes, half = school.shapes(10.0)
     assert np.allclose(axes @ axes.transpose(0, 2, 1), np.eye(3))
-    assert np.allclose(axes[:200, 0] * np.linalg.norm(school.swimming(10.0), axis=1)[:, None],
-                       school.swimming(10.0))  # fmt: skip
+    swimming = school.swimming(10.0)
+    assert np.allclose(axes[:200, 0] * np.linalg.norm(swimming, axis=1)[:, None], swimming)
     assert (half[:200, 0] <= 0.25).all() and len(centre) == 400
 
 

@@ -1,12 +1,7 @@
 """The bench's stereo cases: the thesis's pipeline as it was, and checks that can fail."""
 
-from __future__ import annotations
-
 import csv
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -33,14 +28,14 @@ from tokt.studies.speed.stereo_cases import (
 )
 
 
-def flat(seed: int) -> np.ndarray:
+def flat(seed):
     """Even water: enough of a picture to be judged, and nothing to match."""
     fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
     return (fall + np.random.default_rng(seed).normal(0, 0.5, fall.shape)).round().astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
-def pair() -> Pair:
+def pair():
     """A textured square 3.3 m away, in water."""
     left, right = flat(1), flat(2)
     texture = textured_frame()[:320, :320, 0] // 2
@@ -49,16 +44,12 @@ def pair() -> Pair:
 
 
 @pytest.fixture(scope="module")
-def dive(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def dive(pair, tmp_path_factory):
     """Four pairs: water, the square, a right frame that is broken, water that is black."""
     folder = tmp_path_factory.mktemp("stereo") / "dive"
     black = np.zeros((HEIGHT, WIDTH), np.uint8)
-    views = {
-        1: (flat(3), flat(4)),
-        2: (pair.left, pair.right),
-        3: (black, black),
-        4: (black, black),
-    }
+    water, square = (flat(3), flat(4)), (pair.left, pair.right)
+    views = {1: water, 2: square, 3: (black, black), 4: (black, black)}
     for side, name in enumerate(("Left", "Right")):
         (folder / name).mkdir(parents=True)
         for number, pictures in views.items():
@@ -67,13 +58,13 @@ def dive(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_pairs_are_those_that_both_cameras_have_and_that_can_be_read(dive: Path) -> None:
+def test_pairs_are_those_that_both_cameras_have_and_that_can_be_read(dive):
     mission = open_mission(dive)
     assert pair_numbers(mission) == [1, 2, 3, 4]
     assert [pair.number for pair in read_pairs(mission, [1, 2, 3])] == [1, 2]
 
 
-def test_the_thesis_pipeline_is_a_texture_threshold_on_the_left_frame(pair: Pair) -> None:
+def test_the_thesis_pipeline_is_a_texture_threshold_on_the_left_frame(pair):
     """What the mission's control found: exchange the right frame, and nothing changes."""
     seen, without = judge_pair(pair.left, pair.right), judge_pair(pair.left, flat(9))
     assert seen.obstacle and without.mean == pytest.approx(seen.mean, rel=0.5)
@@ -85,27 +76,21 @@ def test_the_thesis_pipeline_is_a_texture_threshold_on_the_left_frame(pair: Pair
 
 
 @pytest.mark.mission
-def test_the_thesis_pipeline_gives_the_means_that_were_measured(mission_dir: Path) -> None:
+def test_the_thesis_pipeline_gives_the_means_that_were_measured(mission_dir):
     """Those of another port of it, by frame; the first of three over its threshold is 155."""
     with (mission_dir.parent / "thesis_port_curves.csv").open() as handle:
         table = {int(row["# frame"]): float(row["disp"]) for row in csv.DictReader(handle)}
     for number in (154, 155, 180, 212):
-        names = ("Left", "L"), ("Right", "R")
-        views = [
-            read_image(mission_dir / side / f"tokt1_{letter}_{number}.jpg")
-            for side, letter in names
-        ]
-        found = judge_pair(*views)
+        files = (f"{side}/tokt1_{side[0]}_{number}.jpg" for side in ("Left", "Right"))
+        found = judge_pair(*(read_image(mission_dir / file) for file in files))
         assert found.mean == pytest.approx(table[number], rel=1e-4)
         assert found.obstacle == (number in (155, 180))
 
 
-def test_other_matches_than_the_library_s_are_not_exact(
-    pair: Pair, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_matches_than_the_library_s_are_not_exact(pair, monkeypatch):
     library = load_kernels(LIBRARY)
 
-    def one_off(*arguments: Any, **named: Any) -> Any:
+    def one_off(*arguments, **named):
         disparity = library.block_disparity(*arguments, **named).copy()
         disparity[250, 430] += 1  # a sixteenth of a pixel
         return disparity
@@ -122,9 +107,7 @@ def test_other_matches_than_the_library_s_are_not_exact(
     assert right.findings()["obstacle_pairs"] == {"baseline": 1, "ours": 1}
 
 
-def test_both_cases_of_a_mission(
-    dive: Path, no_progress: Callable[..., Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_both_cases_of_a_mission(dive, no_progress, capsys):
     with single_thread():
         results = measure_stereo(open_mission(dive), PLAIN, None, 2, 1, no_progress, str)
     assert [case.name for case in results] == ["stereo.pair", "pushbroom.pair"]
@@ -134,18 +117,13 @@ def test_both_cases_of_a_mission(
     assert stereo["obstacle_pairs"]["ours"] == 1 and stereo["exact"]
     for kind in ("with_obstacle", "without_obstacle"):
         assert stereo[kind]["pairs"] == 1 and stereo[kind]["baseline_ms"] > 0
+    packages = ("python", "numpy", "opencv", "scikit-image", "mahotas", "scikit-learn")
     about = {
-        "machine": dict.fromkeys(
-            (*("python", "numpy", "opencv", "scikit-image"), *("mahotas", "scikit-learn")), "1"
-        )
-        | {"cpu": "one", "cores": 1},
+        "machine": dict.fromkeys(packages, "1") | {"cpu": "one", "cores": 1},
         "kernels": {"name": "compiled", "why": "built", "is_library": False},
-        "mission": "dive",
-        "frame_size": "1360x1024 gray",
-        "frames": {"compared": 2, "timed": 2},
-        "model": "none",
+        **{"mission": "dive", "frame_size": "1360x1024 gray", "model": "none"},
+        **{"frames": {"compared": 2, "timed": 2}, "spread_is": "wide"},
         "stereo": "calibration given",
-        "spread_is": "wide",
     }
     print_table(results, about)
     table = capsys.readouterr().out
@@ -154,7 +132,7 @@ def test_both_cases_of_a_mission(
     assert "stereo: calibration given" in table
 
 
-def test_times_by_kind() -> None:
+def test_times_by_kind():
     times = {BASELINE: np.array([4.0, 1, 8, 4, 1, 8]), OURS: np.array([2.0, 1, 2, 2, 1, 2])}
     found = by_kind(times, np.array([True, False, True]))
     assert found["with_obstacle"] == {"pairs": 2, "baseline_ms": 6000, "ours_ms": 2000, "ratio": 3}
@@ -162,9 +140,7 @@ def test_times_by_kind() -> None:
     assert by_kind(times, np.zeros(3, bool))["with_obstacle"] is None
 
 
-def test_without_what_stereo_needs_the_cases_are_left_out_and_it_is_said(
-    dive: Path, tmp_path: Path
-) -> None:
+def test_without_what_stereo_needs_the_cases_are_left_out_and_it_is_said(dive, tmp_path):
     mission = open_mission(dive)
     assert stereo_input(mission, PLAIN).calibration is PLAIN
     assert "there is no calibration.yml" in stereo_input(mission, None).words
@@ -179,9 +155,9 @@ def test_without_what_stereo_needs_the_cases_are_left_out_and_it_is_said(
     assert stereo_input(mono, PLAIN).words == "left out: it has no right camera"
 
 
-def test_the_detector_that_is_timed_is_the_run_s(pair: Pair) -> None:
+def test_the_detector_that_is_timed_is_the_run_s(pair):
     """The same distance as the detector of ``tokt run`` gives."""
-    ours: Any = StereoPair(PLAIN).ours(pair)
+    ours = StereoPair(PLAIN).ours(pair)
     run = DisparityDetector(PLAIN, stereo_cases.GRID).detect(pair.frame)
     assert ours.distance_m == run.distance_m == pytest.approx(3.3, rel=0.01)
     assert np.array_equal(ours.mask, run.mask)

@@ -1,10 +1,9 @@
 """`tokt compare`: its figures against evaluate's, what it refuses, and the page in a browser."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.compare.bootstrap import ComparisonMetric, drawn_blocks
@@ -32,7 +31,6 @@ from tokt.training.evaluation.metrics import obstacle_metrics
 pytestmark = pytest.mark.xdist_group("compare")  # what they share is made once
 
 LBP, THESIS = "tiny-lbp/1", "tiny-thesis/1"
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @dataclass(frozen=True)
@@ -45,12 +43,12 @@ class Compared:
     judged: ComparedModels
     err: str
 
-    def model(self, label: str) -> dict[str, Any]:
+    def model(self, label):
         return next(model for model in self.json["models"] if model["model"] == label)
 
 
 @pytest.fixture(scope="module")
-def compared(trained, done, tmp_path_factory) -> Compared:
+def compared(trained, done, tmp_path_factory):
     """A cross-validated model against one of the thesis's kind, on what both held out."""
     folder = tmp_path_factory.mktemp("compare")
     workspace = folder / ".tokt"
@@ -64,7 +62,7 @@ def compared(trained, done, tmp_path_factory) -> Compared:
     return Compared(workspace, page, json.loads(ran.out), judged, ran.err)
 
 
-def test_held_out_figures_are_those_of_the_training(compared) -> None:
+def test_held_out_figures_are_those_of_the_training(compared):
     registry = Registry(compared.workspace)
     recipe = registry.recipe(registry.find(LBP))["metrics"]
     mine, frames = compared.model(LBP), recipe["frames"]
@@ -78,11 +76,10 @@ def test_held_out_figures_are_those_of_the_training(compared) -> None:
     assert any(f"{left_out} of" in note for note in compared.json["notes"])
 
 
-def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch) -> None:
+def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch):
     """On all that the model's folds tested, with nothing left out for another model."""
-    monkeypatch.setattr(
-        "tokt.training.compare.held_out_predictions.check_different", lambda labels: None
-    )
+    check = "tokt.training.compare.held_out_predictions.check_different"
+    monkeypatch.setattr(check, lambda labels: None)
     judged = read_held_out([LBP, LBP], compared.workspace)
     mine = judged.figures(judged.models[0])["frames"]
     registry = Registry(compared.workspace)
@@ -95,12 +92,11 @@ def test_held_out_statuses_are_those_of_the_training(compared, monkeypatch) -> N
     assert frames["first_obstacle_frame"] == {"tiny": sequence["first_obstacle_frame"]}
 
 
-def test_the_verdict_is_in_words_with_how_sure_it_is(compared) -> None:
+def test_the_verdict_is_in_words_with_how_sure_it_is(compared):
     (pair,) = compared.json["pairs"]
     assert pair["models"] == [LBP, THESIS]
-    assert pair["difference"] == pytest.approx(
-        compared.model(LBP)["patch"]["f1"] - compared.model(THESIS)["patch"]["f1"]
-    )
+    f1, other = (compared.model(label)["patch"]["f1"] for label in (LBP, THESIS))
+    assert pair["difference"] == pytest.approx(f1 - other)
     assert pair["verdict"] == "better" and pair["interval"]["low"] > 0 and pair["p"] <= 0.05
     assert f"{LBP} is better than {THESIS}" in compared.json["words"][0]
     assert f"{pair['interval']['low']:+.3f}" in compared.json["words"][0]
@@ -112,7 +108,7 @@ def test_the_verdict_is_in_words_with_how_sure_it_is(compared) -> None:
     assert 0 < time["low_ms"] <= time["median_ms"] <= time["high_ms"] and time["runs"] >= 30
 
 
-def test_the_learning_curve_tests_on_what_was_held_out(compared) -> None:
+def test_the_learning_curve_tests_on_what_was_held_out(compared):
     curve = compared.json["learning_curve"]
     assert curve["model"] == LBP
     registry = Registry(compared.workspace)
@@ -125,7 +121,7 @@ def test_the_learning_curve_tests_on_what_was_held_out(compared) -> None:
     assert sum(labels.values()) == recipe["patches_tested"]
 
 
-def test_the_worst_errors_are_errors_and_have_pictures(compared) -> None:
+def test_the_worst_errors_are_errors_and_have_pictures(compared):
     errors = compared.json["errors"]
     assert {error["kind"] for error in errors} == {"miss", "false alarm"}
     assert all(error["said"][label] != error["label"] for error in errors for label in error["of"])
@@ -139,7 +135,7 @@ def test_the_worst_errors_are_errors_and_have_pictures(compared) -> None:
     assert "https://" not in page
 
 
-def test_a_comparison_is_a_run_of_mlflow(compared) -> None:
+def test_a_comparison_is_a_run_of_mlflow(compared):
     registry = Registry(compared.workspace)
     run_id = compared.err.rpartition("MLflow run: ")[2].split()[0]
     run = registry.client.get_run(run_id)
@@ -162,11 +158,11 @@ def test_a_comparison_is_a_run_of_mlflow(compared) -> None:
         (["tiny-lbp", "tiny-thesis", "-o", "."], "names the report's file"),
     ],
 )
-def test_what_cannot_be_compared_is_one_line(compared, refused, arguments, said) -> None:
+def test_what_cannot_be_compared_is_one_line(compared, refused, arguments, said):
     refused(said, "compare", *arguments, "--workspace", compared.workspace)
 
 
-def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) -> None:
+def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch):
     held_out, recipe = Registry.held_out, Registry.recipe
 
     def turned(self, reference):
@@ -181,73 +177,59 @@ def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch) ->
 
     with monkeypatch.context() as patched:
         patched.setattr(Registry, "held_out", turned)
-        with pytest.raises(ToktError, match="in other folds: give --mission DIR and --labels CSV"):
-            read_held_out([LBP, THESIS], compared.workspace)
+        folds = "in other folds: give --mission DIR and --labels CSV"
+        refuses(folds, read_held_out, [LBP, THESIS], compared.workspace)
     monkeypatch.setattr(Registry, "recipe", another)
-    with pytest.raises(
-        ToktError, match=r"learnt from dataset tiny@.*from part@0000: give --mission"
-    ):
-        read_held_out([LBP, THESIS], compared.workspace)
+    data = "learnt from dataset tiny@.*from part@0000: give --mission"
+    refuses(data, read_held_out, [LBP, THESIS], compared.workspace)
 
 
-def test_a_file_that_was_exported_is_the_registered_model(compared, refused, tiny_bundle) -> None:
+def test_a_file_that_was_exported_is_the_registered_model(compared, refused, tiny_bundle):
     command = ("compare", tiny_bundle, LBP, "--workspace")
     refused(f"{LBP} is given twice", *command, compared.workspace)
     refused("no model has been trained in workspace", *command, tiny_bundle.parent)
 
 
-def test_two_models_of_one_name_are_not_said_to_be_one() -> None:
-    with pytest.raises(ToktError, match="two different models are called tower/1"):
-        check_different(["tower/1", "tower/1"], ["aa", "bb"])
-    with pytest.raises(ToktError, match="tower/1 is given twice"):
-        check_different(["tower/1", "tower/1"], ["aa", "aa"])
+def test_two_models_of_one_name_are_not_said_to_be_one():
+    names = ["tower/1", "tower/1"]
+    refuses("two different models are called tower/1", check_different, names, ["aa", "bb"])
+    refuses("tower/1 is given twice", check_different, names, ["aa", "aa"])
 
 
-def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curve() -> None:
+def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curve():
     """There is no F1 without an obstacle: it would be NaN in the JSON."""
     table = pd.DataFrame({"mission": "m", "frame": [1, 2, 3, 4]})
     targets = np.array([1, 0, 0, 1])
-    setting = _Setting(
-        dataset=SimpleNamespace(patches=table, obstacle_flags=lambda: [False, True]),
-        features=np.zeros((4, 1)),
-        augmented=[],
-        targets=targets,
-        folds=[Fold(np.array([]), np.array([0, 1])), Fold(np.array([]), np.array([2]))],
-        choices=[],
-        settings=None,
-        measure=ComparisonMetric(),
-        block=np.arange(4),
-        names=list("abcd"),
-        every=1,
-    )
+    dataset = SimpleNamespace(patches=table, obstacle_flags=lambda: [False, True])
+    folds = [Fold(np.array([]), np.array([0, 1])), Fold(np.array([]), np.array([2]))]
+    learning = {"features": np.zeros((4, 1)), "augmented": [], "choices": [], "settings": None}
+    blocks = {"block": np.arange(4), "names": list("abcd"), "every": 1}
+    tested = {"targets": targets, "folds": folds, "measure": ComparisonMetric()}
+    setting = _Setting(dataset=dataset, **learning, **tested, **blocks)
     without = {0: {0: targets[:2]}, 1: {1: targets[2:3]}}
     stretches = [np.array([3]), np.array([0])]
     (row,) = _helped(setting, stretches, targets, without, drawn_blocks(4))
     assert row["frames"] == "4" and np.isfinite(row["help"])
 
 
-def test_equal_counts_are_not_said_to_be_equal_verdicts(compared) -> None:
+def test_equal_counts_are_not_said_to_be_equal_verdicts(compared):
     """One model misses one patch of each block, the other model another one."""
     judged = compared.judged
     rows = np.arange(8)
     truth = np.ones(8, bool)
-    first, second = (
-        replace(
-            item,
-            targets=np.ones(8, int),
-            predicted=(rows % 2 != number).astype(int),
-            score=np.where(rows % 2 == number, -1.0, 1.0),
-        )
-        for number, item in enumerate(judged.models)
-    )
+    both = []
+    for number, item in enumerate(judged.models):
+        right = rows % 2 != number
+        said = {"predicted": right.astype(int), "score": np.where(right, 1.0, -1.0)}
+        both.append(replace(item, targets=np.ones(8, int), **said))
     patches = judged.patches.iloc[rows].assign(group=[str(row // 2) for row in rows])
-    pairs = compare_pairs(replace(judged, patches=patches, truth=truth, models=[first, second]))
+    pairs = compare_pairs(replace(judged, patches=patches, truth=truth, models=both))
     (pair,) = pairs["pairs"]
     assert pair["differing_blocks"] == 0 and "the same of every patch" not in pair["words"]
     assert pair["words"].endswith("equally often in every block: nothing tells them apart.")
 
 
-def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny) -> None:
+def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny):
     options = ("--mission", tiny.path, "--labels", tiny.labels, "--workspace", compared.workspace)
     said = refused("learnt from 40 of the 40", "compare", "tiny-lbp", "tiny-thesis", *options)
     assert f"{LBP} learnt from 40 of the 40 frames (1-40)" in said
@@ -255,7 +237,7 @@ def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny) -> No
 
 
 @pytest.fixture
-def later_dive(tiny_truth, tmp_path) -> Path:
+def later_dive(tiny_truth, tmp_path):
     """Frames like the tiny mission's that no model has seen; every fourth number is missing."""
     folder = tmp_path / "later" / "Left"
     folder.mkdir(parents=True)
@@ -264,24 +246,22 @@ def later_dive(tiny_truth, tmp_path) -> Path:
             cv2.imwrite(str(folder / f"later_L_{frame}.png"), tiny_truth.draw(frame))
     labels = ("ocean", "subsea_installation")
     rows = [
-        ["later", "left", frame, row, col, labels[(row, col) in tiny_truth.cells(frame)]]
+        ["later", "left", frame, *cell, labels[cell in tiny_truth.cells(frame)]]
         for frame in range(100, 130)
         if frame % 4
-        for row in range(10)
-        for col in range(10)
+        for cell in product(range(10), range(10))
     ]
     tiny_truth.write_labels(folder.parent / "labels.csv", rows)
     return folder.parent
 
 
-def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path) -> None:
+def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path):
     options = ("--mission", later_dive, "--labels", later_dive / "labels.csv")
     options = (*options, "--workspace", compared.workspace)
     page = tmp_path / "report.html"
     found = told("compare", "tiny-lbp", "tiny-thesis", *options, "-o", page)
-    assert (
-        found["mode"] == "mission" and "Leave --mission out" in found["learning_curve"]["missing"]
-    )
+    assert found["mode"] == "mission"
+    assert "Leave --mission out" in found["learning_curve"]["missing"]
     for model in found["models"]:
         evaluated = told("evaluate", model["model"], *options)
         for name in ("f1", "precision", "recall", "average_precision", "per_class", "confusion"):
@@ -295,7 +275,7 @@ def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_
 
 def test_open_ocean_alone_gives_no_verdict_but_false_statuses(
     compared, told, later_dive, open_page, tmp_path
-) -> None:
+):
     page = tmp_path / "ocean.html"
     options = ("--mission", later_dive, "--labels", later_dive / "labels.csv", "-o", page)
     options = (*options, "--frames", "109-111", "--workspace", compared.workspace)
@@ -306,51 +286,32 @@ def test_open_ocean_alone_gives_no_verdict_but_false_statuses(
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    """Chromium without a window and without a network."""
-    playwright = pytest.importorskip("playwright.sync_api")
-    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser found (looked for {', '.join(_BROWSERS)})")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(
-            executable_path=path, args=["--no-sandbox", "--disable-gpu", "--disable-quic"]
-        )
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
-def open_page(chromium):
+def open_page(browser):
     """Open a report from disk; any console error, dialog or request of it fails the test."""
-    faults: list[str] = []
-    context = chromium.new_context(offline=True, viewport={"width": 390, "height": 800})
+    faults, asked = [], []
+    context = browser.new_context(offline=True, viewport={"width": 390, "height": 800})
 
-    def start(path: Path):
+    def start(path):
         page = context.new_page()
         page.on("console", lambda message: faults.append(message.text))
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
-        page.on(
-            "request",
-            lambda request: (
-                None if request.url.startswith(("file:", "data:")) else faults.append(request.url)
-            ),
-        )
+        page.on("request", lambda request: asked.append(request.url))
         page.goto(path.as_uri())
         return page
 
     yield start
     context.close()
     assert not faults
+    assert all(url.startswith(("file:", "data:")) for url in asked), asked
 
 
-def _shown(form) -> dict[str, str]:
+def _shown(form):
     names = ("precision", "recall", "f1", "falseStatus", "detected", "first")
     return {name: form.locator(f'[data-is="{name}"]').inner_text() for name in names}
 
 
-def _expected(judged: ComparedModels, index: int, rule: MofNRule) -> dict[str, str]:
+def _expected(judged, index, rule):
     predictions = judged.models[index]
     patch = obstacle_metrics(judged.truth, predictions.score - rule.margin)
     frames = frame_figures(judged.series, judged.status(predictions, rule))
@@ -367,7 +328,7 @@ def _expected(judged: ComparedModels, index: int, rule: MofNRule) -> dict[str, s
     }
 
 
-def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page) -> None:
+def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page):
     page = open_page(compared.page)
     for index, predictions in enumerate(compared.judged.models):
         form = page.locator("[data-model]").nth(index)
@@ -402,7 +363,7 @@ def test_the_slider_moves_the_figures_as_python_counts_them(compared, open_page)
     assert embedded == compared.json
 
 
-def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_path) -> None:
+def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_path):
     """A rule that confirms next to nothing: what it finds, it finds at once."""
     result = json.loads(json.dumps(compared.json))
     (model,) = (model for model in result["models"] if model["model"] == LBP)
@@ -430,16 +391,13 @@ def test_the_box_switches_off_what_is_enough_at_once(compared, open_page, tmp_pa
     assert _shown(form) == _expected(compared.judged, 0, beyond)
 
 
-def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_path) -> None:
+def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_path):
     """A dive may be called anything that a folder can be called."""
     evil = "</script><img src=x onerror=\"alert('x')\">{{ 7 * 7 }}&amp;"
     series = compared.judged.series
-    judged = replace(
-        compared.judged,
-        patches=compared.judged.patches.assign(mission=evil),
-        series=replace(series, table=series.table.assign(mission=evil)),
-        read_frame=None,
-    )
+    patches = compared.judged.patches.assign(mission=evil)
+    series = replace(series, table=series.table.assign(mission=evil))
+    judged = replace(compared.judged, patches=patches, series=series, read_frame=None)
     text = json.dumps(compared.json).replace('"tiny"', json.dumps(evil))
     result = json.loads(text) | {"what": evil, "words": [evil], "notes": [evil]}
     result["errors"][0]["label"] = evil
@@ -451,11 +409,10 @@ def test_names_from_outside_are_words_and_nothing_else(compared, open_page, tmp_
     assert page.locator("[data-model]").count() == 2
 
 
-def test_models_of_one_side_are_not_said_to_miss_nothing(compared) -> None:
+def test_models_of_one_side_are_not_said_to_miss_nothing(compared):
     """Of sand and reef no patch can be a missed obstacle; "None." would read as praise."""
-    sided = [
-        replace(item, score=np.full(len(item.score), np.inf)) for item in compared.judged.models
-    ]
+    models = compared.judged.models
+    sided = [replace(item, score=np.full(len(item.score), np.inf)) for item in models]
     judged = replace(compared.judged, models=sided, read_frame=None)
     result = compared.json | {"errors": [], "explorer": None}
     assert "Missed obstacles" in compared.page.read_text("utf-8")
@@ -463,40 +420,24 @@ def test_models_of_one_side_are_not_said_to_miss_nothing(compared) -> None:
     assert "Missed obstacles" not in page and "Worst errors" in page
 
 
-def _random_dives(judged: ComparedModels, white: int) -> ComparedModels:
+def _random_dives(judged, white):
     """Two cameras of random patches that persist, with missing frames and some not judged."""
     rng = np.random.default_rng(white)
     kept = np.sort(rng.choice(60, 50, replace=False))
-    table = pd.DataFrame(
-        {
-            "mission": "m",
-            "camera": np.repeat(["left", "right"], 50),
-            "frame": np.tile(kept, 2),
-            "kind": "ocean",
-            "fold": -1,
-        }
-    )
+    places = {"camera": np.repeat(["left", "right"], 50), "frame": np.tile(kept, 2)}
+    table = pd.DataFrame({"mission": "m", **places, "kind": "ocean", "fold": -1})
     persisting = np.repeat(rng.normal(-0.5, 1, (20, 6)), 5, axis=0)
     scores = persisting + rng.normal(0, 0.7, (100, 6))
     scores[rng.random(scores.shape) < 0.1] = -np.inf
-    predictions = replace(
-        judged.models[0],
-        score=scores[np.isfinite(scores)],
-        on_grid=scores,
-        white=white,
-        judged=rng.random(100) < 0.95,
-    )
-    finite = np.isfinite(scores).sum()
-    return replace(
-        judged,
-        truth=rng.random(finite) < 0.5,
-        models=[predictions],
-        series=FrameSeries.of(table, 1),
-    )
+    finite = scores[np.isfinite(scores)]
+    said = {"score": finite, "on_grid": scores, "judged": rng.random(100) < 0.95}
+    models = [replace(judged.models[0], white=white, **said)]
+    truth = rng.random(len(finite)) < 0.5
+    return replace(judged, truth=truth, models=models, series=FrameSeries.of(table, 1))
 
 
 @pytest.mark.parametrize("white", [1, 2])
-def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, white: int) -> None:
+def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, white):
     page = open_page(compared.page)
     judged = _random_dives(compared.judged, white)
     predictions, data = judged.models[0], explorer_data(judged)
@@ -511,21 +452,19 @@ def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, whit
         margin_now = None if now is None else thresholds[now]
         rules.append(MofNRule(thresholds[step], least, hits, window, margin_now))
         asked.append({"step": step, "now": now, **counts})
-    found = page.evaluate(
-        """([data, asked]) => {
-            Object.assign(explorer, data);
-            const model = Object.values(explorer.models)[0];
-            decode(model);
-            return asked.map((rule) => statuses(model, rule));
-        }""",
-        [data, asked],
-    )
+    program = """([data, asked]) => {
+        Object.assign(explorer, data);
+        const model = Object.values(explorer.models)[0];
+        decode(model);
+        return asked.map((rule) => statuses(model, rule));
+    }"""
+    found = page.evaluate(program, [data, asked])
     expected = [judged.status(predictions, rule).tolist() for rule in rules]
     assert found == expected
     assert set(np.ravel(expected)) == {-1, 0, 1}
 
 
-def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared) -> None:
+def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared):
     table = compared.judged.series.table
     rule = MofNRule(0.0, 1, 2, 2)
     series = FrameSeries.of(table.drop(index=20))
@@ -535,14 +474,11 @@ def test_a_patch_on_both_sides_of_a_missing_frame_is_not_confirmed(compared) -> 
     assert gap == 20 and status[0] == status[gap] == -1
     assert (np.delete(status, [0, gap]) == 1).all()
     judged[30] = False
-    assert statuses(series, np.ones((len(judged), 3)), judged, [rule])[30:33].tolist() == [
-        -1,
-        -1,
-        1,
-    ]
+    status = statuses(series, np.ones((len(judged), 3)), judged, [rule])
+    assert status[30:33].tolist() == [-1, -1, 1]
 
 
-def test_a_fold_is_judged_by_its_own_rule_alone(compared) -> None:
+def test_a_fold_is_judged_by_its_own_rule_alone(compared):
     """Over the frames before its first one too, whichever fold these are of."""
     table = compared.judged.series.table.iloc[:4].assign(frame=range(4), fold=[0, 0, 1, 1])
     series, judged = FrameSeries.of(table), np.ones(4, bool)

@@ -1,9 +1,5 @@
 """Intervals, tests and words of a comparison, against known answers and simulated truth."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -28,7 +24,7 @@ from tokt.training.compare.learning import learning_words
 from tokt.training.compare.pairs import holm, permutation_test
 
 
-def _blocks(seed: int, n_blocks: int, each: int = 60):
+def _blocks(seed, n_blocks, each=60):
     """Patches whose scores share an offset within their block, as frames of a dive do."""
     rng = np.random.default_rng(seed)
     block = np.repeat(np.arange(n_blocks), each)
@@ -38,20 +34,18 @@ def _blocks(seed: int, n_blocks: int, each: int = 60):
     return rng, block, truth, score
 
 
-def test_figures_from_counts_are_scikit_learns() -> None:
+def test_figures_from_counts_are_scikit_learns():
     rng, block, truth, score = _blocks(1, 7)
     score = score.round(1)  # ties
     counts = obstacle_counts(truth, score > 0, block, 7)
     assert f1(counts.sum(axis=0)) == pytest.approx(f1_score(truth, score > 0))
     ranked = ranked_counts(truth, score, block, 7)
-    assert average_precision(ranked.sum(axis=0)) == pytest.approx(
-        average_precision_score(truth, score)
-    )
+    expected = average_precision_score(truth, score)
+    assert average_precision(ranked.sum(axis=0)) == pytest.approx(expected)
     weights = drawn_blocks(7, seed=3, resamples=4)
     for row, found in zip(weights, spread_of_ap(weights, ranked), strict=True):
-        again = np.concatenate(
-            [np.flatnonzero(block == b) for b in np.repeat(range(7), row.astype(int))]
-        )
+        drawn = np.repeat(range(7), row.astype(int))
+        again = np.concatenate([np.flatnonzero(block == b) for b in drawn])
         assert found == pytest.approx(average_precision_score(truth[again], score[again]))
     targets, predicted = rng.integers(0, 3, (2, block.size))
     several = ComparisonMetric(3)
@@ -60,18 +54,17 @@ def test_figures_from_counts_are_scikit_learns() -> None:
     assert macro_f1(np.zeros((2, 3))) == 0 and np.isnan(f1(np.zeros(3)))
 
 
-def test_many_thresholds_change_average_precision_by_next_to_nothing() -> None:
+def test_many_thresholds_change_average_precision_by_next_to_nothing():
     rng = np.random.default_rng(5)
     truth = rng.random(30_000) < 0.4
     score = truth + rng.normal(0, 1, truth.size)
     counts = ranked_counts(truth, score, np.zeros(truth.size, int), 1)
     assert counts.shape[1] <= 4096
-    assert average_precision(counts.sum(axis=0)) == pytest.approx(
-        average_precision_score(truth, score), abs=1e-3
-    )
+    expected = average_precision_score(truth, score)
+    assert average_precision(counts.sum(axis=0)) == pytest.approx(expected, abs=1e-3)
 
 
-def test_the_interval_holds_the_truth_about_as_often_as_it_says() -> None:
+def test_the_interval_holds_the_truth_about_as_often_as_it_says():
     """Blocks of a known population; few blocks, where plain percentiles hold it in 88 % only."""
     _, block, truth, score = _blocks(7, 20_000, each=20)
     whole = obstacle_counts(truth, score > 0, block, 20_000)
@@ -80,18 +73,17 @@ def test_the_interval_holds_the_truth_about_as_often_as_it_says() -> None:
     for repeat in range(repeats):
         mine = whole[rng.integers(0, len(whole), 10)]
         bounds = interval(f1(summed(drawn_blocks(10, repeat, 500), mine)), 10)
-        assert bounds is not None
         held += bounds[0] <= true_f1 <= bounds[1]
     assert 0.90 <= held / repeats <= 0.98
 
 
-def test_one_block_or_no_obstacles_give_no_interval() -> None:
+def test_one_block_or_no_obstacles_give_no_interval():
     assert interval(np.full(100, 0.5), 1) is None
     assert interval(np.full(100, np.nan), 5) is None
 
 
 @pytest.mark.parametrize("n_blocks", [8, 30])
-def test_a_model_against_itself_is_luck_and_a_planted_difference_is_not(n_blocks: int) -> None:
+def test_a_model_against_itself_is_luck_and_a_planted_difference_is_not(n_blocks):
     _, block, truth, score = _blocks(11, n_blocks)
     same = obstacle_counts(truth, score > 0, block, n_blocks)
     nothing = permutation_test(same, same.copy(), f1)
@@ -105,13 +97,11 @@ def test_a_model_against_itself_is_luck_and_a_planted_difference_is_not(n_blocks
     assert permutation_test(same, better, f1).p == found.p
 
 
-def test_exact_p_values_are_scipys() -> None:
+def test_exact_p_values_are_scipys():
     for seed in range(5):
         rng, block, truth, score = _blocks(seed, 6)
-        first, second = (
-            obstacle_counts(truth, score + rng.normal(0, 0.6, score.size) > 0, block, 6)
-            for _ in range(2)
-        )
+        scores = score + rng.normal(0, 0.6, (2, score.size))
+        first, second = (obstacle_counts(truth, one > 0, block, 6) for one in scores)
         both = np.concatenate([first, second])
 
         def difference(a, b, axis, both=both):
@@ -122,7 +112,7 @@ def test_exact_p_values_are_scipys() -> None:
         assert permutation_test(first, second, f1).p == expected.pvalue
 
 
-def test_p_values_of_equal_models_are_uniform() -> None:
+def test_p_values_of_equal_models_are_uniform():
     p_values = []
     for seed in range(150):
         rng, block, truth, score = _blocks(seed, 9, each=30)
@@ -134,19 +124,19 @@ def test_p_values_of_equal_models_are_uniform() -> None:
     assert 0.4 < np.median(p_values) < 0.6
 
 
-def test_holm_is_the_textbooks() -> None:
+def test_holm_is_the_textbooks():
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert holm([0.6, 0.9]) == pytest.approx([1.0, 1.0]) and holm([0.02]) == [0.02]
 
 
-def test_thousands_of_blocks_are_joined_with_their_neighbours() -> None:
+def test_thousands_of_blocks_are_joined_with_their_neighbours():
     groups = np.array([f"m#{number:06d}" for number in np.repeat(range(2500), 2)], object)
     names, block = block_numbers(groups)
     assert len(names) == MAX_BLOCKS == len(np.unique(block))
     assert (np.diff(block) >= 0).all() and np.bincount(block).max() <= 6
 
 
-def test_two_classes_of_one_side_are_compared_by_macro_f1() -> None:
+def test_two_classes_of_one_side_are_compared_by_macro_f1():
     """Sand against reef: F1 of the obstacles would be none, or count every patch as right."""
     assert ComparisonMetric.of([False, True]).name == "f1"
     assert [ComparisonMetric.of(side * 2).name for side in ([True], [False])] == ["macro_f1"] * 2
@@ -160,14 +150,14 @@ def test_two_classes_of_one_side_are_compared_by_macro_f1() -> None:
 # --- two models' F1 ---------------------------------------------------------------------------
 
 
-def _patches(seed: int, n_blocks: int = 12, each: int = 200):
+def _patches(seed, n_blocks=12, each=200):
     rng = np.random.default_rng(seed)
     truth = rng.random(n_blocks * each) < 0.3
     groups = np.repeat([f"m#{block:05d}" for block in range(n_blocks)], each)
     return rng, truth, groups
 
 
-def test_the_figures_are_scikit_learns() -> None:
+def test_the_figures_are_scikit_learns():
     rng, truth, groups = _patches(1)
     first, second = truth ^ (rng.random(truth.size) < 0.1), truth ^ (rng.random(truth.size) < 0.2)
     found = compare_f1(truth, first, second, groups)
@@ -179,14 +169,14 @@ def test_the_figures_are_scikit_learns() -> None:
     assert np.isclose(turned.low, -found.high) and np.isclose(turned.high, -found.low)
 
 
-def test_a_model_does_not_differ_from_itself() -> None:
+def test_a_model_does_not_differ_from_itself():
     _, truth, groups = _patches(2)
     found = compare_f1(truth, ~truth, ~truth, groups)
     assert (found.difference, found.low, found.high) == (0, 0, 0)
     assert found.verdict == "cannot tell"
 
 
-def test_one_lucky_block_of_many_is_no_difference() -> None:
+def test_one_lucky_block_of_many_is_no_difference():
     """Hundreds of patches differ, but all in one block: whole blocks are what is independent."""
     _, truth, groups = _patches(3)
     first = truth.copy()
@@ -194,7 +184,7 @@ def test_one_lucky_block_of_many_is_no_difference() -> None:
     assert compare_f1(truth, first, second, groups).verdict == "cannot tell"
 
 
-def test_equal_models_are_seldom_called_different() -> None:
+def test_equal_models_are_seldom_called_different():
     wrong = 0
     for seed in range(40):
         rng, truth, groups = _patches(100 + seed)
@@ -206,23 +196,17 @@ def test_equal_models_are_seldom_called_different() -> None:
 # --- words on a learning curve ----------------------------------------------------------------
 
 
-def _curve(low: float | None, high: float | None) -> dict[str, Any]:
+def _curve(low, high):
     half = {"difference": 0.05, "low": 0.01, "high": 0.09}
     last = {"difference": 0.02, "low": low, "high": high}
     stretch = {"mission": "m", "obstacle": 3, "low": -0.01, "high": 0.03, "help": 0.01}
-    return {
-        "measure_title": "F1",
-        "points": [{"fraction": fraction} for fraction in (0.25, 0.5, 0.75, 1.0)],
-        "gains": [half, last],
-        "by_label": [
-            {"label": "ocean", "n": 90, "wrong": [0.02, 0.01, 0.01, 0.01]},
-            {"label": "kelp", "n": 10, "wrong": [0.5, 0.4, 0.3, 0.2]},
-        ],
-        "stretches": [
-            stretch | {"frames": "1-9"},
-            stretch | {"frames": "20-29", "help": -0.1, "low": -0.2, "high": -0.02},
-        ],
-    }
+    harm = {"frames": "20-29", "help": -0.1, "low": -0.2, "high": -0.02}
+    ocean = {"label": "ocean", "n": 90, "wrong": [0.02, 0.01, 0.01, 0.01]}
+    kelp = {"label": "kelp", "n": 10, "wrong": [0.5, 0.4, 0.3, 0.2]}
+    points = [{"fraction": fraction} for fraction in (0.25, 0.5, 0.75, 1.0)]
+    stretches = [stretch | {"frames": "1-9"}, stretch | harm]
+    labels = {"by_label": [ocean, kelp], "stretches": stretches}
+    return {"measure_title": "F1", "points": points, "gains": [half, last], **labels}
 
 
 @pytest.mark.parametrize(
@@ -234,11 +218,11 @@ def _curve(low: float | None, high: float | None) -> dict[str, Any]:
         (None, None, "Too few blocks to say"),
     ],
 )
-def test_the_last_blocks_decide(low: float | None, high: float | None, said: str) -> None:
+def test_the_last_blocks_decide(low, high, said):
     assert learning_words(_curve(low, high))[0].startswith(said)
 
 
-def test_classes_and_stretches_are_named() -> None:
+def test_classes_and_stretches_are_named():
     _, classes, best, luck, harm = learning_words(_curve(0.1, 0.2))
     assert "kelp is judged wrong most often (20.0% of 10" in classes
     assert "fell by 20.0 percentage points" in classes
@@ -246,7 +230,7 @@ def test_classes_and_stretches_are_named() -> None:
     assert "frames 20-29 of m made the other blocks worse by 0.100" in harm
 
 
-def test_a_best_stretch_that_harms_is_not_said_to_have_lowered_anything() -> None:
+def test_a_best_stretch_that_harms_is_not_said_to_have_lowered_anything():
     curve = _curve(0.1, 0.2)
     curve["stretches"] = curve["stretches"][1:]
     best = learning_words(curve)[2]

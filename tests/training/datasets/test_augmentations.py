@@ -1,7 +1,5 @@
 """Changed pictures: what they are, that they are learnt from, and tested on beside."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2
@@ -11,7 +9,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
+from tests.conftest import quiet
 from tokt.features.extractors.extractor import extractor_named
 from tokt.training.datasets.augmentations import STRESS, augment
 from tokt.training.datasets.dataset import open_dataset
@@ -44,10 +43,8 @@ def test_changes_are_what_they_say(shape):
     "name", ["gain_0", "gain_nan", "gain_", "jpeg_60.5", "jpeg_101", "noise_0", "gain_1_0", "fog_1"]
 )
 def test_unknown_changes_are_refused(name):
-    with pytest.raises(ToktError, match="no picture change"):
-        augment(np.zeros((4, 4), np.uint8), name)
-    with pytest.raises(ToktError, match="no picture change"):
-        with_augmentations(PLAIN, f"gain_0.5,{name}")
+    refuses("no picture change", augment, np.zeros((4, 4), np.uint8), name)
+    refuses("no picture change", with_augmentations, PLAIN, f"gain_0.5,{name}")
 
 
 def test_changes_are_chosen_by_name():
@@ -55,8 +52,7 @@ def test_changes_are_chosen_by_name():
     with_some = replace(PLAIN, changes=("noise_1",))
     assert with_augmentations(with_some, None) == with_some
     assert with_augmentations(with_some, "none").changes == ()
-    with pytest.raises(ToktError, match="preset thesis"):
-        with_augmentations(settings_named("thesis"), "noise_1")
+    refuses("preset thesis", with_augmentations, settings_named("thesis"), "noise_1")
 
 
 def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricate, monkeypatch):
@@ -72,11 +68,8 @@ def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricat
     number = np.arange(60.0)
     plain = np.column_stack([number, number % 2])
     other = plain + np.array([1000.0, 0])
-    quiet = lambda items, *_: items  # noqa: E731
-    settings = replace(PLAIN, change_weight=0.25)
-    held_out = cross_validate(
-        made, plain, settings, Split(3, 1), quiet, augmented=[other], stress={"x": other}
-    )
+    asked = (made, plain, replace(PLAIN, change_weight=0.25), Split(3, 1), quiet)
+    held_out = cross_validate(*asked, augmented=[other], stress={"x": other})
     assert len(seen) == 9
     for rows, targets, weights in seen:
         half = len(rows) // 2
@@ -113,6 +106,6 @@ def test_learning_from_darker_frames_helps_on_darker_frames(trained, tmp_path, n
     assert np.isclose(after["fall"], taught.metrics["patch"]["f1"] - after["f1"])
     assert after["ocean_frames"] == 15
     assert "counting 1 each, changed (gain_0.5)" in taught.metrics["split"]
-    tables = [cached_features(dataset, haralick.spec, tmp_path, None, 1, augmentation=name)
-              for name in ("", "gain_0.5")]  # fmt: skip
+    kept = (dataset, haralick.spec, tmp_path, None, 1)
+    tables = [cached_features(*kept, augmentation=name) for name in ("", "gain_0.5")]
     assert len(list(tmp_path.glob("*.npy"))) == 2 and not np.array_equal(*tables)

@@ -1,7 +1,5 @@
 """No split may leak: whole groups, a gap on both sides, every row tested once."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np
@@ -10,10 +8,11 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
+from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets import splits
-from tokt.training.datasets.splits import Fold, block_of, blocked_folds, every_nth_block
+from tokt.training.datasets.splits import block_of, blocked_folds, every_nth_block
 
 
 @st.composite
@@ -33,7 +32,7 @@ def layouts(draw):
     return table, targets
 
 
-def distance_to_test(table: pd.DataFrame, fold: Fold) -> int:
+def distance_to_test(table, fold):
     """The least number of frames between a training and a test row of the same mission."""
     train, test = table.iloc[fold.train], table.iloc[fold.test]
     pairs = train.merge(test, on="mission", suffixes=("", "_test"))
@@ -61,7 +60,7 @@ def test_no_layout_leaks(layout, n_folds, embargo):
         assert set(targets[fold.train]) == set(targets)
 
 
-def regular(frames: int, block: int, period: int = 2) -> tuple[pd.DataFrame, np.ndarray]:
+def regular(frames, block, period=2):
     frame = np.arange(frames)
     groups = [block_of("m", n, block) for n in frame]
     table = pd.DataFrame({"mission": "m", "frame": frame, "group": groups})
@@ -97,17 +96,12 @@ def test_the_split_is_the_same_each_time():
 
 def test_there_is_no_random_split_to_choose():
     """No seed, no shuffle, and patches that do not say their group cannot be split at all."""
-    assert set(inspect.signature(blocked_folds).parameters) == {
-        "patches",
-        "targets",
-        "n_folds",
-        "embargo_frames",
-    }
+    asked = set(inspect.signature(blocked_folds).parameters)
+    assert asked == {"patches", "targets", "n_folds", "embargo_frames"}
     for name, function in inspect.getmembers(splits, inspect.isfunction):
         if function.__module__ == splits.__name__:
-            assert not {"seed", "random_state", "shuffle"} & set(
-                inspect.signature(function).parameters
-            ), name
+            asked = set(inspect.signature(function).parameters)
+            assert not {"seed", "random_state", "shuffle"} & asked, name
     table, targets = regular(100, 10)
     with pytest.raises(AttributeError):
         blocked_folds(table.drop(columns="group"), targets)
@@ -123,8 +117,7 @@ def test_there_is_no_random_split_to_choose():
 )
 def test_too_little_to_split_is_said(frames, block, period, n_folds, message):
     table, targets = regular(frames, block, period)
-    with pytest.raises(ToktError, match=message):
-        blocked_folds(table, targets, n_folds, 5)
+    refuses(message, blocked_folds, table, targets, n_folds, 5)
 
 
 def test_fewer_patches_of_each_class_than_folds():

@@ -1,38 +1,21 @@
 """`tokt evaluate`: its figures against a count by hand, for binary and several-class models."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
+from itertools import product
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.conftest import taxonomy_toml
 from tokt.features.frames.mission import open_mission
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.training.evaluation.evaluate import first_detection
 
-SEVERAL = """format = 1
-[[classes]]
-name = "ocean"
-obstacle = false
-color = "#1f77b4"
-key = "o"
-[[classes]]
-name = "subsea_installation"
-obstacle = true
-color = "#d62728"
-key = "i"
-[[classes]]
-name = "kelp"
-obstacle = true
-color = "#2ca02c"
-key = "k"
-description = "brown algae"
-"""
+SEVERAL = taxonomy_toml(ocean=False, subsea_installation=True, kelp=True)
 
 
 @pytest.fixture
@@ -53,22 +36,17 @@ def test_counts_are_those_of_a_count_by_hand(evaluate, tiny_bundle, tiny, tiny_t
         values = bundle.decision_values(mission.read(frame)).reshape(10, 10)
         if (values > 0).any():
             alarms.append(frame)
-        for row in range(10):
-            for col in range(10):
-                true = (row, col) in tiny_truth.cells(frame)
-                if not true and row == 2 and (3, col) in tiny_truth.cells(frame):
-                    continue  # unsure
-                said = values[row, col] > 0
-                key = ("hit" if true else "false") if said else ("missed" if true else "quiet")
-                counts[key] += 1
+        for row, col in product(range(10), range(10)):
+            true = (row, col) in tiny_truth.cells(frame)
+            if not true and row == 2 and (3, col) in tiny_truth.cells(frame):
+                continue  # unsure
+            said = values[row, col] > 0
+            key = ("hit" if true else "false") if said else ("missed" if true else "quiet")
+            counts[key] += 1
     result, _ = evaluate(tiny_bundle)
     patch, frames = result["patch"], result["frames"]
-    assert counts == {
-        "hit": patch["true_positive"],
-        "false": patch["false_positive"],
-        "missed": patch["false_negative"],
-        "quiet": patch["true_negative"],
-    }
+    names = ("true_positive", "false_positive", "false_negative", "true_negative")
+    assert list(counts.values()) == [patch[name] for name in names]
     assert np.isclose(patch["precision"], counts["hit"] / (counts["hit"] + counts["false"]))
     assert np.isclose(patch["recall"], counts["hit"] / (counts["hit"] + counts["missed"]))
     tower = [frame for frame in range(1, 41) if tiny_truth.cells(frame)]
@@ -79,9 +57,8 @@ def test_counts_are_those_of_a_count_by_hand(evaluate, tiny_bundle, tiny, tiny_t
     assert frames["detected"] == len(set(tower) & set(alarms))
     assert frames["false_status_frames"] == sorted(set(ocean) & set(alarms))
     assert frames["false_status"] == len(frames["false_status_frames"])
-    assert frames["first_detection"] == next(
-        n for n in range(1, 39) if {n, n + 1, n + 2} <= set(alarms)
-    )
+    in_a_row = [n for n in range(1, 39) if {n, n + 1, n + 2} <= set(alarms)]
+    assert frames["first_detection"] == in_a_row[0]
     assert result["unsure_ignored"] == 2 * len(tower)
 
 
@@ -112,16 +89,15 @@ def test_frames_are_judged_at_the_operating_point_across_a_gap(
     assert frames["missed_frames"] == sorted(set(tower) & set(wanted) - set(seen))
     assert frames["detected"] == len(seen) < plain["frames"]["detected"]
     assert frames["unknown"] == list(status.values()).count(-1) > 0
-    assert frames["false_status_frames"] == [
-        frame for frame in wanted if frame not in tower and status[frame] == 1
-    ]
+    false = [frame for frame in wanted if frame not in tower and status[frame] == 1]
+    assert frames["false_status_frames"] == false
     assert result["patch"] == plain["patch"]
     assert result["operating_point"] == point.to_json()
     assert (result["latency_frames"], plain["latency_frames"]) == (1, 0)
 
 
-def test_three_in_a_row_do_not_reach_over_a_gap() -> None:
-    def first(missed: list[int], status: list[int]) -> int | None:
+def test_three_in_a_row_do_not_reach_over_a_gap():
+    def first(missed, status):
         return first_detection(list(range(10, 10 * len(missed) + 1, 10)), missed, status)
 
     assert first([0, 0, 0, 0], [0, 1, 1, 1]) == 20
@@ -133,9 +109,8 @@ def test_keys_that_scripts_use(evaluate, tiny_bundle):
     result, _ = evaluate(tiny_bundle)
     assert {"patch", "frames", "unsure_ignored", "model"} <= set(result)
     assert {"precision", "recall", "f1", "average_precision", "per_class"} <= set(result["patch"])
-    assert {
-        *("n", "ocean_frames", "false_status", "detected", "obstacle_frames", "first_detection")
-    } <= set(result["frames"])
+    frames = ("n", "ocean_frames", "false_status", "detected", "obstacle_frames", "first_detection")
+    assert set(frames) <= set(result["frames"])
     assert set(result["patch"]["per_class"]) == {"clear", "obstacle"}
 
 
@@ -145,9 +120,7 @@ def test_registered_model_and_exported_bundle_agree_exactly(evaluate, trained, t
     assert from_registry == from_file
 
 
-def test_frames_learnt_from_are_warned_of(
-    evaluate, tiny_bundle, own_tiny, tiny, run_tokt, tiny_truth, tmp_path
-):
+def test_frames_learnt_from_are_warned_of(evaluate, tiny_bundle, own_tiny, tiny_truth):
     result, err = evaluate(tiny_bundle, "--frames", "1-8")
     assert result["seen_in_training"] == 8
     assert "WARNING: the model learnt from 8 of these frames" in err
@@ -193,12 +166,9 @@ def test_several_classes_with_an_own_one_end_to_end(
     labels = tiny_truth.write_labels(own_tiny.labels, rows)
     build = ("dataset", "build", "s", "--mission", own_tiny.path, "--labels", labels)
     train = ("train", "s", "--name", "several", "--extractor", "haralick", "--preset", "plain")
-    for command in (
-        (*build, "--task", "classes", "--block", 4),
-        (*train, "--folds", 2, "--embargo", 1),
-        ("export", "several", "-o", tmp_path / "several.tokt"),
-    ):
-        done(*command, *where)
+    done(*build, "--task", "classes", "--block", 4, *where)
+    done(*train, "--folds", 2, "--embargo", 1, *where)
+    done("export", "several", "-o", tmp_path / "several.tokt", *where)
     bundle = read_bundle(tmp_path / "several.tokt")
     assert bundle.model.classes == ("ocean", "subsea_installation", "kelp")
     assert bundle.model.obstacle == (False, True, True)

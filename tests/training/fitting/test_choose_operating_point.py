@@ -1,7 +1,5 @@
 """The operating point: what it promises of open ocean, and that the figures for it are honest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from tests.calls import refuses
 from tests.tiers import scaled
-from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import OBSTACLE, MofNRule, MofNState
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.evaluation.frame_scores import (
@@ -120,8 +118,8 @@ def test_a_statistic_exceeds_the_margin_where_the_runtime_says_obstacle(
         expected.append(state.add(score if known else None, white) == OBSTACLE)
     n = len(gaps)
     number = np.zeros(n, np.int64)
-    frames = FrameTable(pd.DataFrame(index=range(n)), number, number, judged,
-                        np.full(n, white), np.cumsum(gaps))  # fmt: skip
+    keys, places = pd.DataFrame(index=range(n)), np.cumsum(gaps)
+    frames = FrameTable(keys, number, number, judged, np.full(n, white), places)
     laid_out = FrameScores(frames, np.where(judged[:, None], scores, -np.inf), judged)
     found = laid_out.statistic(rule.min_patches, rule.m, rule.n)
     assert (found > rule.margin).tolist() == expected
@@ -159,7 +157,7 @@ def choose(dataset, score, **asked):
     return choose_frame_rule(dataset, score, every, FalseStatusTarget(**asked))
 
 
-def test_frames_of_a_dataset(dataset, frames, tiny_truth):
+def test_frames_of_a_dataset(frames, tiny_truth):
     numbers = frames.keys.frame.tolist()
     assert numbers == list(range(1, 41))
     assert frames.ocean.tolist() == [not tiny_truth.cells(n) for n in numbers]
@@ -245,9 +243,8 @@ def test_a_rule_that_the_ocean_frames_say_nothing_of_is_not_chosen(dataset, scor
     left_out = [2, 13, 15, 25, 27, 37, 39]
     tested = ~dataset.patches.frame.isin(left_out).to_numpy()
     score[dataset.targets() == 0] += 5  # water as bright as the tower
-    monkeypatch.setattr(
-        "tokt.training.fitting.choose_operating_point.FRAME_RULES", ((1, 1), (3, 3))
-    )
+    rules = "tokt.training.fitting.choose_operating_point.FRAME_RULES"
+    monkeypatch.setattr(rules, ((1, 1), (3, 3)))
     for least_frames in (10, 5):  # too few for a law of any rule; enough for one at once
         monkeypatch.setattr("tokt.training.fitting.exceedance_model.MIN_FRAMES", least_frames)
         rule, chosen = choose_frame_rule(dataset, score, tested, FalseStatusTarget())
@@ -277,20 +274,18 @@ def test_rows_that_were_not_tested_do_not_matter(dataset, score):
     ],
 )
 def test_targets_out_of_bounds(asked, message):
-    with pytest.raises(ToktError, match=message):
-        FalseStatusTarget(**asked)
+    refuses(message, FalseStatusTarget, **asked)
 
 
 def test_more_patches_than_a_frame_has_are_refused(fabricate):
     made = fabricate(["ocean", "reef"] * 10)
-    with pytest.raises(ToktError, match="frames of 1 patches never show 2"):
-        choose(made, np.zeros(20), least_patches=2)
+    refuses("frames of 1 patches never show 2", choose, made, np.zeros(20), least_patches=2)
 
 
 # --- figures -----------------------------------------------------------------------------------
 
 
-def test_figures_judge_each_frame_by_its_folds_rule(dataset, frames, score):
+def test_figures_judge_each_frame_by_its_folds_rule(dataset, score):
     number = dataset.patches.frame.to_numpy()
     fold = np.where(number <= 20, 0, 1)
     fold[number == 1] = -1
@@ -328,18 +323,11 @@ def test_figures_stop_at_gaps(dataset, score):
     assert nobody["first_detection"] == {"tiny": None}
 
 
-def test_missions_and_cameras_are_runs_of_their_own(frames, dataset, monkeypatch):
-    table = dataset.patches
-    right = table.assign(camera="right")
-    other = table.assign(mission="wreck")
-    both = pd.concat([table, right, other], ignore_index=True)
-    sizes = dataset.frames
-    monkeypatch.setattr(dataset, "patches", both)
-    monkeypatch.setattr(
-        dataset,
-        "frames",
-        pd.concat([sizes, sizes.assign(camera="right"), sizes.assign(mission="wreck")]),
-    )
+def test_missions_and_cameras_are_runs_of_their_own(dataset, monkeypatch):
+    for name in ("patches", "frames"):
+        table = getattr(dataset, name)
+        three = [table, table.assign(camera="right"), table.assign(mission="wreck")]
+        monkeypatch.setattr(dataset, name, pd.concat(three, ignore_index=True))
     found = frame_table(dataset)
     assert len(found) == 120
     starts = np.flatnonzero(np.diff(found.place) > 1) + 1

@@ -1,9 +1,6 @@
 """Limits of drift: held-back windows, counted the plain way beside it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +19,7 @@ FRAMES = {
 }
 
 
-def table(seed: int = 0) -> tuple[Any, np.ndarray]:
+def table(seed=0):
     """A dataset of 3 to 9 patches a frame whose features wander from frame to frame."""
     rng = np.random.default_rng(seed)
     rows, features = [], []
@@ -36,7 +33,7 @@ def table(seed: int = 0) -> tuple[Any, np.ndarray]:
     return SimpleNamespace(block_frames=LENGTH, patches=patches), np.array(features, float)
 
 
-def plain(dataset: Any, features: np.ndarray) -> np.ndarray:
+def plain(dataset, features):
     """Each window's distances, one window after the other."""
     patches = dataset.patches
     edges = np.array([quantile_edges(column) for column in features.T])
@@ -56,10 +53,9 @@ def plain(dataset: Any, features: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def test_limits_are_those_of_plain_held_back_windows() -> None:
+def test_limits_are_those_of_plain_held_back_windows():
     dataset, features = table()
     found = training_distribution(dataset, features, GAP)
-    assert found is not None
     distances = plain(dataset, features)
     typical = np.maximum(distances.mean(axis=0), MIN_TYPICAL)
     assert found.windows == len(distances) and found.window_frames == LENGTH
@@ -74,25 +70,24 @@ def test_limits_are_those_of_plain_held_back_windows() -> None:
     assert found.counts.sum(axis=1).tolist() == [len(features)] * 3
 
 
-def test_patches_of_a_frame_in_another_order_give_the_same_bytes() -> None:
+def test_patches_of_a_frame_in_another_order_give_the_same_bytes():
     dataset, features = table()
     found = training_distribution(dataset, features, GAP)
     order = np.lexsort((-dataset.patches.row, *(dataset.patches[k] for k in ("frame", "camera"))))
     other = SimpleNamespace(block_frames=LENGTH, patches=dataset.patches.iloc[order])
     again = training_distribution(other, features[order], GAP)
-    assert found is not None and again is not None
     assert distribution_bytes(found) == distribution_bytes(again)
 
 
 @pytest.mark.parametrize("block_frames", [None, 60])
-def test_too_little_to_measure_on_is_no_distribution(block_frames: int | None) -> None:
+def test_too_little_to_measure_on_is_no_distribution(block_frames):
     """Single patches; and windows so long that less is left than they hold."""
     dataset, features = table()
     dataset.block_frames = block_frames
     assert training_distribution(dataset, features, GAP) is None
 
 
-def test_it_is_kept_with_the_run_and_goes_into_the_bundle(trained: Any, tmp_path: Any) -> None:
+def test_it_is_kept_with_the_run_and_goes_into_the_bundle(trained):
     registry = Registry(trained)
     version = registry.find("tiny-lbp/1")
     bundle, recipe = registry.bundle("tiny-lbp"), registry.recipe(version)

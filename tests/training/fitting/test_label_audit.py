@@ -1,7 +1,5 @@
 """Label audit: planted wrong labels come first, and nothing is learnt from them twice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -47,9 +45,8 @@ def test_planted_wrong_labels_come_first_and_no_label_is_changed(planted, told, 
     assert [patch.margin for patch in kept.patches] == margins
     # The list is a label file: what is corrected in it can be imported.
     records = read_label_csv(out, Taxonomy.load())
-    assert [(r.frame, r.row, r.col) for r in records] == [
-        (p["frame"], p["row"], p["col"]) for p in found["patches"]
-    ]
+    places = [(p["frame"], p["row"], p["col"]) for p in found["patches"]]
+    assert [(r.frame, r.row, r.col) for r in records] == places
 
 
 def test_audit_of_a_model_starts_from_its_registered_held_out_values(workspace, told):

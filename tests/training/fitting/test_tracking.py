@@ -1,7 +1,5 @@
 """What a run logs and a version is registered with."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,12 +1,8 @@
 """Training and its cross-validation: the same each time, and honest."""
 
-from __future__ import annotations
-
 import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -20,7 +16,8 @@ from sklearn.model_selection import StratifiedKFold
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses, run_python
+from tests.conftest import quiet
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import frame_id
@@ -53,10 +50,10 @@ PLAIN = settings_named("plain")
 
 
 @pytest.fixture
-def request_for(trained, tmp_path):
+def request_for(trained):
     """A request to train on the tiny dataset."""
 
-    def make(preset: str, extractor: str = "lbp", **more) -> TrainRequest:
+    def make(preset, extractor="lbp", **more):
         dataset = open_dataset("tiny", trained / "datasets")
         settings = settings_named(preset)
         chosen = extractor_for(extractor, preset)
@@ -89,12 +86,7 @@ print(json.dumps([*(array.tobytes().hex() for array in arrays), made.metrics, ma
 @pytest.mark.process
 def test_another_process_with_processes_of_its_own_trains_bit_identical_weights(trained, tmp_path):
     """Against `tokt train` in this process, alone: weights, held-out values, figures, rule."""
-    ran = subprocess.run(
-        [sys.executable, "-c", ELSEWHERE, str(trained / "datasets"), str(tmp_path)],
-        capture_output=True,
-        check=True,
-        env={**os.environ, "LOKY_MAX_CPU_COUNT": "2"},
-    )
+    ran = run_python("-c", ELSEWHERE, trained / "datasets", tmp_path, LOKY_MAX_CPU_COUNT="2")
     weights, bias, values, metrics, rule = json.loads(ran.stdout)
     registry = Registry(trained)
     content = registry.bundle("tiny-lbp/1").content
@@ -102,9 +94,7 @@ def test_another_process_with_processes_of_its_own_trains_bit_identical_weights(
     assert bytes.fromhex(bias) == content.model.bias.tobytes()
     assert bytes.fromhex(values) == registry.held_out("tiny-lbp/1").value_0.to_numpy().tobytes()
     assert metrics == content.metrics and rule == content.operating_point.rule.to_json()
-    (first,), (second,) = (
-        list(cache.glob("tiny-*.npy")) for cache in (trained / "cache", tmp_path)
-    )
+    ((first,), (second,)) = ([*kept.glob("tiny-*.npy")] for kept in (trained / "cache", tmp_path))
     assert first.read_bytes() == second.read_bytes()
 
 
@@ -113,9 +103,7 @@ def test_features_are_computed_once(trained, tmp_path, no_progress):
     spec = extractor_for("lbp", "plain").spec
     first = cached_features(dataset, spec, tmp_path, no_progress)
 
-    def refuse(items, total, what):
-        raise AssertionError("computed again")
-
+    refuse = Mock(side_effect=AssertionError("computed again"))
     assert np.array_equal(cached_features(dataset, spec, tmp_path, refuse), first)
     with pytest.raises(AssertionError):
         cached_features(dataset, extractor_for("lbp_24_8", "plain").spec, tmp_path, refuse)
@@ -137,10 +125,6 @@ def pooled_ap(dataset, features):
     settings = replace(PLAIN, penalties=(1.0,))
     held_out = cross_validate(dataset, features, settings, Split(5, 5), quiet)
     return average_precision_score(dataset.targets(), held_out.values[:, 0])
-
-
-def quiet(items, *_):
-    return items
 
 
 def shuffled(seed):
@@ -230,13 +214,8 @@ def test_rows_within_the_embargo_are_not_learnt_from(blocks, monkeypatch):
 
     monkeypatch.setattr(cross_validation, "fit_classifier", spy)
     number = np.arange(300, dtype=float)
-    held_out = cross_validate(
-        blocks,
-        np.column_stack([number, number % 7]),
-        replace(PLAIN, penalties=(1.0,)),
-        Split(5, 5),
-        quiet,
-    )
+    features, settings = np.column_stack([number, number % 7]), replace(PLAIN, penalties=(1.0,))
+    held_out = cross_validate(blocks, features, settings, Split(5, 5), quiet)
     assert len(seen) == 25  # four inner folds and the outer one, five times
     for index, learnt in enumerate(np.split(np.arange(25), 5)):
         learnt = np.concatenate([seen[call] for call in learnt])
@@ -290,7 +269,7 @@ def test_first_of_three(status, first):
 # --- presets -----------------------------------------------------------------------------------
 
 
-def test_thesis_preset_is_the_thesiss(request_for, tmp_path, no_progress, tiny_truth):
+def test_thesis_preset_is_the_thesiss(request_for, tmp_path, no_progress):
     request = request_for("thesis")
     trained = train(request, tmp_path, no_progress)
     svc = trained.pipeline.named_steps["svc"]
@@ -312,11 +291,9 @@ def test_thesis_preset_is_the_thesiss(request_for, tmp_path, no_progress, tiny_t
 
 
 def test_thesis_images_of_the_dataset_are_both_left_out(request_for, tiny, tmp_path, no_progress):
-    images = {
-        "ocean_image": tiny.path / "Left" / "tiny_L_2.png",
-        "other_image": tiny.path / "Left" / "tiny_L_5.png",
-    }
-    trained = train(request_for("thesis", **images), tmp_path, no_progress)
+    ocean, other = (tiny.path / "Left" / f"tiny_L_{number}.png" for number in (2, 5))
+    request = request_for("thesis", ocean_image=ocean, other_image=other)
+    trained = train(request, tmp_path, no_progress)
     left_out = trained.request.dataset.patches.frame[trained.held_out.fold < 0]
     assert set(left_out) == {2, 5}
     assert "ocean = tiny_L_2.png and other = tiny_L_5.png" in trained.metrics["split"]
@@ -343,8 +320,7 @@ def test_thesis_preset_needs_whole_frames_and_two_sides(fabricate, tmp_path, no_
     made.block_frames = None
     settings = settings_named("thesis")
     request = TrainRequest(made, "m", extractor_for("lbp", "thesis"), "lbp", settings, Split(2, 0))
-    with pytest.raises(ToktError, match="folder of patches"):
-        train(request, tmp_path, no_progress)
+    refuses("folder of patches", train, request, tmp_path, no_progress)
 
 
 def test_best_widens_the_plain_names_and_plain_does_not():
@@ -378,8 +354,7 @@ def test_best_trains_better_than_plain_on_its_own_ground(request_for, tmp_path, 
 
 def test_three_classes_are_scored_by_class(fabricate):
     """held_out_metrics of a model of three classes, two of them obstacles."""
-    labels = ["ocean", "reef", "subsea_installation"] * 10
-    made = fabricate(labels)
+    made = fabricate(["ocean", "reef", "subsea_installation"] * 10)
     made.task = "classes"
     targets = made.targets()
     values = np.eye(3)[targets]
@@ -387,9 +362,8 @@ def test_three_classes_are_scored_by_class(fabricate):
     values[0] = [0, 2, 0]  # water taken for a reef: a false alarm
     trained = fit_classifier(values, targets, Hyperparameters(1.0), PLAIN)
     model = linear_model(trained, made.classes(), made.obstacle_flags())
-    held_out = HeldOutPredictions(
-        values, np.arange(30) % 2, (Hyperparameters(1.0),) * 2, (MofNRule(),) * 2
-    )
+    folds = ((Hyperparameters(1.0),) * 2, (MofNRule(),) * 2)
+    held_out = HeldOutPredictions(values, np.arange(30) % 2, *folds)
     figures = held_out_metrics(made, held_out, model)["patch"]
     assert figures["recall"] == 1.0
     assert figures["precision"] == 20 / 21
@@ -411,8 +385,7 @@ def test_class_weights_are_linearsvcs_and_the_simpler_choice_comes_first():
     both = weighted(replace(PLAIN, penalties=(1.0, 0.1)), "auto")
     order = [(0.1, None), (0.1, "balanced"), (1.0, None), (1.0, "balanced")]
     assert both.choices == tuple(Hyperparameters(*one) for one in order)
-    with pytest.raises(ToktError, match="none, balanced, auto, not 'heavy'"):
-        weighted(PLAIN, "heavy")
+    refuses("none, balanced, auto, not 'heavy'", weighted, PLAIN, "heavy")
 
 
 def test_balanced_weights_are_chosen_where_they_score_better(blocks):
@@ -420,9 +393,8 @@ def test_balanced_weights_are_chosen_where_they_score_better(blocks):
     rng = np.random.default_rng(8)
     features = (blocks.targets() + rng.normal(0, 1.4, 300))[:, None]
     settings = replace(PLAIN, penalties=(1e-4,), class_weights=(None, "balanced"))
-    chosen = choose_hyperparameters(
-        blocks.patches, features, blocks.targets(), settings, Split(3, 2)
-    )
+    asked = (blocks.patches, features, blocks.targets(), settings, Split(3, 2))
+    chosen = choose_hyperparameters(*asked)
     assert chosen.choice == Hyperparameters(1e-4, "balanced")
     assert chosen.values.shape == (300, 1) and np.isfinite(chosen.values).all()
 
@@ -436,12 +408,10 @@ def test_features_that_nothing_can_be_learnt_from_are_refused(blocks):
     assert np.isfinite(cross_validate(blocks, features, PLAIN, Split(3, 2), quiet).values).all()
     for bad in (np.nan, np.inf):
         features[[41, 50], 1] = bad
-        with pytest.raises(
-            ToktError, match=r"2 patches.*not a finite.*left frame 41, row 0, col 0"
-        ):
-            cross_validate(blocks, features, PLAIN, Split(3, 2), quiet)
-    with pytest.raises(ToktError, match=r"same features.*blank"):
-        cross_validate(blocks, np.full((300, 4), 3.0), PLAIN, Split(3, 2), quiet)
+        words = "2 patches.*not a finite.*left frame 41, row 0, col 0"
+        refuses(words, cross_validate, blocks, features, PLAIN, Split(3, 2), quiet)
+    same = (blocks, np.full((300, 4), 3.0), PLAIN, Split(3, 2), quiet)
+    refuses("same features.*blank", cross_validate, *same)
 
 
 def test_a_class_in_too_few_blocks_is_named_before_the_features(fabricate, tmp_path):
@@ -450,15 +420,13 @@ def test_a_class_in_too_few_blocks_is_named_before_the_features(fabricate, tmp_p
     made = fabricate(labels, [f"dive#{n // 10:03d}" for n in range(100)])
     lbp = extractor_named("lbp")
     request = TrainRequest(made, "m", lbp, "lbp", PLAIN, Split(4, 1))
-    with pytest.raises(ToktError, match="reef is in a single group of frames only"):
-        train(request, tmp_path / "cache", quiet)
+    refuses("reef is in a single group of frames only", train, request, tmp_path / "cache", quiet)
     assert not (tmp_path / "cache").exists()
 
 
 def test_early_refusal_comes_before_the_features(request_for, tmp_path, no_progress):
     request = replace(request_for("plain"), split=Split(30, 1))
-    with pytest.raises(ToktError, match="too few for 30 folds"):
-        train(request, tmp_path / "cache", no_progress)
+    refuses("too few for 30 folds", train, request, tmp_path / "cache", no_progress)
     assert not (tmp_path / "cache").exists()
 
 
@@ -493,16 +461,15 @@ def test_a_model_with_obstacles_only_has_no_obstacle_figures():
         (("--preset", "plain", "--changes", "gain_0_5"), "no picture change 'gain_0_5'"),
     ],
 )
-def test_what_cannot_be_asked_for_is_said_before_the_work(trained, tmp_path, run_tokt, asked, said):
+def test_what_cannot_be_asked_for_is_said_before_the_work(trained, tmp_path, refused, asked, said):
     (tmp_path / "datasets").symlink_to(trained / "datasets")
     (tmp_path / "mlflow.db").symlink_to(trained / "mlflow.db")
-    ran = run_tokt("train", "tiny", *asked, "--folds", 3, "--embargo", 1, "--workspace", tmp_path)
-    assert ran.code == 2 and ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
-    assert said in ran.err and not (tmp_path / "cache").exists()
+    where = ("--folds", 3, "--embargo", 1, "--workspace", tmp_path)
+    assert refused(said, "train", "tiny", *asked, *where).count("\n") == 1
+    assert not (tmp_path / "cache").exists()
 
 
 def test_what_is_known_of_the_extractors_choice_stands_with_the_figures(request_for):
     """Beside what a preset says of itself, too."""
-    request = request_for("best", selection="CHOSEN ON THESE FOLDS.")
-    words = _split_in_words(request)
+    words = _split_in_words(request_for("best", selection="CHOSEN ON THESE FOLDS."))
     assert CHOSEN_ON in words and words.endswith("CHOSEN ON THESE FOLDS.")

@@ -1,11 +1,8 @@
 """`tokt calibrate` and `tokt calibrate --check` on a rendered and on the real mission."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +18,6 @@ from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, _r
 pytestmark = pytest.mark.xdist_group("calibrated")  # what they share is made once
 
 WIDTH, FRAMES = 480, range(80, 100, 2)
-Run = Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -34,7 +30,7 @@ class Rendered:
 
 
 @pytest.fixture(scope="module")
-def rendered(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
+def rendered(tmp_path_factory):
     folder = tmp_path_factory.mktemp("calibrate") / "near"
     for part in ("Left", "Right", "masks", "depth"):
         (folder / part).mkdir(parents=True)
@@ -42,10 +38,9 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
     for frame in FRAMES:
         _render_frame(scene, folder, frame)
     rig = scene.rig
-    truth = StereoCalibration(
-        rig.left, np.zeros(5), rig.right, np.zeros(5), rig.rotation,
-        rig.translation_m.reshape(3, 1) * 1000, (rig.width, rig.height),
-    )  # fmt: skip
+    cameras = (rig.left, np.zeros(5), rig.right, np.zeros(5))
+    pose = (rig.rotation, rig.translation_m.reshape(3, 1) * 1000)
+    truth = StereoCalibration(*cameras, *pose, (rig.width, rig.height))
     write_calibration(folder.parent / "truth.yml", truth)
     return Rendered(folder, truth, folder.parent / "truth.yml")
 
@@ -60,30 +55,29 @@ class Calibrated:
 
 
 @pytest.fixture(scope="module")
-def calibrated(rendered: Rendered, told: Run) -> Calibrated:
+def calibrated(rendered, told):
     """Nothing given but the baseline."""
     file, report = rendered.path.parent / "own.yml", rendered.path.parent / "own.html"
     options = ("-o", file, "--baseline", 305.5, "--report", report)
     return Calibrated(told("calibrate", rendered.path, *options), file, report)
 
 
-def test_recovers_the_rendered_rig(rendered: Rendered, calibrated: Calibrated) -> None:
+def test_recovers_the_rendered_rig(rendered, calibrated):
     found, truth = load_calibration(calibrated.file), rendered.truth
     turned = np.abs(cv2.Rodrigues(found.R @ truth.R.T)[0]).ravel()
     assert turned.max() < 5e-4
     assert turned[1] < 2.5e-4  # the yaw: 0.2 px of disparity
     np.testing.assert_allclose(found.T_mm, truth.T_mm, atol=3)
     assert np.linalg.norm(found.T_mm) == pytest.approx(305.5, abs=1e-6)
-    assert found.K2[0, 0] / found.K1[0, 0] == pytest.approx(
-        truth.K2[0, 0] / truth.K1[0, 0], abs=1e-3
-    )
+    ratio = truth.K2[0, 0] / truth.K1[0, 0]
+    assert found.K2[0, 0] / found.K1[0, 0] == pytest.approx(ratio, abs=1e-3)
     # Rendered lenses are straight: at the picture's edge what was found moves less than a pixel.
     k1, k2, r = *found.D1[:2], WIDTH / 2 / found.K1[0, 0]
     assert abs(k1 * r**3 + k2 * r**5) * found.K1[0, 0] < 1
     assert found.frame_size == truth.frame_size
 
 
-def test_its_held_out_figures(calibrated: Calibrated) -> None:
+def test_its_held_out_figures(calibrated):
     said = calibrated.said
     assert said["held_out"] is True
     assert said["fit_frames"] == "80,84,88,92,96"
@@ -97,16 +91,14 @@ def test_its_held_out_figures(calibrated: Calibrated) -> None:
     assert verdicts["baseline"] == "not fixed by the data"
 
 
-def test_the_report_needs_no_other_file(calibrated: Calibrated) -> None:
+def test_the_report_needs_no_other_file(calibrated):
     page = calibrated.report.read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 4
     assert not re.search(r'(src|href)="(?!data:)', page)
     assert f"{calibrated.said['vertical_error']['after']['median']:.2f} px" in page
 
 
-def test_check_tells_good_shifted_and_unusable(
-    rendered: Rendered, tmp_path: Path, run_tokt: Run
-) -> None:
+def test_check_tells_good_shifted_and_unusable(rendered, tmp_path, run_tokt):
     truth = rendered.truth
     low = truth.K2.copy()
     low[1, 2] += 2.5  # the right rows are off by so much
@@ -115,14 +107,14 @@ def test_check_tells_good_shifted_and_unusable(
     for state, calibration in cases.items():
         file = tmp_path / f"{state}.yml"
         write_calibration(file, calibration)
-        ran = run_tokt("calibrate", "--check", rendered.path, "--calibration", file, "--json",
-                       "--frames", "84,90")  # fmt: skip
+        options = ("--calibration", file, "--json", "--frames", "84,90")
+        ran = run_tokt("calibrate", "--check", rendered.path, *options)
         said = json.loads(ran.out)
         assert (said["state"], ran.code) == (state, 0 if state == "good" else 1), said
     assert said["vertical_error"]["median"] > 1
 
 
-def test_a_shift_is_measured(rendered: Rendered, tmp_path: Path, run_tokt: Run) -> None:
+def test_a_shift_is_measured(rendered, tmp_path, run_tokt):
     """The right pictures stand 2 px too high: a trim of +2 px moves them down again."""
     moved = tmp_path / "moved"
     shutil.copytree(rendered.path / "Left", moved / "Left")
@@ -142,7 +134,7 @@ def test_a_shift_is_measured(rendered: Rendered, tmp_path: Path, run_tokt: Run) 
     assert re.search(r"shifted: .* a trim of \+[12]\.\d px .*moved down", ran.out), ran.out
 
 
-def test_what_cannot_be_done_is_one_line(rendered: Rendered, tmp_path: Path, refused: Run) -> None:
+def test_what_cannot_be_done_is_one_line(rendered, tmp_path, refused):
     water = tmp_path / "water"
     for side in ("Left", "Right"):
         (water / side).mkdir(parents=True)
@@ -169,7 +161,7 @@ def test_what_cannot_be_done_is_one_line(rendered: Rendered, tmp_path: Path, ref
         assert not out.exists()
 
 
-def test_starts_from_a_file(rendered: Rendered, tmp_path: Path, done: Run) -> None:
+def test_starts_from_a_file(rendered, tmp_path, done):
     """K and D as given, principal point and distortion included; only the standing is found."""
     start, out = tmp_path / "start.yml", tmp_path / "own.json"
     lens = np.array([0.01, 0.02, 0.0, 0.0, 0.0])
@@ -184,14 +176,12 @@ def test_starts_from_a_file(rendered: Rendered, tmp_path: Path, done: Run) -> No
     assert "NOT held out" in ran.out
 
 
-def test_the_printed_form_gives_focal_length_and_lens(
-    rendered: Rendered, tmp_path: Path, done: Run
-) -> None:
+def test_the_printed_form_gives_focal_length_and_lens(rendered, tmp_path, done):
     """A principal point outside the frame is not used, and this is said."""
-    eye = {"fx": 790.0, "fy": 780.0, "cx": 240.0, "cy": -22.0, "skew": 0,
-           "k": [0.02, 0.01, 0, 0, 0], "p": [0, 0, 0, 0]}  # fmt: skip
-    table = {"left": eye, "right": eye, "rotation_vector_rad": [0, 0, 0],
-             "translation_mm": [-300, 0, 0], "image_width": WIDTH, "image_height": 361}  # fmt: skip
+    lens = {"skew": 0, "k": [0.02, 0.01, 0, 0, 0], "p": [0, 0, 0, 0]}
+    eye = {"fx": 790.0, "fy": 780.0, "cx": 240.0, "cy": -22.0, **lens}
+    pose = {"rotation_vector_rad": [0, 0, 0], "translation_mm": [-300, 0, 0]}
+    table = {"left": eye, "right": eye, **pose, "image_width": WIDTH, "image_height": 361}
     printed = tmp_path / "printed.json"
     printed.write_text(json.dumps(table), encoding="utf-8")
     out = tmp_path / "own.yml"
@@ -205,16 +195,14 @@ def test_the_printed_form_gives_focal_length_and_lens(
 
 @pytest.mark.mission
 @pytest.mark.study
-def test_the_real_mission_fit_even_tested_odd(mission_dir: Path, tmp_path: Path, told: Run) -> None:
+def test_the_real_mission_fit_even_tested_odd(mission_dir, tmp_path, told):
     """Fourteen frames, for time; the reference's depths are in the mission's README."""
     out = tmp_path / "own.yml"
     options = ("--fit", "even", "--frames", "170-175,180-183,194-197")
     error = told("calibrate", mission_dir, "-o", out, *options)["vertical_error"]
     assert error["before"]["median"] > 60
     assert error["after"]["median"] <= 0.6 and error["after"]["p90"] <= 1.6
-    found, reference = (
-        load_calibration(out),
-        load_calibration(mission_dir.parent / "calibration.yml"),
-    )
+    found = load_calibration(out)
+    reference = load_calibration(mission_dir.parent / "calibration.yml")
     turned = np.abs(cv2.Rodrigues(found.R @ reference.R.T)[0]).ravel()
     assert turned[1] < 0.002  # 5 px of the 97 to 370 px of disparity

@@ -1,22 +1,17 @@
 """`tokt depth`: rows for all pairs, figures over them, pictures, and a point cloud that is true."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.rectify import Rectifier
@@ -26,7 +21,6 @@ from tokt.training.rig.depth.picture import DepthPicture
 
 pytestmark = pytest.mark.xdist_group("depth")  # what they share is made once
 
-Run = Callable[..., Any]
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M = 680, 512, 1100.0, 0.3
 X, Y, SQUARE_PX = 330, 150, 200
 DISPARITIES = {3: 100, 4: 112, 5: 126, 6: 126, 7: 112, 8: 100, 9: 90, 12: 90}
@@ -47,18 +41,17 @@ T_mm: !!opencv-matrix {rows: 3, cols: 1, dt: d, data: [-300., 0., 0.]}
 """  # noqa: E501
 
 
-def depth_m(frame: int) -> float:
+def depth_m(frame):
     """How far the square of a frame is away."""
     return FOCAL_PX * BASELINE_M / DISPARITIES[frame]
 
 
-def draw_pair(frame: int) -> list[NDArray[np.uint8]]:
+def draw_pair(frame):
     """An even sea, and in some frames one textured square nearer than it."""
     fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
     views = []
-    texture = cv2.resize(
-        np.random.default_rng(3).uniform(20, 120, (50, 50)), (SQUARE_PX, SQUARE_PX)
-    )
+    coarse = np.random.default_rng(3).uniform(20, 120, (50, 50))
+    texture = cv2.resize(coarse, (SQUARE_PX, SQUARE_PX))
     for moved in (0, DISPARITIES.get(frame, 0)):
         view = fall + np.random.default_rng([frame, moved]).normal(0, 0.6, fall.shape)
         if frame in DISPARITIES:
@@ -69,7 +62,7 @@ def draw_pair(frame: int) -> list[NDArray[np.uint8]]:
 
 
 @pytest.fixture(scope="module")
-def sea(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sea(tmp_path_factory):
     """To a square and away from it; one right frame missing, one broken, one small."""
     folder = tmp_path_factory.mktemp("depth") / "sea"
     for name in ("Left", "Right"):
@@ -86,7 +79,7 @@ def sea(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def ran(sea: Path, tmp_path_factory: pytest.TempPathFactory, done: Run) -> Any:
+def ran(sea, tmp_path_factory, done):
     """The whole command, and where it wrote."""
     out = tmp_path_factory.mktemp("depth-out")
     options = ("--out", out / "all", "--ply", out / "cloud.ply", "--pictures", "5,6", "--rate", 4)
@@ -94,7 +87,7 @@ def ran(sea: Path, tmp_path_factory: pytest.TempPathFactory, done: Run) -> Any:
     return json.loads(ended.out), out, ended.err
 
 
-def read_ply(path: Path) -> NDArray[Any]:
+def read_ply(path):
     """What this package's own files hold; written after the format's description."""
     data = path.read_bytes()
     header, _, body = data.partition(b"end_header\n")
@@ -109,7 +102,7 @@ def read_ply(path: Path) -> NDArray[Any]:
     return vertices
 
 
-def test_every_pair_has_a_row_and_those_without_depth_say_why(ran: Any) -> None:
+def test_every_pair_has_a_row_and_those_without_depth_say_why(ran):
     found, out, progress = ran
     rows = {row["frame"]: row for row in found["rows"]}
     assert list(rows) == list(range(1, LAST + 1))
@@ -135,7 +128,7 @@ def test_every_pair_has_a_row_and_those_without_depth_say_why(ran: Any) -> None:
     assert "depth: 12/12" in progress and "pictures: 2/2" in progress
 
 
-def test_what_the_rows_come_to(ran: Any) -> None:
+def test_what_the_rows_come_to(ran):
     found = ran[0]
     assert (found["frames"], found["obstacle"], found["clear"], found["unknown"]) == (12, 6, 2, 4)
     assert found["first_detection"] == 3 and found["detected"] == [3, 9]
@@ -145,20 +138,18 @@ def test_what_the_rows_come_to(ran: Any) -> None:
     assert found["clear_valid_fraction"] == {"mean": 0, "max": 0, "frames_above_0": ""}
 
 
-def test_pictures_and_plot_are_pictures(ran: Any) -> None:
+def test_pictures_and_plot_are_pictures(ran):
     found, out, _ = ran
     assert found["pictures"] == ["depth_5.png", "depth_6.png"]
     written = sorted(path.relative_to(out / "all") for path in (out / "all").rglob("*.*"))
-    assert [str(path) for path in written] == [
-        *("depth.csv", "depth.json", "depth.png"),
-        *(str(Path("frames") / name) for name in found["pictures"]),
-    ]
+    pictures = [str(Path("frames") / name) for name in found["pictures"]]
+    assert [str(path) for path in written] == ["depth.csv", "depth.json", "depth.png", *pictures]
     for path in (out / "all").rglob("*.png"):
         picture = cv2.imread(str(path))
         assert picture is not None and min(picture.shape[:2]) > 400 and picture.std() > 20
 
 
-def test_the_cloud_is_the_square_of_the_nearest_frame(ran: Any) -> None:
+def test_the_cloud_is_the_square_of_the_nearest_frame(ran):
     """Its places, by the cameras' own geometry, and the grey levels it has in the frame."""
     found, out, _ = ran
     cloud = read_ply(out / "cloud.ply")
@@ -174,9 +165,7 @@ def test_the_cloud_is_the_square_of_the_nearest_frame(ran: Any) -> None:
     assert (cloud["red"] == cloud["blue"]).all()  # a gray frame
 
 
-def test_a_cloud_of_another_frame_cut_off_at_a_distance(
-    sea: Path, tmp_path: Path, done: Run, refused: Run
-) -> None:
+def test_a_cloud_of_another_frame_cut_off_at_a_distance(sea, tmp_path, done, refused):
     """Nothing is left of it: the table is written, and the command says why there is no cloud."""
     command = ("depth", sea, "--calibration", sea / "calibration.yml", "--frames", "8")
     command = (*command, "--out", tmp_path, "--pictures", "none", "--ply")
@@ -208,13 +197,8 @@ def test_a_cloud_of_another_frame_cut_off_at_a_distance(
     ],
 )
 def test_what_cannot_be_done_is_refused_before_the_work(
-    options: tuple[str, ...],
-    words: str,
-    sea: Path,
-    tmp_path: Path,
-    refused: Run,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    options, words, sea, tmp_path, refused, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("mine")
     said = refused(words, "depth", sea, "--calibration", sea / "calibration.yml", *options)
@@ -222,7 +206,7 @@ def test_what_cannot_be_done_is_refused_before_the_work(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
 
 
-def test_people_are_told_why_nothing_could_be_judged(sea: Path, tmp_path: Path, done: Run) -> None:
+def test_people_are_told_why_nothing_could_be_judged(sea, tmp_path, done):
     (tmp_path / "c.yml").write_text(PLAIN.replace("680", "1360").replace("512", "1024"))
     command = ("depth", sea, "--pictures", "none", "--out", tmp_path / "out", "--calibration")
     said = done(*command, tmp_path / "c.yml", "--frames", "4-5").out
@@ -231,20 +215,18 @@ def test_people_are_told_why_nothing_could_be_judged(sea: Path, tmp_path: Path, 
     assert "median depth: falls to frame 5; beside" in said
 
 
-def test_one_camera_has_no_depth(sea: Path, tmp_path: Path, refused: Run) -> None:
+def test_one_camera_has_no_depth(sea, tmp_path, refused):
     shutil.copytree(sea / "Left", tmp_path / "mono" / "Left")
     asked = (tmp_path / "mono", "--calibration", sea / "calibration.yml")
     refused("no right camera", "depth", *asked)
 
 
-def rows_of(depths: dict[int, float | None]) -> list[DepthRow]:
+def rows_of(depths):
     """Frames with an obstacle at these depths, and unknown ones for None."""
-    return [
-        DepthRow(frame, -1 if depth is None else 1, depth, depth) for frame, depth in depths.items()
-    ]
+    return [DepthRow(n, -1 if depth is None else 1, depth, depth) for n, depth in depths.items()]
 
 
-def test_three_in_a_row_make_a_detection() -> None:
+def test_three_in_a_row_make_a_detection():
     alone = rows_of({1: 5.0, 2: 5.0, 3: None, 4: 5.0, 5: 5.0, 7: 5.0})
     assert detected_span(alone) is None
     assert detected_span(rows_of({1: 5.0, 3: 5.0, 5: 5.0, 7: None}), step=2) == (1, 5)
@@ -264,7 +246,7 @@ def test_three_in_a_row_make_a_detection() -> None:
     assert none["first_detection"] is none["nearest"] is none["median_m"] is None
 
 
-def test_monotone_and_jitter() -> None:
+def test_monotone_and_jitter():
     steady = rows_of({1: 5.0, 2: 4.0, 3: 3.5, 4: 4.0, 5: 5.0})
     found = steadiness(steady, "median_m")
     assert found is not None and found["monotone"] and found["nearest_frame"] == 3
@@ -276,7 +258,7 @@ def test_monotone_and_jitter() -> None:
     assert shaky["jitter_m"]["count"] == 2  # no second difference across a gap
 
 
-def test_points_that_stand_alone_are_left_out() -> None:
+def test_points_that_stand_alone_are_left_out():
     rng = np.random.default_rng(5)
     x, y = np.meshgrid(np.linspace(-1, 1, 40), np.linspace(-1, 1, 40))
     wall = np.column_stack([x.ravel(), y.ravel(), rng.normal(4, 0.01, 1600)])
@@ -286,13 +268,11 @@ def test_points_that_stand_alone_are_left_out() -> None:
     assert not outliers(wall[:5]).any()
 
 
-@given(
-    st.lists(
-        st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3, *[st.integers(0, 255)] * 3), max_size=5
-    ),
-    st.text(max_size=20),
-)
-def test_any_cloud_survives_a_ply_file(points: list[tuple[float, ...]], comment: str) -> None:
+POINT = st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3, *[st.integers(0, 255)] * 3)
+
+
+@given(st.lists(POINT, max_size=5), st.text(max_size=20))
+def test_any_cloud_survives_a_ply_file(points, comment):
     wanted = np.array(points, VERTEX)
     table = np.array(points, float).reshape(-1, 6)
     data = ply_bytes(table[:, :3], table[:, 3:].astype(np.uint8), [comment])
@@ -302,12 +282,11 @@ def test_any_cloud_survives_a_ply_file(points: list[tuple[float, ...]], comment:
     assert body == wanted.tobytes()
 
 
-def test_no_cloud_of_what_is_no_number() -> None:
-    with pytest.raises(ToktError, match="not finite"):
-        ply_bytes(np.array([[0, 0, np.nan]]), np.zeros((1, 3), np.uint8))
+def test_no_cloud_of_what_is_no_number():
+    refuses("not finite", ply_bytes, np.array([[0, 0, np.nan]]), np.zeros((1, 3), np.uint8))
 
 
-def test_the_picture_tells_depth_unmatched_and_blind_apart() -> None:
+def test_the_picture_tells_depth_unmatched_and_blind_apart():
     camera = np.array([[FOCAL_PX, 0, 339.5], [0, FOCAL_PX, 255.5], [0, 0, 1]])
     straight = (np.eye(3), np.array([[-300.0], [0], [0]]), (WIDTH, HEIGHT))
     plain = StereoCalibration(camera, np.zeros(5), camera, np.zeros(5), *straight)
@@ -325,7 +304,7 @@ def test_the_picture_tells_depth_unmatched_and_blind_apart() -> None:
 
 
 @pytest.mark.mission
-def test_the_towers_depth(mission_dir: Path, tmp_path: Path, told: Run) -> None:
+def test_the_towers_depth(mission_dir, tmp_path, told):
     """Against the mission's own figures; a calibration fitted on frames of this dive."""
     options = ("--frames", "50,170,186,205", "--pictures", "none", "--out", tmp_path)
     calibration = mission_dir.parent / "calibration.yml"

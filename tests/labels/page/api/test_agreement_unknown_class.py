@@ -1,10 +1,5 @@
 """Conflicts about a class that left the taxonomy are seen and settled like any other."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 
 from tokt.features.frames.grid import Grid
@@ -15,7 +10,7 @@ SAID = {0: ("ocean", "ocean"), 1: ("reef", "kelp"), 2: ("kelp", "kelp"), 3: ("ke
 
 
 @pytest.fixture(scope="module")
-def server(page_server: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+def server(page_server, tmp_path_factory):
     folder = tmp_path_factory.mktemp("kelp") / ".tokt"
     with LabelStore(folder / "labels.db") as store:
         store.add(
@@ -26,7 +21,7 @@ def server(page_server: Callable[..., Any], tmp_path_factory: pytest.TempPathFac
     return page_server("--annotator", "anna", workspace=folder)
 
 
-def test_the_page_shows_the_figures_and_settles(server: Any, browse: Callable[..., Any]) -> None:
+def test_the_page_shows_the_figures_and_settles(server, browse):
     page = browse(server, "#/agreement/anna/ben")
     page.locator(".conflicts .tile").first.wait_for()
     assert page.locator(".conflicts .tile").count() == 2
@@ -41,7 +36,7 @@ def test_the_page_shows_the_figures_and_settles(server: Any, browse: Callable[..
     assert len([one for one in found["conflicts"] if one["settled"]]) == 2
 
 
-def test_the_answer(server: Any) -> None:
+def test_the_answer(server):
     found = server.get("/api/agreement", a="anna", b="ben")
     assert found["obstacle"] is None and found["unknown"] == ["kelp"]
     assert found["agreement"] == 0.5 and found["n_both"] == 4

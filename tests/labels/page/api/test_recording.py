@@ -1,15 +1,11 @@
 """From sea back to training: what the runtime recorded is labelled and becomes a dataset."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
+from tests.calls import succeeds
 from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.policy.assembly import assemble
@@ -22,7 +18,7 @@ from tokt.models.bundle.bundle import read_bundle
 OCEAN = [0, 1, 2, 90, 91, 92]  # patches
 
 
-def stereo_copy(mission: Path, to: Path) -> Path:
+def stereo_copy(mission, to):
     """The mission with a right camera, whose frames are those of the left one, brighter."""
     (to / "Left").mkdir(parents=True)
     (to / "Right").mkdir()
@@ -33,7 +29,7 @@ def stereo_copy(mission: Path, to: Path) -> Path:
     return to
 
 
-def record(mission: Path, bundle_file: Path, folder: Path) -> Path:
+def record(mission, bundle_file, folder):
     """Run a model over a mission as at sea, recording what it warns of."""
     bundle = read_bundle(bundle_file)
     recorder = Recorder(folder, "run-1", SYSTEM_CLOCK, disk=DiskLimits(100, 0))
@@ -45,13 +41,7 @@ def record(mission: Path, bundle_file: Path, folder: Path) -> Path:
     return folder / "run-1"
 
 
-def test_the_loop_from_sea_to_training_closes(
-    tiny: Any,
-    tiny_bundle: Path,
-    page_server: Callable[..., Any],
-    run_tokt: Callable[..., Any],
-    tmp_path: Path,
-) -> None:
+def test_the_loop_from_sea_to_training_closes(tiny, tiny_bundle, page_server, tmp_path):
     sea = stereo_copy(tiny.path, tmp_path / "sea")
     recording = record(sea, tiny_bundle, tmp_path / "rec")
     lines = [line for line in read_recording(recording) if "event" not in line]
@@ -63,15 +53,13 @@ def test_the_loop_from_sea_to_training_closes(
             assert np.array_equal(recorded.read(number, camera), mission.read(number, camera))
 
     workspace = tmp_path / ".tokt"
-    server = page_server(
-        *("--annotator", "anna", "--model", tiny_bundle), mission=recording, workspace=workspace
-    )
+    options = ("--annotator", "anna", "--model", tiny_bundle)
+    server = page_server(*options, mission=recording, workspace=workspace)
     shown = server.get("/api/mission")
     assert shown["mission"] == "run-1" and shown["cameras"]["left"]["count"] == len(numbers)
     alarms = [line["frame"] for line in lines if line["status"] == 1][:4]
-    found = server.get(
-        *("/api/labels",), camera="left", frames=",".join(map(str, alarms)), who="anna", suggest=1
-    )
+    query = {"camera": "left", "frames": ",".join(map(str, alarms)), "who": "anna"}
+    found = server.get("/api/labels", suggest=1, **query)
     assert len(found["frames"]) == len(alarms)
     painted = 0
     for key, frame in enumerate(found["frames"]):
@@ -84,20 +72,14 @@ def test_the_loop_from_sea_to_training_closes(
         painted += len(warned) + len(ocean)
     server.interrupt()
 
-    ran = run_tokt(
-        *("dataset", "build", "from-sea", "--mission", recording, "--block", 1, "--json"),
-        *("--workspace", workspace),
-    )
-    assert ran.code == 0, ran.err
-    dataset = json.loads(ran.out)
+    build = ("dataset", "build", "from-sea", "--mission", recording, "--block", 1, "--json")
+    dataset = json.loads(succeeds(*build, "--workspace", workspace).out)
     assert dataset["frames"] == len(alarms)
     assert dataset["labels"].keys() == {"ocean", "subsea_installation"}
     assert dataset["patches"] == painted
 
 
-def test_other_files_beside_the_frames_do_not_matter(
-    tiny: Any, tiny_bundle: Path, tmp_path: Path
-) -> None:
+def test_other_files_beside_the_frames_do_not_matter(tiny, tiny_bundle, tmp_path):
     recording = record(tiny.path, tiny_bundle, tmp_path / "rec")
     before = open_mission(recording).frames()
     (recording / "recording.jsonl.copy").write_text("x")

@@ -1,12 +1,9 @@
 """Labels, actions, undo and what is answered when something is wrong with them."""
 
-from __future__ import annotations
-
 import json
 import resource
 import sys
 from contextlib import closing
-from typing import Any
 from urllib.parse import quote
 
 import psutil
@@ -29,50 +26,41 @@ def server(page_server):
     return page_server("--annotator", "anna")
 
 
-def _frame(server: Any, frame: int, who: str = "anna") -> dict[str, Any]:
+def _frame(server, frame, who="anna"):
     return server.get("/api/labels", camera="left", frames=frame, who=who)["frames"][0]
 
 
-def _mine(server: Any, frame: int, who: str = "anna") -> list[str | None]:
+def _mine(server, frame, who="anna"):
     return _frame(server, frame, who)["mine"]
 
 
-def _is_refused(answer: Any, *statuses: int) -> None:
+def _is_refused(answer, *statuses):
     """The answer is one line with a reason."""
     assert answer.status in statuses, answer.body
     assert list(answer.json) == ["error"] and "\n" not in answer.json["error"]
 
 
-def test_mission(server) -> None:
+def test_mission(server):
     mission = server.get("/api/mission")
     assert (mission["mission"], mission["annotator"], mission["fault"]) == ("tiny", "anna", "")
     assert mission["grid"] == {"rows": 10, "cols": 10, "width": 360}
     assert mission["cameras"] == {"left": {"ranges": [[1, 40]], "count": 40}}
     assert len(mission["states"]["left"]) == 40 and mission["model"] is None
     assert [known["name"] for known in mission["classes"]] == list(COUNTS)
-    assert mission["classes"][-1] == {
-        "name": "unsure",
-        "obstacle": None,
-        "color": "#b0b0b0",
-        "key": "u",
-        "description": "Looked at, and could not be decided.",
-    }
+    unsure = {"name": "unsure", "obstacle": None, "color": "#b0b0b0", "key": "u"}
+    described = {**unsure, "description": "Looked at, and could not be decided."}
+    assert mission["classes"][-1] == described
     assert mission["undo"] == {"undo": None, "redo": None}
     nobody = server.get("/api/queue", n=3)
     assert nobody["frames"] == [] and "--model" in nobody["why_not"]
 
 
-def test_an_action_and_its_undo(server) -> None:
+def test_an_action_and_its_undo(server):
     done = server.paint("act-1", 1, [0, 1, 99], "ocean", who="dora")
     head = {"key": "act-1", "kind": "paint", "camera": "left", "frame": 1, "changed": 3}
     assert done == {
-        "key": "act-1",
-        "event": done["event"],
-        "changed": 3,
-        "repeated": False,
-        "conflicts": [],
-        "states": {"left": {"1": "p"}},
-        "counts": {**COUNTS, "ocean": 3},
+        **{"key": "act-1", "event": done["event"], "changed": 3, "repeated": False},
+        **{"conflicts": [], "states": {"left": {"1": "p"}}, "counts": {**COUNTS, "ocean": 3}},
         "undo": {"undo": head, "redo": None},
     }
     mine = _mine(server, 1, "dora")
@@ -93,7 +81,7 @@ def test_an_action_and_its_undo(server) -> None:
     assert other.status == 409 and "\n" not in other.json["error"]
 
 
-def test_what_was_said_meanwhile_is_a_conflict(server) -> None:
+def test_what_was_said_meanwhile_is_a_conflict(server):
     server.paint("tab-1", 2, [0, 1], "ocean")
     late = server.paint("tab-2", 2, [0, 5], "reef")
     conflict = {"camera": "left", "frame": 2, "cell": 0, "theirs": "ocean", "yours": "reef"}
@@ -101,17 +89,16 @@ def test_what_was_said_meanwhile_is_a_conflict(server) -> None:
     assert [_mine(server, 2)[cell] for cell in (0, 1, 5)] == ["ocean", "ocean", "reef"]
 
 
-def test_confirmed_suggestions_keep_the_model(server) -> None:
+def test_confirmed_suggestions_keep_the_model(server):
     change = {"camera": "left", "frame": 4, "label": "reef", "cells": [7], "base": [None]}
     server.paint("yes-1", 4, [], None, changes=[{**change, "model": "reefs/3"}], kind="accept")
     assert _frame(server, 4)["models"] == {"7": "reefs/3"}
     events = server.get("/api/history", camera="left", frame=4, cell=7)["events"]
-    assert [(said["label"], said["source"], said["model_version"]) for said in events] == [
-        ("reef", "human", "reefs/3")
-    ]
+    found = [(said["label"], said["source"], said["model_version"]) for said in events]
+    assert found == [("reef", "human", "reefs/3")]
 
 
-def test_two_annotators_settle(server) -> None:
+def test_two_annotators_settle(server):
     server.paint("two-1", 6, [0, 1, 2], "ocean", who="anna")
     server.paint("two-2", 6, [0, 1, 3], "reef", who="ben")
     server.paint("two-3", 6, [1], "ocean", who="ben", base="reef")
@@ -132,7 +119,7 @@ def test_two_annotators_settle(server) -> None:
     assert server.request("GET", "/api/agreement?a=zoe&b=ben").status == 409
 
 
-def test_seen_frames_and_frames_of_somebody(server) -> None:
+def test_seen_frames_and_frames_of_somebody(server):
     seen = {"who": "anna", "camera": "left", "frame": 30}
     assert server.post("/api/seen", **seen) == {"states": {"left": {"30": "s"}}}
     assert server.get("/api/mission", who="anna")["states"]["left"][29] == "s"
@@ -143,12 +130,10 @@ def test_seen_frames_and_frames_of_somebody(server) -> None:
     assert server.request("GET", "/api/labelled?of=nobody").status == 404
 
 
-def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server) -> None:
-    def found(who: str, label: str, **more: Any) -> list[int]:
+def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server):
+    def found(who, label, **more):
         query = {"who": who, "class": label, **more}
-        frames = server.get("/api/frames_with", **query)["cameras"]["left"]
-        assert isinstance(frames, list)
-        return frames
+        return server.get("/api/frames_with", **query)["cameras"]["left"]
 
     assert found("gus", "sand") == []
     server.paint("with-1", 9, [3, 4], "sand", who="gus")
@@ -165,7 +150,7 @@ def test_frames_with_a_class_are_those_of_one_person_as_they_are_now(server) -> 
     assert server.request("GET", "/api/frames_with?who=gus").status == 400
 
 
-def test_an_action_for_another_mission_is_not_taken(server) -> None:
+def test_an_action_for_another_mission_is_not_taken(server):
     change = {"camera": "left", "frame": 8, "label": "reef", "cells": [7], "base": [None]}
     body = {"who": "anna", "kind": "paint", "time": TIME, "changes": [change]}
     grid = {"rows": 10, "cols": 10, "width": 360}
@@ -186,29 +171,16 @@ ACTION = {"key": "bad", "who": "anna", "kind": "paint", "time": TIME, "changes":
 @pytest.mark.parametrize(
     ("change", "status"),
     [
-        ({"camera": "../left"}, 400),
-        ({"camera": "right"}, 404),
-        ({"frame": 41}, 404),
-        ({"frame": -1}, 400),
-        ({"frame": True}, 400),
-        ({"frame": "9"}, 400),
-        ({"frame": 10**400}, 400),
-        ({"label": "kelp"}, 400),
-        ({"label": ""}, 400),
-        ({"label": 1}, 400),
-        ({"cells": [100]}, 400),
-        ({"cells": [-1]}, 400),
+        *(({"camera": "right"}, 404), ({"frame": 41}, 404), ({"camera": "../left"}, 400)),
+        *(({"frame": frame}, 400) for frame in (-1, True, "9", 10**400)),
+        *(({"label": label}, 400) for label in ("kelp", "", 1)),
+        *(({"cells": cells}, 400) for cells in ([100], [-1], [0, 1], 0, [0.0])),
         ({"cells": [0, 0], "base": [None, None]}, 400),
-        ({"cells": [0, 1]}, 400),
-        ({"cells": 0}, 400),
-        ({"cells": [0.0]}, 400),
-        ({"base": ["\ud800"]}, 400),
-        ({"model": " x"}, 400),
-        ({"more": 1}, 400),
-        ({"\ud800": 1}, 400),
+        *(({"base": ["\ud800"]}, 400), ({"model": " x"}, 400)),
+        *(({"more": 1}, 400), ({"\ud800": 1}, 400)),
     ],
 )
-def test_wrong_changes_are_refused(server, change: dict[str, Any], status: int) -> None:
+def test_wrong_changes_are_refused(server, change, status):
     answer = server.send("/api/actions", {**ACTION, "changes": [{**CHANGE, **change}]})
     _is_refused(answer, status)
     assert _mine(server, 9) == [None] * 100
@@ -217,23 +189,13 @@ def test_wrong_changes_are_refused(server, change: dict[str, Any], status: int) 
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"key": ""},
-        {"key": "a\nb"},
-        {"key": "k" * 300},
-        {"who": " anna"},
-        {"who": None},
-        {"kind": "undo"},
-        {"time": "yesterday"},
-        {"time": "2016-04-20T10:00:00"},
-        {"source": "model"},
-        {"changes": []},
-        {"changes": {}},
-        {"blind": 2},
-        {"grid": [10]},
+        *({"key": ""}, {"key": "a\nb"}, {"key": "k" * 300}, {"who": " anna"}, {"who": None}),
+        *({"kind": "undo"}, {"time": "yesterday"}, {"time": "2016-04-20T10:00:00"}),
+        *({"source": "model"}, {"changes": []}, {"changes": {}}, {"blind": 2}, {"grid": [10]}),
         {"source": "settled", "blind": True},
     ],
 )
-def test_wrong_actions_are_refused(server, wrong: dict[str, Any]) -> None:
+def test_wrong_actions_are_refused(server, wrong):
     answer = server.send("/api/actions", {**ACTION, **wrong})
     _is_refused(answer, 400, 403)
     assert _mine(server, 9) == [None] * 100
@@ -242,7 +204,7 @@ def test_wrong_actions_are_refused(server, wrong: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "body", [b"", b"{", b"null", b"[]", b"\xff", b"[" * 100_000, b'{"frame": NaN}', b"1e999"]
 )
-def test_what_is_not_json_is_refused(server, body: bytes) -> None:
+def test_what_is_not_json_is_refused(server, body):
     for path in ("/api/actions", "/api/undo", "/api/seen"):
         answer = server.request("POST", path, body, {"Content-Type": "application/json"})
         assert answer.status == 400, (path, answer.body)
@@ -266,12 +228,12 @@ _bodies = st.one_of(
 )
 
 
-def test_no_json_is_a_fault_of_the_server(server) -> None:
+def test_no_json_is_a_fault_of_the_server(server):
     with closing(server.connect()) as connection:
 
         @settings(max_examples=scaled(60))
         @given(st.sampled_from(["/api/actions", "/api/undo", "/api/redo", "/api/seen"]), _bodies)
-        def send(path: str, body: Any) -> None:
+        def send(path, body):
             connection.request("POST", path, json.dumps(body), {"Content-Type": "application/json"})
             answer = connection.getresponse()
             text = answer.read()
@@ -285,37 +247,23 @@ def test_no_json_is_a_fault_of_the_server(server) -> None:
 @pytest.mark.parametrize(
     "query",
     [
-        "labels?camera=left",
-        "labels?camera=up&frames=1",
-        "labels?camera=left&frames=",
-        "labels?camera=left&frames=1-2-3",
-        "labels?camera=left&frames=1-999999999999",
-        "labels?camera=left&frames=1-61",
+        *("labels?camera=left", "labels?camera=up&frames=1"),
+        *(f"labels?camera=left&frames={n}" for n in ("", "1-2-3", "1-999999999999", "1-61")),
         "labels?camera=left&frames=1&blind=maybe",
-        "mission?who=",
-        "mission?who=" + "x" * 300,
-        "events?since=-1",
-        "events?since=9999999999999999999",
-        "history?camera=left&frame=1&cell=100",
-        "history?camera=left&frame=1&cell=x",
-        "queue?n=0",
-        "queue?n=99999",
-        "picture/left/1?enhance=101",
-        "thumb/left/1?width=0",
-        "patches",
-        "patches?cells=",
-        "patches?cells=left:1",
-        "patches?cells=left:1:0,",
-        "patches?cells=left:1:0&size=100000",
-        "patches?cells=left:1:0&margin=nan",
+        *("mission?who=", "mission?who=" + "x" * 300),
+        *("events?since=-1", "events?since=9999999999999999999"),
+        *("history?camera=left&frame=1&cell=100", "history?camera=left&frame=1&cell=x"),
+        *("queue?n=0", "queue?n=99999", "picture/left/1?enhance=101", "thumb/left/1?width=0"),
+        *("patches", "patches?cells=", "patches?cells=left:1", "patches?cells=left:1:0,"),
+        *("patches?cells=left:1:0&size=100000", "patches?cells=left:1:0&margin=nan"),
         "patches?cells=" + ",".join(["left:1:0"] * 401),
     ],
 )
-def test_wrong_queries_are_refused(server, query: str) -> None:
+def test_wrong_queries_are_refused(server, query):
     _is_refused(server.request("GET", f"/api/{query}"), 400)
 
 
-def test_ranges_of_millions_of_frames_are_not_listed(server) -> None:
+def test_ranges_of_millions_of_frames_are_not_listed(server):
     process = psutil.Process(server.process.pid)
     begin = process.cpu_times().user
     ranges = ",".join(f"{n}0000000 - {n}9999999" for n in range(1, 4))
@@ -324,7 +272,7 @@ def test_ranges_of_millions_of_frames_are_not_listed(server) -> None:
     assert process.cpu_times().user - begin < 1
 
 
-def test_pictures(server) -> None:
+def test_pictures(server):
     own = next((server.mission / "Left").glob("*_3.png")).read_bytes()
     assert server.request("GET", "/api/picture/left/3").body == own
     for path in ("picture/left/3?enhance=60", "thumb/left/3", "patches?cells=left:3:5,left:4:99"):
@@ -333,7 +281,7 @@ def test_pictures(server) -> None:
         assert answer.body.startswith(b"\xff\xd8")
 
 
-def test_unreadable_frame(page_server, own_tiny) -> None:
+def test_unreadable_frame(page_server, own_tiny):
     next((own_tiny.path / "Left").glob("*_3.png")).write_bytes(b"not a picture")
     server = page_server(mission=own_tiny.path)
     for path in ("picture/left/3", "picture/left/3?enhance=60", "thumb/left/3"):
@@ -343,7 +291,7 @@ def test_unreadable_frame(page_server, own_tiny) -> None:
     assert server.request("GET", "/api/patches?cells=left:3:5,left:4:5").status == 200
 
 
-def test_acknowledged_means_kept(page_server) -> None:
+def test_acknowledged_means_kept(page_server):
     server = page_server()
     for n in range(5):
         server.paint(f"kept-{n}", 1 + n, list(range(100)), "ocean")
@@ -356,7 +304,7 @@ def test_acknowledged_means_kept(page_server) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs prlimit")
-def test_full_disk_is_said_at_once_and_passes(page_server) -> None:
+def test_full_disk_is_said_at_once_and_passes(page_server):
     server = page_server()
     server.paint("full-0", 1, [0], "ocean")
     limit = resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE)

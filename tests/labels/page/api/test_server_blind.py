@@ -1,11 +1,10 @@
 """Who labels blind gets nothing that tells what others say: not in any field of any answer."""
 
-from __future__ import annotations
-
 import json
-from typing import Any
 
 import pytest
+
+from tests.conftest import taxonomy_toml
 
 pytestmark = pytest.mark.xdist_group("server_blind")  # what they share is made once
 
@@ -20,8 +19,8 @@ def server(page_server, tiny_bundle, tmp_path_factory):
     """Frame 1: both said something; 2: only the other; 3: both, and it is settled."""
     folder = tmp_path_factory.mktemp("blind") / ".tokt"
     folder.mkdir()
-    classes = ["ocean", THEIRS, ONLY_THEIRS]
-    (folder / "taxonomy.toml").write_text(_taxonomy(classes))
+    known = {"ocean": False, THEIRS: True}
+    (folder / "taxonomy.toml").write_text(taxonomy_toml(**known, **{ONLY_THEIRS: True}))
     server = page_server("--model", tiny_bundle, "--annotator", "anna", workspace=folder)
     server.paint("b1", 1, [0, 1], THEIRS, who=OTHERS)
     server.paint("b2", 2, [0], ONLY_THEIRS, who=OTHERS)
@@ -31,19 +30,11 @@ def server(page_server, tiny_bundle, tmp_path_factory):
     server.paint("s3", 3, [0], THEIRS, who="carl", source="settled")
     server.interrupt()
     # The class that only the other one used is in no taxonomy any more.
-    (folder / "taxonomy.toml").write_text(_taxonomy(classes[:2]))
+    (folder / "taxonomy.toml").write_text(taxonomy_toml(**known))
     return server.start()
 
 
-def _taxonomy(names: list[str]) -> str:
-    return "format = 1\n" + "".join(
-        f'[[classes]]\nname = "{name}"\nobstacle = {"false" if n == 0 else "true"}\n'
-        f'color = "#00000{n}"\nkey = "{n}"\n'
-        for n, name in enumerate(names)
-    )
-
-
-def _texts(value: Any) -> set[str]:
+def _texts(value):
     """Every string and key in a JSON value."""
     if isinstance(value, dict):
         return set(value) | set().union(*map(_texts, value.values()), set())
@@ -52,13 +43,13 @@ def _texts(value: Any) -> set[str]:
     return {value} if isinstance(value, str) else set()
 
 
-def _check(answer: Any) -> None:
+def _check(answer):
     text = json.dumps(answer)
     for secret in (OTHERS, "carl", ONLY_THEIRS, "tiny-lbp"):
         assert secret not in text, secret
 
 
-def test_mission(server) -> None:
+def test_mission(server):
     seeing = server.get("/api/mission", who="anna", blind=0)
     assert seeing["states"]["left"][:3] == "xup"  # the third one is settled
     assert OTHERS in seeing["annotators"] and seeing["model"]["label"] == MODEL
@@ -71,7 +62,7 @@ def test_mission(server) -> None:
     assert {known["name"] for known in blind["classes"]} == {"ocean", THEIRS, "unsure"}
 
 
-def test_labels(server) -> None:
+def test_labels(server):
     query = {"camera": "left", "frames": "1-3", "who": "anna", "suggest": 1}
     seeing = server.get("/api/labels", blind=0, **query)["frames"]
     assert [list(frame["others"]) for frame in seeing] == [[OTHERS]] * 3
@@ -86,31 +77,25 @@ def test_labels(server) -> None:
     assert _texts([frame["mine"] for frame in blind]) == {"ocean"}
 
 
-def test_what_is_only_for_the_seeing_is_refused(server) -> None:
-    for query in (
-        f"agreement?a=anna&b={OTHERS}&blind=1",
-        "history?camera=left&frame=1&cell=0&blind=1",
-    ):
-        answer = server.request("GET", f"/api/{query}&who=anna")
+def test_what_is_only_for_the_seeing_is_refused(server):
+    for query in (f"agreement?a=anna&b={OTHERS}", "history?camera=left&frame=1&cell=0"):
+        answer = server.request("GET", f"/api/{query}&who=anna&blind=1")
         assert answer.status == 403
         _check(answer.json)
-        assert (
-            server.request("GET", f"/api/{query}&who=anna".replace("blind=1", "blind=0")).status
-            == 200
-        )
+        assert server.request("GET", f"/api/{query}&who=anna&blind=0").status == 200
     queue = server.get("/api/queue", who="anna", blind=1)
     assert queue["frames"] == [] and queue["done"] == queue["total"] == 0 and queue["why_not"]
     assert server.get("/api/queue", who="anna", blind=0)["total"] == 40
 
 
-def test_the_sheet_holds_only_ones_own(server) -> None:
+def test_the_sheet_holds_only_ones_own(server):
     for label, total in (("ocean", 3), (THEIRS, 0)):
         sheet = server.get("/api/sheet", **{"class": label}, who="anna", blind=1)
         assert sheet["total"] == total
         _check(sheet)
 
 
-def test_an_error_names_no_class_that_only_others_used(server) -> None:
+def test_an_error_names_no_class_that_only_others_used(server):
     change = {"camera": "left", "frame": 9, "label": "kelp", "cells": [0], "base": [None]}
     body = {"key": "e9", "who": "anna", "kind": "paint", "time": "2016-04-20T10:00:00Z"}
     answer = server.send("/api/actions", {**body, "blind": True, "changes": [change]})
@@ -118,12 +103,12 @@ def test_an_error_names_no_class_that_only_others_used(server) -> None:
     _check(answer.json)
 
 
-def test_which_frames_somebody_labelled_may_be_asked(server) -> None:
+def test_which_frames_somebody_labelled_may_be_asked(server):
     found = server.get("/api/labelled", of=OTHERS, blind=1)
     assert found == {"of": OTHERS, "cameras": {"left": [1, 2, 3]}}
 
 
-def test_actions_undo_and_seen(server) -> None:
+def test_actions_undo_and_seen(server):
     base = {"who": "anna", "blind": True, "time": "2016-04-20T10:00:00Z"}
     done = server.paint("a4", 1, [1], "ocean", blind=True)
     assert done["changed"] == 1 and done["states"] == {"left": {"1": "p"}}
@@ -134,12 +119,11 @@ def test_actions_undo_and_seen(server) -> None:
     assert seen == {"states": {"left": {"2": "s"}}}
     for answer in (done, undone, redone, undone_again, seen):
         _check(answer)
-    assert server.post("/api/seen", who="anna", camera="left", frame=1)["states"]["left"] == {
-        "1": "x"
-    }
+    seen = server.post("/api/seen", who="anna", camera="left", frame=1)
+    assert seen["states"]["left"] == {"1": "x"}
 
 
-def test_events(server) -> None:
+def test_events(server):
     with server.events(who="anna", blind=1) as blind, server.events(who="anna", blind=0) as seeing:
         assert blind.next("status")["model"] is None
         assert seeing.next("status")["model"]["total"] == 40
@@ -161,7 +145,7 @@ def test_events(server) -> None:
     server.start()
 
 
-def test_events_since(server) -> None:
+def test_events_since(server):
     before = server.get("/api/mission", who="anna")["event"]
     server.paint("f1", 7, [0], THEIRS, who=OTHERS)
     server.paint("f2", 8, [0], "ocean", who="anna", blind=True)
@@ -175,7 +159,7 @@ def test_events_since(server) -> None:
         assert heard["by"] == ["anna", OTHERS]
 
 
-def test_undoing_a_settlement_does_not_tell_who_settled_since(server) -> None:
+def test_undoing_a_settlement_does_not_tell_who_settled_since(server):
     server.paint("b6", 6, [0, 1], THEIRS, who=OTHERS)
     server.paint("a6", 6, [0], "ocean", blind=True)
     server.paint("s6", 6, [0], "ocean", source="settled")

@@ -1,7 +1,5 @@
 """Open pages hear of what anybody does, in this process or another one."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -21,7 +19,7 @@ def server(page_server):
     return page_server("--annotator", "anna")
 
 
-def test_two_people_hear_of_each_other(server) -> None:
+def test_two_people_hear_of_each_other(server):
     with server.events(who="anna") as anna, server.events(who="ben") as ben:
         assert anna.next("status") == ben.next("status") == {"fault": "", "model": None}
         done = server.paint("two-1", 1, [3], "ocean", who="anna")
@@ -34,7 +32,7 @@ def test_two_people_hear_of_each_other(server) -> None:
             assert (heard["undo"]["undo"] is not None) == (n == 1)
 
 
-def test_another_process_writes(server) -> None:
+def test_another_process_writes(server):
     record = LabelRecord("tiny", "left", 9, Grid(), 2, 5, "reef", "import", utc_now())
     with server.events(who="anna") as stream:
         stream.next("status")
@@ -47,7 +45,7 @@ def test_another_process_writes(server) -> None:
     assert found["others"]["import"][25] == "reef"
 
 
-def test_a_page_that_was_away_hears_what_it_missed(server) -> None:
+def test_a_page_that_was_away_hears_what_it_missed(server):
     event = server.get("/api/mission")["event"]
     server.paint("away-1", 11, [0], "ocean", who="ben")
     server.paint("away-2", 12, [0], "ocean", who="carl")
@@ -60,7 +58,7 @@ def test_a_page_that_was_away_hears_what_it_missed(server) -> None:
     assert last == server.get("/api/mission")["event"] - 1
 
 
-def test_an_idle_stream_says_it_is_alive(server) -> None:
+def test_an_idle_stream_says_it_is_alive(server):
     with server.events(who="anna") as stream:
         stream.next("status")
         stream.next("")  # at once: the stream is open
@@ -68,7 +66,7 @@ def test_an_idle_stream_says_it_is_alive(server) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_pages_that_went_away_leave_nothing(server) -> None:
+def test_pages_that_went_away_leave_nothing(server):
     files = Path(f"/proc/{server.process.pid}/fd")
     before = len(list(files.iterdir()))
     for _ in range(20):

@@ -1,7 +1,5 @@
 """How `tokt label` starts, refuses to start, and ends."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -13,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.calls import refused, run_python
 from tests.waiting import MAX_S, until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
@@ -21,7 +20,7 @@ from tokt.labels.record import LabelRecord, utc_now
 from tokt.labels.store.store import LabelStore
 
 
-def test_ctrl_c_ends_it_though_pages_listen(page_server) -> None:
+def test_ctrl_c_ends_it_though_pages_listen(page_server):
     server = page_server("--annotator", "anna")
     assert server.url == f"http://127.0.0.1:{server.port}/"
     _check_nothing_heavy_is_loaded(server.process.pid)
@@ -38,7 +37,7 @@ def test_ctrl_c_ends_it_though_pages_listen(page_server) -> None:
     assert server.process.wait(MAX_S) == 0
 
 
-def _check_nothing_heavy_is_loaded(process: int) -> None:
+def _check_nothing_heavy_is_loaded(process):
     maps = Path(f"/proc/{process}/maps")
     if maps.exists():  # on Linux
         loaded = {part for line in maps.read_text().splitlines() for part in line.split("/")}
@@ -46,7 +45,7 @@ def _check_nothing_heavy_is_loaded(process: int) -> None:
         assert not loaded & {"sklearn", "pandas", "pyarrow", "matplotlib", "scipy", "skimage"}
 
 
-def test_port_that_is_taken(run_tokt, tiny, tmp_path: Path) -> None:
+def test_port_that_is_taken(run_tokt, tiny, tmp_path):
     with closing(socket.create_server(("127.0.0.1", 0))) as taken:
         port = taken.getsockname()[1]
         ran = run_tokt("label", tiny.path, "--port", port, "--no-browser", "--workspace", tmp_path)
@@ -68,41 +67,31 @@ def test_port_that_is_taken(run_tokt, tiny, tmp_path: Path) -> None:
         (["--taxonomy", "missing.toml"], "missing.toml"),
     ],
 )
-def test_options_that_cannot_be_used(
-    run_tokt, tiny, tmp_path: Path, options: list[str], said: str
-) -> None:
+def test_options_that_cannot_be_used(tiny, tmp_path, options, said):
     fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / ".tokt")
-    ran = run_tokt("label", tiny.path, *fixed, *options)
-    assert ran.code == 2 and said in ran.err and ran.err.count("\n") == 1, ran.err
+    assert refused(said, "label", tiny.path, *fixed, *options).count("\n") == 1
 
 
-def test_missions_that_cannot_be_used(run_tokt, tiny, tmp_path: Path) -> None:
+def test_missions_that_cannot_be_used(tiny, tmp_path):
     picture = next((tiny.path / "Left").iterdir())
+    fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / "w")
     for folder, file in ((" blanks ", "a_1.png"), ("late", "a_9999999999.png"), ("empty", "a.txt")):
         (tmp_path / folder).mkdir()
         shutil.copy(picture, tmp_path / folder / file)
-        ran = run_tokt(
-            "label", tmp_path / folder, "--port", 0, "--no-browser", "--workspace", tmp_path / "w"
-        )
-        assert ran.code == 2 and ran.err.count("\n") == 1, (folder, ran.err)
+        assert refused("", "label", tmp_path / folder, *fixed).count("\n") == 1, folder
 
 
-def test_a_model_of_another_grid(run_tokt, tiny, tiny_bundle, tmp_path: Path) -> None:
+def test_a_model_of_another_grid(tiny, tiny_bundle, tmp_path):
     fixed = ("--port", 0, "--no-browser", "--workspace", tmp_path / ".tokt")
-    ran = run_tokt("label", tiny.path, *fixed, "--grid", "5x5", "--model", tiny_bundle)
-    assert ran.code == 2 and "10x10@360" in ran.err and "5x5@360" in ran.err
+    other = ("--grid", "5x5", "--model", tiny_bundle)
+    assert "5x5@360" in refused("10x10@360", "label", tiny.path, *fixed, *other)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a limit on the size of files")
-def test_a_store_that_cannot_be_written(tiny, tmp_path: Path) -> None:
+def test_a_store_that_cannot_be_written(tiny, tmp_path):
     LabelStore(tmp_path / "labels.db").close()
-    options = ["--port", "0", "--no-browser", "--workspace", str(tmp_path)]
-    ran = subprocess.run(
-        [sys.executable, "-c", _LIMITED, "label", str(tiny.path), *options],
-        capture_output=True,
-        text=True,
-        timeout=MAX_S,
-    )
+    options = ("--port", 0, "--no-browser", "--workspace", tmp_path)
+    ran = run_python("-c", _LIMITED, "label", tiny.path, *options)
     assert ran.returncode == 2 and ran.stdout == "", ran.stderr
     assert ran.stderr.startswith(f"tokt: error: label store {tmp_path / 'labels.db'}: ")
     assert ran.stderr.count("\n") == 1
@@ -116,7 +105,7 @@ main()
 """
 
 
-def test_other_grids_are_other_labels(page_server, tmp_path: Path) -> None:
+def test_other_grids_are_other_labels(page_server, tmp_path):
     with LabelStore(tmp_path / "labels.db") as store:
         for grid in (Grid(), Grid(2, 2)):
             store.add([LabelRecord("tiny", "left", 1, grid, 1, 1, "reef", "anna", utc_now())])
@@ -127,7 +116,7 @@ def test_other_grids_are_other_labels(page_server, tmp_path: Path) -> None:
     server.paint("g-1", 1, [19], "ocean")
 
 
-def test_little_space_is_said(tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_little_space_is_said(tiny, tmp_path, monkeypatch):
     mission = open_mission(tiny.path)
     with closing(open_session(mission, tmp_path, Grid(), "anna", "1")) as session:
         assert session.fault == "" == session.status()["fault"]
@@ -137,7 +126,7 @@ def test_little_space_is_said(tiny, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell script")
-def test_the_browser_is_opened(tiny, tmp_path: Path) -> None:
+def test_the_browser_is_opened(tiny, tmp_path):
     script, opened = tmp_path / "browser", tmp_path / "opened"
     script.write_text(f'#!/bin/sh\necho "$1" > {opened}.part && mv {opened}.part {opened}\n')
     script.chmod(0o755)

@@ -1,10 +1,6 @@
 """Review sheet, overview and agreement in a real browser, checked in the store's file."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -17,9 +13,6 @@ from tokt.labels.taxonomy import Taxonomy
 
 pytestmark = pytest.mark.xdist_group("browser_views")  # what they share is made once
 
-if TYPE_CHECKING:
-    from playwright.sync_api import Page
-
 GRID = Grid(10, 10, 360)
 TIME = "2016-04-20T10:00:00Z"
 TOWER = "subsea_installation"
@@ -28,24 +21,14 @@ PLANTED = {(5, 0): "sand", (5, 1): "sand", (6, 50): "reef", (7, 99): "reef", (8,
 """Patches (frame, cell) of ocean that ben says something else of."""
 SURE = len(PLANTED) - 1
 
-Key = tuple[int, int]
-Server = Any
-Changes = Callable[..., dict[Key, str | None]]
-OpenPage = Callable[..., Any]
 
-
-def record(frame: int, cell: int, label: str, who: str) -> LabelRecord:
+def record(frame, cell, label, who):
     row, col = divmod(cell, GRID.cols)
     return LabelRecord("tiny", "left", frame, GRID, row, col, label, who, TIME)
 
 
 @pytest.fixture(scope="module")
-def server(
-    page_server: Callable[..., Server],
-    tiny_truth: Any,
-    tiny_bundle: Any,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Server:
+def server(page_server, tiny_truth, tiny_bundle, tmp_path_factory):
     """Anna labelled half the tiny mission, ben four of her frames; there is a model."""
     workspace = tmp_path_factory.mktemp("views") / ".tokt"
     workspace.mkdir()
@@ -61,7 +44,7 @@ def server(
 
 
 @pytest.fixture(scope="module")
-def first_tab(browse_on: Callable[..., Page], server: Server) -> Page:
+def first_tab(browse_on, server):
     """What its browser has loaded need not be loaded for each test."""
     page = browse_on(server)
     page.goto("about:blank")
@@ -69,13 +52,11 @@ def first_tab(browse_on: Callable[..., Page], server: Server) -> Page:
 
 
 @pytest.fixture
-def open_page(
-    browse_on: Callable[..., Page], first_tab: Page, server: Server
-) -> Iterator[Callable[..., Page]]:
+def open_page(browse_on, first_tab, server):
     """Open a place of the page, and wait for something that is there when it can be used."""
-    opened: list[Page] = []
+    opened = []
 
-    def start(place: str, ready: str, **options: Any) -> Page:
+    def start(place, ready, **options):
         opened.append(browse_on(server, place, context=first_tab.context, **options))
         opened[-1].wait_for_selector(ready)
         return opened[-1]
@@ -87,11 +68,11 @@ def open_page(
 
 
 @pytest.fixture
-def changes(server: Server) -> Changes:
+def changes(server):
     """What a person's labels have become since the test began: {(frame, cell): label}."""
     before = in_store(server)
 
-    def since(who: str = "anna") -> dict[Key, str | None]:
+    def since(who="anna"):
         now = in_store(server)
         keys = {at[1:] for at in before | now if at[0] == who}
         return {
@@ -101,7 +82,7 @@ def changes(server: Server) -> Changes:
     return since
 
 
-def in_store(server: Server) -> dict[tuple[str, int, int], str | None]:
+def in_store(server):
     with LabelStore(server.workspace / "labels.db") as store:
         return {
             (one.annotator, one.frame, one.row * GRID.cols + one.col): one.label
@@ -109,25 +90,25 @@ def in_store(server: Server) -> dict[tuple[str, int, int], str | None]:
         }
 
 
-def saved(page: Page) -> None:
+def saved(page):
     """Wait until the page says that all is saved."""
     page.wait_for_function("() => document.querySelector('#save-state').dataset.state === 'saved'")
 
 
-def undo(page: Page) -> None:
+def undo(page):
     page.keyboard.press("Control+z")
     page.wait_for_function("() => document.querySelector('#toast').textContent.includes('Undone')")
     saved(page)
 
 
-def toast(page: Page, text: str) -> None:
+def toast(page, text):
     """Wait until the page says this."""
     page.wait_for_function(
         "text => document.querySelector('#toast').textContent.includes(text)", arg=text
     )
 
 
-def patches(page: Page, which: str = "") -> list[Key]:
+def patches(page, which=""):
     """The tiles shown that `which` (CSS) chooses."""
     names = page.locator(f".tile{which}").evaluate_all(
         "tiles => tiles.map((tile) => tile.getAttribute('aria-label'))"
@@ -135,21 +116,19 @@ def patches(page: Page, which: str = "") -> list[Key]:
     return [patch_of(name) for name in names]
 
 
-def selected(page: Page) -> list[Key]:
+def selected(page):
     """The selected patches."""
     return patches(page, "[aria-selected=true]")
 
 
-def patch_of(name: str) -> Key:
+def patch_of(name):
     found = re.match(r"left (\d+), row (\d+), column (\d+)", name)
     assert found, name
     frame, row, col = map(int, found.groups())
     return frame, row * GRID.cols + col
 
 
-def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(
-    open_page: OpenPage, changes: Changes
-) -> None:
+def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(open_page, changes):
     page = open_page(f"#/sheet/{TOWER}", ".tile")
     tiles = page.locator(".tile")
     tiles.nth(1).click()
@@ -169,7 +148,7 @@ def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(
     assert tiles.nth(7).locator(".tile-caption").inner_text() == ""
 
 
-def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page: OpenPage) -> None:
+def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page):
     page = open_page(f"#/sheet/{TOWER}", ".tile")
     boxes = [page.locator(".tile").nth(index).bounding_box() for index in (1, 3)]
     (x0, y0), (x1, y1) = ((box["x"] + 30, box["y"] + 30) for box in boxes if box)
@@ -188,13 +167,11 @@ def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page: OpenPage) -
     assert len(selected(page)) == page.locator(".tile").count()
 
 
-def test_a_new_order_does_not_move_what_somebody_selects(
-    open_page: OpenPage, changes: Changes
-) -> None:
+def test_a_new_order_does_not_move_what_somebody_selects(open_page, changes):
     page = open_page("#/overview/left/1", ".thumb")
-    asked: list[Any] = []
+    asked = []
 
-    def order(route: Any) -> None:
+    def order(route):
         """Not ready, then ready, then in another order, which comes late."""
         answer = route.fetch(max_retries=3)
         value = answer.json()
@@ -224,7 +201,7 @@ def test_a_new_order_does_not_move_what_somebody_selects(
     undo(page)
 
 
-def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(open_page: OpenPage) -> None:
+def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(open_page):
     page = open_page("#/sheet/ocean", ".tile")
     page.keyboard.press("PageDown")
     page.wait_for_function(
@@ -248,8 +225,8 @@ def test_from_the_sheet_to_the_frame_and_back_to_the_same_place(open_page: OpenP
 
 
 def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
-    open_page: OpenPage, server: Server, changes: Changes
-) -> None:
+    open_page, server, changes
+):
     page = open_page("#/overview/left/21", ".thumb:not(.loading)")
     # What is kept from the frame before is not the model's and carries no version.
     page.evaluate(
@@ -286,9 +263,7 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     assert changes() == {}
 
 
-def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(
-    open_page: OpenPage, changes: Changes
-) -> None:
+def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(open_page, changes):
     page = open_page("#/overview/left/38", ".thumb:not(.loading)", allow="422|Failed to load")
     broken = {"status": 422, "json": {"error": "no picture"}}
     page.route("**/api/thumb/left/39?**", lambda route: route.fulfill(**broken))
@@ -312,14 +287,12 @@ def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(
     assert changes() == {}
 
 
-def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(
-    open_page: OpenPage, changes: Changes
-) -> None:
+def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page, changes):
     page = open_page("#/overview/left/31", ".thumb:not(.loading)")
     page.keyboard.press("3")
     here = [page.locator(".thumb canvas").nth(index).bounding_box() for index in (0, 1, 2)]
 
-    def drag(first: tuple[int, int], last: tuple[int, int], button: Any = "left") -> None:
+    def drag(first, last, button="left"):
         for step, (thumb, cell) in enumerate((first, last)):
             box = here[thumb]
             assert box is not None
@@ -346,7 +319,7 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(
         assert changes() == left
 
 
-def expected_kappa(server: Server) -> str:
+def expected_kappa(server):
     with LabelStore(server.workspace / "labels.db") as store:
         records = store.current("tiny", grid=GRID)
     of = {who: [one for one in records if one.annotator == who] for who in ("anna", "ben")}
@@ -355,7 +328,7 @@ def expected_kappa(server: Server) -> str:
     return f"{kappa:.3f}"
 
 
-def settled(server: Server) -> dict[Key, tuple[str | None, str]]:
+def settled(server):
     with LabelStore(server.workspace / "labels.db") as store:
         return {
             (one.frame, one.row * GRID.cols + one.col): (one.label, one.annotator)
@@ -364,8 +337,8 @@ def settled(server: Server) -> dict[Key, tuple[str | None, str]]:
 
 
 def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
-    open_page: OpenPage, server: Server, changes: Changes
-) -> None:
+    open_page, server, changes
+):
     page = open_page("#/agreement/anna/ben", ".conflicts .tile")
     assert page.locator(".kappa strong").inner_text() == expected_kappa(server)
     assert page.locator(".conflicts .tile").count() == SURE
@@ -389,9 +362,7 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     assert settled(server) == {}
 
 
-def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(
-    open_page: OpenPage, server: Server, changes: Changes
-) -> None:
+def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, server, changes):
     doubts = [
         AuditedPatch(*place, "ocean", "reef", margin, "a model takes it for obstacle by 2")
         for place, margin in [
@@ -428,9 +399,7 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(
     assert changes() == {} and settled(server) == {}
 
 
-def test_a_second_labelling_is_blind_and_by_another_person(
-    open_page: OpenPage, server: Server
-) -> None:
+def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
     page = open_page("#/agreement/anna/ben", ".conflicts .tile")
     page.keyboard.press("b")
     page.select_option("#blind-of", "ben")
@@ -438,7 +407,7 @@ def test_a_second_labelling_is_blind_and_by_another_person(
     page.keyboard.press("Enter")
     toast(page, "another person's name")
     page.fill("#blind-who", "carl")
-    answers: list[Any] = []
+    answers = []
     page.on("response", lambda answer: "/api/" in answer.url and answers.append(answer))
     page.keyboard.press("Enter")
     page.wait_for_url("**/#/label/left/5")
@@ -465,9 +434,7 @@ def test_a_second_labelling_is_blind_and_by_another_person(
     assert "carl: 400" in page.locator("dt:text('Of these blind') + dd").inner_text()
 
 
-def test_what_cannot_be_shown_is_said_in_a_sentence(
-    browse: Callable[..., Page], page_server: Callable[..., Server]
-) -> None:
+def test_what_cannot_be_shown_is_said_in_a_sentence(browse, page_server):
     lonely = page_server("--annotator", "anna")
     page = browse(lonely, "#/agreement")
     page.wait_for_selector("text=Only anna has worked on this mission so far")

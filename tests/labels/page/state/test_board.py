@@ -1,12 +1,9 @@
 """The board against what the store itself says, whoever wrote what in whatever order."""
 
-from __future__ import annotations
-
 import tempfile
 from itertools import count, pairwise
 from pathlib import Path
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -31,17 +28,11 @@ class Dive:
     name = "dive"
     cameras = ("left", "right")
 
-    def frames(self, camera: str = "left") -> list[int]:
+    def frames(self, camera="left"):
         return FRAMES[camera]
 
 
-@pytest.fixture
-def store(tmp_path: Path):
-    with LabelStore(tmp_path / "labels.db") as opened:
-        yield opened
-
-
-def _board(store: LabelStore) -> Board:
+def _board(store):
     board = Board(Dive(), GRID, TAXONOMY, store)
     board.refresh()
     return board
@@ -50,22 +41,22 @@ def _board(store: LabelStore) -> Board:
 _keys = count()
 
 
-def _say(store: LabelStore, who: str, frame: int, cell: int, label: str | None, **more) -> None:
+def _say(store, who, frame, cell, label, **more):
     camera, source = more.pop("camera", "left"), more.pop("source", HUMAN)
     said = store.settled if source == SETTLED else store.current
-    held = [r.label for r in said("dive", grid=GRID, camera=camera, frame=frame)
-            if r.col == cell and (source == SETTLED or r.annotator == who)]  # fmt: skip
-    base = held[0] if held else None
+    there = said("dive", grid=GRID, camera=camera, frame=frame)
+    held = [r for r in there if r.col == cell and (source == SETTLED or r.annotator == who)]
+    base = held[0].label if held else None
     change = Change(camera, frame, 0, cell, label, base, more.pop("model", None))
     key = f"key-{next(_keys)}"
     store.apply(Action(key, who, "dive", GRID, "paint", utc_now(), (change,), source, **more))
 
 
-def _letter(board: Board, frame: int = 1, who: str = "anna", *, blind: bool = False) -> str:
+def _letter(board, frame=1, who="anna", *, blind=False):
     return board.states(who, blind)["left"][FRAMES["left"].index(frame)]
 
 
-def test_states_of_a_frame_on_its_way(store: LabelStore) -> None:
+def test_states_of_a_frame_on_its_way(store):
     board = _board(store)
     assert board.states("anna", False) == {"left": "uuu", "right": "u"}
     board.mark_seen("anna", "left", 1)
@@ -91,7 +82,7 @@ def test_states_of_a_frame_on_its_way(store: LabelStore) -> None:
     assert (_letter(board), board.settled("left", 1)) == ("x", [None] * 3)
 
 
-def test_the_last_settlement_holds_whoever_made_it(store: LabelStore) -> None:
+def test_the_last_settlement_holds_whoever_made_it(store):
     for label in ("reef", "ocean"):
         for who in (*WHO, *reversed(WHO)):
             _say(store, who, 1, 0, None, source=SETTLED)
@@ -100,12 +91,12 @@ def test_the_last_settlement_holds_whoever_made_it(store: LabelStore) -> None:
     assert board.settled("left", 1) == ["ocean", None, None]
 
 
-def test_events_of_other_missions_are_passed_over_once(store: LabelStore) -> None:
+def test_events_of_other_missions_are_passed_over_once(store):
     store.add([LabelRecord("other", "left", 1, GRID, 0, 0, "ocean", "anna", utc_now())])
     assert _board(store).event == store.last_event() == 1
 
 
-def test_changed_says_who_and_where(store: LabelStore) -> None:
+def test_changed_says_who_and_where(store):
     board = _board(store)
     first = board.event
     _say(store, "anna", 1, 0, "ocean")
@@ -122,8 +113,8 @@ def test_changed_says_who_and_where(store: LabelStore) -> None:
     assert not board.changed_since(board.event) and not board.refresh()
 
 
-def test_what_is_not_of_this_mission_and_grid_is_left_out(store: LabelStore) -> None:
-    def record(mission: str, frame: int, grid: Grid) -> LabelRecord:
+def test_what_is_not_of_this_mission_and_grid_is_left_out(store):
+    def record(mission, frame, grid):
         return LabelRecord(mission, "left", frame, grid, 0, 0, "ocean", "anna", utc_now())
 
     store.add([record("other", 1, GRID), record("dive", 1, Grid()), record("dive", 99, GRID)])
@@ -132,7 +123,7 @@ def test_what_is_not_of_this_mission_and_grid_is_left_out(store: LabelStore) -> 
     assert board.event == store.last_event() and not board.changed_since(0)
 
 
-def test_seen_frames_of_an_earlier_time(store: LabelStore) -> None:
+def test_seen_frames_of_an_earlier_time(store):
     store.mark_seen("dive", "right", 2, "anna", utc_now())
     store.mark_seen("dive", "left", 99, "anna", utc_now())
     board = _board(store)
@@ -142,7 +133,7 @@ def test_seen_frames_of_an_earlier_time(store: LabelStore) -> None:
     assert board.states("anna", False) == {"left": "uus", "right": "s"}
 
 
-def test_model_versions_and_blind_labels(store: LabelStore) -> None:
+def test_model_versions_and_blind_labels(store):
     _say(store, "anna", 1, 2, "reef", model="reefs/3")
     _say(store, "anna", 1, 1, "reef", blind=True)
     board = _board(store)
@@ -154,7 +145,7 @@ def test_model_versions_and_blind_labels(store: LabelStore) -> None:
     assert board.versions("anna", "left", 1) == {} and board.blind_count("anna") == 0
 
 
-def test_labels_that_the_taxonomy_does_not_know(store: LabelStore) -> None:
+def test_labels_that_the_taxonomy_does_not_know(store):
     _say(store, "anna", 1, 0, "wreck")
     board = _board(store)
     assert board.names == [*TAXONOMY.names, UNSURE, "wreck"]
@@ -174,7 +165,7 @@ _said = st.tuples(
 
 @settings(max_examples=scaled(15))
 @given(st.lists(st.lists(_said, max_size=8), min_size=1, max_size=3))
-def test_board_says_what_the_store_says(parts) -> None:
+def test_board_says_what_the_store_says(parts):
     with tempfile.TemporaryDirectory() as folder, LabelStore(Path(folder) / "labels.db") as store:
         board = _board(store)
         for part in parts:
@@ -187,7 +178,7 @@ def test_board_says_what_the_store_says(parts) -> None:
         _check(_board(store), store)
 
 
-def _check(board: Board, store: LabelStore) -> None:
+def _check(board, store):
     said = {(r.annotator, r.camera, r.frame, r.col): r.label for r in store.current("dive")}
     settled = {(r.camera, r.frame, r.col): r.label for r in store.settled("dive")}
     every = [(camera, frame) for camera in FRAMES for frame in FRAMES[camera]]
@@ -204,11 +195,8 @@ def _check(board: Board, store: LabelStore) -> None:
         frames = {(camera, frame) for name, camera, frame, _ in said if name == who}
         assert set(board.labelled_frames(who)) == frames
     for a, b in pairwise(WHO):
-        both = [
-            (said[a, *patch], said[b, *patch])
-            for name, *patch in said
-            if name == a and (b, *patch) in said
-        ]
+        patches = [patch for name, *patch in said if name == a and (b, *patch) in said]
+        both = [(said[a, *patch], said[b, *patch]) for patch in patches]
         assert sorted(board.pairs(a, b).elements()) == sorted(both)
         differ = [(*pair, UNSURE not in pair) for pair in both if pair[0] != pair[1]]
         assert sorted((d.a, d.b, d.sure) for d in board.differences(a, b)) == sorted(differ)

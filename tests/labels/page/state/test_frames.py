@@ -1,20 +1,16 @@
 """Frames of a video for several readers at once: the right ones, without reading it all again."""
 
-from __future__ import annotations
-
 import gc
 import random
 import threading
 import weakref
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from tests.conftest import write_video
 from tests.waiting import MAX_S
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.mission import VideoMission, open_mission
@@ -26,29 +22,24 @@ FRAME_BYTES = 48 * 64 * 3
 
 
 @pytest.fixture(scope="module")
-def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("video") / "dive.avi"
+def video(tmp_path_factory):
     rng = np.random.default_rng(3)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
-    assert writer.isOpened()
-    for number in range(1, N + 1):
-        writer.write((rng.integers(0, 9, (48, 64, 3)) + 3 * number).astype(np.uint8))
-    writer.release()
-    return path
+    images = ((rng.integers(0, 9, (48, 64, 3)) + 3 * n).astype(np.uint8) for n in range(1, N + 1))
+    return write_video(tmp_path_factory.mktemp("video") / "dive.avi", images)
 
 
 @pytest.fixture(scope="module")
-def truth(video: Path) -> dict[int, NDArray[np.uint8]]:
+def truth(video):
     mission = open_mission(video)
     return {number: mission.read(number) for number in mission.frames()}
 
 
 @pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def opened(monkeypatch):
     """Grows whenever a video file is opened."""
     real, found = cv2.VideoCapture, list[str]()
 
-    def capture(path: str) -> Any:
+    def capture(path):
         found.append(path)
         return real(path)
 
@@ -56,7 +47,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return found
 
 
-def test_stepping_back_reads_the_file_once_in_25(video: Path, truth: Any, opened: Any) -> None:
+def test_stepping_back_reads_the_file_once_in_25(video, truth, opened):
     mission = open_mission(video)
     for number in range(N, 0, -1):
         assert np.array_equal(read_frame(mission, "left", number), truth[number])
@@ -64,7 +55,7 @@ def test_stepping_back_reads_the_file_once_in_25(video: Path, truth: Any, opened
     assert len(opened) == 1 + 4
 
 
-def test_going_to_and_fro_reads_nothing_again(video: Path, truth: Any, opened: Any) -> None:
+def test_going_to_and_fro_reads_nothing_again(video, truth, opened):
     mission = open_mission(video)
     for number in (70, 71, 70, 71, 70, 68, 72, 71, 70):
         assert np.array_equal(read_frame(mission, "left", number), truth[number])
@@ -72,9 +63,7 @@ def test_going_to_and_fro_reads_nothing_again(video: Path, truth: Any, opened: A
 
 
 @pytest.mark.parametrize("kept", [0, 1, 3, 10, 1000])
-def test_any_order_gives_the_right_frames(
-    video: Path, truth: Any, monkeypatch: pytest.MonkeyPatch, kept: int
-) -> None:
+def test_any_order_gives_the_right_frames(video, truth, monkeypatch, kept):
     monkeypatch.setattr(frames, "KEPT_BYTES", kept * FRAME_BYTES)
     mission = open_mission(video)
     near = random.Random(kept)
@@ -89,7 +78,7 @@ def test_any_order_gives_the_right_frames(
     assert frames._kept(mission)._bytes == len(held) * FRAME_BYTES  # type: ignore[arg-type]
 
 
-def test_many_threads(video: Path, truth: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_threads(video, truth, monkeypatch):
     monkeypatch.setattr(frames, "KEPT_BYTES", 30 * FRAME_BYTES)
     mission = open_mission(video)
     order = random.Random(1).choices(range(1, N + 1), k=200)
@@ -98,15 +87,13 @@ def test_many_threads(video: Path, truth: Any, monkeypatch: pytest.MonkeyPatch) 
         assert all(np.array_equal(f, truth[n]) for f, n in zip(found, order, strict=True))
 
 
-def test_kept_frames_do_not_wait_for_the_file(
-    video: Path, truth: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kept_frames_do_not_wait_for_the_file(video, truth, monkeypatch):
     mission = open_mission(video)
     read_frame(mission, "left", 5)
     reading, go_on = threading.Event(), threading.Event()
     real = VideoMission.read
 
-    def slow(self: VideoMission, frame: int, camera: str = "left") -> NDArray[np.uint8]:
+    def slow(self, frame, camera="left"):
         reading.set()
         assert go_on.wait(MAX_S)
         return real(self, frame, camera)
@@ -122,7 +109,7 @@ def test_kept_frames_do_not_wait_for_the_file(
         assert np.array_equal(far.result(MAX_S), truth[60])
 
 
-def test_files_of_frames(video: Path, truth: Any, opened: Any) -> None:
+def test_files_of_frames(video, truth, opened):
     mission = open_mission(video)
     for number in (9, 8, 7):
         found, direct = encoded_frame(mission, "left", number), cv2.imencode(".png", truth[number])
@@ -130,7 +117,7 @@ def test_files_of_frames(video: Path, truth: Any, opened: Any) -> None:
     assert len(opened) == 2
 
 
-def test_frames_that_cannot_be_read(video: Path, truth: Any, tmp_path: Path) -> None:
+def test_frames_that_cannot_be_read(video, tmp_path):
     for camera, number in (("left", 0), ("left", N + 1), ("right", 1)):
         for read in (read_frame, encoded_frame):
             with pytest.raises(FrameError, match=f"no {camera} frame {number}"):
@@ -154,7 +141,7 @@ def test_frames_that_cannot_be_read(video: Path, truth: Any, tmp_path: Path) -> 
     assert 0 < wrong < N
 
 
-def test_the_background_reads_for_itself_and_keeps_nothing(video: Path, truth: Any) -> None:
+def test_the_background_reads_for_itself_and_keeps_nothing(video, truth):
     mission = open_mission(video)
     own = for_background(mission)
     assert own is not mission and isinstance(own, VideoMission)
@@ -163,7 +150,7 @@ def test_the_background_reads_for_itself_and_keeps_nothing(video: Path, truth: A
     assert frames._kept(own)._bytes == 0
 
 
-def test_a_video_that_is_done_with_takes_no_memory(video: Path) -> None:
+def test_a_video_that_is_done_with_takes_no_memory(video):
     mission = open_mission(video)
     read_frame(mission, "left", 1)
     kept = weakref.ref(frames._kept(mission))  # type: ignore[arg-type]
@@ -172,7 +159,7 @@ def test_a_video_that_is_done_with_takes_no_memory(video: Path) -> None:
     assert kept() is None
 
 
-def test_folders_are_read_as_they_are(tiny: Any) -> None:
+def test_folders_are_read_as_they_are(tiny):
     mission = open_mission(tiny.path)
     assert for_background(mission) is mission
     assert encoded_frame(mission, "left", 3) == mission.encoded(3)

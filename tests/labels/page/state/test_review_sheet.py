@@ -1,10 +1,6 @@
 """All patches of a class, odd ones first."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,29 +10,29 @@ from tests.waiting import until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
 from tokt.labels.page.state import review_sheet
-from tokt.labels.page.state.review_sheet import PatchRanker, Ranked
+from tokt.labels.page.state.review_sheet import PatchRanker
 
 FIRST_PAGE = 50
 Cells = dict[str, list[tuple[str, int, int]]]
 
 
 @pytest.fixture
-def sheet(tiny: Any) -> Iterator[PatchRanker]:
+def sheet(tiny):
     made = PatchRanker(open_mission(tiny.path), Grid())
     yield made
     made.features.background.close()
 
 
 @pytest.fixture
-def cells(tiny_truth: Any) -> Cells:
+def cells(tiny_truth):
     """The tiny mission's patches by their label."""
-    found: Cells = {}
+    found = {}
     for _, camera, frame, row, col, label in tiny_truth.labels():
         found.setdefault(label, []).append((camera, frame, row * 10 + col))
     return found
 
 
-def looked_at(sheet: PatchRanker, cells: Cells) -> PatchRanker:
+def looked_at(sheet, cells):
     features = sheet.features
     features.want((camera, frame) for c in cells.values() for camera, frame, _ in c)
     features.background.start()
@@ -44,7 +40,7 @@ def looked_at(sheet: PatchRanker, cells: Cells) -> PatchRanker:
     return sheet
 
 
-def plant(cells: Cells, of: str, into: str, n: int) -> list[tuple[str, int, int]]:
+def plant(cells, of, into, n):
     """Give `n` patches of one class another label."""
     step = len(cells[of]) // n
     wrong = cells[of][::step][:n]
@@ -53,16 +49,14 @@ def plant(cells: Cells, of: str, into: str, n: int) -> list[tuple[str, int, int]
     return wrong
 
 
-def cells_of(ranked: Ranked) -> list[tuple[str, int, int]]:
+def cells_of(ranked):
     return [patch[:3] for patch in ranked.patches]
 
 
 @pytest.mark.parametrize(
     ("of", "into"), [("ocean", "subsea_installation"), ("subsea_installation", "ocean")]
 )
-def test_planted_wrong_labels_come_first(
-    sheet: PatchRanker, cells: Cells, of: str, into: str
-) -> None:
+def test_planted_wrong_labels_come_first(sheet, cells, of, into):
     wrong = plant(cells, of, into, 6)
     ranked = looked_at(sheet, cells).patches(cells, into)
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])
@@ -72,7 +66,7 @@ def test_planted_wrong_labels_come_first(
     assert values == sorted(values) and values[0] < 0 < values[-1]
 
 
-def test_the_sheet_says_how_the_order_was_made(sheet: PatchRanker, cells: Cells) -> None:
+def test_the_sheet_says_how_the_order_was_made(sheet, cells):
     looked_at(sheet, cells)
     # Frames 1..40 are in blocks 0, 1 and 2 (frame 40).
     assert sheet.patches(cells, "ocean").by == (
@@ -90,9 +84,7 @@ def test_the_sheet_says_how_the_order_was_made(sheet: PatchRanker, cells: Cells)
     assert "distance" in sheet.patches(class_in_one, "subsea_installation").by
 
 
-def test_no_classifier_saw_the_block_of_the_patch_it_judges(
-    sheet: PatchRanker, cells: Cells, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_classifier_saw_the_block_of_the_patch_it_judges(sheet, cells, monkeypatch):
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import LinearSVC
 
@@ -103,13 +95,13 @@ def test_no_classifier_saw_the_block_of_the_patch_it_judges(
         for row in range(40)
         for cell in range(100)
     }
-    seen: list[tuple[set[int], set[int]]] = []
+    seen = []
 
-    def keep(self: Any, x: Any, y: Any = None, **more: Any) -> Any:
+    def keep(self, x, y=None, **more):
         seen.append(({block_of[row.astype(np.float32).tobytes()] for row in x}, set()))
         return x
 
-    def judge(self: Any, x: Any) -> Any:
+    def judge(self, x):
         seen[-1][1].update(block_of[row.tobytes()] for row in x)
         return np.zeros(len(x))
 
@@ -122,9 +114,7 @@ def test_no_classifier_saw_the_block_of_the_patch_it_judges(
     assert set().union(*(judged for _, judged in seen)) == {0, 1, 2}
 
 
-def test_without_a_second_class_odd_is_what_is_far_from_the_middle(
-    sheet: PatchRanker, cells: Cells
-) -> None:
+def test_without_a_second_class_odd_is_what_is_far_from_the_middle(sheet, cells):
     wrong = plant(cells, "subsea_installation", "ocean", 6)
     only = {"ocean": cells["ocean"]}
     ranked = looked_at(sheet, only).patches(only, "ocean")
@@ -132,9 +122,7 @@ def test_without_a_second_class_odd_is_what_is_far_from_the_middle(
     assert all(patch.value <= 0 for patch in ranked.patches)
 
 
-def test_before_all_frames_are_looked_at_nothing_is_missing(
-    sheet: PatchRanker, cells: Cells
-) -> None:
+def test_before_all_frames_are_looked_at_nothing_is_missing(sheet, cells):
     ranked = sheet.patches(cells, "ocean", version=1)
     assert (ranked.done, ranked.of, ranked.ready) == (0, 40, False)
     assert cells_of(ranked) == cells["ocean"] and math.isnan(ranked.patches[0].value)
@@ -144,7 +132,7 @@ def test_before_all_frames_are_looked_at_nothing_is_missing(
     assert again.ready and "cross-validated" in again.by
 
 
-def test_an_unreadable_frame_comes_last(own_tiny: Any, cells: Cells) -> None:
+def test_an_unreadable_frame_comes_last(own_tiny, cells):
     (own_tiny.path / "Left" / "tiny_L_7.png").write_bytes(b"")
     cv2.imwrite(str(own_tiny.path / "Left" / "tiny_L_8.png"), np.zeros((3, 500), np.uint8))
     sheet = PatchRanker(open_mission(own_tiny.path), Grid())
@@ -156,9 +144,7 @@ def test_an_unreadable_frame_comes_last(own_tiny: Any, cells: Cells) -> None:
         assert math.isnan(patch.value) == (place >= len(ranked.patches) - len(last))
 
 
-def test_pages_of_one_ranking_are_computed_once(
-    sheet: PatchRanker, cells: Cells, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pages_of_one_ranking_are_computed_once(sheet, cells, monkeypatch):
     looked_at(sheet, cells)
     first = sheet.patches(cells, "ocean", version=("anna", 5))
     fresh = sheet.patches(cells, "ocean")
@@ -172,15 +158,13 @@ def test_pages_of_one_ranking_are_computed_once(
     assert len(sheet.patches(fewer, "ocean", version=("anna", 6)).patches) == 10
 
 
-def test_a_label_nobody_used_has_no_patches(sheet: PatchRanker, cells: Cells) -> None:
+def test_a_label_nobody_used_has_no_patches(sheet, cells):
     ranked = looked_at(sheet, cells).patches(cells, "reef")
     assert len(ranked.patches) == 0 and ranked.patches[:200] == []
     assert len(sheet.patches({}, "ocean").patches) == 0
 
 
-def test_more_patches_than_are_trained_on_are_all_ranked(
-    sheet: PatchRanker, cells: Cells, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_more_patches_than_are_trained_on_are_all_ranked(sheet, cells, monkeypatch):
     monkeypatch.setattr(review_sheet, "MAX_TRAINED", 200)
     wrong = plant(cells, "ocean", "subsea_installation", 4)
     ranked = looked_at(sheet, cells).patches(cells, "subsea_installation")

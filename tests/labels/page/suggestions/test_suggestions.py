@@ -1,42 +1,38 @@
 """What a model suggests for the frames of a mission."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.calls import refuses
+from tests.conftest import write_video
 from tests.waiting import until
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
 from tokt.labels.page.suggestions.suggester import Suggester, suggestions
-from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.bundle.bundle import read_bundle
 from tokt.models.linear import LinearModel
 
 
 @pytest.fixture(scope="module")
-def bundle(tiny_bundle: Path) -> Bundle:
+def bundle(tiny_bundle):
     return read_bundle(tiny_bundle)
 
 
-def finished(suggester: Suggester) -> Suggester:
+def finished(suggester):
     suggester.start()
     until(lambda: suggester.ready)
     suggester.close()
     return suggester
 
 
-def test_suggestions_are_what_the_bundle_computes(
-    tiny: Any, bundle: Bundle, tmp_path: Path
-) -> None:
+def test_suggestions_are_what_the_bundle_computes(tiny, bundle, tmp_path):
     mission = open_mission(tiny.path)
     suggester = finished(Suggester(bundle, mission, Grid(), tmp_path))
     assert suggester.progress == (40, 40)
@@ -50,9 +46,7 @@ def test_suggestions_are_what_the_bundle_computes(
     assert {int(c) for c in found.classes} <= {0, 1} and (found.values >= 0).all()
 
 
-def test_a_frame_that_is_not_known_yet_is_computed_at_once(
-    tiny: Any, bundle: Bundle, tmp_path: Path
-) -> None:
+def test_a_frame_that_is_not_known_yet_is_computed_at_once(tiny, bundle, tmp_path):
     suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
     found = suggester.of("left", 33)
     assert found is not None and len(found.classes) == 100 and suggester.progress == (1, 40)
@@ -60,24 +54,20 @@ def test_a_frame_that_is_not_known_yet_is_computed_at_once(
     suggester.close()
 
 
-def test_with_several_classes_the_margin_is_the_lead_over_the_second() -> None:
-    model = LinearModel(
-        np.eye(3), np.zeros(3), np.array([0.0, 0.0, 1.0]), ("a", "b", "c"), (False, True, True)
-    )
+def test_with_several_classes_the_margin_is_the_lead_over_the_second():
+    thresholds, obstacles = np.array([0.0, 0.0, 1.0]), (False, True, True)
+    model = LinearModel(np.eye(3), np.zeros(3), thresholds, ("a", "b", "c"), obstacles)
     found = suggestions(model, np.array([[2.0, 1.5, 0.0], [-3.0, -2.0, 1.5], [0.0, 0.0, 0.0]]))
     assert found.classes.tolist() == [0, 2, 0]
     assert found.values.tolist() == [0.5, 2.5, 0.0]
     assert found.obstacle.tolist() == [False, True, False]
 
 
-def test_another_grid_is_refused(tiny: Any, bundle: Bundle, tmp_path: Path) -> None:
-    with pytest.raises(ToktError, match=r"10x10@360.*5x5@360"):
-        Suggester(bundle, open_mission(tiny.path), Grid(5, 5), tmp_path)
+def test_another_grid_is_refused(tiny, bundle, tmp_path):
+    refuses(r"10x10@360.*5x5@360", Suggester, bundle, open_mission(tiny.path), Grid(5, 5), tmp_path)
 
 
-def test_faulty_frames_have_a_fault_and_no_suggestions(
-    own_tiny: Any, bundle: Bundle, tmp_path: Path
-) -> None:
+def test_faulty_frames_have_a_fault_and_no_suggestions(own_tiny, bundle, tmp_path):
     left = own_tiny.path / "Left"
     whole = (left / "tiny_L_7.png").read_bytes()
     (left / "tiny_L_7.png").write_bytes(whole[: len(whole) // 2])
@@ -94,9 +84,7 @@ def test_faulty_frames_have_a_fault_and_no_suggestions(
         assert not {7, 8} & set(suggester.known().frames.tolist())
 
 
-def test_a_restart_computes_nothing_again(
-    tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_restart_computes_nothing_again(tiny, bundle, tmp_path, monkeypatch):
     first = finished(Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path))
     mission = open_mission(tiny.path)
     monkeypatch.setattr(mission, "read", lambda *frame: pytest.fail("computed again"))
@@ -108,19 +96,16 @@ def test_a_restart_computes_nothing_again(
     assert np.array_equal(first.known().features, second.known().features)
 
 
-def counted(mission: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    reads: list[int] = []
-    read = mission.read
-    monkeypatch.setattr(
-        mission, "read", lambda frame, camera: reads.append(frame) or read(frame, camera)
-    )
+def counted(mission, monkeypatch):
+    reads, read = [], mission.read
+    monkeypatch.setattr(mission, "read", lambda n, camera: reads.append(n) or read(n, camera))
     return reads
 
 
 @pytest.mark.parametrize("change", ["frame", "bundle", "damage", "garbage"])
 def test_what_is_kept_of_other_files_or_models_is_not_used(
-    change: str, own_tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    change, own_tiny, bundle, tmp_path, monkeypatch
+):
     cache = tmp_path / "cache"
     before = finished(Suggester(bundle, open_mission(own_tiny.path), Grid(), cache)).of("left", 1)
     (file,) = cache.iterdir()
@@ -142,9 +127,7 @@ def test_what_is_kept_of_other_files_or_models_is_not_used(
     assert np.array_equal(before.values, after.values) == (change != "frame")
 
 
-def test_other_files_in_the_missions_folder_do_not_matter(
-    own_tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_files_in_the_missions_folder_do_not_matter(own_tiny, bundle, monkeypatch):
     workspace = own_tiny.path / ".tokt"
     finished(Suggester(bundle, open_mission(own_tiny.path), Grid(), workspace))
     (workspace / "labels.db").write_text("as if somebody had labelled")
@@ -155,9 +138,9 @@ def test_other_files_in_the_missions_folder_do_not_matter(
 
 
 def test_a_frame_that_could_not_be_read_is_read_again_the_next_time(
-    own_tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def no_read(frame: int, camera: str) -> Any:
+    own_tiny, bundle, tmp_path, monkeypatch
+):
+    def no_read(frame, camera):
         if frame == 3:
             raise FrameError("the disk was not there for a moment")
         return read(frame, camera)
@@ -173,9 +156,7 @@ def test_a_frame_that_could_not_be_read_is_read_again_the_next_time(
     assert then and not then.fault and reads == [3]
 
 
-def test_a_stop_in_the_middle_keeps_what_was_computed(
-    tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stop_in_the_middle_keeps_what_was_computed(tiny, bundle, tmp_path, monkeypatch):
     first = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
     first.start()
     until(lambda: first.progress[0] >= 3)
@@ -188,17 +169,13 @@ def test_a_stop_in_the_middle_keeps_what_was_computed(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="folder permissions work otherwise on Windows")
-def test_a_cache_that_cannot_be_written_costs_only_time(
-    tiny: Any, bundle: Bundle, tmp_path: Path
-) -> None:
+def test_a_cache_that_cannot_be_written_costs_only_time(tiny, bundle, tmp_path):
     (tmp_path / "cache").write_text("a file where the folder should be")
     suggester = finished(Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path / "cache"))
     assert suggester.ready
 
 
-def test_frames_near_the_one_shown_come_first(
-    tiny: Any, bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frames_near_the_one_shown_come_first(tiny, bundle, tmp_path, monkeypatch):
     mission = open_mission(tiny.path)
     reads = counted(mission, monkeypatch)
     suggester = Suggester(bundle, mission, Grid(), tmp_path)
@@ -207,12 +184,12 @@ def test_frames_near_the_one_shown_come_first(
     assert reads[0] == 30 and set(reads[:7]) == set(range(27, 34))
 
 
-def test_many_threads_ask_while_all_is_computed(tiny: Any, bundle: Bundle, tmp_path: Path) -> None:
+def test_many_threads_ask_while_all_is_computed(tiny, bundle, tmp_path):
     mission = open_mission(tiny.path)
     suggester = Suggester(bundle, mission, Grid(), tmp_path)
     suggester.start()
 
-    def ask(frame: int) -> bool:
+    def ask(frame):
         suggester.give_way()
         suggester.prefer("left", frame)
         found = suggester.of("left", frame)
@@ -225,24 +202,16 @@ def test_many_threads_ask_while_all_is_computed(tiny: Any, bundle: Bundle, tmp_p
     suggester.close()
 
 
-def test_requests_do_not_stop_the_computing(tiny: Any, bundle: Bundle, tmp_path: Path) -> None:
+def test_requests_do_not_stop_the_computing(tiny, bundle, tmp_path):
     suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
     suggester.start()
-
-    def asking() -> bool:
-        suggester.give_way()
-        return suggester.progress[0] >= 5
-
-    until(asking)
+    until(lambda: suggester.give_way() or suggester.progress[0] >= 5)
     suggester.close()
 
 
-def test_a_video_is_read_forwards(bundle: Bundle, tiny_truth: Any, tmp_path: Path) -> None:
-    path = tmp_path / "dive.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (360, 272))
-    for frame in range(1, 13):
-        writer.write(cv2.cvtColor(tiny_truth.draw(frame), cv2.COLOR_GRAY2BGR))
-    writer.release()
+def test_a_video_is_read_forwards(bundle, tiny_truth, tmp_path):
+    drawn = (cv2.cvtColor(tiny_truth.draw(n), cv2.COLOR_GRAY2BGR) for n in range(1, 13))
+    path = write_video(tmp_path / "dive.avi", drawn)
     mission = open_mission(path)
     suggester = Suggester(bundle, mission, Grid(), tmp_path)
     suggester.prefer("left", 9)

@@ -1,52 +1,45 @@
 """A geometric stand-in for the camera and the runtime: what the planner is tuned and tested on."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tokt.studies.simulation.loop.autopilot import STEP_S, Autopilot
-from tokt.studies.simulation.loop.planner import Planner, PlannerSettings
-from tokt.studies.simulation.loop.track import SaidOfFrame, Step, Track
+from tokt.studies.simulation.loop.planner import Planner
+from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M, State, Vehicle
 
-Float = NDArray[np.float64]
 START_M, GOAL_M = -14.0, 12.0
 FRAME_STEPS = 5
 HALF_VIEW = math.radians(17.0)
 COLUMNS = 10
 
 
-def tower(east: float, north: float, radius: float = 0.85) -> Float:
+def tower(east, north, radius=0.85):
     """Outline of a tower: a circle, as far as its feet reach."""
     angle = np.linspace(0, 2 * np.pi, 13)[:-1]
     return np.stack([east + radius * np.sin(angle), north + radius * np.cos(angle)], axis=1)
 
 
-def trap(east: float, north: float, thick: float = 0.2) -> Float:
+def trap(east, north, thick=0.2):
     """Outline of a U, 3 m deep and 4 m wide inside, open to the south; `north` is its end wall."""
     inside, outside = 2.0, 2.0 + thick
-    outline = [
-        (-outside, -3), (-inside, -3), (-inside, 0), (inside, 0), (inside, -3), (outside, -3),
-        (outside, thick), (-outside, thick),
-    ]  # fmt: skip
-    return np.array(outline, float) + np.array([east, north])
+    port = [(-outside, thick), (-outside, -3), (-inside, -3), (-inside, 0)]
+    starboard = [(-x, y) for x, y in reversed(port)]
+    return np.array(port + starboard, float) + np.array([east, north])
 
 
 @dataclass(frozen=True)
 class Sea:
     """What is there; `seen` are the outlines that the camera can see, `solid` what can be hit."""
 
-    solid: tuple[Float, ...] = ()
-    seen: tuple[Float, ...] = ()
+    solid: tuple[np.ndarray, ...] = ()
+    seen: tuple[np.ndarray, ...] = ()
     height: float = 0.5  # share of the frame's height that it covers
     farthest_m: float = 8.0
     false_alarms: float = 0.0
@@ -61,17 +54,17 @@ class Sea:
 
 
 @lru_cache(maxsize=8)
-def _joined(key: tuple[bytes, ...]) -> tuple[Float, Float]:
+def _joined(key):
     outlines = [np.frombuffer(data).reshape(-1, 2) for data in key]
     ends = [np.roll(outline, -1, axis=0) for outline in outlines]
     return np.concatenate(outlines), np.concatenate(ends)
 
 
-def _segments(outlines: tuple[Float, ...]) -> tuple[Float, Float]:
+def _segments(outlines):
     return _joined(tuple(outline.tobytes() for outline in outlines))
 
 
-def clearance(outlines: tuple[Float, ...], place: Float) -> float:
+def clearance(outlines, place):
     """Metres to the nearest outline."""
     if not outlines:
         return math.inf
@@ -81,7 +74,7 @@ def clearance(outlines: tuple[Float, ...], place: Float) -> float:
     return float(np.hypot(*(starts + share[:, None] * way - place).T).min())
 
 
-def ranges(outlines: tuple[Float, ...], place: Float, bearings: Float) -> Float:
+def ranges(outlines, place, bearings):
     """Metres to what rays of these bearings meet; infinite where they meet nothing."""
     if not outlines:
         return np.full(len(bearings), np.inf)
@@ -104,7 +97,7 @@ class Camera:
     rng: np.random.Generator
     hits: deque[bool] = field(default_factory=lambda: deque(maxlen=5))
 
-    def datagram(self, state: State, t_s: float) -> dict[str, Any] | None:
+    def datagram(self, state, t_s):
         """What the runtime would send of the frame taken now."""
         sea = self.sea
         if sea.silent_s[0] <= t_s < sea.silent_s[1]:
@@ -127,12 +120,12 @@ class Camera:
         seen = far.reshape(COLUMNS, -1)[white].min()
         return self._fields(1, np.flatnonzero(white), float(seen))
 
-    def solid_in_view(self, state: State) -> bool:
+    def solid_in_view(self, state):
         """Whether the camera looks at something solid within 10 m."""
         rays = state.heading_rad + np.linspace(-HALF_VIEW, HALF_VIEW, 41)
         return bool((ranges(self.sea.solid, state.camera[[0, 2]], rays) < 10.0).any())
 
-    def _fields(self, status: int, white: Any, far: float | None) -> dict[str, Any]:
+    def _fields(self, status, white, far):
         x, box, mean = (None, None, None) if status < 0 else (0, None, 0.0)
         if white is not None:
             x = -int(round((white.mean() + 0.5) * 36) - 180)
@@ -141,24 +134,18 @@ class Camera:
         if self.sea.version == 1:
             return {"v": 1, "status": status, "x": x, "y": 0, "mean": mean}
         distance = far if self.sea.stereo and far is not None and far < 9 else None
-        return {
-            "v": 2, "status": status, "x": x, "y": x, "box": box, "mean": mean,
-            "distance_m": distance, "contact_s": None,
-        }  # fmt: skip
+        seen = {"v": 2, "status": status, "x": x, "y": x, "box": box, "mean": mean}
+        return {**seen, "distance_m": distance, "contact_s": None}
 
 
-def fly(
-    sea: Sea, seed: int, settings: PlannerSettings | None = None, most_s: float = 240.0
-) -> Track:
+def fly(sea, seed, settings=None, most_s=240.0):
     """One transit from START_M to GOAL_M along the sea's heading."""
     rng = np.random.default_rng(seed)
     camera = Camera(sea, rng)
     ahead = np.array([math.sin(sea.heading), 0.0, math.cos(sea.heading)])
     vehicle = Vehicle(State(START_M * ahead, sea.heading, np.zeros(3)), sea.current)
     planner, autopilot = Planner(GOAL_M * ahead, settings), Autopilot()
-    steps: list[Step] = []
-    frames: list[SaidOfFrame] = []
-    waiting = None
+    steps, frames, waiting = [], [], None
     for step in range(int(most_s / STEP_S)):
         t_s = step * STEP_S
         if step % FRAME_STEPS == 0:
@@ -177,24 +164,19 @@ def fly(
     return Track.of("stand-in", sea.name, "stand-in", seed, *said)
 
 
-def _turned(sea: Sea) -> Sea:
+def _turned(sea):
     """The same sea with everything turned about the origin to its heading."""
     sine, cosine = math.sin(sea.heading), math.cos(sea.heading)
     matrix = np.array([[cosine, -sine], [sine, cosine]])
-    return replace(
-        sea,
-        solid=tuple(outline @ matrix for outline in sea.solid),
-        seen=tuple(outline @ matrix for outline in sea.seen),
-    )
+    solid, seen = (tuple(one @ matrix for one in outlines) for outlines in (sea.solid, sea.seen))
+    return replace(sea, solid=solid, seen=seen)
 
 
-def draw_sea(kind: str, seed: int, **changes: Any) -> Sea:
+def draw_sea(kind, seed, **changes):
     """One of the scenes, drawn from a seed."""
     rng = np.random.default_rng([seed, 7])
     off, second, radius = rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6), rng.uniform(0.2, 0.85)
-    solid: tuple[Float, ...] = ()
-    seen: tuple[Float, ...] = ()
-    height = 0.5
+    solid, seen, height = (), (), 0.5
     if kind in ("tower", "current", "far"):
         solid, seen = (tower(off, 0.0),), (tower(off, 0.0, radius),)
     elif kind == "two":
@@ -210,6 +192,6 @@ def draw_sea(kind: str, seed: int, **changes: Any) -> Sea:
 
 
 @pytest.fixture(scope="session")
-def stand_in() -> SimpleNamespace:
+def stand_in():
     """The stand-in's functions and classes."""
     return SimpleNamespace(Sea=Sea, draw=draw_sea, fly=fly, tower=tower, trap=trap)

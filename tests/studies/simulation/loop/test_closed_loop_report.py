@@ -1,19 +1,13 @@
 """What runs came to, on tracks drawn by hand; maps and the page: what is in the data is on them."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.track import Track
@@ -27,14 +21,7 @@ pytestmark = pytest.mark.xdist_group("closed_loop_stand_in")
 RED, BLUE, ORANGE, VIOLET, WATER = "#cc1f2f", "#2f6db3", "#e08a1e", "#8e44ad", "#1f7a8c"
 
 
-def recorded(
-    corners: list[tuple[float, float]],
-    clearances: list[float],
-    frames: list[tuple[float, int, bool]] | None = None,
-    avoidances: tuple[float, ...] = (),
-    reached: bool = True,
-    **about: Any,
-) -> Track:
+def recorded(corners, clearances, frames=None, avoidances=(), reached=True, **about):
     """A track over these corners (east, north), one a second."""
     steps = [
         (float(second), State(np.array([east, 0.0, north]), 0.0, np.zeros(3)), Mode.TRANSIT, away)
@@ -48,7 +35,7 @@ STRAIGHT = [(0.0, 0.0), (0.0, 4.0), (0.0, 8.0)]
 AROUND = [(0.0, 0.0), (3.0, 4.0), (0.0, 8.0)]
 
 
-def test_clearance_is_from_the_hull_and_below_nothing_it_has_hit() -> None:
+def test_clearance_is_from_the_hull_and_below_nothing_it_has_hit():
     near = outcome_of(recorded(STRAIGHT, [5.0, 0.9, 4.0]))
     assert not near.collided and near.clearance_m == pytest.approx(0.1)
     hit = outcome_of(recorded(STRAIGHT, [5.0, 0.79, 4.0]))
@@ -56,21 +43,21 @@ def test_clearance_is_from_the_hull_and_below_nothing_it_has_hit() -> None:
     assert hit.collided and not hit.reached and math.isnan(hit.detour)
 
 
-def test_the_detour_is_against_the_straight_line() -> None:
+def test_the_detour_is_against_the_straight_line():
     assert outcome_of(recorded(STRAIGHT, [9.0] * 3)).detour == pytest.approx(0.0)
     around = outcome_of(recorded(AROUND, [9.0] * 3))
     assert around.path_m == pytest.approx(10.0) and around.detour == pytest.approx(0.25)
     assert math.isnan(outcome_of(recorded(AROUND, [9.0] * 3, reached=False)).detour)
 
 
-def test_an_avoidance_is_false_where_nothing_solid_was_in_the_picture() -> None:
+def test_an_avoidance_is_false_where_nothing_solid_was_in_the_picture():
     frames = [(0.0, 0, False), (1.0, 1, True), (2.0, 1, False), (6.0, 1, False), (7.0, -1, False)]
     outcome = outcome_of(recorded(STRAIGHT, [9.0] * 3, frames, avoidances=(2.25, 6.25)))
     assert outcome.avoidances == 2 and outcome.false_avoidances == 1
     assert outcome.false_statuses == 2 and outcome.frames == 5 and outcome.unknown_frames == 1
 
 
-def test_bounds_are_clopper_and_pearson_s() -> None:
+def test_bounds_are_clopper_and_pearson_s():
     low, high = bounds(0, 100)
     assert low == 0.0 and high == pytest.approx(1 - 0.025 ** (1 / 100))
     # NIST/SEMATECH e-Handbook, 7.2.4.1: 4 of 20; the value of Clopper and Pearson's tables.
@@ -79,7 +66,7 @@ def test_bounds_are_clopper_and_pearson_s() -> None:
         bounds(0, 0)
 
 
-def test_the_table_has_a_row_for_each_scene_and_method() -> None:
+def test_the_table_has_a_row_for_each_scene_and_method():
     hit = outcome_of(recorded(STRAIGHT, [5.0, 0.5, 4.0], method="none"))
     good = outcome_of(recorded(AROUND, [5.0, 1.8, 4.0]))
     false = outcome_of(recorded(STRAIGHT, [math.inf] * 3, avoidances=(1.0,), scene="snow"))
@@ -98,13 +85,13 @@ def test_the_table_has_a_row_for_each_scene_and_method() -> None:
         table([])
 
 
-def test_json_has_no_number_that_json_has_not() -> None:
+def test_json_has_no_number_that_json_has_not():
     outcome = outcome_of(recorded(STRAIGHT, [math.inf] * 3, reached=False))
     shown = json.loads(json.dumps(outcome.to_json(), allow_nan=False))
     assert shown["clearance_m"] is None and shown["detour"] is None and shown["seed"] == 3
 
 
-def test_a_track_knows_where_frames_were_taken() -> None:
+def test_a_track_knows_where_frames_were_taken():
     frames = [(0.5, 1, True), (1.5, 0, True), (1.75, 1, True)]
     track = recorded(STRAIGHT, [3.0, 1.0, 2.0], frames)
     assert track.obstacle_places[:, 2] == pytest.approx([2.0, 7.0])
@@ -113,39 +100,33 @@ def test_a_track_knows_where_frames_were_taken() -> None:
         recorded([], [])
 
 
-def track(
-    modes: list[Mode], status: int, least_m: float, seed: int = 1, method: str = "m"
-) -> Track:
+def track(modes, status, least_m, seed=1, method="m"):
     """Straight north past something, a mode for every stretch of a second."""
     count = 20 * len(modes)
-    steps = [
-        (
-            step * 0.05,
-            State(np.array([0.0, 0.0, step * 0.25]), 0.0, np.zeros(3)),
-            modes[step // 20],
-            max(least_m, abs(5 - step * 0.25)),
-        )
-        for step in range(count)
-    ]
+    steps = []
+    for step in range(count):
+        state = State(np.array([0.0, 0.0, step * 0.25]), 0.0, np.zeros(3))
+        clearance_m = max(least_m, abs(5 - step * 0.25))
+        steps.append((step * 0.05, state, modes[step // 20], clearance_m))
     frames = [(step * 0.05, status, True) for step in range(0, count, 5)]
     return Track.of("one <tower>", "tower", method, seed, steps, frames, (), True)
 
 
 @pytest.fixture(scope="session")
-def chart(stand_in: SimpleNamespace) -> Chart:
+def chart(stand_in):
     return Chart([stand_in.tower(2.5, 5.0)], np.array([0.0, 0.0, 16.0]), (0.2, 0.0, 0.0))
 
 
-def picture(data: bytes) -> NDArray[np.uint8]:
+def picture(data):
     return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8)
 
 
-def pixels(image: NDArray[np.uint8], color: str, within: int = 12) -> int:
+def pixels(image, color, within=12):
     bgr = [int(color[at : at + 2], 16) for at in (5, 3, 1)]
     return int((np.abs(image.astype(int) - bgr).max(axis=2) <= within).sum())
 
 
-def test_the_map_shows_modes_verdicts_current_and_the_nearest_place(chart: Chart) -> None:
+def test_the_map_shows_modes_verdicts_current_and_the_nearest_place(chart):
     three = [Mode.TRANSIT, Mode.AVOID, Mode.BACK_OFF]
     seen = picture(still(track(three, 1, 1.5), chart))
     for color in (BLUE, ORANGE, VIOLET, WATER):
@@ -160,7 +141,7 @@ def test_the_map_shows_modes_verdicts_current_and_the_nearest_place(chart: Chart
     assert pixels(hit, RED) > 80, "the hull where it hit"
 
 
-def test_the_animation_moves_and_its_track_grows(chart: Chart, tmp_path: Path) -> None:
+def test_the_animation_moves_and_its_track_grows(chart, tmp_path):
     file = tmp_path / "run.webp"
     file.write_bytes(animation(track([Mode.TRANSIT] * 3, 1, 1.5), chart))
     done, film = cv2.imreadanimation(str(file))
@@ -172,7 +153,7 @@ def test_the_animation_moves_and_its_track_grows(chart: Chart, tmp_path: Path) -
     assert red[0] < red[1] < red[-1]
 
 
-def test_the_overview_has_every_run_and_marks_those_that_hit(chart: Chart) -> None:
+def test_the_overview_has_every_run_and_marks_those_that_hit(chart):
     good = track([Mode.TRANSIT] * 3, 0, 1.5)
     hit = track([Mode.TRANSIT] * 3, 0, 0.4)
     pink = "#fdecea"
@@ -183,15 +164,9 @@ def test_the_overview_has_every_run_and_marks_those_that_hit(chart: Chart) -> No
         overview([good], [chart] * 2)
 
 
-def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(
-    chart: Chart, tmp_path: Path
-) -> None:
-    runs = [
-        track([Mode.TRANSIT] * 2, status, least, seed, method)
-        for status, least, seed, method in (
-            (1, 2.0, 4, "texture"), (1, 0.9, 5, "texture"), (0, 0.3, 6, "none")
-        )
-    ]  # fmt: skip
+def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(chart, tmp_path):
+    about = ((1, 2.0, 4, "texture"), (1, 0.9, 5, "texture"), (0, 0.3, 6, "none"))
+    runs = [track([Mode.TRANSIT] * 2, *one) for one in about]
     write_report(tmp_path, runs, [chart] * 3, ["Flown for <this> test."])
     page = (tmp_path / "report.html").read_text("utf-8")
     assert "Flown for &lt;this&gt; test." in page and "one &lt;tower&gt;" in page
@@ -200,13 +175,8 @@ def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(
     assert "than 10 m had been in the left picture for 2.5 s" in page
     assert "Seed 5: of these runs the one that came nearest" in page
     names = sorted(path.name for path in (tmp_path / "maps").iterdir())
-    assert names == [
-        "tower-none-6.png",
-        "tower-none.png",
-        "tower-texture-5.png",
-        "tower-texture-5.webp",
-        "tower-texture.png",
-    ]
+    texture = ["tower-texture-5.png", "tower-texture-5.webp", "tower-texture.png"]
+    assert names == ["tower-none-6.png", "tower-none.png", *texture]
     with (tmp_path / "runs.csv").open(newline="") as handle:
         rows = list(csv.DictReader(handle))
     assert [row["collided"] for row in rows] == ["False", "False", "True"]

@@ -1,21 +1,16 @@
 """The closed loop with the real runtime process: what it sees decides where the vehicle goes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from tokt.features.common.errors import ToktError
+from tests.calls import refuses
 from tokt.studies.simulation.loop import flight
 from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.flight import NONE, fly
 from tokt.studies.simulation.loop.runtime_process import RuntimeProcess
-from tokt.studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
-from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 from tokt.studies.simulation.scene import tower
@@ -27,7 +22,7 @@ BEGINS_S = 5.0  # long enough to begin to avoid
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
-def near(name: str, start_m: float = -8.0, goal_m: float = 3.0) -> LoopScene:
+def near(name, start_m=-8.0, goal_m=3.0):
     """A scene with less water before and behind what is there: a third of the time to fly."""
     scene = draw_scene(name, SEED, WIDTH)
     (east, down, _), (to_east, to_down, _) = scene.start.position, scene.goal
@@ -35,16 +30,16 @@ def near(name: str, start_m: float = -8.0, goal_m: float = 3.0) -> LoopScene:
     return replace(scene, start=start, goal=np.array([to_east, to_down, goal_m]))
 
 
-def flown(name: str, method: str) -> Track:
+def flown(name, method):
     return fly(near(name), method)
 
 
 @pytest.fixture(scope="module")
-def avoided() -> Track:
+def avoided():
     return flown("tower", "disparity")
 
 
-def test_a_tower_is_hit_by_who_does_not_listen_and_passed_by_who_does(avoided: Track) -> None:
+def test_a_tower_is_hit_by_who_does_not_listen_and_passed_by_who_does(avoided):
     deaf = flown("tower", NONE)
     assert not deaf.reached and deaf.clearance_m[-1] < HULL_RADIUS_M
     assert (deaf.clearance_m[:-1] >= HULL_RADIUS_M).all()
@@ -53,7 +48,7 @@ def test_a_tower_is_hit_by_who_does_not_listen_and_passed_by_who_does(avoided: T
     assert (avoided.frame_status == 1).any() and len(avoided.avoidances_s) >= 1
 
 
-def test_the_same_seed_is_the_same_run(avoided: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_seed_is_the_same_run(avoided, monkeypatch):
     monkeypatch.setattr(flight, "MAX_S", BEGINS_S)
     again = flown("tower", "disparity")
     assert len(again.avoidances_s) >= 1
@@ -62,13 +57,11 @@ def test_the_same_seed_is_the_same_run(avoided: Track, monkeypatch: pytest.Monke
         assert np.array_equal(one, other[: len(one)]), name
 
 
-def test_views_that_do_not_fit_together_avoid_nothing(
-    avoided: Track, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_views_that_do_not_fit_together_avoid_nothing(avoided, monkeypatch):
     """The method broken on purpose: with views that show no common point nothing is avoided."""
     look = StereoRenderer.pair
 
-    def shuffled(self: StereoRenderer, t_s: float, *pose: Any) -> Any:
+    def shuffled(self, t_s, *pose):
         left, right = look(self, t_s, *pose)
         return left, np.ascontiguousarray(right[::-1])
 
@@ -79,7 +72,7 @@ def test_views_that_do_not_fit_together_avoid_nothing(
     assert avoided.avoidances_s[0] < BEGINS_S - 1.0, "too short to say anything"
 
 
-def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pictures_it_keeps_its_station(monkeypatch):
     start, end = 1.5, 6.5
     scene = replace(draw_scene("blind", SEED, WIDTH), blind_s=(start, end))
     monkeypatch.setattr(flight, "MAX_S", end + 1.5)
@@ -95,7 +88,7 @@ def test_without_pictures_it_keeps_its_station(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture
-def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
+def unpainted(monkeypatch):
     """Solids without growth and texture, which are nothing to hit and take 0.2 s to draw."""
     for name in ("_growth", "surface_textures"):
         monkeypatch.setattr(tower, name, lambda *_: ())
@@ -103,43 +96,35 @@ def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("unpainted")
 @pytest.mark.parametrize("name", KINDS)
-def test_scenes_are_drawn_by_their_seed(name: str) -> None:
+def test_scenes_are_drawn_by_their_seed(name):
     first, again, other = (draw_scene(name, seed, WIDTH) for seed in (5, 5, 6))
     assert first.world.water == again.world.water != other.world.water
     assert np.array_equal(first.start.position, again.start.position)
     assert _ahead(first) == _ahead(again)
     # The straight way leads into what there is to hit, and nothing else is on it.
     for seed in range(1, 9):
-        assert (_ahead(draw_scene(name, seed, WIDTH)) < HULL_RADIUS_M) == (
-            KINDS[name].obstacles > 0
-        )
+        hit = _ahead(draw_scene(name, seed, WIDTH)) < HULL_RADIUS_M
+        assert hit == (KINDS[name].obstacles > 0)
 
 
-def _ahead(scene: LoopScene) -> float:
+def _ahead(scene):
     """Least clearance of the straight way."""
     along = np.linspace(0.0, 1.0, 400)[:, None]
     way = scene.start.position + along * (scene.goal - scene.start.position)
     return float(scene.world.clearance_m(way, 0.0).min())
 
 
-def test_an_unknown_scene() -> None:
-    with pytest.raises(ToktError, match="unknown scene 'reef'"):
-        draw_scene("reef", 1, WIDTH)
+def test_an_unknown_scene():
+    refuses("unknown scene 'reef'", draw_scene, "reef", 1, WIDTH)
 
 
-def test_a_runtime_that_cannot_start_says_why(tmp_path: Path) -> None:
+def test_a_runtime_that_cannot_start_says_why(tmp_path):
     (tmp_path / "no.tokt").write_bytes(b"no bundle")
     options = ["--bundle", str(tmp_path / "no.tokt"), "--policy", "texture"]
     scene = draw_scene("empty", 1, WIDTH)
     left = StereoRenderer(scene.world, scene.rig, 1).left(0.0, np.zeros(3), 0.0, np.zeros(3))
-    with (
-        pytest.raises(ToktError, match=r"did not say a verdict: tokt: error: .*no.tokt: truncated"),
-        RuntimeProcess(options) as runtime,
-    ):
-        runtime.judge(1, 1e9, left, None)
-    unasked = ["--policy", "texture", "--rate", "5"]
-    with (
-        pytest.raises(ToktError, match=r"did not connect: tokt: error: --rate is for recorded"),
-        RuntimeProcess(unasked),
-    ):
-        pass
+    with RuntimeProcess(options) as runtime:
+        said = r"did not say a verdict: tokt: error: .*no.tokt: truncated"
+        refuses(said, runtime.judge, 1, 1e9, left, None)
+    unasked = RuntimeProcess(["--policy", "texture", "--rate", "5"])
+    refuses("did not connect: tokt: error: --rate is for recorded", unasked.__enter__)

@@ -1,15 +1,12 @@
 """The planner's rules, a datagram at a time."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
 from tokt.inference.outputs.udp import decode
-from tokt.studies.simulation.loop.autopilot import Mode, Setpoint
+from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.planner import Planner, PlannerSettings
 from tokt.studies.simulation.loop.vehicle import State
 
@@ -17,39 +14,39 @@ GOAL = np.array([0.0, 0.0, 20.0])
 FRAME_S = 0.25
 
 
-def state(east: float = 0.0, north: float = 0.0, heading: float = 0.0, surge: float = 0.0) -> State:
+def state(east=0.0, north=0.0, heading=0.0, surge=0.0):
     return State(np.array([east, 0.0, north]), heading, np.array([surge, 0.0, 0.0]))
 
 
-def v1(status: int, x: int = 0, mean: float = 0.0) -> dict[str, Any]:
+def v1(status, x=0, mean=0.0):
     """As it comes over the line from the thesis's format."""
     return decode(f"status : , {status}  ,Xpos : ,{x},  Ypos : , 0 , meanValue : ,{mean}".encode())
 
 
-def v2(status: int, x: int | None = 0, **more: Any) -> dict[str, Any]:
+def v2(status, x=0, **more):
     return {"v": 2, "status": status, "x": x, "box": None, "mean": 10.0, "distance_m": None} | more
 
 
 class Talk:
     """A planner, and a clock that goes on by a frame with each datagram."""
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, **settings):
         self.planner = Planner(GOAL, PlannerSettings(**settings))
         self.t_s = 0.0
 
-    def say(self, datagram: dict[str, Any] | None, nav: State) -> Setpoint:
+    def say(self, datagram, nav):
         self.t_s += FRAME_S
         self.planner.hear(self.t_s, datagram)
         return self.planner.target(self.t_s, nav)
 
 
-def beside(target: Setpoint, nav: State) -> float:
+def beside(target, nav):
     """How far to starboard of the vehicle a target is."""
     east, _, north = target.position - nav.position
     return east * math.cos(nav.heading_rad) - north * math.sin(nav.heading_rad)
 
 
-def test_clear_goes_to_the_goal_and_arrives() -> None:
+def test_clear_goes_to_the_goal_and_arrives():
     talk = Talk()
     target = talk.say(v1(0), state())
     assert target.mode is Mode.TRANSIT and target.position == pytest.approx(GOAL)
@@ -62,7 +59,7 @@ def test_clear_goes_to_the_goal_and_arrives() -> None:
 @pytest.mark.parametrize("say", [v1, v2])
 @pytest.mark.parametrize("heading", [0.0, 1.2, -2.0])
 @pytest.mark.parametrize("x", [-100, 100])
-def test_the_new_waypoint_is_on_the_side_to_steer_to(say: Any, heading: float, x: int) -> None:
+def test_the_new_waypoint_is_on_the_side_to_steer_to(say, heading, x):
     talk = Talk()
     ahead = np.array([math.sin(heading), 0.0, math.cos(heading)])
     talk.planner.goal = 20.0 * ahead
@@ -75,7 +72,7 @@ def test_the_new_waypoint_is_on_the_side_to_steer_to(say: Any, heading: float, x
     assert abs((target.position - nav.position) @ ahead) < 0.5
 
 
-def test_it_stays_on_its_side_whatever_x_says_next() -> None:
+def test_it_stays_on_its_side_whatever_x_says_next():
     talk = Talk()
     first = talk.say(v1(1, -40), state())
     assert beside(first, state()) < -1.5
@@ -83,14 +80,14 @@ def test_it_stays_on_its_side_whatever_x_says_next() -> None:
         assert beside(talk.say(v1(1, x), state(-0.2)), state(-0.2)) < -1.0
 
 
-def test_while_the_status_is_1_the_waypoint_moves_on() -> None:
+def test_while_the_status_is_1_the_waypoint_moves_on():
     """Of an obstacle that goes on to the side, each verdict sets it farther out."""
     talk = Talk()
     offs = [talk.say(v1(1, -20), state(-east)).position[0] for east in (0.0, 1.0, 2.0)]
     assert offs[0] - 0.9 > offs[1] and offs[1] - 0.9 > offs[2]
 
 
-def test_past_the_obstacle_and_not_back_into_it() -> None:
+def test_past_the_obstacle_and_not_back_into_it():
     """The obstacle has left the view, every verdict is clear, and it is still beside the hull."""
     talk = Talk()
     talk.say(v2(1, 60, distance_m=4.0), state())
@@ -109,7 +106,7 @@ def test_past_the_obstacle_and_not_back_into_it() -> None:
     assert target.mode is Mode.TRANSIT and target.position == pytest.approx(GOAL)
 
 
-def test_what_the_glance_finds_is_passed_too() -> None:
+def test_what_the_glance_finds_is_passed_too():
     talk = Talk()
     talk.say(v2(1, 60, distance_m=4.0), state())
     for _ in range(4):
@@ -124,7 +121,7 @@ def test_what_the_glance_finds_is_passed_too() -> None:
 
 
 @pytest.mark.parametrize("unknown", [v2(-1, None, mean=None), None])
-def test_unknown_and_silence_hold_the_station(unknown: dict[str, Any] | None) -> None:
+def test_unknown_and_silence_hold_the_station(unknown):
     talk = Talk()
     assert talk.planner.target(0.0, state()).mode is Mode.HOLD, "nothing heard yet"
     assert talk.say(v2(0), state(surge=0.6)).mode is Mode.TRANSIT
@@ -139,7 +136,7 @@ def test_unknown_and_silence_hold_the_station(unknown: dict[str, Any] | None) ->
     assert talk.say(v2(0), state(north=1.4)).mode is Mode.TRANSIT
 
 
-def test_silence_is_not_taken_for_clear_before_its_time_is_up_or_after() -> None:
+def test_silence_is_not_taken_for_clear_before_its_time_is_up_or_after():
     talk = Talk(silence_s=1.0)
     talk.say(v1(0), state())
     modes = [talk.say(None, state()).mode for _ in range(6)]
@@ -156,7 +153,7 @@ def test_silence_is_not_taken_for_clear_before_its_time_is_up_or_after() -> None
         v2(1, 3, box=[0, 60, 360, 100]),
     ],
 )
-def test_near_or_wide_it_backs_off_straight_first(datagram: dict[str, Any]) -> None:
+def test_near_or_wide_it_backs_off_straight_first(datagram):
     talk = Talk()
     target = talk.say(datagram, state())
     assert target.mode is Mode.BACK_OFF
@@ -170,25 +167,25 @@ def test_near_or_wide_it_backs_off_straight_first(datagram: dict[str, Any]) -> N
     assert abs(after.position[0]) > 2.0 and after.position[2] == pytest.approx(-6.0, abs=0.3)
 
 
-def test_an_unsure_expansion_is_no_reason_to_back_off() -> None:
+def test_an_unsure_expansion_is_no_reason_to_back_off():
     for unsure in (0.3, None):
         said = v2(1, 3, expansion_contact_s=2.0, trend_confidence=unsure)
         assert Talk().say(said, state()).mode is Mode.AVOID
 
 
-def test_a_wide_obstacle_that_is_far_is_gone_around_from_here() -> None:
+def test_a_wide_obstacle_that_is_far_is_gone_around_from_here():
     target = Talk().say(v2(1, 3, mean=200.0, distance_m=8.0), state())
     assert target.mode is Mode.AVOID and abs(target.position[0]) > 4.0
 
 
-def test_what_is_gone_is_forgotten() -> None:
+def test_what_is_gone_is_forgotten():
     talk = Talk()
     talk.say(v1(1, 5), state())
     modes = [talk.say(v1(0), state()).mode for _ in range(12)]
     assert modes[0] is Mode.AVOID and modes[-1] is Mode.TRANSIT
 
 
-def test_what_cannot_be_seen_from_here_is_not_forgotten() -> None:
+def test_what_cannot_be_seen_from_here_is_not_forgotten():
     """It has gone sideways: that nothing is seen there says nothing."""
     talk = Talk()
     talk.say(v1(1, 5), state())
@@ -197,7 +194,7 @@ def test_what_cannot_be_seen_from_here_is_not_forgotten() -> None:
     assert target.mode is Mode.AVOID
 
 
-def test_the_control_hears_nothing() -> None:
+def test_the_control_hears_nothing():
     talk = Talk(deaf=True)
     assert talk.planner.target(0.0, state()).mode is Mode.TRANSIT
     assert talk.say(v1(1, 50, 200.0), state()).mode is Mode.TRANSIT

@@ -1,15 +1,11 @@
 """`tokt simulate --closed-loop` from the command to its folder."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 
+from tests.calls import refused, succeeds
 from tokt.studies.simulation import default_model, study
 from tokt.studies.simulation.default_model import train_default_model
 from tokt.studies.simulation.loop import flight, scenes
@@ -17,19 +13,20 @@ from tokt.studies.simulation.loop import flight, scenes
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
+SMALL = {
+    **{"SEEDS": (900_001, 900_002), "FRAMES": 30, "DRIFT_SEEDS": (900_101,), "DRIFT_FRAMES": 8},
+    **{"FOLDS": 2, "EMBARGO_FRAMES": 2, "PRESET": "plain"},
+}
+
+
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model(tmp_path_factory):
     """The default model's own way, on short missions."""
     path = tmp_path_factory.mktemp("model") / "small.tokt"
-    said: list[str] = []
+    said = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(default_model, "SEEDS", (900_001, 900_002))
-        patch.setattr(default_model, "FRAMES", 30)
-        patch.setattr(default_model, "DRIFT_SEEDS", (900_101,))
-        patch.setattr(default_model, "DRIFT_FRAMES", 8)
-        patch.setattr(default_model, "FOLDS", 2)
-        patch.setattr(default_model, "EMBARGO_FRAMES", 2)
-        patch.setattr(default_model, "PRESET", "plain")
+        for name, value in SMALL.items():
+            patch.setattr(default_model, name, value)
         bundle = train_default_model(path, 360, lambda items, *_: items, said.append, jobs=1)
     assert said == ["-- train a model on 3 rendered missions (--model FILE spares it)"]
     assert bundle.data == path.read_bytes() and bundle.name == default_model.NAME
@@ -37,15 +34,12 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_study(
-    model: Path, tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study(model, tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "START_M", -7.0)
     monkeypatch.setattr(flight, "MAX_S", 13.0)  # into the tower, or beside it by then
     out = tmp_path / "out"
     command = ["simulate", out, "--closed-loop", "--scenes", "tower", "--methods", "texture,none"]
-    ran = run_tokt(*command, "--seed", 1001, "--runs", 1, "--model", model, "--jobs", 1, "--json")
-    assert ran.code == 0, ran.err
+    ran = succeeds(*command, "--seed", 1001, "--runs", 1, "--model", model, "--jobs", 1, "--json")
     said, written = json.loads(ran.out), json.loads((out / "results.json").read_text())
     assert said == written and said["format"] == 1 and said["seeds"] == [1001, 1001]
     texture, none = said["table"]
@@ -62,17 +56,14 @@ def test_a_study(
     assert 'src="http' not in page and (out / "maps" / "tower-texture.png").is_file()
 
 
-def test_methods_without_a_model_need_none_and_the_seeds_are_said(
-    tmp_path: Path, run_tokt: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_methods_without_a_model_need_none_and_the_seeds_are_said(tmp_path, monkeypatch):
     monkeypatch.setattr(flight, "MAX_S", 0.5)
     monkeypatch.setattr(study, "train_default_model", None)
-    about: list[str] = []
+    about = []
     monkeypatch.setattr(study, "write_report", lambda *given: about.extend(given[-1]))
     out = tmp_path / "out"
     command = ["simulate", out, "--closed-loop", "--scenes", "empty", "--methods", "none"]
-    ran = run_tokt(*command, "--runs", 2, "--seed", 999, "--jobs", 1)
-    assert ran.code == 0, ran.err
+    ran = succeeds(*command, "--runs", 2, "--seed", 999, "--jobs", 1)
     split = "Seeds 999 to 1000; planner and scenes were worked out on seeds from 1000 on. Some of"
     assert split in ran.out and about[0].startswith("No model.") and about[1].startswith(split)
     assert json.loads((out / "results.json").read_text())["model"] is None
@@ -95,22 +86,15 @@ def test_methods_without_a_model_need_none_and_the_seeds_are_said(
         (["--jobs", 0], "jobs: a number of processes"),
     ],
 )
-def test_what_cannot_be_flown(
-    options: list[Any], words: str, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    ran = run_tokt("simulate", tmp_path / "out", "--closed-loop", *options)
-    assert ran.code == 2 and words in ran.err and "Traceback" not in ran.err
+def test_what_cannot_be_flown(options, words, tmp_path):
+    refused(words, "simulate", tmp_path / "out", "--closed-loop", *options)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_is_there(tmp_path: Path, run_tokt: Callable[..., Any]) -> None:
-    ran = run_tokt("simulate", tmp_path, "--closed-loop")
-    assert ran.code == 2 and "is there already" in ran.err
+def test_a_folder_that_is_there(tmp_path):
+    refused("is there already", "simulate", tmp_path, "--closed-loop")
 
 
 @pytest.mark.parametrize("name", ["scenes", "methods", "runs", "model"])
-def test_options_of_the_closed_loop_alone(
-    name: str, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
-    ran = run_tokt("simulate", tmp_path / "out", f"--{name}", 3)
-    assert ran.code == 2 and f"--{name} is for --closed-loop" in ran.err
+def test_options_of_the_closed_loop_alone(name, tmp_path):
+    refused(f"--{name} is for --closed-loop", "simulate", tmp_path / "out", f"--{name}", 3)

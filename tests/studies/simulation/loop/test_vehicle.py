@@ -1,7 +1,5 @@
 """The vehicle, by what is known of its equations, and the autopilot that steers it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,21 +9,21 @@ from tokt.studies.simulation.loop.autopilot import STEP_S, Autopilot, Mode, Setp
 from tokt.studies.simulation.loop.vehicle import MINERVA, Forces, State, Vehicle
 
 
-def at_rest(heading: float = 0.0) -> State:
+def at_rest(heading=0.0):
     return State(np.zeros(3), heading, np.zeros(3))
 
 
 AT_REST = at_rest()
 
 
-def run(vehicle: Vehicle, seconds: float, forces: Forces, step_s: float = STEP_S) -> Vehicle:
+def run(vehicle, seconds, forces, step_s=STEP_S):
     for _ in range(round(seconds / step_s)):
         vehicle.step(step_s, forces)
     return vehicle
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_thrust_and_drag_balance_at_the_speed_that_the_coefficients_give(axis: int) -> None:
+def test_thrust_and_drag_balance_at_the_speed_that_the_coefficients_give(axis):
     newtons = 120.0
     forces = [Forces(surge=newtons), Forces(sway=newtons), Forces(heave=newtons)][axis]
     linear, quadratic = MINERVA.linear_drag[axis], MINERVA.quadratic_drag[axis]
@@ -34,7 +32,7 @@ def test_thrust_and_drag_balance_at_the_speed_that_the_coefficients_give(axis: i
     assert vehicle.state.velocity_body[axis] == pytest.approx(expected, rel=1e-3)
 
 
-def test_it_goes_where_it_looks() -> None:
+def test_it_goes_where_it_looks():
     east = Vehicle(State(np.zeros(3), math.pi / 2, np.zeros(3)))
     x, y, z = run(east, 10.0, Forces(surge=100.0)).state.position
     assert x > 1.0 and abs(y) < 1e-9 and abs(z) < 1e-9
@@ -45,13 +43,13 @@ def test_it_goes_where_it_looks() -> None:
     assert turned.camera[0] == pytest.approx(0.5 * math.sin(turned.heading_rad))
 
 
-def test_what_drifts_goes_with_the_water_however_it_turns() -> None:
+def test_what_drifts_goes_with_the_water_however_it_turns():
     """Nothing pushes it: relative to the water it stays at rest, and only the turning dies away."""
     current = (0.3, 0.05, -0.2)
     heading = 0.7
     sine, cosine = math.sin(heading), math.cos(heading)
-    body = np.array([current[2] * cosine + current[0] * sine,
-                     current[0] * cosine - current[2] * sine, current[1]])  # fmt: skip
+    surge, sway = current[2] * cosine + current[0] * sine, current[0] * cosine - current[2] * sine
+    body = np.array([surge, sway, current[1]])
     vehicle = Vehicle(State(np.zeros(3), heading, body, yaw_rate=0.6), current)
     run(vehicle, 10.0, Forces())
     assert abs(vehicle.state.heading_rad - heading) > 0.2
@@ -59,13 +57,13 @@ def test_what_drifts_goes_with_the_water_however_it_turns() -> None:
     assert vehicle.state.position == pytest.approx(10.0 * np.array(current), abs=1e-5)
 
 
-def test_at_rest_in_a_current_it_is_carried_along_until_that_ends() -> None:
+def test_at_rest_in_a_current_it_is_carried_along_until_that_ends():
     vehicle = Vehicle(AT_REST, lambda t_s: (0.3 if t_s < 60 else 0.0, 0.0, 0.0))
     assert run(vehicle, 60.0, Forces(), 0.2).state.velocity_world[0] == pytest.approx(0.3, abs=0.04)
     assert run(vehicle, 60.0, Forces(), 0.2).state.velocity_world[0] < 0.04
 
 
-def test_thrusters_have_an_end_and_take_their_time() -> None:
+def test_thrusters_have_an_end_and_take_their_time():
     vehicle = Vehicle(AT_REST)
     vehicle.step(STEP_S, Forces(surge=1e6))
     assert vehicle.applied.surge == pytest.approx(MINERVA.greatest.surge * STEP_S / MINERVA.rise_s)
@@ -75,10 +73,10 @@ def test_thrusters_have_an_end_and_take_their_time() -> None:
     assert vehicle.applied.surge > 0.9 * MINERVA.greatest.surge
 
 
-def test_half_the_step_changes_next_to_nothing() -> None:
+def test_half_the_step_changes_next_to_nothing():
     """Runge-Kutta 4 at 20 Hz; a first-order method is off by centimetres here."""
 
-    def end(step_s: float) -> np.ndarray:
+    def end(step_s):
         start = State(np.zeros(3), 0.3, np.array([0.6, 0.2, 0.0]), 0.4)
         vehicle = Vehicle(start, (0.2, 0.0, 0.1))
         return run(vehicle, 4.0, Forces(), step_s).state.position
@@ -86,12 +84,12 @@ def test_half_the_step_changes_next_to_nothing() -> None:
     assert np.abs(end(0.05) - end(0.0125)).max() < 1e-6
 
 
-def test_a_step_takes_time() -> None:
+def test_a_step_takes_time():
     with pytest.raises(ValueError, match="step of 0"):
         Vehicle(AT_REST).step(0.0, Forces())
 
 
-def steer(vehicle: Vehicle, target: Setpoint, seconds: float) -> list[State]:
+def steer(vehicle, target, seconds):
     autopilot, states = Autopilot(), []
     for _ in range(round(seconds / STEP_S)):
         vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))
@@ -100,7 +98,7 @@ def steer(vehicle: Vehicle, target: Setpoint, seconds: float) -> list[State]:
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0, -2.5])
-def test_it_keeps_its_station_in_a_current(heading: float) -> None:
+def test_it_keeps_its_station_in_a_current(heading):
     vehicle = Vehicle(at_rest(heading), (0.2, 0.0, 0.1))
     states = steer(vehicle, Setpoint(np.zeros(3), heading, Mode.HOLD), 60.0)
     off = np.array([np.linalg.norm(state.position) for state in states])
@@ -109,7 +107,7 @@ def test_it_keeps_its_station_in_a_current(heading: float) -> None:
     assert off[-100:].max() < 0.03
 
 
-def test_it_arrives_without_passing_by_and_no_faster_than_asked() -> None:
+def test_it_arrives_without_passing_by_and_no_faster_than_asked():
     goal = np.array([0.0, 0.5, 10.0])
     states = steer(Vehicle(AT_REST), Setpoint(goal, 0.0, Mode.TRANSIT, 0.6), 60.0)
     assert max(state.position[2] for state in states) < 10.25
@@ -117,21 +115,20 @@ def test_it_arrives_without_passing_by_and_no_faster_than_asked() -> None:
     assert 0.55 < max(state.velocity_body[0] for state in states) < 0.72
 
 
-def test_it_turns_the_short_way() -> None:
+def test_it_turns_the_short_way():
     states = steer(Vehicle(at_rest(3.0)), Setpoint(np.zeros(3), -3.0, Mode.HOLD), 20.0)
     headings = np.array([state.heading_rad for state in states])
     assert headings.min() > 2.9
     assert math.remainder(headings[-1] + 3.0, 2 * math.pi) == pytest.approx(0.0, abs=0.02)
 
 
-def test_errors_are_taken_in_the_body_fixed_frame() -> None:
+def test_errors_are_taken_in_the_body_fixed_frame():
     """Looking east, a target in the north is to port: it must sway, not surge."""
-    forces = Autopilot().forces(
-        at_rest(math.pi / 2), Setpoint(np.array([0, 0, 3.0]), 1.57, Mode.AVOID)
-    )
+    north = Setpoint(np.array([0, 0, 3.0]), 1.57, Mode.AVOID)
+    forces = Autopilot().forces(at_rest(math.pi / 2), north)
     assert forces.sway < -50 and abs(forces.surge) < 1
 
 
-def test_a_speed_of_nothing_holds_it() -> None:
+def test_a_speed_of_nothing_holds_it():
     states = steer(Vehicle(AT_REST), Setpoint(np.array([0, 0, 9.0]), 0.0, Mode.TRANSIT, 0.0), 10.0)
     assert np.abs(states[-1].position).max() < 1e-6

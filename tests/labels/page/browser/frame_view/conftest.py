@@ -1,18 +1,9 @@
 """One frame's page in a real browser, and what the store holds of it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
-
 import pytest
 
 from tokt.features.frames.grid import Grid
-from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import LabelStore
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Page
 
 GRID = Grid(10, 10, 360)
 HEADS = (26, 20)  # CSS pixels that row and column heads take
@@ -24,11 +15,11 @@ FRAME = (360, 272)
 class FramePage:
     """The page of one frame, and where its patches lie on the screen."""
 
-    def __init__(self, page: Page, server: Any, frame: int) -> None:
+    def __init__(self, page, server, frame):
         self.page, self.server = page, server
         self.wait(frame)
 
-    def wait(self, frame: int) -> None:
+    def wait(self, frame):
         """Wait until the frame's picture and labels are there."""
         self.page.wait_for_function(
             "text => document.querySelector('#status')?.textContent.includes(text)"
@@ -36,12 +27,12 @@ class FramePage:
             arg=f"left frame {frame} ",
         )
 
-    def open(self, frame: int) -> None:
+    def open(self, frame):
         """Go to a frame as a link does."""
         self.page.goto(self.page.url.split("#")[0] + f"#/label/left/{frame}")
         self.wait(frame)
 
-    def at(self, cell: int) -> tuple[float, float]:
+    def at(self, cell):
         """The middle of a patch on the screen."""
         box = self.page.locator(".frame-canvas").bounding_box()
         assert box is not None
@@ -52,33 +43,33 @@ class FramePage:
         y = (room[1] - FRAME[1] * scale) / 2 + (row + 0.5) * PATCH[1] * scale
         return box["x"] + HEADS[0] + x, box["y"] + HEADS[1] + y
 
-    def row_head(self, row: int) -> tuple[float, float]:
+    def row_head(self, row):
         """The head of a row on the screen."""
         box = self.page.locator(".frame-canvas").bounding_box()
         assert box is not None
         return box["x"] + HEADS[0] / 3, self.at(row * GRID.cols)[1]
 
-    def point(self, cell: int) -> None:
+    def point(self, cell):
         """Put the pointer on a patch, coming from another one."""
         self.page.mouse.move(*self.at((cell + 37) % GRID.n_patches))
         self.page.mouse.move(*self.at(cell))
 
-    def click(self, *cells: int, button: Any = "left") -> None:
+    def click(self, *cells, button="left"):
         for cell in cells:
             self.page.mouse.click(*self.at(cell), button=button)
 
-    def label(self, key: str, *cells: int) -> None:
+    def label(self, key, *cells):
         """Choose a class or a tool by its key, and click patches."""
         self.press(key)
         self.click(*cells)
 
-    def click_holding(self, key: str, cell: int) -> None:
+    def click_holding(self, key, cell):
         """Click a patch with a key held down."""
         self.page.keyboard.down(key)
         self.click(cell)
         self.page.keyboard.up(key)
 
-    def drag(self, *cells: int) -> None:
+    def drag(self, *cells):
         """Press on the first patch, jump to each other one in a single step, release."""
         self.page.mouse.move(*self.at(cells[0]))
         self.page.mouse.down()
@@ -86,44 +77,44 @@ class FramePage:
             self.page.mouse.move(*self.at(cell))
         self.page.mouse.up()
 
-    def press(self, *keys: str) -> None:
+    def press(self, *keys):
         for key in keys:
             self.page.keyboard.press(key)
 
-    def state(self, state: str) -> None:
+    def state(self, state):
         """Wait until the header shows a state."""
         self.page.wait_for_selector(f'#save-state[data-state="{state}"]')
 
-    def saved(self) -> None:
+    def saved(self):
         """Wait until the page says that all is saved."""
         self.state("saved")
 
-    def shows(self, selector: str, text: str) -> None:
+    def shows(self, selector, text):
         """Wait until an element contains a text."""
         self.page.wait_for_function(
             "([where, what]) => document.querySelector(where)?.textContent.includes(what)",
             arg=[selector, text],
         )
 
-    def text(self, selector: str) -> str:
+    def text(self, selector):
         return self.page.locator(selector).text_content() or ""
 
-    def stored(self, frame: int, who: str = "anna") -> dict[int, str | None]:
+    def stored(self, frame, who="anna"):
         """The labels of a frame by cell, read from the store's file when all is saved."""
         self.saved()
         return {one.row * GRID.cols + one.col: one.label for one in self.records(frame, who)}
 
-    def records(self, frame: int, who: str = "anna") -> list[LabelRecord]:
+    def records(self, frame, who="anna"):
         """The labels of a frame, as the store's file has them now."""
         with LabelStore(self.server.workspace / "labels.db") as store:
             return store.current("tiny", who, GRID, frame=frame)
 
 
 @pytest.fixture
-def open_frame(browse: Callable[..., Page], server: Any) -> Callable[..., FramePage]:
+def open_frame(browse, server):
     """Open a frame in a tab of its own; of another server than the module's if one is given."""
 
-    def start(frame: int, server: Any = server, **options: Any) -> FramePage:
+    def start(frame, server=server, **options):
         page = browse(server, f"#/label/left/{frame}", **options)
         return FramePage(page, server, frame)
 
@@ -131,6 +122,6 @@ def open_frame(browse: Callable[..., Page], server: Any) -> Callable[..., FrameP
 
 
 @pytest.fixture(scope="session")
-def frame_page() -> type[FramePage]:
+def frame_page():
     """`FramePage`."""
     return FramePage

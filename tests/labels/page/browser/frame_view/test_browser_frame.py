@@ -1,27 +1,17 @@
 """The frame view in a real browser: what is painted is what the store holds."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import pytest
 
 pytestmark = pytest.mark.xdist_group("browser_frame")  # what they share is made once
-
-OpenFrame = Callable[..., Any]
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Page
 
 
 SAND = {"who": "anna", "class": "sand"}
 
 
 @pytest.fixture(scope="module")
-def server(page_server: Callable[..., Any], tiny_bundle: Path) -> Any:
+def server(page_server, tiny_bundle):
     return page_server("--annotator", "anna", "--model", tiny_bundle)
 
 
@@ -29,12 +19,12 @@ DEFAULTS = {"filter": "all", "confidence": 0.5, "follow": 2, "selected": ""}
 
 
 @pytest.fixture(scope="module")
-def tab(server: Any, browse_on: Callable[..., Page], frame_page: Any) -> Any:
+def tab(server, browse_on, frame_page):
     return frame_page(browse_on(server), server, 1)
 
 
 @pytest.fixture
-def view(tab: Any) -> Any:
+def view(tab):
     """A page that tests share; what they set is as at first again."""
     tab.page.evaluate(
         "values => { import('/static/core/mission.js').then(({ setSetting }) =>"
@@ -45,12 +35,12 @@ def view(tab: Any) -> Any:
 
 
 @pytest.fixture
-def fresh(open_frame: OpenFrame) -> Any:
+def fresh(open_frame):
     """A page that nobody used."""
     return open_frame(1)
 
 
-def test_click_drag_rectangle_row_and_rest_are_stored(view: Any) -> None:
+def test_click_drag_rectangle_row_and_rest_are_stored(view):
     view.open(3)
     view.label("5", 44)
     view.drag(0, 7, 77)  # two long jumps: none of the patches between may be left out
@@ -75,7 +65,7 @@ def test_click_drag_rectangle_row_and_rest_are_stored(view: Any) -> None:
     assert view.text("#status").endswith("done") or "done" in view.text("#status")
 
 
-def test_a_stroke_is_of_the_frame_on_which_it_began(view: Any) -> None:
+def test_a_stroke_is_of_the_frame_on_which_it_began(view):
     view.open(10)
     view.press("5")
     view.page.mouse.move(*view.at(30))
@@ -89,7 +79,7 @@ def test_a_stroke_is_of_the_frame_on_which_it_began(view: Any) -> None:
     assert view.stored(11) == {}
 
 
-def test_undo_and_redo_reach_back_over_a_reload(view: Any) -> None:
+def test_undo_and_redo_reach_back_over_a_reload(view):
     view.open(5)
     view.label("2", 10)
     view.click(11)
@@ -114,7 +104,7 @@ def test_undo_and_redo_reach_back_over_a_reload(view: Any) -> None:
     assert view.stored(5) == {}
 
 
-def test_a_frame_is_labelled_by_keyboard_alone(fresh: Any) -> None:
+def test_a_frame_is_labelled_by_keyboard_alone(fresh):
     fresh.page.keyboard.type("f8\n")
     fresh.wait(8)
     fresh.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
@@ -139,9 +129,7 @@ def test_a_frame_is_labelled_by_keyboard_alone(fresh: Any) -> None:
     assert not overlay.is_visible()
 
 
-def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(
-    open_frame: OpenFrame, page_server: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(open_frame, page_server, tmp_path):
     taxonomy = tmp_path / "taxonomy.toml"
     lines = ["format = 1"]
     for name, key, obstacle in (("water", "d", "false"), ("coral", "?", "true")):
@@ -162,7 +150,7 @@ def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(
     assert "Alt+d" in text and "Alt+?" in text
 
 
-def test_suggestions_are_labels_only_when_accepted(view: Any, server: Any) -> None:
+def test_suggestions_are_labels_only_when_accepted(view, server):
     view.open(14)
     view.page.wait_for_function(
         "() => /of 100 open patches/.test(document.querySelector('.model-said').textContent)"
@@ -171,9 +159,8 @@ def test_suggestions_are_labels_only_when_accepted(view: Any, server: Any) -> No
     view.label("2", 0)
     view.click_holding("Alt", 1)
     view.saved()
-    [suggested] = server.get("/api/labels", who="anna", camera="left", frames=14, suggest=1)[
-        "frames"
-    ]
+    query = {"who": "anna", "camera": "left", "frames": 14, "suggest": 1}
+    [suggested] = server.get("/api/labels", **query)["frames"]
     assert set(view.stored(14)) == {0, 1} and list(suggested["models"]) == ["1"]
     values = suggested["suggestions"]["values"]
     view.press(*">" * 25, "Enter")
@@ -193,10 +180,10 @@ def test_suggestions_are_labels_only_when_accepted(view: Any, server: Any) -> No
     assert set(view.stored(14)) == {0, 1} | confident
 
 
-def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(fresh: Any) -> None:
+def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(fresh):
     """As between the start of a server with another model and the page hearing of it."""
 
-    def another(route: Any) -> None:
+    def another(route):
         answer = route.fetch(max_retries=3)
         text = answer.text()
         assert '"model":"tiny-lbp/1"' in text
@@ -210,7 +197,7 @@ def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(fresh: A
     assert fresh.stored(17) == {}
 
 
-def test_suggestions_follow_the_frame_before(view: Any) -> None:
+def test_suggestions_follow_the_frame_before(view):
     view.open(25)
     view.label("4", 0)
     view.click(1, button="right")
@@ -240,14 +227,14 @@ def test_suggestions_follow_the_frame_before(view: Any) -> None:
             view.saved()
 
 
-def test_the_queue_says_why(view: Any) -> None:
+def test_the_queue_says_why(view):
     view.open(1)
     view.press("q")
     view.page.wait_for_selector(".why")
     assert "frame 1 " not in view.text("#status") and "Why this frame" in view.text("#status")
 
 
-def test_copies_wait_for_acceptance_and_outlive_a_reload(view: Any) -> None:
+def test_copies_wait_for_acceptance_and_outlive_a_reload(view):
     view.open(20)
     view.press("5")
     view.drag(33, 53)
@@ -270,7 +257,7 @@ def test_copies_wait_for_acceptance_and_outlive_a_reload(view: Any) -> None:
     assert view.stored(21) == dict.fromkeys((33, 43, 53), "subsea_installation")
 
 
-def test_the_address_names_the_frame(view: Any) -> None:
+def test_the_address_names_the_frame(view):
     view.open(30)
     view.press("d", "d", "a")
     view.page.wait_for_url(re.compile("#/label/left/31$"))
@@ -287,7 +274,7 @@ def test_the_address_names_the_frame(view: Any) -> None:
     assert strip.get_attribute("aria-valuenow") == "40"
 
 
-def test_filters_lead_the_steps(view: Any, server: Any) -> None:
+def test_filters_lead_the_steps(view, server):
     view.open(36)
     view.press("o")
     view.saved()
@@ -310,9 +297,7 @@ def test_filters_lead_the_steps(view: Any, server: Any) -> None:
     assert 34 not in server.get("/api/frames_with", **SAND)["cameras"]["left"]
 
 
-def test_an_unreadable_frame_says_so_and_is_passed(
-    open_frame: OpenFrame, own_tiny: Any, page_server: Callable[..., Any]
-) -> None:
+def test_an_unreadable_frame_says_so_and_is_passed(open_frame, own_tiny, page_server):
     (own_tiny.path / "Left" / "tiny_L_2.png").write_bytes(b"no picture")
     server = page_server("--annotator", "anna", mission=own_tiny.path)
     view = open_frame(1, server, allow="422")
@@ -325,7 +310,7 @@ def test_an_unreadable_frame_says_so_and_is_passed(
     assert view.stored(2) == {} and view.stored(3) == {5: "ocean"}
 
 
-def test_blind_hides_what_others_and_the_model_said(fresh: Any, server: Any) -> None:
+def test_blind_hides_what_others_and_the_model_said(fresh, server):
     server.paint("by-ben", 38, [0, 1], "reef", who="ben")
     fresh.open(38)
     x, y = fresh.at(0)
@@ -342,10 +327,10 @@ def test_blind_hides_what_others_and_the_model_said(fresh: Any, server: Any) -> 
     assert not fresh.page.locator(".model").is_visible()
 
 
-def test_looking_closer_changes_nothing(fresh: Any) -> None:
+def test_looking_closer_changes_nothing(fresh):
     fresh.open(33)
 
-    def pressed(name: str) -> str | None:
+    def pressed(name):
         return fresh.page.locator(f"[data-toggle={name}]").get_attribute("aria-pressed")
 
     for key, name in (("h", "raw"), ("b", "blink")):

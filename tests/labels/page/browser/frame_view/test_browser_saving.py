@@ -1,19 +1,13 @@
 """Nothing a person did is lost or counted twice: crashes, no server, two tabs, a full disk."""
 
-from __future__ import annotations
-
 import sqlite3
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
 pytestmark = pytest.mark.xdist_group("browser_saving")  # what they share is made once
 
-OpenFrame = Callable[..., Any]
 
-
-def events(server: Any, frame: int) -> int:
+def events(server, frame):
     """How many events of a frame the store holds."""
     with sqlite3.connect(server.workspace / "labels.db") as connection:
         query = "SELECT count(*) FROM events WHERE frame = ?"
@@ -21,13 +15,11 @@ def events(server: Any, frame: int) -> int:
 
 
 @pytest.fixture(scope="module")
-def server(page_server: Callable[..., Any]) -> Any:
+def server(page_server):
     return page_server("--annotator", "anna")
 
 
-def test_a_server_killed_in_the_middle_of_a_drag_loses_nothing(
-    open_frame: OpenFrame, server: Any
-) -> None:
+def test_a_server_killed_in_the_middle_of_a_drag_loses_nothing(open_frame, server):
     view = open_frame(2, offline=True)
     view.label("5", 90)
     view.state("saved")
@@ -51,9 +43,7 @@ def test_a_server_killed_in_the_middle_of_a_drag_loses_nothing(
     assert events(server, 2) == 11
 
 
-def test_actions_of_a_closed_tab_are_replayed_in_order_and_once(
-    open_frame: OpenFrame, server: Any
-) -> None:
+def test_actions_of_a_closed_tab_are_replayed_in_order_and_once(open_frame, server):
     view = open_frame(4, offline=True)
     view.press("d")
     view.wait(5)
@@ -88,13 +78,13 @@ def test_actions_of_a_closed_tab_are_replayed_in_order_and_once(
     assert again.stored(4) == {7: "other", 8: "other"}
 
 
-def test_two_tabs_see_each_other_and_a_conflict_is_listed(open_frame: OpenFrame) -> None:
+def test_two_tabs_see_each_other_and_a_conflict_is_listed(open_frame):
     one = open_frame(10)
     two = open_frame(10, context=one.page.context)
     one.label("3", 12)
     two.shows("#status", "1 of 100")
     # What tab two says meanwhile is on its way: here, held back until the other one has spoken.
-    held: list[Any] = []
+    held = []
     two.page.route("**/api/actions", lambda route: held.append(route))
     two.label("1", 12)
     two.state("saving")
@@ -112,7 +102,7 @@ def test_two_tabs_see_each_other_and_a_conflict_is_listed(open_frame: OpenFrame)
     one.shows("#status", "row 1, column 2: ocean")
 
 
-def test_somebody_elses_labels_show_and_stay(open_frame: OpenFrame, server: Any) -> None:
+def test_somebody_elses_labels_show_and_stay(open_frame, server):
     view = open_frame(12)
     view.label("1", 5)
     view.point(5)
@@ -122,14 +112,12 @@ def test_somebody_elses_labels_show_and_stay(open_frame: OpenFrame, server: Any)
     assert view.stored(12) == {} and view.stored(12, "ben") == {5: "reef"}
 
 
-def test_an_answer_from_before_a_change_does_not_hide_it(
-    open_frame: OpenFrame, server: Any
-) -> None:
+def test_an_answer_from_before_a_change_does_not_hide_it(open_frame, server):
     view = open_frame(30)
-    held: list[Any] = []
+    held = []
     holding = True
 
-    def hold(route: Any) -> None:
+    def hold(route):
         if holding:
             held.append(route)
         else:
@@ -153,9 +141,7 @@ def test_an_answer_from_before_a_change_does_not_hide_it(
     view.shows("#status", "ben: reef")
 
 
-def test_only_the_person_says_who_works_here_and_blind_holds_without_a_server(
-    open_frame: OpenFrame, server: Any
-) -> None:
+def test_only_the_person_says_who_works_here_and_blind_holds_without_a_server(open_frame, server):
     server.paint("ben-33", 33, [5], "reef", who="ben")
     view = open_frame(33, offline=True)
     view.point(5)
@@ -184,12 +170,10 @@ def test_only_the_person_says_who_works_here_and_blind_holds_without_a_server(
     server.start()
 
 
-def test_a_refused_action_is_set_aside_and_later_ones_go_on(
-    open_frame: OpenFrame, server: Any
-) -> None:
+def test_a_refused_action_is_set_aside_and_later_ones_go_on(open_frame):
     view = open_frame(15, allow="400")
 
-    def spoil(route: Any) -> None:
+    def spoil(route):
         route.continue_(post_data=route.request.post_data.replace('"sand"', '"no such class"'))
 
     view.page.route("**/api/actions", spoil)
@@ -204,7 +188,7 @@ def test_a_refused_action_is_set_aside_and_later_ones_go_on(
     view.page.wait_for_selector("#notices", state="hidden")
 
 
-def test_a_full_disk_is_said_and_nothing_pretends_to_be_saved(open_frame: OpenFrame) -> None:
+def test_a_full_disk_is_said_and_nothing_pretends_to_be_saved(open_frame):
     view = open_frame(17, allow="507")
     full = {"status": 507, "json": {"error": "label store labels.db: database or disk is full"}}
     view.page.route("**/api/actions", lambda route: route.fulfill(**full))
@@ -217,9 +201,7 @@ def test_a_full_disk_is_said_and_nothing_pretends_to_be_saved(open_frame: OpenFr
     assert view.stored(17) == {30: "sand"}
 
 
-def test_without_storage_nothing_is_taken_while_the_server_is_away(
-    open_frame: OpenFrame, server: Any
-) -> None:
+def test_without_storage_nothing_is_taken_while_the_server_is_away(open_frame, server):
     view = open_frame(19, offline=True)
     view.page.evaluate("() => { Storage.prototype.setItem = () => { throw new Error('full') } }")
     view.label("3", 40)
@@ -232,9 +214,7 @@ def test_without_storage_nothing_is_taken_while_the_server_is_away(
     assert view.stored(19) == {40: "sand"}
 
 
-def test_another_mission_on_the_same_port_gets_none_of_it(
-    open_frame: OpenFrame, server: Any, own_tiny: Any
-) -> None:
+def test_another_mission_on_the_same_port_gets_none_of_it(open_frame, server, own_tiny):
     other = own_tiny.path.rename(own_tiny.path.with_name("elsewhere"))
     view = open_frame(22, offline=True, allow="421")
     server.kill()
