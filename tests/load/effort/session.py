@@ -56,32 +56,20 @@ _HELD = """async (frames) => {
 
 @dataclass(frozen=True)
 class Workflow:
-    """How a person works, the same with suggestions and without.
-
-    Parameters
-    ----------
-    name, words : str
-    sheet : bool
-        On the contact sheet; else in each frame's own view.
-    drags : bool
-        One stroke through many patches is one action, on the sheet through all its frames at once
-        where they are alike; else each patch is a click.
-    unsure : bool
-        Whether ``unsure`` patches, which nothing learns from, must be reproduced too.
-    asked : float or None
-        So many times fewer actions with suggestions.
-    """
+    """How a person works, the same with suggestions and without."""
 
     name: str
     words: str
-    sheet: bool
+    sheet: bool  # on the contact sheet; else in each frame's own view
     drags: bool
-    unsure: bool
-    asked: float | None = None
+    """One stroke through many patches is one action, on the sheet through all its frames at once
+    where they are alike; else each patch is a click."""
+    unsure: bool  # whether unsure patches, which nothing learns from, must be reproduced too
+    asked: float | None = None  # so many times fewer actions with suggestions
 
 
 class LabelSession:
-    """Gives all frames the labels asked for, from a page without any.
+    """Gives all frames the labels asked for, from a page without any, and counts what it does.
 
     Parameters
     ----------
@@ -92,11 +80,6 @@ class LabelSession:
     way : Workflow
     suggested : bool
         Whether the page has a model.
-
-    Attributes
-    ----------
-    actions : int
-        Keys, clicks and drags so far.
     """
 
     def __init__(self, tab: Tab, target: Target, way: Workflow, suggested: bool) -> None:
@@ -195,11 +178,10 @@ class LabelSession:
         self, frame: int, wrong: Mapping[int, str], label: str, later: Sequence[str]
     ) -> set[int]:
         """The patches that may have this label, or are painted over by a class that comes later."""
-        return self._may_be(frame, label) | {cell for cell, want in wrong.items() if want in later}
-
-    def _may_be(self, frame: int, label: str) -> set[int]:
-        """The patches that may have this label."""
-        return {cell for cell, want in enumerate(self._target[frame]) if want in (label, FREE)}
+        over = {cell for cell, want in wrong.items() if want in later}
+        return over | {
+            cell for cell, want in enumerate(self._target[frame]) if want in (label, FREE)
+        }
 
     def _held(self, frames: list[int]) -> Any:
         """Own label and suggestion of each patch of each frame, as the page has them now."""

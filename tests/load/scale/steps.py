@@ -1,13 +1,12 @@
 """The steps of training, timed one by one in a process of their own.
 
-Run as ``python -m tests.load.scale.steps WORK FRAMES STEP...``; what it prints is for
+Run as ``python -m tests.load.scale.steps FOLDER MISSION STEP...``; what it prints is for
 `cost.watched`.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -45,33 +44,14 @@ _CHOICE = _SETTINGS.choices[len(_SETTINGS.choices) // 2]
 _SPLIT = Split(FOLDS, EMBARGO_FRAMES)
 
 
-def label_file(work: Path, frames: int) -> Path:
-    """The labels of the first so many frames."""
-    return work / f"labels-{frames}.csv"
-
-
-def dataset_name(frames: int) -> str:
-    """The dataset of the first so many frames."""
-    return f"{NAME}-{frames}"
-
-
-def cache_folder(work: Path, jobs: int = 1) -> Path:
-    """Where features go that so many processes computed."""
-    return work / ("cache" if jobs == 1 else f"cache-{jobs}")
+LABELS = "labels.csv"
 
 
 class Steps:
-    """Training on the first frames of a scale mission, step by step.
+    """Training on the frames of a mission that are labelled in a folder, step by step."""
 
-    Parameters
-    ----------
-    work : Path
-        Holds the mission, the label files and what comes of them.
-    frames : int
-    """
-
-    def __init__(self, work: Path, frames: int) -> None:
-        self._work, self._frames = work, frames
+    def __init__(self, folder: Path, mission: Path) -> None:
+        self._folder, self._mission = folder, mission
         self._spec = extractor_named(EXTRACTOR).spec
         self.steps: dict[str, Callable[[], dict[str, Any]]] = {
             BUILD: self._build,
@@ -92,35 +72,32 @@ class Steps:
 
     @cached_property
     def _dataset(self) -> DatasetVersion:
-        return open_dataset(dataset_name(self._frames), self._work / "datasets")
+        return open_dataset(NAME, self._folder / "datasets")
 
     @cached_property
     def _features(self) -> NDArray[np.float64]:
         return self._table(1)
 
     def _table(self, jobs: int) -> NDArray[np.float64]:
-        cache = cache_folder(self._work, jobs)
+        cache = self._folder / f"cache-{jobs}"
         return cached_features(self._dataset, self._spec, cache, _quiet, jobs)
 
     def _build(self) -> dict[str, Any]:
         taxonomy = Taxonomy.load()
         plan, _ = plan_from_missions(
-            dataset_name(self._frames),
+            NAME,
             "binary",
-            [self._work / NAME],
-            read_labels([label_file(self._work, self._frames)], taxonomy, DEFAULT_GRID),
+            [self._mission],
+            read_labels([self._folder / LABELS], taxonomy, DEFAULT_GRID),
             taxonomy,
         )
-        dataset = build_dataset(plan, self._work / "datasets", _quiet)
+        dataset = build_dataset(plan, self._folder / "datasets", _quiet)
         stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
         return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}
 
     def _compute_features(self, jobs: int) -> dict[str, Any]:
         table = self._table(jobs)
-        facts = {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
-        if jobs > 1:
-            shutil.rmtree(cache_folder(self._work, jobs))
-        return facts
+        return {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
 
     @cached_property
     def _pipeline(self) -> Pipeline:
@@ -151,8 +128,8 @@ class Steps:
         task = TrialTask(
             trial,
             self._dataset.path,
-            cache_folder(self._work),
-            self._work / f"trial-{self._frames}.json",
+            self._folder / "cache-1",
+            self._folder / "trial.json",
             _SETTINGS,
             _SPLIT,
         )
@@ -168,4 +145,4 @@ def _quiet(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
 
 
 if __name__ == "__main__":
-    Steps(Path(sys.argv[1]), int(sys.argv[2])).run(sys.argv[3:])
+    Steps(Path(sys.argv[1]), Path(sys.argv[2])).run(sys.argv[3:])

@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,6 +18,7 @@ import psutil
 
 from tests.load.program import ended, program
 from tests.load.report import WORST, Timing
+from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
 from tokt.inference.monitoring.watchdog import WatchdogTimeouts
 from tokt.inference.outputs.udp import decode
@@ -41,38 +41,19 @@ _SILENCE_S = 30.0
 _END_S = 1.0
 _NO_FRAME = frozenset({Reason.NO_FRAME, Reason.STALE, Reason.STALLED})
 
-Progress = Callable[..., Iterable[int]]
-
 
 @dataclass(frozen=True)
 class Pauses:
-    """What was heard of a run whose frames come so late that it has to speak between them.
+    """What was heard of a run whose frames come so late that it has to speak between them."""
 
-    Parameters
-    ----------
-    said, heard : int
-        Heartbeats, by the run's own count and at the receiver.
-    wrong : int
-        Of these, how many were not unknown.
-    silences_s : list of float
-        From each datagram to the next.
-    """
-
-    said: int
-    heard: int
-    wrong: int
-    silences_s: list[float]
+    said: int  # heartbeats, by the run's own count
+    heard: int  # and at the receiver
+    wrong: int  # of these, how many were not unknown
+    silences_s: list[float]  # from each datagram to the next
 
 
 class LiveRuns:
-    """Runs of one dive in real time.
-
-    Parameters
-    ----------
-    folder : Path
-        Empty, for a store and a dive.
-    bundle : Bundle
-    """
+    """Runs of one dive in real time, with store and dive in a folder of their own."""
 
     def __init__(self, folder: Path, bundle: Bundle) -> None:
         self._folder = folder
@@ -102,14 +83,8 @@ class LiveRuns:
         silences_s = [after - before for before, after in pairwise(times)]
         return Pauses(summary["heartbeats"], len(heartbeats), wrong, silences_s)
 
-    def restarts(self, kills: int, progress: Progress) -> Timing:
-        """Kill the runtime again and again under its watchdog.
-
-        Raises
-        ------
-        ToktError
-            If it does not come back.
-        """
+    def restarts(self, kills: int) -> Timing:
+        """Kill the runtime again and again. Raises ToktError if it does not come back."""
         with receiver() as heard, self._running(heard, "--watchdog", "--rate", _RATE) as process:
             _next_start(heard)
             times = []
