@@ -9,7 +9,7 @@ import shutil
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,8 @@ from random import Random
 from typing import Any
 
 from tokt.features.common.errors import ToktError
+
+from .changes import changed_file
 
 Files = dict[str, bytes]
 """An input: its files, by path below the case's folder."""
@@ -43,17 +45,32 @@ class DefectError(AssertionError):
     """A reader did with an input what it must not do."""
 
 
+def change_one(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    """An input of which one file is changed."""
+    name = rng.choice(list(files))
+    return {**files, name: changed_file(name, files[name], rng, others)}
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of input and what reads it."""
 
     name: str
-    make: Callable[[Random], Files]  # by the random numbers that hypothesis chooses
+    seeds: Callable[[], Sequence[Files]]  # sound inputs
     read: Callable[[Path], object]
     """Given the folder of the input, the only one it may write to. Raises ToktError where it
     refuses, and anything else where there is a defect."""
     share: float  # percent of the cases that `make fuzz` asks for
     few: int = 12  # cases in a run of all tests
+    change: Callable[[Files, Random, Sequence[bytes]], Files] = change_one
+    """Given a sound input, the random numbers that hypothesis chooses, and the files of all sound
+    inputs, to splice with."""
+
+    def make(self, rng: Random) -> Files:
+        """A changed input."""
+        seeds = self.seeds()
+        others = [data for files in seeds for data in files.values()]
+        return self.change(rng.choice(seeds), rng, others)
 
 
 def write_files(files: Files, folder: Path) -> None:

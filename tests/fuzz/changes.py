@@ -1,4 +1,4 @@
-"""Changes to bytes that know nothing of what they mean, and to JSON values."""
+"""Changes to bytes that know nothing of what they mean, to JSON values, and to whole files."""
 
 from __future__ import annotations
 
@@ -209,3 +209,24 @@ def changed_text(value: Any, rng: Random, others: Sequence[Any] = ()) -> bytes:
         key = rng.choice(list(chosen)) if isinstance(chosen, dict) and chosen else "a"
         return b"{" + text_of(key) + b":" + text_of(odd_value(rng)) + b"," + text[1:]
     return text
+
+
+# --- whole files, as what they are ---
+
+
+def _changed_lines(data: bytes, rng: Random) -> bytes:
+    """Lines of JSON of which one or two are changed."""
+    values = [json.loads(line) for line in data.splitlines()]
+    for at in rng.choices(range(len(values)), k=rng.choice((1, 1, 2))):
+        values[at] = changed_json(values[at], rng)
+    return b"\n".join(map(text_of, values)) + rng.choice((b"\n", b"\n", b"", b"\n\n"))
+
+
+def changed_file(name: str, data: bytes, rng: Random, others: Sequence[bytes] = ()) -> bytes:
+    """A file changed by its JSON values, if it has any, for the most part; else by its bytes."""
+    if data[:1] in (b"{", b"[") and chance(rng, 70):
+        if not name.endswith(".jsonl"):
+            return changed_text(json.loads(data), rng)
+        data = _changed_lines(data, rng)
+        return changed_bytes(data, rng, [data]) if chance(rng, 30) else data
+    return changed_bytes(data, rng, [data, *others])

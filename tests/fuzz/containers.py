@@ -15,6 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tests.models.parts import unpack
+
 from .changes import chance, changed_bytes
 
 _WORDS = (0, 1, 2, 8, 9, 12, 14, 20, 45, 93, 99, 255, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
@@ -37,12 +39,6 @@ def zip_bytes(members: Mapping[str, bytes]) -> bytes:
         for name, data in members.items():
             archive.writestr(zipfile.ZipInfo(name), data)
     return out.getvalue()
-
-
-def unzipped(data: bytes) -> dict[str, bytes]:
-    """The members of a sound zip file."""
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 def _odd_name(name: str, rng: Random) -> str:
@@ -195,7 +191,7 @@ def _other_array(array: Any, rng: Random) -> Any:
 
 def changed_npz(data: bytes, rng: Random) -> bytes:
     """An npz file of whose arrays one or two are not what they were."""
-    sound = unzipped(data)
+    sound = unpack(data)
     arrays = dict(sound)
     for _ in range(rng.choice((1, 1, 2))):
         name = rng.choice(list(sound))

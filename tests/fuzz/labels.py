@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import tempfile
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
@@ -26,16 +27,14 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
-from .case import Files, Kind, line_fault
-from .changes import chance, changed_bytes, changed_text
+from .case import Files, Kind, change_one, line_fault
+from .changes import chance
 
 _TIME = "2016-04-20T10:00:00Z"
 _GRID = Grid(3, 4, 60)
 _TAXONOMY = Path(__file__).parents[2] / "labels" / "taxonomy.toml"
 _KEPT = ExitStack()
 atexit.register(_KEPT.close)
-FILES = ("csv", "viame", "coco", "labelstudio")
-"""Formats of one file."""
 
 
 def write_mission(folder: Path) -> Path:
@@ -79,7 +78,7 @@ def written(name: str) -> Files:
 
 
 @cache
-def foreign(name: str) -> bytes:
+def _foreign(name: str) -> bytes:
     """The same file as another tool would have written it: without attributes of ours."""
     ((_, data),) = written(name).items()
     if name == "viame":
@@ -100,31 +99,25 @@ def _without_ours(value: Any) -> Any:
 
 
 def _labels(name: str) -> Kind:
-    def make(rng: Random) -> Files:
+    def seeds() -> list[Files]:
         ((path, data),) = written(name).items()
-        seed = rng.choice((data, foreign(name)))
-        if path.endswith(".json") and chance(rng, 70):
-            return {path: changed_text(json.loads(seed), rng)}
-        return {path: changed_bytes(seed, rng, [seed, *map(foreign, FILES)])}
+        return [{path: data}, {path: _foreign(name)}]
 
-    return Kind(f"labels.{name}", make, import_labels, 9)
+    return Kind(f"labels.{name}", seeds, _import_labels, 9)
 
 
-def _patches(rng: Random) -> Files:
-    """A folder of patches whose manifest, or whose folders, are not as they were."""
-    files = dict(written("patches"))
+def _change_patches(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    """The manifest of a folder of patches, or also its folders, are not as they were."""
     manifest = next(path for path in files if path.endswith(".json"))
-    data = files[manifest]
-    changed = changed_text(json.loads(data), rng)
-    files[manifest] = changed_bytes(data, rng, [b"{}"]) if chance(rng, 20) else changed
+    changed = {**files, **change_one({manifest: files[manifest]}, rng, [b"{}"])}
     if chance(rng, 30):
         moved = rng.choice([path for path in files if path != manifest])
         name = rng.choice(("labels/kelp/x.png", "labels/ocean/y.png", "labels/sand/sub/z.png"))
-        files[name] = files.pop(moved)
-    return files
+        changed[name] = changed.pop(moved)
+    return changed
 
 
-def import_labels(folder: Path) -> object:
+def _import_labels(folder: Path) -> object:
     """What `tokt labels import` does, up to the store."""
     (path,) = folder.iterdir()
     options = ReadOptions(Taxonomy.load(), images=_images(), grid=_GRID)
@@ -139,15 +132,15 @@ def import_labels(folder: Path) -> object:
 
 
 @cache
-def _store_file() -> bytes:
+def _store_files() -> list[Files]:
     with tempfile.TemporaryDirectory() as folder:
         with LabelStore(Path(folder) / "labels.db") as store:
             store.add(_records())
-        return (Path(folder) / "labels.db").read_bytes()
+        return [{"labels.db": (Path(folder) / "labels.db").read_bytes()}]
 
 
-def _database(rng: Random) -> Files:
-    data = bytearray(_store_file())
+def _change_database(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    data = bytearray(files["labels.db"])
     for _ in range(rng.choice((1, 4, 40))):
         # Pages that are in use, the header and the schema among them.
         at = rng.randrange(rng.choice((100, 4096, len(data))))
@@ -165,13 +158,8 @@ def _read_database(folder: Path) -> object:
 # --- taxonomy, audit ---
 
 
-def _taxonomy_toml(rng: Random) -> Files:
-    text = _TAXONOMY.read_bytes()
-    return {"taxonomy.toml": changed_bytes(text, rng, [text, b"[[classes]]\n", b"a.b.c = {}\n"])}
-
-
-def _taxonomy_json(rng: Random) -> Files:
-    return {"t.json": changed_text(Taxonomy.load().to_json(), rng)}
+def _taxonomy_json() -> list[Files]:
+    return [{"t.json": json.dumps(Taxonomy.load().to_json()).encode()}]
 
 
 def _read_taxonomy_json(folder: Path) -> object:
@@ -184,24 +172,23 @@ def _read_taxonomy_json(folder: Path) -> object:
 
 
 @cache
-def _audit_file() -> bytes:
+def _audits() -> list[Files]:
     patch = AuditedPatch("dive", "left", 3, 1, 2, "ocean", "reef", -1.25, "in words")
     with tempfile.TemporaryDirectory() as folder:
         audit = Audit("a", "dataset a@1", Grid(), "rule", (patch, patch))
-        return write_audit(Path(folder), audit).read_bytes()
-
-
-def _audit(rng: Random) -> Files:
-    text = changed_text(json.loads(_audit_file()), rng)
-    bad = chance(rng, 30)
-    return {"audits/a.json": changed_bytes(_audit_file(), rng, [b"{}"]) if bad else text}
+        return [{"audits/a.json": write_audit(Path(folder), audit).read_bytes()}]
 
 
 KINDS = [
-    *map(_labels, FILES),
-    Kind("labels.patches", _patches, import_labels, 4),
-    Kind("labels.store", _database, _read_database, 2),
-    Kind("taxonomy.toml", _taxonomy_toml, lambda at: Taxonomy.load(at / "taxonomy.toml"), 8),
+    *map(_labels, ("csv", "viame", "coco", "labelstudio")),
+    Kind("labels.patches", lambda: [written("patches")], _import_labels, 4, change=_change_patches),
+    Kind("labels.store", _store_files, _read_database, 2, change=_change_database),
+    Kind(
+        "taxonomy.toml",
+        lambda: [{"taxonomy.toml": _TAXONOMY.read_bytes()}],
+        lambda at: Taxonomy.load(at / "taxonomy.toml"),
+        8,
+    ),
     Kind("taxonomy.json", _taxonomy_json, _read_taxonomy_json, 4),
-    Kind("audit", _audit, lambda at: read_audit(at / "audits" / "a.json"), 6),
+    Kind("audit", _audits, lambda at: read_audit(at / "audits" / "a.json"), 6),
 ]
