@@ -28,7 +28,7 @@ from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
 from .case import Files, Kind, change_one, line_fault
-from .changes import chance
+from .changes import chance, changed_text
 
 _TIME = "2016-04-20T10:00:00Z"
 _GRID = Grid(3, 4, 60)
@@ -162,6 +162,10 @@ def _taxonomy_json() -> list[Files]:
     return [{"t.json": json.dumps(Taxonomy.load().to_json()).encode()}]
 
 
+def _change_taxonomy(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    return {"t.json": changed_text(json.loads(files["t.json"]), rng)}
+
+
 def _read_taxonomy_json(folder: Path) -> object:
     """As a dataset version embeds it; what is no JSON never gets there."""
     try:
@@ -189,6 +193,6 @@ KINDS = [
         lambda at: Taxonomy.load(at / "taxonomy.toml"),
         8,
     ),
-    Kind("taxonomy.json", _taxonomy_json, _read_taxonomy_json, 4),
+    Kind("taxonomy.json", _taxonomy_json, _read_taxonomy_json, 4, change=_change_taxonomy),
     Kind("audit", _audits, lambda at: read_audit(at / "audits" / "a.json"), 6),
 ]

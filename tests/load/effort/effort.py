@@ -91,22 +91,9 @@ def measure_effort(
 ) -> tuple[list[LabellingEffort], list[dict[str, Any]]]:
     """Train on each half and label the other in a browser; the efforts, and what the halves were.
 
-    Parameters
-    ----------
-    mission : Mission
-    records : sequence of LabelRecord
-        One annotator's labels of it.
-    most : int or None
-        Label only so many of a half's held-out frames; None for all.
-    ways : sequence of Workflow
-    halves : int
-        1 or 2: how many of the two halves are labelled.
-    browser : Browser
-
-    Raises
-    ------
-    ToktError
-        If the mission is too short to be halved, or the page does not do what it is told.
+    The records are one annotator's labels of the mission. Of 1 or 2 `halves` `most` of the frames
+    held out are labelled, None for all. Raises ToktError if the mission is too short to be halved,
+    or the page does not do what it is told.
     """
     labels = labels_by_frame(records)
     obstacle = most_frequent_obstacle(labels)

@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.load.page.tab import Tab
+from tests.load.page.tab import Box, Tab, middle_of
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.labels.taxonomy import UNSURE, Taxonomy
@@ -85,7 +85,7 @@ class LabelSession:
         self._class_keys = {known.name: known.key for known in taxonomy.classes} | {UNSURE: "u"}
         self._clear = next(name for name in taxonomy.names if not taxonomy.is_obstacle(name))
         self._chosen = ""
-        self._boxes: dict[int, list[float]] = {}
+        self._boxes: dict[int, Box] = {}
 
     def run(self) -> int:
         """Label everything and wait until it is saved; the number of actions."""
@@ -107,9 +107,9 @@ class LabelSession:
             self._boxes = dict(self._tab.until(_SHEET, first))
         else:
             self._tab.until_drawn(first)
-        shown = list(self._boxes) or [first]
-        self._tab.until(_LOADED, shown)
-        return shown
+            self._boxes = {first: self._tab.frame_box()}
+        self._tab.until(_LOADED, list(self._boxes))
+        return list(self._boxes)
 
     def _label(self, shown: list[int], more: bool) -> None:
         """Correct what one key would not make right, press that key, and go on."""
@@ -197,23 +197,15 @@ class LabelSession:
         mouse, keyboard = self._tab.page.mouse, self._tab.page.keyboard
         if in_all:
             keyboard.down("Control")
-        mouse.move(*self._point(frame, path[0]))
+        points = [middle_of(self._boxes[frame], cell) for cell in path]
+        mouse.move(*points[0])
         mouse.down()
-        for cell in path[1:]:
-            mouse.move(*self._point(frame, cell))
+        for point in points[1:]:
+            mouse.move(*point)
         mouse.up()
         if in_all:
             keyboard.up("Control")
         self.actions += 1
-
-    def _point(self, frame: int, cell: int) -> tuple[float, float]:
-        """The middle of a patch, in the window's pixels."""
-        if not self._way.sheet:
-            return self._tab.middle_of(cell)
-        left, top, width, height = self._boxes[frame]
-        row, col = divmod(cell, DEFAULT_GRID.cols)
-        x, y = (col + 0.5) / DEFAULT_GRID.cols, (row + 0.5) / DEFAULT_GRID.rows
-        return left + x * width, top + y * height
 
 
 def drags(need: Collection[int], may: Collection[int]) -> list[list[int]]:

@@ -62,20 +62,9 @@ def run_label_bench(
 ) -> Found:
     """Measure the labelling page: its waiting times, the effort of labelling, or both.
 
-    Parameters
-    ----------
-    mission : Path or None
-        None for one that is rendered for it and thrown away.
-    labels : Path or None
-        Its label file; by default ``labels.csv`` in the mission's folder.
-    extent : PageBenchSize
-    times, effort : bool
-
-    Raises
-    ------
-    ToktError
-        If the mission or its labels cannot be used, there is no browser to measure with, or the
-        page does not answer.
+    Without a mission one is rendered and thrown away; the labels of a mission are in its folder's
+    ``labels.csv`` unless a file is given. Raises ToktError if these cannot be used, there is no
+    browser to measure with, or the page does not answer.
     """
     if labels is not None and mission is None:
         raise ToktError("--labels goes together with --mission")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -21,24 +22,18 @@ WIDTH, HEIGHT = 1280, 720
 _MAX_MS = 60_000
 _LOOK_EVERY_S = 0.01
 
-_CELL_MIDDLE = """async ([cell]) => {
+_FRAME_BOX = """async () => {
   const { Viewport } = await import("/static/frame/frame_canvas.js");
-  const { patchSize, rowCol } = await import("/static/frame/patch_grid.js");
   const { picture } = await import("/static/core/pictures.js");
   const { setting } = await import("/static/core/settings.js");
   const canvas = document.querySelector(".frame-canvas");
   const [, , camera, frame] = location.hash.split("/");
-  const bitmap = await picture(camera, Number(frame), setting("enhance"));
   const view = new Viewport();
   view.canvas = { width: canvas.clientWidth, height: canvas.clientHeight };
-  view.frame = { width: bitmap.width, height: bitmap.height };
-  const size = patchSize(bitmap.width, bitmap.height);
-  const box = canvas.getBoundingClientRect();
-  const [row, col] = rowCol(cell);
-  return [
-    box.left + view.origin.x + (col + 0.5) * size.width * view.scale,
-    box.top + view.origin.y + (row + 0.5) * size.height * view.scale,
-  ];
+  view.frame = await picture(camera, Number(frame), setting("enhance"));
+  const { left, top } = canvas.getBoundingClientRect();
+  const size = [view.frame.width * view.scale, view.frame.height * view.scale];
+  return [left + view.origin.x, top + view.origin.y, ...size];
 }"""
 _NOTE_KEYS = """
   window.toktPressed = [];
@@ -60,6 +55,18 @@ _SAVED = """async () => {
 }"""
 
 
+Box = Sequence[float]
+"""Left, top, width and height of a picture, in the window's pixels."""
+
+
+def middle_of(box: Box, cell: int) -> tuple[float, float]:
+    """The middle of a patch of a picture."""
+    left, top, width, height = box
+    row, col = divmod(cell, DEFAULT_GRID.cols)
+    x, y = (col + 0.5) / DEFAULT_GRID.cols, (row + 0.5) / DEFAULT_GRID.rows
+    return left + x * width, top + y * height
+
+
 class Tab:
     """A tab on the page's server; each has its own cache and storage.
 
@@ -75,7 +82,7 @@ class Tab:
         self._context.add_init_script(_NOTE_KEYS)
         self.page: Page = self._context.new_page()
         self.url = url.rstrip("/")
-        self._middles: dict[int, tuple[float, float]] = {}
+        self._box: Box | None = None
 
     def close(self) -> None:
         """Close the tab and forget what it stored."""
@@ -121,15 +128,14 @@ class Tab:
         """When keys went down, ms on the tab's clock."""
         return list(self.page.evaluate("() => window.toktPressed"))
 
-    def middle_of(self, cell: int) -> tuple[float, float]:
-        """Where the middle of a patch of the frame shown is, in the window's pixels."""
-        if cell not in self._middles:
-            self._middles[cell] = self.page.evaluate(_CELL_MIDDLE, [cell])
-        return self._middles[cell]
+    def frame_box(self) -> Box:
+        """Where the frame shown is, in its own view."""
+        self._box = self._box or self.page.evaluate(_FRAME_BOX)
+        return self._box
 
     def click(self, cell: int) -> None:
         """Click the middle of a patch of the frame shown."""
-        self.page.mouse.click(*self.middle_of(cell))
+        self.page.mouse.click(*middle_of(self.frame_box(), cell))
 
     def until(self, script: str, arg: Any = None) -> Any:
         """Wait until a script, which may be asynchronous, gives something true, and return it."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property, partial
+from collections.abc import Iterable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -48,25 +48,17 @@ LABELS = "labels.csv"
 
 
 class Steps:
-    """Training on the frames of a mission that are labelled in a folder, step by step."""
+    """Training on the frames of a mission that are labelled in a folder; a method is a step."""
 
     def __init__(self, folder: Path, mission: Path) -> None:
         self._folder, self._mission = folder, mission
         self._spec = extractor_named(EXTRACTOR).spec
-        self.steps: dict[str, Callable[[], dict[str, Any]]] = {
-            BUILD: self._build,
-            ONE_JOB: partial(self._compute_features, 1),
-            TWO_JOBS: partial(self._compute_features, 2),
-            FIT: self._fit,
-            FIGURES: self._measure,
-            TRIAL: self._try,
-        }
 
     def run(self, names: Iterable[str]) -> None:
         """Do some steps and print after each what `cost.watched` reads."""
         for name in names:
             began = time.monotonic()
-            facts = self.steps[name]()
+            facts = getattr(self, name)()
             times = {"step": name, "began": began, "ended": time.monotonic()}
             print(json.dumps({**times, **facts}), flush=True)
 
@@ -82,7 +74,7 @@ class Steps:
         cache = self._folder / f"cache-{jobs}"
         return cached_features(self._dataset, self._spec, cache, _quiet, jobs)
 
-    def _build(self) -> dict[str, Any]:
+    def build(self) -> dict[str, Any]:
         taxonomy = Taxonomy.load()
         plan, _ = plan_from_missions(
             NAME,
@@ -95,18 +87,23 @@ class Steps:
         stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
         return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}
 
-    def _compute_features(self, jobs: int) -> dict[str, Any]:
-        table = self._table(jobs)
+    def features_1_job(self) -> dict[str, Any]:
+        """Into the cache that all later steps read."""
+        return {"features": self._features.shape[1], "table_mb": self._features.nbytes / 1e6}
+
+    def features_2_jobs(self) -> dict[str, Any]:
+        """The same by two processes."""
+        table = self._table(2)
         return {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
 
     @cached_property
     def _pipeline(self) -> Pipeline:
         return fit_classifier(self._features, self._dataset.targets(), _CHOICE, _SETTINGS)
 
-    def _fit(self) -> dict[str, Any]:
+    def fit(self) -> dict[str, Any]:
         return {"penalty": _CHOICE.penalty, "solver_steps": int(self._pipeline["svc"].n_iter_)}
 
-    def _measure(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Folds, operating point and figures, of values that any model might have given."""
         dataset, targets = self._dataset, self._dataset.targets()
         model = linear_model(self._pipeline, dataset.classes(), dataset.obstacle_flags())
@@ -122,7 +119,7 @@ class Steps:
         held_out_metrics(dataset, held_out, model)
         return {}
 
-    def _try(self) -> dict[str, Any]:
+    def search_trial(self) -> dict[str, Any]:
         """A trial of a search, and the part of training that takes longest."""
         trial = Trial(EXTRACTOR, self._spec, extractor_named(EXTRACTOR).dim, 1)
         task = TrialTask(

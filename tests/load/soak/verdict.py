@@ -48,20 +48,8 @@ def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> dict[s
     """Growth of memory with frames, by least squares over the means of `BLOCKS` blocks.
 
     Samples of one second are nearly the same as those of the next: over them as they are, the
-    interval (of `CONFIDENCE`, by Student's t) would be far too narrow.
-
-    Parameters
-    ----------
-    frames : array of float64, shape (n,)
-        Frames judged so far, rising.
-    resident : array of float64, shape (n,)
-        Bytes in memory.
-
-    Returns
-    -------
-    dict or None
-        Bytes a frame with an interval, and bytes in the first and the last block after warm-up and
-        in any sample; None of too few samples.
+    interval (of `CONFIDENCE`, by Student's t) would be far too narrow. Given are the frames judged
+    so far, rising, and the bytes in memory, both of shape (n,); None of too few samples.
     """
     warm = frames >= WARM_UP * frames[-1] if len(frames) else np.zeros(0, bool)
     if warm.sum() < MIN_SAMPLES:
@@ -144,13 +132,12 @@ class Soak:
         judged, left_out = summary["frames"], summary["dropped"]
         wrong, lost = (_some(heard, names) for names in (_WRONG, _LOST))
         every = heard["datagrams"] + heard["compared_v1"] == summary["sent"]
+        words, all_judged = (
+            f"{judged} judged, {left_out} left out",
+            (judged, left_out) == (asked, 0),
+        )
         return [
-            Check(
-                "frames",
-                f"all {asked} judged",
-                f"{judged} judged, {left_out} left out",
-                (judged, left_out) == (asked, 0),
-            ),
+            Check("frames", f"all {asked} judged", words, all_judged),
             Check(
                 "datagrams",
                 "each one heard, in order, v1 as v2",
@@ -216,19 +203,18 @@ class Soak:
 
     def _times(self) -> list[Check]:
         figures, bare = self.latency["age"], self.latency["bare_age"]
-        found = (
+        words = (
             f"median {figures['median_ms']:.2f}, p99 {figures['p99_ms']:.2f}, p99.9 "
             f"{figures['p99.9_ms']:.2f}, max {figures['max_ms']:.1f} ms: {figures['tail']:.2f} x "
             f"(bare loop: median {bare['median_ms']:.2f} ms, {bare['tail']:.2f} x)"
         )
         asked = f"p99.9 at most {MAX_TAIL:g} x the median"
-        checks = [Check("latency", asked, found, figures["tail"] <= MAX_TAIL)]
-        if self.restart is not None:
-            times = self.restart
+        checks = [Check("latency", asked, words, figures["tail"] <= MAX_TAIL)]
+        if (times := self.restart) is not None:
             words = f"median {times.at(50):.0f} ms, worst {times.at(WORST):.0f} ms"
+            words += f", {len(times.times_ms)} times"
             asked = f"each at most {times.asked_ms:g} ms"
-            found = f"{words}, {len(times.times_ms)} times"
-            checks.append(Check(times.name, asked, found, bool(times.holds)))
+            checks.append(Check(times.name, asked, words, bool(times.holds)))
         return checks
 
     def to_json(self) -> dict[str, Any]:
