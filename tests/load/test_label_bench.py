@@ -26,18 +26,10 @@ from tokt.labels.store.store import LabelStore
 from .report import WORST, Timing, print_report
 
 TIMES = [
-    "first_page",
-    "next_frame",
-    "next_frame_fast",
-    "jump",
-    "acknowledged",
-    "answered",
-    "other_tab",
-    "first_page_labelled",
-    "next_frame_labelled",
-    "next_frame_fast_labelled",
-    "acknowledged_labelled",
-    "answered_labelled",
+    *("first_page", "next_frame", "next_frame_fast", "jump"),
+    *("acknowledged", "answered", "other_tab"),
+    *("first_page_labelled", "next_frame_labelled", "next_frame_fast_labelled"),
+    *("acknowledged_labelled", "answered_labelled"),
 ]
 ABOUT = {
     "machine": {"cpu": "a processor", "cores": 2, "python": "3.12"},

@@ -76,13 +76,8 @@ class Steps:
 
     def build(self) -> dict[str, Any]:
         taxonomy = Taxonomy.load()
-        plan, _ = plan_from_missions(
-            NAME,
-            "binary",
-            [self._mission],
-            read_labels([self._folder / LABELS], taxonomy, DEFAULT_GRID),
-            taxonomy,
-        )
+        labels = read_labels([self._folder / LABELS], taxonomy, DEFAULT_GRID)
+        plan, _ = plan_from_missions(NAME, "binary", [self._mission], labels, taxonomy)
         dataset = build_dataset(plan, self._folder / "datasets", _quiet)
         stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
         return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}
@@ -122,15 +117,8 @@ class Steps:
     def search_trial(self) -> dict[str, Any]:
         """A trial of a search, and the part of training that takes longest."""
         trial = Trial(EXTRACTOR, self._spec, extractor_named(EXTRACTOR).dim, 1)
-        task = TrialTask(
-            trial,
-            self._dataset.path,
-            self._folder / "cache-1",
-            self._folder / "trial.json",
-            _SETTINGS,
-            _SPLIT,
-        )
-        outcome = run_task(task)
+        places = (self._dataset.path, self._folder / "cache-1", self._folder / "trial.json")
+        outcome = run_task(TrialTask(trial, *places, _SETTINGS, _SPLIT))
         if outcome.fault is not None:
             raise ToktError(outcome.fault)
         inner = (_SPLIT.folds - 1) * len(_SETTINGS.choices)

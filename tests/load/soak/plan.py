@@ -80,14 +80,7 @@ class SoakSize:
 
 FULL = SoakSize()
 QUICK = SoakSize(
-    frames=3000,
-    bare_frames=1000,
-    kills=2,
-    rest_s=2e-3,
-    pauses=3,
-    exchange_every_s=3.0,
-    log_mb=0.2,
-    record_mb=1.0,
+    3000, 1000, kills=2, rest_s=2e-3, pauses=3, exchange_every_s=3.0, log_mb=0.2, record_mb=1.0
 )
 
 
