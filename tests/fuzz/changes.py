@@ -205,9 +205,9 @@ def _changed_lines(data: bytes, rng: Random) -> bytes:
 
 def changed_file(name: str, data: bytes, rng: Random, others: Sequence[bytes] = ()) -> bytes:
     """A file changed by its JSON values, if it has any, for the most part; else by its bytes."""
-    if data[:1] in (b"{", b"[") and chance(rng, 70):
-        if not name.endswith(".jsonl"):
-            return changed_text(json.loads(data), rng)
+    if name.endswith(".jsonl"):
         data = _changed_lines(data, rng)
         return changed_bytes(data, rng, [data]) if chance(rng, 30) else data
+    if data[:1] in (b"{", b"[") and chance(rng, 70):
+        return changed_text(json.loads(data), rng)
     return changed_bytes(data, rng, [data, *others])

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import atexit
-import csv
-import io
 import json
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cache
+from itertools import product
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import cv2
 import numpy as np
 
+from tests.labels.formats.examples import DIVE, FRAMES, foreign_coco, foreign_label_studio, said
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch, read_audit, write_audit
@@ -30,17 +29,15 @@ from tokt.labels.taxonomy import Taxonomy
 from .case import Files, Kind, change_one, line_fault
 from .changes import chance, changed_text
 
-_TIME = "2016-04-20T10:00:00Z"
-_GRID = Grid(3, 4, 60)
 _TAXONOMY = Path(__file__).parents[2] / "labels" / "taxonomy.toml"
 _KEPT = ExitStack()
 atexit.register(_KEPT.close)
 
 
 def write_mission(folder: Path) -> Path:
-    """A mission of two pairs of colour frames."""
-    for number, side in enumerate(("Left", "Right") * 2):
-        path = folder / "dive" / side / f"dive_{side[0]}_{3 if number < 2 else 7}.png"
+    """A mission of pairs of colour frames."""
+    for number, (side, frame) in enumerate(product(("Left", "Right"), FRAMES)):
+        path = folder / "dive" / side / f"dive_{side[0]}_{frame}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         pixels = np.random.default_rng(number).integers(0, 255, (68, 90, 3), np.uint8)
         cv2.imwrite(str(path), pixels)
@@ -56,14 +53,13 @@ def _images() -> MissionImages:
 
 
 def _records() -> list[LabelRecord]:
-    said = [(3, "reef", 0, 0, "ann", _TIME, "human"), (3, "ocean", 1, 2, "bo", _TIME, "human")]
-    said += [(3, "unsure", 2, 3, "ann", _TIME, "human"), (3, "reef", 1, 2, "c", _TIME, "settled")]
-    made = [
-        LabelRecord("dive", "left", frame, _GRID, row, col, label, *by)
-        for frame, label, row, col, *by in said
+    return [
+        said("reef"),
+        said("ocean", 1, 2, annotator="bo"),
+        said("unsure", 2, 3),
+        said("reef", 1, 2, annotator="c", source="settled"),
+        said("sand", 1, 1, frame=7, source="model", model_version="m/1"),
     ]
-    by_model = ("sand", "m", _TIME, "model", "m/1")
-    return [*made, LabelRecord("dive", "left", 7, _GRID, 1, 1, *by_model)]
 
 
 @cache
@@ -77,31 +73,20 @@ def written(name: str) -> Files:
         return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
-@cache
-def _foreign(name: str) -> bytes:
-    """The same file as another tool would have written it: without attributes of ours."""
-    ((_, data),) = written(name).items()
-    if name == "viame":
-        rows = csv.reader(io.StringIO(data.decode()))
-        text = io.StringIO()
-        csv.writer(text).writerows([c for c in row if "(atr)" not in c] for row in rows)
-        return text.getvalue().encode()
-    if name == "csv":
-        return b"mission,camera,frame,row,col,label\ndive,left,3,0,0,reef\ndive,left,3,0,1,ocean\n"
-    return json.dumps(_without_ours(json.loads(data))).encode()
-
-
-def _without_ours(value: Any) -> Any:
-    if isinstance(value, dict):
-        kept = {key: part for key, part in value.items() if key not in ("attributes", "meta")}
-        return {key: _without_ours(part) for key, part in kept.items()}
-    return [_without_ours(part) for part in value] if isinstance(value, list) else value
+_FOREIGN = {
+    "csv": "mission,camera,frame,row,col,label\ndive,left,3,0,0,reef\ndive,left,3,0,1,ocean\n",
+    "viame": DIVE,
+    "coco": json.dumps(foreign_coco()),
+    "labelstudio": json.dumps(foreign_label_studio()),
+}
+"""As other tools would have written such a file, but for classes that are not ours."""
 
 
 def _labels(name: str) -> Kind:
     def seeds() -> list[Files]:
         ((path, data),) = written(name).items()
-        return [{path: data}, {path: _foreign(name)}]
+        foreign = _FOREIGN[name].replace("fish", "reef").replace("rock", "sand")
+        return [{path: data}, {path: foreign.encode()}]
 
     return Kind(f"labels.{name}", seeds, _import_labels, 9)
 
@@ -120,7 +105,7 @@ def _change_patches(files: Files, rng: Random, others: Sequence[bytes]) -> Files
 def _import_labels(folder: Path) -> object:
     """What `tokt labels import` does, up to the store."""
     (path,) = folder.iterdir()
-    options = ReadOptions(Taxonomy.load(), images=_images(), grid=_GRID)
+    options = ReadOptions(Taxonomy.load(), images=_images())
     read = FORMATS[format_to_read(path)].read(path, options)
     for line in read.lost:
         assert not line_fault(line), line_fault(line)
@@ -184,7 +169,7 @@ def _audits() -> list[Files]:
 
 
 KINDS = [
-    *map(_labels, ("csv", "viame", "coco", "labelstudio")),
+    *map(_labels, _FOREIGN),
     Kind("labels.patches", lambda: [written("patches")], _import_labels, 4, change=_change_patches),
     Kind("labels.store", _store_files, _read_database, 2, change=_change_database),
     Kind(

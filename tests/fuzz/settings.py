@@ -111,7 +111,7 @@ def _spec_files() -> list[Files]:
 def _spaces() -> list[Files]:
     """Search spaces, with the spec that one of them names."""
     mine = _spec_files()[0]["spec.json"]
-    return [{"space.toml": text, "mine.json": mine} for text in (_SMALL, BUILT_IN.read_bytes())]
+    return [{"space.toml": _SMALL, "mine.json": mine}, {"space.toml": BUILT_IN.read_bytes()}]
 
 
 def _read_search_space(folder: Path) -> object:

@@ -27,17 +27,13 @@ from .session import FREE, LabelSession, Target, Workflow
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-WAYS = tuple(
-    Workflow(name + ("_unsure" if unsure else ""), words, sheet, drags, unsure, asked)
-    for name, sheet, drags, first in (
-        ("clicks", True, False, "a click a patch, contact sheet"),
-        ("frames", False, False, "a click a patch, frame by frame"),
-        ("drags", True, True, "a drag is one action, all tools"),
-    )
-    for unsure, words, asked in (
-        (False, first, 5.0 if name == "clicks" else None),
-        (True, "the same, unsure ones too", None),
-    )
+WAYS = (
+    Workflow("clicks", "a click a patch, contact sheet", True, False, False, asked=5.0),
+    Workflow("clicks_unsure", "the same, unsure ones too", True, False, True),
+    Workflow("frames", "a click a patch, frame by frame", False, False, False),
+    Workflow("frames_unsure", "the same, unsure ones too", False, False, True),
+    Workflow("drags", "a drag is one action, all tools", True, True, False),
+    Workflow("drags_unsure", "the same, unsure ones too", True, True, True),
 )
 FOLLOW = 2.0
 """How long to keep what held in the frame before: as the page does unless it is told."""

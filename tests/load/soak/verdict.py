@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -16,7 +16,6 @@ from tests.load.report import WORST, Timing
 from tokt.inference.config import Limits
 from tokt.inference.runtime import TICK_S
 
-from .live import Pauses
 from .run import Run
 
 MAX_TAIL = 3.0
@@ -96,7 +95,7 @@ class Soak:
 
     whole: Run  # with everything around the loop
     bare: Run  # with nothing
-    pauses: Pauses
+    pauses: dict[str, Any]  # `LiveRuns.pauses`
     restart: Timing | None  # None where nothing was killed
     about: dict[str, Any]  # what it was done on
 
@@ -153,14 +152,15 @@ class Soak:
     def _silences(self) -> list[Check]:
         found, extent = self.pauses, self.whole.extent
         least = extent.pauses * int(extent.pause_s / SILENCE_S)
-        longest = max(found.silences_s)
-        longer = sum(silence_s > SILENCE_S for silence_s in found.silences_s)
+        said, heard, wrong, silences_s = found.values()
+        longest = max(silences_s)
+        longer = sum(silence_s > SILENCE_S for silence_s in silences_s)
         return [
             Check(
                 "heartbeats",
                 f"all that were said are heard; at least {least} in {extent.pauses} pauses",
-                f"{found.heard} heard of {found.said}; {found.wrong or 'none'} wrong",
-                found.heard == found.said >= least and not found.wrong,
+                f"{heard} heard of {said}; {wrong or 'none'} wrong",
+                heard == said >= least and not wrong,
             ),
             Check(
                 "longest silence",
@@ -229,7 +229,7 @@ class Soak:
             "heard": whole.heard,
             "seconds": whole.seconds,
             "bare": {"summary": bare.summary, "heard": bare.heard},
-            "pauses": asdict(self.pauses),
+            "pauses": self.pauses,
             "restart": None if self.restart is None else self.restart.to_json(),
             **self.about,
         }
