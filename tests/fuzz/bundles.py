@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.models.parts import unpack
 from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor, build_extractor, extractor_named
@@ -31,24 +32,26 @@ from tokt.models.distribution import Distribution, bin_counts, drift_words, quan
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
-from .case import Files, Kind
-from .changes import TEXTS, chance, changed_bytes, changed_json, changed_text, odd_value, text_of
-from .containers import (
-    changed_npz,
-    changed_png,
-    changed_zip,
-    npz_bytes,
-    some_picture,
-    unzipped,
-    zip_bytes,
+from .case import Files, Kind, change_one
+from .changes import (
+    TEXTS,
+    chance,
+    changed_bytes,
+    changed_file,
+    changed_json,
+    changed_text,
+    odd_value,
+    text_of,
 )
+from .containers import changed_npz, changed_png, changed_zip, npz_bytes, some_picture, zip_bytes
 
 FILE = "bundle.tokt"
+Others = Sequence[bytes]
 _MAX_DATAGRAM = 1472
 """Bytes that fit an Ethernet frame behind the headers of IPv4 and UDP."""
 
 
-def read_bundle(folder: Path) -> Bundle:
+def _read_bundle(folder: Path) -> Bundle:
     """Read a bundle and do with it what the runtime does with any."""
     bundle = bundle_from_bytes((folder / FILE).read_bytes(), FILE)
     check_usable(bundle)
@@ -117,10 +120,8 @@ def _content(
     """What a bundle of random weights holds; weightless, it gives its bias for any features."""
     rng = np.random.default_rng(5)
     outputs = 1 if len(classes) == 2 else len(classes)
-    weights = np.zeros((outputs, extractor.dim)) if weightless else None
+    weights = rng.normal(size=(outputs, extractor.dim)) * (not weightless)
     names, flags = zip(*classes, strict=True)
-    if weights is None:
-        weights = rng.normal(size=(outputs, extractor.dim))
     model = LinearModel(weights, rng.normal(size=outputs), np.zeros(outputs), names, flags)
     distribution = None
     if weightless:
@@ -151,7 +152,7 @@ def _content(
 
 
 @cache
-def small_bundles() -> tuple[bytes, ...]:
+def small_bundles() -> list[Files]:
     """One of each kind of extractor, and one of each older format."""
     grid, frames = Grid(2, 2, 12), [textured(8, 12)]
     made = [
@@ -159,24 +160,23 @@ def small_bundles() -> tuple[bytes, ...]:
         for spec, classes in zip(specs(), (_TWO, _THREE, _TWO, _THREE, _TWO), strict=True)
     ]
     older = [path.read_bytes() for path in sorted(_OLDER.glob("bundle_of_format_*.zip"))]
-    return tuple(made + older)
+    return [{FILE: data} for data in made + older]
 
 
 @cache
-def real_bundle() -> bytes:
+def _real_bundles() -> list[Files]:
     """One as large as those that are shipped."""
     extractor = extractor_named("haralick+lbp_24_8_frame")
     frames = [cv2.resize(textured(68, 90, seed), (360, 271)) for seed in (1, 2)]
-    return bundle_bytes(_content(extractor, Grid(), frames))
+    return [{FILE: bundle_bytes(_content(extractor, Grid(), frames))}]
 
 
-_members_of = cache(unzipped)
-Seeds = Callable[[], tuple[bytes, ...]]
+_members_of = cache(unpack)
 
 
-def _taken_apart(data: bytes) -> tuple[dict[str, bytes], dict[str, Any]]:
+def _taken_apart(files: Files) -> tuple[dict[str, bytes], dict[str, Any]]:
     """A sound bundle's other members and its manifest, both to be changed."""
-    members = dict(_members_of(data))
+    members = dict(_members_of(files[FILE]))
     return members, json.loads(members.pop("manifest.json"))
 
 
@@ -212,27 +212,23 @@ def _with_hashes(text: bytes, members: Mapping[str, bytes]) -> bytes:
 # --- from the outside in ---
 
 
-def _bytes(rng: Random, seeds: Seeds = small_bundles) -> Files:
-    return {FILE: changed_bytes(rng.choice(seeds()), rng, small_bundles())}
+def _zip(files: Files, rng: Random, others: Others) -> Files:
+    return {FILE: changed_zip(_members_of(files[FILE]), rng)}
 
 
-def _zip(rng: Random, seeds: Seeds = small_bundles) -> Files:
-    return {FILE: changed_zip(_members_of(rng.choice(seeds())), rng)}
-
-
-def _manifest(rng: Random, seeds: Seeds = small_bundles) -> Files:
+def _manifest(files: Files, rng: Random, others: Others) -> Files:
     """The manifest changed anywhere."""
-    members, manifest = _taken_apart(rng.choice(seeds()))
-    other = _taken_apart(rng.choice(seeds()))[1]
+    members, manifest = _taken_apart(files)
+    other = _taken_apart({FILE: rng.choice(others)})[1]
     return _put_together(members, changed_text(manifest, rng, [other]))
 
 
 _FIELDS = ("extractor", "grid", "classes", "operating_point", "name", "version", "metrics")
 
 
-def _fields(rng: Random, seeds: Seeds = small_bundles) -> Files:
+def _fields(files: Files, rng: Random, others: Others) -> Files:
     """One part of the manifest changed, so that it gets past the first checks."""
-    members, manifest = _taken_apart(rng.choice(seeds()))
+    members, manifest = _taken_apart(files)
     known = sorted({*_FIELDS, "provenance"} & set(manifest))
     for field in rng.sample(known, rng.choice((1, 1, 2))):
         odd = chance(rng, 20)
@@ -240,9 +236,9 @@ def _fields(rng: Random, seeds: Seeds = small_bundles) -> Files:
     return _put_together(members, text_of(manifest))
 
 
-def _words(rng: Random) -> Files:
+def _words(files: Files, rng: Random, others: Others) -> Files:
     """Texts that nothing computes with, which are accepted unless somebody looks at them."""
-    members, manifest = _taken_apart(rng.choice(small_bundles()))
+    members, manifest = _taken_apart(files)
     which = rng.choice(("name", "version", "provenance", "metrics", "class", "chosen"))
     text = rng.choice((*TEXTS, "x" * rng.randrange(1, 3000), "ø" * rng.randrange(1, 3000)))
     if which in ("name", "version"):
@@ -256,8 +252,8 @@ def _words(rng: Random) -> Files:
     return _put_together(members, text_of(manifest))
 
 
-def _arrays(rng: Random, seeds: Seeds = small_bundles) -> Files:
-    members, manifest = _taken_apart(rng.choice(seeds()))
+def _arrays(files: Files, rng: Random, others: Others) -> Files:
+    members, manifest = _taken_apart(files)
     name = rng.choice(sorted(name for name in members if name.endswith(".npz")))
     members[name] = changed_npz(members[name], rng)
     if chance(rng, 10):
@@ -265,9 +261,9 @@ def _arrays(rng: Random, seeds: Seeds = small_bundles) -> Files:
     return _put_together(members, manifest)
 
 
-def _with_pictures(data: bytes, other: Callable[[bytes], bytes], times: int = 1) -> Files:
+def _with_pictures(files: Files, other: Callable[[bytes], bytes], times: int = 1) -> Files:
     """A bundle with other golden pictures, with the sizes and sums that belong to them."""
-    members, manifest = _taken_apart(data)
+    members, manifest = _taken_apart(files)
     with np.load(io.BytesIO(members["golden.npz"])) as golden:
         arrays = {name: np.concatenate([golden[name]] * times) for name in golden}
         parts = np.split(golden["frames"], np.cumsum(golden["sizes"])[:-1])
@@ -278,18 +274,15 @@ def _with_pictures(data: bytes, other: Callable[[bytes], bytes], times: int = 1)
     return _put_together(members, manifest)
 
 
-def _golden(rng: Random) -> Files:
+def _golden(files: Files, rng: Random, others: Others) -> Files:
     times = rng.choice((*[1] * 20, 2, 30, 400))
-    data = rng.choice(small_bundles())
-    return _with_pictures(data, lambda picture: changed_png(picture, rng), times)
+    return _with_pictures(files, lambda picture: changed_png(picture, rng), times)
 
 
-def _signature(rng: Random) -> Files:
+def _signature(files: Files, rng: Random, others: Others) -> Files:
     """The one member that no hash covers."""
-    data = rng.choice(small_bundles())
-    value = json.loads(Signature("0" * 32, bytes(64)).to_bytes())
-    text = rng.choice((changed_text(value, rng), changed_bytes(text_of(value), rng, [data])))
-    return {FILE: zip_bytes({**_members_of(data), SIGNATURE: text})}
+    text = changed_file(SIGNATURE, Signature("0" * 32, bytes(64)).to_bytes(), rng, others)
+    return {FILE: zip_bytes({**_members_of(files[FILE]), SIGNATURE: text})}
 
 
 # --- models that are sound as far as this machine's own arithmetic goes ---
@@ -320,38 +313,34 @@ def _with_numbers(value: Any, rng: Random) -> Any:
     return rng.choice(_PARTS) if isinstance(value, str) and chance(rng, 5) else value
 
 
-def _spec(rng: Random) -> Files:
+def _spec(files: Files, rng: Random, others: Others) -> Files:
     """A model of no weight, so that only the features can fail; some with other pictures."""
     spec, sizes = _some_spec(rng), (*rng.choice(_GRIDS), rng.choice(_WIDTHS))
     frame, classes = textured(*rng.choice(_FRAMES)), rng.choice((_TWO, _THREE))
     try:
         content = _content(build_extractor(spec), Grid(*sizes), [frame], classes, weightless=True)
     except ToktError:  # a spec or a grid that cannot be built here: as a file it is tried
-        members, manifest = _taken_apart(rng.choice(small_bundles()))
+        members, manifest = _taken_apart(files)
         manifest["extractor"] = changed_json(spec, rng)
         grid = dict(zip(("rows", "cols", "width"), sizes, strict=True))
         return _put_together(members, text_of({**manifest, "grid": changed_json(grid, rng)}))
-    data = bundle_bytes(content)
-    if chance(rng, 70):
-        return {FILE: data}
-    return _with_pictures(data, lambda picture: some_picture(rng))
+    made = {FILE: bundle_bytes(content)}
+    return made if chance(rng, 70) else _with_pictures(made, lambda picture: some_picture(rng))
 
 
-def _real(rng: Random) -> Files:
-    """Any of the above on a bundle of real size."""
-    make = rng.choice((_bytes, _zip, _manifest, _arrays, _fields))
-    return make(rng, lambda: (real_bundle(),))
+def _any(files: Files, rng: Random, others: Others) -> Files:
+    return rng.choice((change_one, _zip, _manifest, _arrays, _fields))(files, rng, others)
 
 
 KINDS = [
-    Kind("bundle.bytes", _bytes, read_bundle, 18),
-    Kind("bundle.zip", _zip, read_bundle, 14),
-    Kind("bundle.manifest", _manifest, read_bundle, 19),
-    Kind("bundle.fields", _fields, read_bundle, 18),
-    Kind("bundle.words", _words, read_bundle, 5),
-    Kind("bundle.arrays", _arrays, read_bundle, 13),
-    Kind("bundle.golden", _golden, read_bundle, 6),
-    Kind("bundle.signature", _signature, read_bundle, 3),
-    Kind("bundle.spec", _spec, read_bundle, 3, few=5),
-    Kind("bundle.real size", _real, read_bundle, 1, few=3),
+    Kind("bundle.bytes", small_bundles, _read_bundle, 18),
+    Kind("bundle.zip", small_bundles, _read_bundle, 14, change=_zip),
+    Kind("bundle.manifest", small_bundles, _read_bundle, 19, change=_manifest),
+    Kind("bundle.fields", small_bundles, _read_bundle, 18, change=_fields),
+    Kind("bundle.words", small_bundles, _read_bundle, 5, change=_words),
+    Kind("bundle.arrays", small_bundles, _read_bundle, 13, change=_arrays),
+    Kind("bundle.golden", small_bundles, _read_bundle, 6, change=_golden),
+    Kind("bundle.signature", small_bundles, _read_bundle, 3, change=_signature),
+    Kind("bundle.spec", small_bundles, _read_bundle, 3, few=5, change=_spec),
+    Kind("bundle.real size", _real_bundles, _read_bundle, 1, few=3, change=_any),
 ]

@@ -9,7 +9,7 @@ import shutil
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,8 @@ from random import Random
 from typing import Any
 
 from tokt.features.common.errors import ToktError
+
+from .changes import changed_file
 
 Files = dict[str, bytes]
 """An input: its files, by path below the case's folder."""
@@ -43,29 +45,32 @@ class DefectError(AssertionError):
     """A reader did with an input what it must not do."""
 
 
+def change_one(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    """An input of which one file is changed."""
+    name = rng.choice(list(files))
+    return {**files, name: changed_file(name, files[name], rng, others)}
+
+
 @dataclass(frozen=True)
 class Kind:
-    """A kind of input and what reads it.
-
-    Parameters
-    ----------
-    name : str
-    make : callable
-        Gives an input by the random numbers that hypothesis chooses.
-    read : callable
-        Given the folder of the input, the only one it may write to. Raises ToktError where it
-        refuses, and anything else where there is a defect.
-    share : float
-        Percent of the cases that `make fuzz` asks for.
-    few : int
-        Cases in a run of all tests.
-    """
+    """A kind of input and what reads it."""
 
     name: str
-    make: Callable[[Random], Files]
+    seeds: Callable[[], Sequence[Files]]  # sound inputs
     read: Callable[[Path], object]
-    share: float
-    few: int = 12
+    """Given the folder of the input, the only one it may write to. Raises ToktError where it
+    refuses, and anything else where there is a defect."""
+    share: float  # percent of the cases that `make fuzz` asks for
+    few: int = 12  # cases in a run of all tests
+    change: Callable[[Files, Random, Sequence[bytes]], Files] = change_one
+    """Given a sound input, the random numbers that hypothesis chooses, and the files of all sound
+    inputs, to splice with."""
+
+    def make(self, rng: Random) -> Files:
+        """A changed input."""
+        seeds = self.seeds()
+        others = [data for files in seeds for data in files.values()]
+        return self.change(rng.choice(seeds), rng, others)
 
 
 def write_files(files: Files, folder: Path) -> None:
@@ -119,14 +124,8 @@ class Box:
     """A folder with the working folder, a home and a place for temporary files.
 
     An input is read in `case`, and stays there until the next one: after a defect, a crash or a
-    hang it is found there, with hypothesis the smallest that was found.
-
-    Parameters
-    ----------
-    box : Path
-        An empty folder.
-    terminal : int
-        File descriptor that the stack of a hang is written to.
+    hang it is found there, with hypothesis the smallest that was found. The box is an empty folder,
+    `terminal` the file descriptor that the stack of a hang is written to.
     """
 
     def __init__(self, box: Path, terminal: int = 2) -> None:
@@ -139,17 +138,10 @@ class Box:
             _WATCH.hooked = True
 
     def read(self, kind: Kind, files: Files) -> str:
-        """Have an input read.
+        """Have an input read: its refusal in words, empty where it was accepted.
 
-        Returns
-        -------
-        str
-            Its refusal in words; empty where it was accepted.
-
-        Raises
-        ------
-        DefectError
-            For all else. A crash or a hang ends the process, after its stack is written.
+        Raises DefectError for all else. A crash or a hang ends the process, after its stack is
+        written.
         """
         self._empty()
         write_files(files, self.case)
@@ -166,9 +158,8 @@ class Box:
         # On a command line a warning would be lines beside the one that says what is wrong.
         beside = [f"warning: {item.message}" for item in warned]
         if faults := [*outside, *strangers, *filter(None, [fault]), *beside]:
-            raise DefectError(
-                "\n".join([*faults, f"{kind.name}: the input is kept in {self.case}"])
-            )
+            kept = f"{kind.name}: the input is kept in {self.case}"
+            raise DefectError("\n".join([*faults, kept]))
         return refusal
 
     @contextmanager

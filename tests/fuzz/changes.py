@@ -1,4 +1,4 @@
-"""Changes to bytes that know nothing of what they mean, and to JSON values."""
+"""Changes to bytes that know nothing of what they mean, to JSON values, and to whole files."""
 
 from __future__ import annotations
 
@@ -58,60 +58,41 @@ def _span(data: bytes, rng: Random) -> tuple[int, int]:
     return start, min(start + length, len(data))
 
 
-def _flipped(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
-    changed, odd = bytearray(data), rng.choice((None, 0, 1, 0x7F, 0x80, 0xFF, 0x20, 0x0A))
-    for _ in range(rng.choice((1, 1, 2, 8, 64))):
-        at, bit = rng.randrange(len(data)), 1 << rng.randrange(8)
-        changed[at] = changed[at] ^ bit if odd is None or chance(rng, 50) else odd
-    return bytes(changed)
-
-
-def _other_number(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
-    spans = [match.span() for match in _NUMBER.finditer(data[:200_000])]
-    start, end = rng.choice(spans or [_span(data, rng)])
-    return data[:start] + rng.choice(NUMBERS).encode() + data[end:]
-
-
-def _other_lines(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
+def _changed_once(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
+    """Bits flipped, a stretch overwritten, a piece of another file, another number or line."""
+    start, end = _span(data, rng)
+    before, after = data[:start], data[end:]
+    kind = rng.randrange(13)
+    if kind < 2:
+        changed, odd = bytearray(data), rng.choice((None, 0, 1, 0x7F, 0x80, 0xFF, 0x20, 0x0A))
+        for _ in range(rng.choice((1, 1, 2, 8, 64))):
+            at, bit = rng.randrange(len(data)), 1 << rng.randrange(8)
+            changed[at] = changed[at] ^ bit if odd is None or chance(rng, 50) else odd
+        return bytes(changed)
+    if kind < 9:
+        piece = rng.choice((*rng.choices(PIECES, k=2), rng.randbytes(rng.choice((1, 2, 8, 40)))))
+        times = min(rng.choice((1, 1, 2, 3, 50, 2000)), LONGEST // max(end - start, 1))
+        middles = (b"", data[start:end] * (1 + times), bytes(end - start), piece + data[start:end])
+        some = before + piece[:64] + data[start + len(piece[:64]) :]
+        return rng.choice((*(before + one + after for one in middles), some, before, data[start:]))
+    if kind == 9:
+        other = rng.choice(others)
+        one, two = _span(other, rng)
+        return rng.choice((before + other[one:], before + other[one:two] + after, other + data))
+    if kind < 12:
+        spans = [match.span() for match in _NUMBER.finditer(data[:200_000])]
+        start, end = rng.choice(spans or [(start, end)])
+        return data[:start] + rng.choice(NUMBERS).encode() + data[end:]
     lines = data.splitlines(keepends=True)
     one, two = rng.randrange(len(lines)), rng.randrange(len(lines))
     lines[one], lines[two] = lines[two], rng.choice((lines[one], lines[two], b"", b"\n"))
     return b"".join(lines)
 
 
-def _spliced(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
-    start, end = _span(data, rng)
-    other = rng.choice(others)
-    one, two = _span(other, rng)
-    part = data[:start] + other[one:two] + data[end:]
-    return rng.choice((data[:start] + other[one:], part, other + data))
-
-
-def _overwritten(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
-    start, end = _span(data, rng)
-    piece = rng.choice((*rng.choices(PIECES, k=2), rng.randbytes(rng.choice((1, 2, 8, 40)))))
-    times = min(rng.choice((1, 1, 2, 3, 50, 2000)), LONGEST // max(end - start, 1))
-    middles = (b"", data[start:end] * (1 + times), bytes(end - start), piece + data[start:end])
-    some = piece[:64]
-    return rng.choice(
-        (
-            *(data[:start] + middle + data[end:] for middle in middles),
-            data[:start] + some + data[start + len(some) :],
-            data[:start],
-            data[start:],
-        )
-    )
-
-
-_CHANGES = (*[_flipped] * 2, *[_overwritten] * 7, _spliced, *[_other_number] * 2, _other_lines)
-
-
 def changed_bytes(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
     """The data after one to four changes; `others` are files to splice with."""
     for _ in range(rng.choice(_TIMES)):
-        if data:
-            change = rng.choice(_CHANGES)
-            data = change(data, rng, others)[:LONGEST]
+        data = _changed_once(data, rng, others)[:LONGEST] if data else data
     return data
 
 
@@ -209,3 +190,24 @@ def changed_text(value: Any, rng: Random, others: Sequence[Any] = ()) -> bytes:
         key = rng.choice(list(chosen)) if isinstance(chosen, dict) and chosen else "a"
         return b"{" + text_of(key) + b":" + text_of(odd_value(rng)) + b"," + text[1:]
     return text
+
+
+# --- whole files, as what they are ---
+
+
+def _changed_lines(data: bytes, rng: Random) -> bytes:
+    """Lines of JSON of which one or two are changed."""
+    values = [json.loads(line) for line in data.splitlines()]
+    for at in rng.choices(range(len(values)), k=rng.choice((1, 1, 2))):
+        values[at] = changed_json(values[at], rng)
+    return b"\n".join(map(text_of, values)) + rng.choice((b"\n", b"\n", b"", b"\n\n"))
+
+
+def changed_file(name: str, data: bytes, rng: Random, others: Sequence[bytes] = ()) -> bytes:
+    """A file changed by its JSON values, if it has any, for the most part; else by its bytes."""
+    if name.endswith(".jsonl"):
+        data = _changed_lines(data, rng)
+        return changed_bytes(data, rng, [data]) if chance(rng, 30) else data
+    if data[:1] in (b"{", b"[") and chance(rng, 70):
+        return changed_text(json.loads(data), rng)
+    return changed_bytes(data, rng, [data, *others])

@@ -10,6 +10,7 @@ from pathlib import Path
 from random import Random
 
 import hypothesis
+import pandas as pd
 import pytest
 from hypothesis import HealthCheck, Phase, given
 from hypothesis import strategies as st
@@ -78,7 +79,7 @@ def try_cases(record_property: Callable[[str, object], None]) -> Callable[..., N
 
         each()
         row = (len(refusals), sum(refusals), slowest_s * 1000, peak_mb() - before)
-        record_property("fuzz", [round(value) for value in row])
+        record_property("fuzz", list(map(round, row)))
 
     return run
 
@@ -88,10 +89,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     if not CASES:
         return
     terminalreporter.section("fuzz")
-    terminalreporter.line("  ".join((" " * 26, *_HEAD)))
-    for report in terminalreporter.getreports("passed"):
-        for name, row in report.user_properties if report.when == "call" else ():
-            if name == "fuzz":
-                kind = report.nodeid.partition("[")[2].removesuffix("]")
-                cells = (str(cell).rjust(len(head)) for cell, head in zip(row, _HEAD, strict=True))
-                terminalreporter.line("  ".join((kind.ljust(26), *cells)))
+    rows = {
+        report.nodeid.partition("[")[2].removesuffix("]"): dict(report.user_properties)["fuzz"]
+        for report in terminalreporter.getreports("passed")
+        if report.when == "call" and "fuzz" in dict(report.user_properties)
+    }
+    table = pd.DataFrame.from_dict(rows, "index", columns=list(_HEAD))
+    terminalreporter.line(table.to_string())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -24,12 +25,13 @@ from tokt.inference.replay.shadow_report import read_shadow
 from tokt.inference.report import Event, Report
 from tokt.inference.verdict import unknown_verdict, verdict_from_mask
 
-from .case import Files, Kind
-from .changes import chance, changed_bytes, changed_json, changed_text, text_of
+from .case import Files, Kind, change_one
+from .changes import chance, text_of
 from .containers import changed_png, some_picture
 
 _RUN = "run-20160420-101112-3fa2c1"
 _T = 1461147072.0
+_MAX_DATAGRAM = 65_507
 _UNKNOWN = unknown_verdict(Fault(Reason.DARK, "too dark"))
 
 
@@ -50,20 +52,18 @@ def _reports() -> tuple[Report, ...]:
 
 
 @cache
-def datagrams() -> tuple[bytes, ...]:
-    """Sound ones, of both versions."""
+def _datagrams() -> list[Files]:
+    """Of both versions."""
     said = [encode_v1(report.verdict) for report in _reports()]
-    return (*(data for data in said if data is not None), *map(encode_v2, _reports()))
+    made = (*(data for data in said if data is not None), *map(encode_v2, _reports()))
+    return [{"datagram": data} for data in made]
 
 
-def _datagram(rng: Random) -> Files:
-    data = rng.choice(datagrams())
-    if data.startswith(b"{") and chance(rng, 60):
-        return {"datagram": changed_text(json.loads(data), rng)[:65_507]}
-    return {"datagram": changed_bytes(data, rng, datagrams())[:65_507]}
+def _change_datagram(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    return {"datagram": change_one(files, rng, others)["datagram"][:_MAX_DATAGRAM]}
 
 
-def read_datagram(folder: Path) -> object:
+def _read_datagram(folder: Path) -> object:
     """Decode and show it as `tokt listen --json` does."""
     return json.dumps(decode((folder / "datagram").read_bytes()), allow_nan=False)
 
@@ -96,35 +96,25 @@ def _lines() -> tuple[dict[str, Any], ...]:
     return (*found, heartbeat_line(_RUN, Report(4, None, None, None, _UNKNOWN)))
 
 
-def _text(values: list[Any]) -> bytes:
+def _lines_of(*values: Any) -> bytes:
     return b"\n".join(map(text_of, values)) + b"\n"
 
 
-def _changed(lines: list[Any], rng: Random) -> bytes:
-    """The lines, of which one or two are changed, and sometimes all of the bytes."""
-    values = list(lines)
-    for _ in range(rng.choice((1, 1, 2))):
-        at = rng.randrange(len(values))
-        values[at] = changed_json(values[at], rng)
-    data = _text(values)
-    return changed_bytes(data, rng, [data]) if chance(rng, 30) else data
+@cache
+def _logs() -> list[Files]:
+    log = {"run.events.jsonl": _lines_of(*_events()), "run.jsonl": _lines_of(*_lines())}
+    return [log]
 
 
-def _log(rng: Random) -> Files:
-    events, frames = list(_events()), list(_lines())
-    if chance(rng, 50):
-        return {"run.events.jsonl": _changed(events, rng), "run.jsonl": _text(frames)}
-    return {"run.events.jsonl": _text(events), "run.jsonl": _changed(frames, rng)}
-
-
-def _recording(rng: Random) -> Files:
+@cache
+def _recordings() -> list[Files]:
     start, model = _events()
     frames = [
         {**line, "judged": number, "moment": 1, "files": {"left": f"Left/t_L_{number}.png"}}
         for number, line in enumerate(_lines()[:3], 1)
     ]
     head = {"recording": RECORDING_FORMAT, "run": _RUN}
-    return {f"run/{FILE_NAME}": _changed([head, start, *frames[:2], model, frames[2]], rng)}
+    return [{f"run/{FILE_NAME}": _lines_of(head, start, *frames[:2], model, frames[2])}]
 
 
 def _read_run(folder: Path) -> object:
@@ -133,17 +123,18 @@ def _read_run(folder: Path) -> object:
     return list(open_run(recording if recording.is_dir() else folder / "run.jsonl").frames())
 
 
-def _shadow(rng: Random) -> Files:
+@cache
+def _shadow_logs() -> list[Files]:
     kept = ("status", "reason", "mean", "method", "model", "health", "latency_ms")
     said = [{name: line.get(name) for name in kept} for line in _lines()[:3]]
     start = {"event": "start", "run": _RUN, "format_version": 1, "policy": "texture", "live": True}
+    start["challenger"] = {"label": "c/1", "sha256": "3" * 64}
     frames = [
         {"run": _RUN, "seq": n, "frame": n, "dropped": 0, "champion": one, "challenger": one}
         for n, one in enumerate(said, 1)
     ]
-    challenger = {"challenger": {"label": "c/1", "sha256": "3" * 64}}
     end = {"event": "end", "run": _RUN, "dropped": 1}
-    return {"shadow.jsonl": _changed([{**start, **challenger}, *frames, end], rng)}
+    return [{"shadow.jsonl": _lines_of(start, *frames, end)}]
 
 
 def _read_shadow(folder: Path) -> object:
@@ -154,18 +145,16 @@ def _read_shadow(folder: Path) -> object:
 
 
 @cache
-def _pictures() -> dict[str, bytes]:
+def _pictures() -> list[Files]:
     pixels = np.random.default_rng(3).integers(0, 255, (24, 32, 3), np.uint8)
     suffixes = (".png", ".jpg", ".bmp", ".tif", ".ppm")
-    return {suffix: cv2.imencode(suffix, pixels)[1].tobytes() for suffix in suffixes}
+    return [{f"p{kind}": cv2.imencode(kind, pixels)[1].tobytes()} for kind in suffixes]
 
 
-def _picture(rng: Random) -> Files:
-    pictures = _pictures()
-    suffix = rng.choice(sorted(pictures))
-    if suffix == ".png" and chance(rng, 60):
-        return {"p.png": changed_png(rng.choice((pictures[suffix], some_picture(rng))), rng)}
-    return {f"p{suffix}": changed_bytes(pictures[suffix], rng, list(pictures.values()))}
+def _change_picture(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    if "p.png" in files and chance(rng, 60):
+        return {"p.png": changed_png(rng.choice((files["p.png"], some_picture(rng))), rng)}
+    return change_one(files, rng, others)
 
 
 def _read_picture(folder: Path) -> object:
@@ -176,9 +165,9 @@ def _read_picture(folder: Path) -> object:
 
 
 KINDS = [
-    Kind("datagram", _datagram, read_datagram, 45),
-    Kind("run log", _log, _read_run, 18),
-    Kind("recording", _recording, _read_run, 9),
-    Kind("shadow log", _shadow, _read_shadow, 9),
-    Kind("picture", _picture, _read_picture, 19),
+    Kind("datagram", _datagrams, _read_datagram, 45, change=_change_datagram),
+    Kind("run log", _logs, _read_run, 18),
+    Kind("recording", _recordings, _read_run, 9),
+    Kind("shadow log", _shadow_logs, _read_shadow, 9),
+    Kind("picture", _pictures, _read_picture, 19, change=_change_picture),
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -19,9 +20,9 @@ from tokt.models.store.health import store_summary
 from tokt.models.store.last_good import load_running, remember_good
 from tokt.models.store.store import Store
 
-from .bundles import check_usable, small_bundles
+from .bundles import FILE, check_usable, small_bundles
 from .case import Files, Kind, line_fault
-from .changes import chance, changed_bytes, changed_json, changed_text, odd_value, text_of
+from .changes import chance, changed_file
 
 _TIME = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[^\"]*")
 HOME = "store"
@@ -35,12 +36,12 @@ def _key() -> SigningKey:
 @cache
 def _bundles() -> tuple[Bundle, Bundle, Bundle]:
     """Two bundles, and the second one signed."""
-    one, two = (bundle_from_bytes(data, "seed") for data in small_bundles()[:2])
+    one, two = (bundle_from_bytes(files[FILE], "seed") for files in small_bundles()[:2])
     return one, two, _key().sign(two, "seed")
 
 
 @cache
-def stores() -> tuple[Files, ...]:
+def stores() -> list[Files]:
     """A store of two activations, one that was rolled back, and one that asks for signatures."""
     one, two, signed = _bundles()
     with tempfile.TemporaryDirectory() as folder:
@@ -52,14 +53,14 @@ def stores() -> tuple[Files, ...]:
         made[1].rollback("back")
         made[2].trust(_key().public, "ship", "new")
         made[2].deploy(signed, "third")
-        return tuple(
+        return [
             {
                 f"{HOME}/{path.relative_to(store.path)}": _timeless(path)
                 for path in sorted(store.path.rglob("*"))
                 if path.is_file() and path.name != "lock"
             }
             for store in made
-        )
+        ]
 
 
 def _timeless(path: Path) -> bytes:
@@ -67,36 +68,19 @@ def _timeless(path: Path) -> bytes:
     return data if path.suffix == ".tokt" else _TIME.sub(b"2016-04-20T10:00:00+00:00", data)
 
 
-def _changed(rng: Random) -> Files:
-    sound = rng.choice(stores())
-    files = dict(sound)
+def _change_some(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
+    changed = dict(files)
     # The small files decide what is done; a changed bundle fails its hash. None is changed twice.
-    names = [name for name in sound if not name.endswith(".tokt") or chance(rng, 15)]
+    names = [name for name in files if not name.endswith(".tokt") or chance(rng, 15)]
     for name in rng.sample(names, rng.choice((1, 1, 1, 2, 3))):
         kind = rng.randrange(10)
         if kind == 0:
-            del files[name]
+            del changed[name]
         elif kind == 1:
-            files[name] = rng.choice(list(sound.values()))
-        elif kind < 7 and name.endswith((".json", "active", "active.copy")):
-            files[name] = changed_text(json.loads(files[name]), rng)
-        elif kind < 7 and name.endswith(".jsonl"):
-            files[name] = _other_line(files[name], rng)
+            changed[name] = rng.choice(others)
         else:
-            files[name] = changed_bytes(files[name], rng, list(files.values()))
-    return files
-
-
-def _other_line(data: bytes, rng: Random) -> bytes:
-    lines = data.splitlines()
-    at = rng.randrange(len(lines))
-    value = json.loads(lines[at])
-    if chance(rng, 30):
-        value[rng.choice(list(value))] = odd_value(rng)
-    else:
-        value = changed_json(value, rng)
-    lines[at] = text_of(value)
-    return b"\n".join(lines) + rng.choice((b"\n", b"\n", b"", b"\n\n"))
+            changed[name] = changed_file(name, files[name], rng, others)
+    return changed
 
 
 def _notice(line: str) -> None:
@@ -135,4 +119,4 @@ def _read(folder: Path) -> None:
         raise refusals[0]
 
 
-KINDS = [Kind("store", _changed, _read, 5, few=4)]
+KINDS = [Kind("store", stores, _read, 5, few=4, change=_change_some)]

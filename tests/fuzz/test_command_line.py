@@ -6,23 +6,21 @@ begins with ``tokt: error:``, or success; never a traceback, and nothing written
 
 from __future__ import annotations
 
-import os
 import shutil
 import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
 import pytest
 
-from .bundles import small_bundles
+from tests.calls import run_python
+
+from .bundles import FILE, small_bundles
 from .case import MAX_LINE, DefectError, Files, write_files
 from .conftest import KINDS
 from .labels import write_mission, written
 
-_LIMIT_S = 120.0
 _PROGRAM = "from tokt.cli import main; main()"
 _RUN = ("run", "--source", "dive", "--udp", "127.0.0.1:{port}")
 
@@ -60,13 +58,6 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 """Kinds that a command is given, and its arguments: `file` is the input's, `top` its first part."""
 
 
-def _world(folder: Path) -> None:
-    """A mission of two pairs, a sound bundle and a sound label file."""
-    write_mission(folder)
-    sound = {"sound.tokt": small_bundles()[0], "sound/labels.csv": written("csv")["labels.csv"]}
-    write_files(sound, folder)
-
-
 def fault_of(code: int, out: str, err: str) -> str:
     """What is wrong with how a command ended, or an empty string."""
     if "Traceback" in out + err:
@@ -96,30 +87,26 @@ def _tree(box: Path) -> dict[Path, tuple[int, int]]:
 
 
 def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str:
-    """Run a command in a box of its own; its refusal, empty where it did what was asked for."""
+    """Run a command in a box of its own; its refusal, empty where it did what was asked for.
+
+    Beside the input lie a mission of two pairs, a sound bundle and a sound label file.
+    """
     shutil.rmtree(box, ignore_errors=True)
     for name in ("cwd/made", "home", "tmp"):
         (box / name).mkdir(parents=True)
     cwd = box / "cwd"
-    _world(cwd)
-    write_files(files, cwd)
+    write_mission(cwd)
+    sound = {
+        "sound.tokt": small_bundles()[0][FILE],
+        "sound/labels.csv": written("csv")["labels.csv"],
+    }
+    write_files({**sound, **files}, cwd)
     file = max(files)
-    places = {"file": file, "top": file.partition("/")[0], "port": port}
-    given = [argument.format(**places) for argument in arguments]
+    names = {"file": file, "top": file.partition("/")[0], "port": port}
+    given = [argument.format(**names) for argument in arguments]
     before = _tree(box)
-    environment = {**os.environ, "HOME": str(box / "home"), "TMPDIR": str(box / "tmp")}
-    try:
-        ran = subprocess.run(
-            [sys.executable, "-P", "-c", _PROGRAM, *given],
-            cwd=cwd,
-            env=environment,
-            capture_output=True,
-            text=True,
-            errors="backslashreplace",
-            timeout=_LIMIT_S,
-        )
-    except subprocess.TimeoutExpired:
-        raise DefectError(f"over {_LIMIT_S:g} s: tokt {' '.join(given)} in {cwd}") from None
+    places = {"HOME": str(box / "home"), "TMPDIR": str(box / "tmp")}
+    ran = run_python("-P", "-c", _PROGRAM, *given, folder=cwd, **places)
     fault = fault_of(ran.returncode, ran.stdout, ran.stderr)
     if beside := _tree(box).items() ^ before.items():
         fault = fault or f"files outside: {sorted(beside)}"

@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 from hypothesis import Phase
 
+from tests.calls import run_python
 from tokt.features.common.errors import MAX_MESSAGE, ToktError
 from tokt.models.store.store import Store
 
-from . import bundles, labels, runs, settings, stores
-from .case import MAX_LINE, Box, DefectError, Files, Kind, write_files
+from . import bundles, stores
+from .case import MAX_LINE, Box, DefectError, Kind, write_files
 from .conftest import KINDS
 
 ONCE_FAILING = Path(__file__).parent / "once_failing"
@@ -42,19 +43,11 @@ def test_what_failed_once_is_refused_now(folder: Path, box: Box) -> None:
 
 def test_what_the_changes_start_from_is_sound(tmp_path: Path) -> None:
     """Else every case would be refused for the same reason, and prove nothing."""
-    sound: list[tuple[Callable[[Path], object], Files]] = [
-        (bundles.read_bundle, {bundles.FILE: data})
-        for data in (*bundles.small_bundles(), bundles.real_bundle())
-    ]
-    sound += [(settings.read_rig, files) for files in settings.sound_calibrations()]
-    for name in labels.FILES:
-        ((path, _),) = labels.written(name).items()
-        sound += [(labels.import_labels, labels.written(name))]
-        sound += [(labels.import_labels, {path: labels.foreign(name)})]
-    sound += [(runs.read_datagram, {"datagram": data}) for data in runs.datagrams()]
-    sound += [(settings.read_search_space, settings.sound_space())]
-    sound += [(_active_label, files) for files in stores.stores()]
-    for number, (read, files) in enumerate(sound):
+    # A sound store refuses what is not signed, and what it has rolled back from.
+    sound = {(kind.seeds, kind.read): None for kind in KINDS.values() if kind.name != "store"}
+    cases = [(read, files) for seeds, read in sound for files in seeds()]
+    cases += [(_active_label, files) for files in stores.stores()]
+    for number, (read, files) in enumerate(cases):
         write_files(files, tmp_path / str(number))
         read(tmp_path / str(number))
     assert len(bundles.small_bundles()) == 7, "a bundle of an older format is not there"
@@ -67,16 +60,15 @@ def _active_label(folder: Path) -> None:
 # --- is each defect seen? ---
 
 
-def _long(folder: Path) -> object:
-    error = ToktError("short")
-    error.args = ("x" * (MAX_LINE + 1),)
-    raise error
+def _refusing(text: str) -> Callable[[Path], object]:
+    """Refuse with a text as it is."""
 
+    def read(folder: Path) -> object:
+        error = ToktError("short")
+        error.args = (text,)
+        raise error
 
-def _two_lines(folder: Path) -> object:
-    error = ToktError("short")
-    error.args = ("one\ntwo",)
-    raise error
+    return read
 
 
 def _outside(folder: Path) -> object:
@@ -94,15 +86,16 @@ def _beside_unseen(folder: Path) -> object:
 
 
 def _kind(read: Callable[[Path], object]) -> Kind:
-    return Kind("bad", lambda rng: {"file": b"%d" % rng.randrange(10)}, read, 1)
+    seeds = [{"file": b"%d" % number} for number in range(10)]
+    return Kind("bad", lambda: seeds, read, 1, change=lambda files, rng, others: files)
 
 
 @pytest.mark.parametrize(
     ("read", "words"),
     [
         (lambda folder: {}["missing"], "KeyError: 'missing'"),
-        (_long, "a message of 1001 characters"),
-        (_two_lines, "control characters"),
+        (_refusing("x" * (MAX_LINE + 1)), "a message of 1001 characters"),
+        (_refusing("one\ntwo"), "control characters"),
         (_outside, "outside: .*/beside"),
         (_outside_and_gone, "outside: open .*/gone"),
         (_beside_unseen, "outside: subprocess.Popen"),
@@ -114,11 +107,8 @@ def _kind(read: Callable[[Path], object]) -> Kind:
 def test_each_defect_is_seen(read: Callable[[Path], object], words: str, box: Box) -> None:
     with pytest.raises(DefectError, match=words):
         box.read(_kind(read), {"file": b""})
-    assert box.read(_kind(_refuses), {"file": b""}) == "no good", "the next case suffers from it"
-
-
-def _refuses(folder: Path) -> object:
-    raise ToktError("no good")
+    again = box.read(_kind(_refusing("no good")), {"file": b""})
+    assert again == "no good", "the next case suffers from it"
 
 
 def test_the_smallest_failing_input_is_kept(box: Box, try_cases: Callable[..., None]) -> None:
@@ -149,14 +139,8 @@ def bad(folder):
 kind = case.Kind("bad", None, bad, 1)
 case.Box(pathlib.Path(sys.argv[1])).read(kind, {{"file": b"3"}})
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-        cwd=Path(__file__).parents[2],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    root = Path(__file__).parents[2]
+    ended = run_python("-c", program, tmp_path, folder=root, PYTHONPATH=os.pathsep.join(sys.path))
     assert ended.returncode != 0
     assert words in ended.stderr and "in bad" in ended.stderr
     assert (tmp_path / "cwd" / "case" / "file").read_bytes() == b"3"

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from tests.load.report import print_report
+from tests.load.report import Found, print_report
 from tokt.cli.app import run_app
-from tokt.cli.output import print_json, progress, say
+from tokt.cli.output import print_json, say
 
 _NOT_AS_ASKED = 1
 
 Frames = Annotated[int | None, typer.Option(help="So many frames.", min=1)]
-Out = Annotated[Path, typer.Option(help="Folder for the figures (JSON) and the chart (PNG).")]
+Out = Annotated[
+    Path, typer.Option(help="Folder for the figures (JSON) and the chart (PNG).", file_okay=False)
+]
 Quick = Annotated[
     bool, typer.Option("--quick", help="Few frames and repetitions: a look, no figures.")
 ]
@@ -26,15 +27,16 @@ OUT = Path("bench-out")
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
 
-def _end(found: Any, report: Sequence[Any], json: bool, written: Path, fault: str = "") -> None:
-    """What each measurement ends with: its tables or its JSON, its file, its fault."""
+def _end(found: Found, out: Path, json: bool) -> None:
+    """What each measurement ends with: its files, its tables or its JSON, its fault."""
+    written = found.write(out)
     if json:
-        print_json(found.to_json())
+        print_json(found.figures)
     else:
-        print_report(report)
+        print_report(found.report)
     say(f"written: {written}")
-    if fault:
-        say(f"warning: {fault}")
+    if found.fault:
+        say(f"warning: {found.fault}")
         raise typer.Exit(_NOT_AS_ASKED)
 
 
@@ -50,42 +52,31 @@ def page(
     json: Json = False,
 ) -> None:
     """The labelling page in a headless Chromium; exit code 1 if a label came out wrong."""
-    from .page.bench import EFFORT, FULL, QUICK, TIMES, label_report, run_label_bench
+    from .page.bench import FULL, QUICK, run_label_bench
 
     extent = QUICK if quick else FULL
     if frames is not None:
         extent = replace(extent, frames=frames)
-    parts = [part for part, wanted in ((TIMES, times), (EFFORT, effort)) if wanted]
-    found = run_label_bench(out, mission, labels, extent, parts, progress, say)
-    fault = "" if found.faithful else "not every label came out as it was asked for"
-    report = label_report(found.times, found.efforts, found.about)
-    _end(found, report, json, out / "label.png", fault)
+    _end(run_label_bench(mission, labels, extent, times, effort), out, json)
 
 
 @app.command()
 def scale(frames: Frames = None, out: Out = OUT, quick: Quick = False, json: Json = False) -> None:
     """Time and memory of each step of training on 10^4 to 10^6 patches of rendered frames."""
-    from .scale.run import FULL, QUICK, run_scale_bench, scale_report
+    from .scale.run import FULL, QUICK, run_scale_bench
 
     extent = QUICK if quick else FULL
-    if frames is not None:
-        extent = extent.up_to(frames)
-    found = run_scale_bench(out, extent, progress, say)
-    _end(found, scale_report(found), json, out / "scale.json")
+    _end(run_scale_bench(extent if frames is None else extent.up_to(frames)), out, json)
 
 
 @app.command()
 def soak(frames: Frames = None, out: Out = OUT, quick: Quick = False, json: Json = False) -> None:
     """The whole runtime on a million small frames; exit code 1 if anything was not as asked."""
-    from .soak.run import FULL, QUICK
-    from .soak.soak import run_soak, soak_report
+    from .soak.plan import FULL, QUICK
+    from .soak.soak import run_soak
 
     extent = QUICK if quick else FULL
-    if frames is not None:
-        extent = extent.of(frames)
-    found = run_soak(out, extent, progress, say)
-    fault = "" if found.holds else "not everything was as asked"
-    _end(found, soak_report(found), json, out / "soak.png", fault)
+    _end(run_soak(extent if frames is None else extent.of(frames)), out, json)
 
 
 def main() -> None:

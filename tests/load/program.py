@@ -6,7 +6,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -18,14 +18,7 @@ _END_S = 20
 
 @contextmanager
 def program(*arguments: object, said: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start ``tokt`` with some arguments.
-
-    Parameters
-    ----------
-    arguments
-    said : Path
-        Gets what it writes to standard error.
-    """
+    """Start ``tokt`` with some arguments; `said` gets what it writes to standard error."""
     command = [sys.executable, "-m", "tokt", *map(str, arguments)]
     with said.open("wb") as sink:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sink, text=True)
@@ -50,19 +43,10 @@ def ended(name: str, process: subprocess.Popen[str], said: Path) -> ToktError:
 
 
 @contextmanager
-def label_server(mission: Path, workspace: Path, options: Sequence[str] = ()) -> Iterator[str]:
+def label_server(mission: Path, workspace: Path, *options: object) -> Iterator[str]:
     """Start the labelling page's server on a free port and yield its address once it answers.
 
-    Parameters
-    ----------
-    mission, workspace : Path
-    options : sequence of str
-        Further options of ``tokt label``.
-
-    Raises
-    ------
-    ToktError
-        If it ends before it answers; with the last line it wrote.
+    Raises ToktError with the last line it wrote if it ends before it answers.
     """
     workspace.mkdir(parents=True, exist_ok=True)
     said = workspace / "server-errors.txt"

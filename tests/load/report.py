@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.table import Table
 
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
 
 LEFT: dict[str, Any] = {"no_wrap": True}
 RIGHT: dict[str, Any] = {"no_wrap": True, "justify": "right"}
@@ -27,25 +26,13 @@ WORST = 100
 
 @dataclass(frozen=True)
 class Timing:
-    """Times of one thing that a person waits for.
-
-    Parameters
-    ----------
-    name : str
-    what : str
-        From when to when, in words.
-    times_ms : sequence of float
-    asked_ms : float or None
-        The longest that is allowed; None where nothing is asked.
-    percentile : int
-        Which percentile of the times `asked_ms` is for; `WORST` means all of them.
-    """
+    """Times of one thing that a person waits for."""
 
     name: str
-    what: str
+    what: str  # from when to when, in words
     times_ms: Sequence[float]
-    asked_ms: float | None = None
-    percentile: int = 95
+    asked_ms: float | None = None  # the longest that is allowed; None where nothing is asked
+    percentile: int = 95  # which of the times `asked_ms` is for; `WORST` means all of them
 
     def at(self, percentile: int) -> float:
         """A percentile of the times, ms."""
@@ -71,16 +58,24 @@ class Timing:
         }
 
 
-def check_folder(out: Path) -> None:
-    """Raise ToktError if results cannot be written there: before all the work."""
-    if out.exists() and not out.is_dir():
-        raise ToktError(f"{out} is not a folder; choose another with --out")
+@dataclass(frozen=True)
+class Found:
+    """What a measurement has found."""
 
+    name: str  # of its files
+    figures: dict[str, Any]  # one JSON object
+    report: Sequence[Table | str]  # the same, to be printed
+    chart: bytes | None = None  # a PNG file
+    fault: str = ""
 
-def write_json(path: Path, found: Mapping[str, Any]) -> None:
-    """Write what was found as one JSON object."""
-    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
-    atomic.write_text(path, text + "\n")
+    def write(self, out: Path) -> Path:
+        """Write figures and chart into a folder; the file that a person looks at."""
+        text = json.dumps(self.figures, indent=2, ensure_ascii=False, allow_nan=False)
+        atomic.write_text(out / f"{self.name}.json", text + "\n")
+        if self.chart is None:
+            return out / f"{self.name}.json"
+        atomic.write_bytes(out / f"{self.name}.png", self.chart)
+        return out / f"{self.name}.png"
 
 
 def table(columns: Mapping[str, dict[str, Any]], rows: Iterable[Sequence[str]]) -> Table:

@@ -26,18 +26,10 @@ from tokt.labels.store.store import LabelStore
 from .report import WORST, Timing, print_report
 
 TIMES = [
-    "first_page",
-    "next_frame",
-    "next_frame_fast",
-    "jump",
-    "acknowledged",
-    "answered",
-    "other_tab",
-    "first_page_labelled",
-    "next_frame_labelled",
-    "next_frame_fast_labelled",
-    "acknowledged_labelled",
-    "answered_labelled",
+    *("first_page", "next_frame", "next_frame_fast", "jump"),
+    *("acknowledged", "answered", "other_tab"),
+    *("first_page_labelled", "next_frame_labelled", "next_frame_fast_labelled"),
+    *("acknowledged_labelled", "answered_labelled"),
 ]
 ABOUT = {
     "machine": {"cpu": "a processor", "cores": 2, "python": "3.12"},
@@ -92,7 +84,8 @@ def test_the_effort_is_added_up_over_the_halves() -> None:
 def test_tables_and_chart_say_what_is_not_kept(capsys: pytest.CaptureFixture[str]) -> None:
     times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
     efforts = [an_effort(30, ["frame 1 patch 2: ocean instead of reef"])]
-    print_report(label_report(times, efforts, ABOUT))
+    found = {"times": [times[0].to_json()], "effort": [efforts[0].to_json()], **ABOUT}
+    print_report(label_report(found))
     shown = capsys.readouterr().out
     assert "p95 100" in shown and shown.count(" NO ") == 3
     assert "2.5x" in shown and "60 + 40" in shown and "ocean instead of reef" in shown
@@ -110,10 +103,8 @@ def test_a_long_mission_is_links_to_few_pictures(tiny: Any, tmp_path: Path) -> N
     assert target.parent == (tiny.path / "Left").resolve() and cv2.imread(str(target)) is not None
 
 
-def test_every_patch_of_the_long_mission_gets_a_label(
-    tmp_path: Path, no_progress: Callable[..., Any]
-) -> None:
-    assert label_all(tmp_path / "labels.db", "long", 3, "bench", no_progress) == 300
+def test_every_patch_of_the_long_mission_gets_a_label(tmp_path: Path) -> None:
+    assert label_all(tmp_path / "labels.db", "long", 3, "bench") == 300
     with LabelStore(tmp_path / "labels.db") as store:
         held = store.current(mission="long")
     assert len({record.cell for record in held}) == 300

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,6 @@ from tests.load.effort.effort import WAYS, label_on_page, wrong_labels
 from tests.load.effort.halves import labels_by_frame, most_frequent_obstacle, target_of, two_halves
 from tests.load.effort.session import FREE, drags
 from tests.load.page.mission import copy_frames
-from tests.load.page.tab import chromium
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
@@ -65,16 +62,6 @@ def test_a_mission_of_water_only_has_nothing_to_suggest(records: Any) -> None:
     water = [record for record in records if record.label == "ocean"]
     with pytest.raises(ToktError, match="no patch is labelled as an obstacle"):
         most_frequent_obstacle(labels_by_frame(water))
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Headless Chromium, or the reason why there is none."""
-    pytest.importorskip("playwright", reason="Playwright is not installed (extra dev)")
-    if not any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))):
-        pytest.skip("no Chromium on this computer")
-    with chromium() as started:
-        yield started
 
 
 HELD = [8, 9, 20]

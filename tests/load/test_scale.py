@@ -16,9 +16,9 @@ import pytest
 
 from tests.load.scale import run as scale_run
 from tests.load.scale import steps as scale_steps
-from tests.load.scale.cost import Cost, watched
+from tests.load.scale.cost import cost_of, watched
 from tests.load.scale.mission import ScaleMission
-from tests.load.scale.run import CostGrowth, worked_out
+from tests.load.scale.run import exponent, worked_out
 from tests.load.scale.steps import FIT, TRIAL, Steps
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
@@ -37,18 +37,15 @@ for step, does in {
 """
 
 
-def in_this_process(command: list[str]) -> list[Cost]:
+def in_this_process(command: list[str]) -> dict[str, dict]:
     """`watched` without the seconds that a process of its own takes to start."""
-    _, _, _, work, frames, *steps = command
+    _, _, _, folder, mission, *steps = command
     said = io.StringIO()
     with redirect_stdout(said):
-        Steps(Path(work), int(frames)).run(steps)
+        Steps(Path(folder), Path(mission)).run(steps)
     lines = [json.loads(line) for line in said.getvalue().splitlines()]
     assert [line["step"] for line in lines] == steps
-    return [
-        Cost(line.pop("step"), line.pop("ended") - line.pop("began"), 1.0, 1.0, line)
-        for line in lines
-    ]
+    return {line.pop("step"): cost_of(np.zeros((1, 3)), **line) for line in lines}
 
 
 def test_every_step_is_measured_on_what_was_rendered(run_load, tmp_path, monkeypatch):
@@ -74,10 +71,10 @@ def test_every_step_is_measured_on_what_was_rendered(run_load, tmp_path, monkeyp
     assert {step["exponent"] for step in found["steps"]} == {None}
 
 
-def test_frames_of_the_story_come_again_with_other_noise_and_their_labels(tmp_path, no_progress):
+def test_frames_of_the_story_come_again_with_other_noise_and_their_labels(tmp_path):
     mission = ScaleMission(tmp_path, 360, 5)
     count = 8
-    assert mission.write_frames(count, no_progress) > 0
+    assert mission.write_frames(count) > 0
     assert open_mission(mission.path).frames() == list(range(1, count + 1))
     once, again = (mission.draw(number).astype(int) for number in (2, 7))
     assert 0 < np.abs(once - again).mean() < 4
@@ -93,11 +90,13 @@ def test_frames_of_the_story_come_again_with_other_noise_and_their_labels(tmp_pa
 
 
 def test_memory_is_that_of_the_step_and_of_all_it_starts():
-    light, heavy = watched([sys.executable, "-c", HEAVY])
-    assert (light.step, heavy.step, light.facts) == ("light", "heavy", {"rows": 7})
-    assert light.seconds >= 0.3 and heavy.seconds >= 0.5
-    assert light.cpu_s < 0.4 < heavy.cpu_s < 2
-    assert light.peak_mb < 100 < 150 < heavy.peak_mb < 400
+    found = watched([sys.executable, "-c", HEAVY])
+    assert list(found) == ["light", "heavy"]
+    light, heavy = found.values()
+    assert list(light) == ["seconds", "cpu_s", "peak_mb", "rows"] and light["rows"] == 7
+    assert light["seconds"] >= 0.3 and heavy["seconds"] >= 0.5
+    assert light["cpu_s"] < 0.4 < heavy["cpu_s"] < 2
+    assert light["peak_mb"] < 100 < 150 < heavy["peak_mb"] < 400
 
 
 def test_a_step_that_fails_is_said_in_its_own_words():
@@ -107,14 +106,16 @@ def test_a_step_that_fails_is_said_in_its_own_words():
 
 def test_growth_and_what_is_worked_out_from_it():
     sizes = (10_000, 100_000, 1_000_000)
-    costs = tuple(Cost("fit", 3e-9 * n**1.5, 1.0, 100.0) for n in sizes)
-    assert math.isclose(CostGrowth("fit", sizes, costs).exponent, 1.5)
-    before = [Cost(FIT, 2.0, 1.0, 1.0), Cost(TRIAL, 100.0, 90.0, 1.0, {"fits": 85})]
-    assert worked_out(before, [Cost(FIT, 4.0, 1.0, 9.0)]) is None  # short enough to be measured
-    assert worked_out(None, [Cost(FIT, 4000.0, 1.0, 9.0)]) is None  # nothing to go by
-    found = worked_out(before, [Cost(FIT, 60.0, 1.5, 9.0)])
-    assert (found.cpu_s, found.peak_mb) == (75.0, 9.0)
-    assert (found.seconds, found.facts) == (3000.0, {"fits": 85, "worked_out": True})
+    assert math.isclose(exponent(sizes, [3e-9 * n**1.5 for n in sizes]), 1.5)
+    before = {
+        FIT: {"seconds": 2.0, "cpu_s": 1.0, "peak_mb": 1.0},
+        TRIAL: {"seconds": 100.0, "cpu_s": 90.0, "peak_mb": 1.0, "fits": 85},
+    }
+    fit = {"seconds": 4.0, "cpu_s": 1.5, "peak_mb": 9.0}
+    assert worked_out(before, fit) is None  # short enough to be measured
+    assert worked_out(None, {**fit, "seconds": 4000.0}) is None  # nothing to go by
+    times = {"seconds": 3000.0, "cpu_s": 75.0, "peak_mb": 9.0}
+    assert worked_out(before, {**fit, "seconds": 60.0}) == {**times, "fits": 85, "worked_out": True}
 
 
 def test_too_little_room_and_too_few_frames_are_said_before_the_work(run_load, monkeypatch):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,29 +14,26 @@ import numpy as np
 from tests.load.page.mission import copy_frames
 from tests.load.page.tab import Tab
 from tests.load.program import label_server
+from tokt.cli.output import progress, say
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, Mission, format_frames
 from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
-from .halves import Half, labels_by_frame, most_frequent_obstacle, target_of, train_on, two_halves
+from .halves import labels_by_frame, most_frequent_obstacle, target_of, train_on, two_halves
 from .session import FREE, LabelSession, Target, Workflow
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-WAYS = tuple(
-    Workflow(name + ("_unsure" if unsure else ""), words, sheet, drags, unsure, asked)
-    for name, sheet, drags, first in (
-        ("clicks", True, False, "a click a patch, contact sheet"),
-        ("frames", False, False, "a click a patch, frame by frame"),
-        ("drags", True, True, "a drag is one action, all tools"),
-    )
-    for unsure, words, asked in (
-        (False, first, 5.0 if name == "clicks" else None),
-        (True, "the same, unsure ones too", None),
-    )
+WAYS = (
+    Workflow("clicks", "a click a patch, contact sheet", True, False, False, asked=5.0),
+    Workflow("clicks_unsure", "the same, unsure ones too", True, False, True),
+    Workflow("frames", "a click a patch, frame by frame", False, False, False),
+    Workflow("frames_unsure", "the same, unsure ones too", False, False, True),
+    Workflow("drags", "a drag is one action, all tools", True, True, False),
+    Workflow("drags_unsure", "the same, unsure ones too", True, True, True),
 )
 FOLLOW = 2.0
 """How long to keep what held in the frame before: as the page does unless it is told."""
@@ -46,21 +43,13 @@ _ANNOTATOR = "bench"
 
 @dataclass
 class LabellingEffort:
-    """Actions of one way, added up over the halves.
-
-    Parameters
-    ----------
-    way : Workflow
-    without, with_model : list of int
-        Keys, clicks and drags for each half.
-    wrong : list of str
-        Patches whose stored label is not the one asked for, after the actions were performed.
-    """
+    """Actions of one way, added up over the halves."""
 
     way: Workflow
-    without: list[int] = field(default_factory=list)
+    without: list[int] = field(default_factory=list)  # keys, clicks and drags for each half
     with_model: list[int] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
+    """Patches whose stored label is not the one asked for, after the actions were performed."""
 
     @property
     def ratio(self) -> float:
@@ -88,89 +77,60 @@ class LabellingEffort:
         }
 
 
-class EffortBench:
-    """Trains on each half and labels the other in a browser.
+def measure_effort(
+    mission: Mission,
+    records: Sequence[LabelRecord],
+    most: int | None,
+    ways: Sequence[Workflow],
+    halves: int,
+    browser: Browser,
+) -> tuple[list[LabellingEffort], list[dict[str, Any]]]:
+    """Train on each half and label the other in a browser; the efforts, and what the halves were.
 
-    Parameters
-    ----------
-    mission : Mission
-    records : sequence of LabelRecord
-        One annotator's labels of it.
-    most : int or None
-        Label only so many of a half's held-out frames; None for all.
-    ways : sequence of Workflow
-    halves : int
-        1 or 2: how many of the two halves are labelled.
+    The records are one annotator's labels of the mission. Of 1 or 2 `halves` `most` of the frames
+    held out are labelled, None for all. Raises ToktError if the mission is too short to be halved,
+    or the page does not do what it is told.
     """
+    labels = labels_by_frame(records)
+    obstacle = most_frequent_obstacle(labels)
+    left = [record for record in records if record.camera == LEFT]
+    efforts = [LabellingEffort(way) for way in ways]
+    about = []
+    for half in two_halves(list(labels))[:halves]:
+        held = half.held if most is None else _around_obstacles(labels, obstacle, half.held, most)
+        say(f"-- train on {len(half.learnt)} frames, label {len(half.held)}")
+        with tempfile.TemporaryDirectory(prefix="tokt-effort-") as name:
+            folder = Path(name)
+            extractor, bundle = train_on(mission, left, half, folder)
+            copy_frames(mission, held, folder / "held")
+            for effort in progress(efforts, len(efforts), "label"):
+                target = target_of(labels, held, effort.way.unsure)
+                for model, counts in ((None, effort.without), (bundle, effort.with_model)):
+                    words = "without suggestions" if model is None else "with suggestions"
+                    places = (folder / "held", folder / f"{effort.way.name} {words}")
+                    actions = label_on_page(browser, *places, target, effort.way, model, obstacle)
+                    counts.append(actions)
+                    effort.wrong += [f"{words}: {text}" for text in wrong_labels(places[1], target)]
+        said = Counter(label for number in held for label in labels[number])
+        about.append(
+            {
+                "trained_on": format_frames(half.learnt),
+                "held_out": format_frames(held),
+                "gap_frames": half.gap,
+                "model": extractor,
+                "keep": FOLLOW,
+                "patches": {name: said[name] for name in (*Taxonomy.load().names, UNSURE)},
+            }
+        )
+    return efforts, about
 
-    def __init__(
-        self,
-        mission: Mission,
-        records: Sequence[LabelRecord],
-        most: int | None,
-        ways: Sequence[Workflow],
-        halves: int,
-    ) -> None:
-        self._mission = mission
-        self._records = [record for record in records if record.camera == LEFT]
-        self._labels = labels_by_frame(records)
-        self._obstacle = most_frequent_obstacle(self._labels)
-        self._most, self._ways, self._count = most, ways, halves
 
-    def run(
-        self, browser: Browser, progress: Callable[..., Any], say: Callable[[str], None]
-    ) -> tuple[list[LabellingEffort], list[dict[str, Any]]]:
-        """Label what is held out; the efforts, and what the halves were.
-
-        Raises
-        ------
-        ToktError
-            If the mission is too short to be halved, or the page does not do what it is told.
-        """
-        efforts = [LabellingEffort(way) for way in self._ways]
-        about = []
-        for half in two_halves(list(self._labels))[: self._count]:
-            say(f"-- train on {len(half.learnt)} frames, label {len(half.held)}")
-            with tempfile.TemporaryDirectory(prefix="tokt-effort-") as name:
-                about.append(self._label_half(half, Path(name), efforts, browser, progress))
-        return efforts, about
-
-    def _label_half(
-        self,
-        half: Half,
-        folder: Path,
-        efforts: Sequence[LabellingEffort],
-        browser: Browser,
-        progress: Callable[..., Any],
-    ) -> dict[str, Any]:
-        extractor, bundle = train_on(self._mission, self._records, half, folder, progress)
-        held = half.held if self._most is None else self._around_obstacles(half.held, self._most)
-        copied = folder / "held"
-        copy_frames(self._mission, held, copied)
-        for effort in progress(efforts, len(efforts), "label"):
-            target = target_of(self._labels, held, effort.way.unsure)
-            for model, counts in ((None, effort.without), (bundle, effort.with_model)):
-                words = "without suggestions" if model is None else "with suggestions"
-                workspace = folder / f"{effort.way.name} {words}"
-                who = (effort.way, model, self._obstacle)
-                counts.append(label_on_page(browser, copied, workspace, target, *who))
-                effort.wrong += [f"{words}: {text}" for text in wrong_labels(workspace, target)]
-        said = Counter(label for number in held for label in self._labels[number])
-        return {
-            "trained_on": format_frames(half.learnt),
-            "held_out": format_frames(held),
-            "gap_frames": half.gap,
-            "model": extractor,
-            "keep": FOLLOW,
-            "patches": {name: said[name] for name in (*Taxonomy.load().names, UNSURE)},
-        }
-
-    def _around_obstacles(self, held: list[int], most: int) -> list[int]:
-        """Some frames in a row in which something is to be seen."""
-        counts = [self._labels[number].count(self._obstacle) for number in held]
-        sums = np.convolve(counts, np.ones(most), "valid")
-        first = int(sums.argmax()) if len(held) >= most else 0
-        return held[first : first + most]
+def _around_obstacles(labels: Target, obstacle: str, held: list[int], most: int) -> list[int]:
+    """Some frames in a row in which something is to be seen."""
+    counts = [labels[number].count(obstacle) for number in held]
+    sums = np.convolve(counts, np.ones(most), "valid")
+    first = int(sums.argmax()) if len(held) >= most else 0
+    return held[first : first + most]
 
 
 def label_on_page(
@@ -184,21 +144,11 @@ def label_on_page(
 ) -> int:
     """Give all frames of a mission their labels in the browser; the number of actions.
 
-    Parameters
-    ----------
-    browser : Browser
-    mission, workspace : Path
-    target : Target
-    way : Workflow
-    model : Path or None
-        The bundle that suggests labels.
-    obstacle : str
-        The class that its "obstacle" stands for.
+    `model` is the bundle that suggests labels, `obstacle` the class that its "obstacle" stands for.
     """
-    options = ["--annotator", _ANNOTATOR]
-    options += [] if model is None else ["--model", str(model)]
+    options = () if model is None else ("--model", model)
     settings = {"confidence": 0, "follow": FOLLOW, "obstacleAs": obstacle}
-    with label_server(mission, workspace, options) as url:
+    with label_server(mission, workspace, "--annotator", _ANNOTATOR, *options) as url:
         tab = Tab(browser, url, settings)
         tab.open(f"#/label/left/{next(iter(target))}")
         actions = LabelSession(tab, target, way, model is not None).run()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, Mission
@@ -48,36 +48,23 @@ def target_of(labels: Target, numbers: Sequence[int], unsure: bool) -> Target:
 
 
 def most_frequent_obstacle(labels: Target) -> str:
-    """The class that a model's "obstacle" stands for.
-
-    Raises
-    ------
-    ToktError
-        If no patch is labelled as an obstacle.
-    """
+    """The class that a model's "obstacle" stands for. Raises ToktError where no patch is one."""
     taxonomy = Taxonomy.load()
     said = Counter(label for row in labels.values() for label in row)
-    obstacles = [name for name in taxonomy.names if taxonomy.is_obstacle(name) and said[name]]
-    if not obstacles:
+    most = max(filter(taxonomy.is_obstacle, taxonomy.names), key=said.__getitem__)
+    if not said[most]:
         raise ToktError("no patch is labelled as an obstacle: there is nothing to suggest")
-    return max(obstacles, key=lambda name: said[name])
+    return most
 
 
 @dataclass(frozen=True)
 class Half:
-    """Frames to learn from, and frames to label.
-
-    Parameters
-    ----------
-    learnt, held : list of int
-    block, gap : int
-        Frames a block of either; frames left out beside a held-out one.
-    """
+    """Frames to learn from, and frames to label."""
 
     learnt: list[int]
     held: list[int]
-    block: int
-    gap: int
+    block: int  # frames a block of either
+    gap: int  # frames left out beside a held-out one
 
 
 def two_halves(numbers: Sequence[int]) -> list[Half]:
@@ -94,19 +81,9 @@ def two_halves(numbers: Sequence[int]) -> list[Half]:
 
 
 def train_on(
-    mission: Mission,
-    records: Sequence[LabelRecord],
-    half: Half,
-    folder: Path,
-    progress: Callable[..., Any],
+    mission: Mission, records: Sequence[LabelRecord], half: Half, folder: Path
 ) -> tuple[str, Path]:
-    """Train as ``tokt train`` does, and export the bundle; the extractor's name, and the bundle.
-
-    Raises
-    ------
-    ToktError
-        If these frames are too few to train and cross-validate on.
-    """
+    """Train as ``tokt train`` does, and export the bundle; the extractor's name, and the bundle."""
     plan, _ = plan_from_missions(
         "half",
         "binary",

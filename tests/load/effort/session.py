@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Any
 
-from tests.load.page.tab import Tab
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.load.page.tab import Box, Tab, middle_of
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.labels.taxonomy import UNSURE, Taxonomy
@@ -56,58 +58,34 @@ _HELD = """async (frames) => {
 
 @dataclass(frozen=True)
 class Workflow:
-    """How a person works, the same with suggestions and without.
-
-    Parameters
-    ----------
-    name, words : str
-    sheet : bool
-        On the contact sheet; else in each frame's own view.
-    drags : bool
-        One stroke through many patches is one action, on the sheet through all its frames at once
-        where they are alike; else each patch is a click.
-    unsure : bool
-        Whether ``unsure`` patches, which nothing learns from, must be reproduced too.
-    asked : float or None
-        So many times fewer actions with suggestions.
-    """
+    """How a person works, the same with suggestions and without."""
 
     name: str
     words: str
-    sheet: bool
+    sheet: bool  # on the contact sheet; else in each frame's own view
     drags: bool
-    unsure: bool
-    asked: float | None = None
+    """One stroke through many patches is one action, on the sheet through all its frames at once
+    where they are alike; else each patch is a click."""
+    unsure: bool  # whether unsure patches, which nothing learns from, must be reproduced too
+    asked: float | None = None  # so many times fewer actions with suggestions
 
 
 class LabelSession:
-    """Gives all frames the labels asked for, from a page without any.
+    """Gives all frames the labels asked for, from a page without any, and counts what it does.
 
-    Parameters
-    ----------
-    tab : Tab
-        In the view of the first frame.
-    target : Target
-        Its frames are all that the mission has.
-    way : Workflow
-    suggested : bool
-        Whether the page has a model.
-
-    Attributes
-    ----------
-    actions : int
-        Keys, clicks and drags so far.
+    The tab is in the view of the first frame; the frames of `target` are all that the mission has.
     """
 
     def __init__(self, tab: Tab, target: Target, way: Workflow, suggested: bool) -> None:
         taxonomy = Taxonomy.load()
         self.actions = 0
-        self._tab, self._target, self._way = tab, target, way
+        self._tab, self._way = tab, way
+        self._target = {frame: np.array(labels, object) for frame, labels in target.items()}
         self._ends = (ACCEPT, REST) if suggested else (REST,)
         self._class_keys = {known.name: known.key for known in taxonomy.classes} | {UNSURE: "u"}
         self._clear = next(name for name in taxonomy.names if not taxonomy.is_obstacle(name))
         self._chosen = ""
-        self._boxes: dict[int, list[float]] = {}
+        self._boxes: dict[int, Box] = {}
 
     def run(self) -> int:
         """Label everything and wait until it is saved; the number of actions."""
@@ -129,102 +107,83 @@ class LabelSession:
             self._boxes = dict(self._tab.until(_SHEET, first))
         else:
             self._tab.until_drawn(first)
-        shown = list(self._boxes) or [first]
-        self._tab.until(_LOADED, shown)
-        return shown
+            self._boxes = {first: self._tab.frame_box()}
+        self._tab.until(_LOADED, list(self._boxes))
+        return list(self._boxes)
 
     def _label(self, shown: list[int], more: bool) -> None:
         """Correct what one key would not make right, press that key, and go on."""
         # Accepting comes first: it is as good where both leave the same to be done.
-        end = min(self._ends, key=lambda key: self._order(self._wrong(shown, key))[0])
+        end = min(self._ends, key=lambda key: self._order(shown, key)[0])
         for _ in range(_ROUNDS):
-            _, order = self._order(self._wrong(shown, end))
+            _, order = self._order(shown, end)
             if not order:
                 break
             for at, label in enumerate(order):
                 self._paint(shown, end, label, order[at + 1 :])
         else:
             raise ToktError(f"the page does not keep what is painted in frames {shown}")
-        key = end if self._missing(shown) else NEXT
+        wanted, own, _ = self._seen(shown)
+        key = end if ((wanted != FREE) & (own == FREE)).any() else NEXT
         if key != NEXT or more:
             self._press((_SHEET_KEYS if self._way.sheet else _FRAME_KEYS)[key])
         if key == REST and more and not self._way.sheet:
             self._press(_FRAME_KEYS[NEXT])
 
-    def _order(self, wrong: Mapping[int, Mapping[int, str]]) -> tuple[int, Sequence[str]]:
+    def _seen(self, frames: list[int]) -> NDArray[np.object_]:
+        """Label wanted, own label and suggestion of each patch, as the page has them now.
+
+        Each of shape (frames, patches).
+        """
+        held = np.array(self._tab.page.evaluate(_HELD, frames), object)
+        return np.stack([[self._target[frame] for frame in frames], held[..., 0], held[..., 1]])
+
+    def _wrong(self, frames: list[int], end: str) -> NDArray[np.object_]:
+        """The labels that are wanted where a key would leave others, FREE everywhere else."""
+        wanted, own, hint = self._seen(frames)
+        left = hint if end == ACCEPT else self._clear
+        return np.where(wanted == np.where(own == FREE, left, own), FREE, wanted)
+
+    def _order(self, frames: list[int], end: str) -> tuple[int, Sequence[str]]:
         """In which order painting the classes takes fewest strokes and keys, and how many."""
-        wanted = sorted({label for cells in wrong.values() for label in cells.values()})
+        wrong = self._wrong(frames, end)
 
         def actions(order: Sequence[str]) -> int:
             strokes = sum(
-                len(self._paths(frame, cells, label, order[at + 1 :]))
+                len(self._paths([frame], of_one[None], label, order[at + 1 :]))
                 for at, label in enumerate(order)
-                for frame, cells in wrong.items()
+                for frame, of_one in zip(frames, wrong, strict=True)
             )
             return strokes + len(order) - (order[:1] == (self._chosen,))
 
-        return min((actions(order), order) for order in permutations(wanted))
+        every = permutations(sorted({*wrong.flat} - {FREE}))
+        return min((actions(order), order) for order in every)
 
     def _paint(self, shown: list[int], end: str, label: str, later: Sequence[str]) -> None:
         """Paint a class in all frames where it is missing, or in all at once where they agree."""
         if self._way.drags and len(shown) > 1:
             wrong = self._wrong(shown, end)
-            alike = set.intersection(
-                *(self._may_cross(frame, cells, label, later) for frame, cells in wrong.items())
-            )
-            need = {
-                cell for cells in wrong.values() for cell, want in cells.items() if want == label
-            }
-            for path in drags(need & alike, alike):
-                if sum(not wrong[frame].keys().isdisjoint(path) for frame in shown) > 1:
+            for path in self._paths(shown, wrong, label, later):
+                if (wrong[:, path] != FREE).any(axis=1).sum() > 1:
                     self._stroke(shown[0], label, path, in_all=True)
         for frame in shown:
-            for path in self._paths(frame, self._wrong([frame], end)[frame], label, later):
+            for path in self._paths([frame], self._wrong([frame], end), label, later):
                 self._stroke(frame, label, path)
 
     def _paths(
-        self, frame: int, wrong: Mapping[int, str], label: str, later: Sequence[str]
+        self, frames: list[int], wrong: NDArray[np.object_], label: str, later: Sequence[str]
     ) -> list[list[int]]:
-        """The strokes that paint a class where it is wanted in a frame."""
-        need = {cell for cell, want in wrong.items() if want == label}
+        """The strokes that paint a class where it is wanted in a frame, or in any of several.
+
+        They cross patches that may have this label, or are painted over by a class that comes
+        later: in each of the frames.
+        """
+        need = (wrong == label).any(axis=0)
         if not self._way.drags:
-            return [[cell] for cell in sorted(need)]
-        return drags(need, self._may_cross(frame, wrong, label, later))
-
-    def _may_cross(
-        self, frame: int, wrong: Mapping[int, str], label: str, later: Sequence[str]
-    ) -> set[int]:
-        """The patches that may have this label, or are painted over by a class that comes later."""
-        return self._may_be(frame, label) | {cell for cell, want in wrong.items() if want in later}
-
-    def _may_be(self, frame: int, label: str) -> set[int]:
-        """The patches that may have this label."""
-        return {cell for cell, want in enumerate(self._target[frame]) if want in (label, FREE)}
-
-    def _held(self, frames: list[int]) -> Any:
-        """Own label and suggestion of each patch of each frame, as the page has them now."""
-        return self._tab.page.evaluate(_HELD, frames)
-
-    def _wrong(self, frames: list[int], end: str) -> dict[int, dict[int, str]]:
-        """What a key would leave wrong: by frame and patch, the label that is wanted instead."""
-        found: dict[int, dict[int, str]] = {}
-        for frame, patches in zip(frames, self._held(frames), strict=True):
-            rows = enumerate(zip(self._target[frame], patches, strict=True))
-            found[frame] = {
-                cell: want
-                for cell, (want, (own, hint)) in rows
-                if want is not FREE and want != (own or (hint if end == ACCEPT else self._clear))
-            }
-        return found
-
-    def _missing(self, frames: list[int]) -> bool:
-        """Whether a patch that matters has no label yet."""
-        held = zip(frames, self._held(frames), strict=True)
-        return any(
-            want is not FREE and own is None
-            for frame, patches in held
-            for want, (own, _) in zip(self._target[frame], patches, strict=True)
-        )
+            return [[cell] for cell in np.flatnonzero(need).tolist()]
+        may = np.isin([self._target[frame] for frame in frames], (label, FREE))
+        may = (may | np.isin(wrong, later)).all(axis=0)
+        return drags(np.flatnonzero(need & may).tolist(), np.flatnonzero(may).tolist())
 
     def _press(self, key: str) -> None:
         self._tab.page.keyboard.press(key)
@@ -238,23 +197,15 @@ class LabelSession:
         mouse, keyboard = self._tab.page.mouse, self._tab.page.keyboard
         if in_all:
             keyboard.down("Control")
-        mouse.move(*self._point(frame, path[0]))
+        points = [middle_of(self._boxes[frame], cell) for cell in path]
+        mouse.move(*points[0])
         mouse.down()
-        for cell in path[1:]:
-            mouse.move(*self._point(frame, cell))
+        for point in points[1:]:
+            mouse.move(*point)
         mouse.up()
         if in_all:
             keyboard.up("Control")
         self.actions += 1
-
-    def _point(self, frame: int, cell: int) -> tuple[float, float]:
-        """The middle of a patch, in the window's pixels."""
-        if not self._way.sheet:
-            return self._tab.middle_of(cell)
-        left, top, width, height = self._boxes[frame]
-        row, col = divmod(cell, DEFAULT_GRID.cols)
-        x, y = (col + 0.5) / DEFAULT_GRID.cols, (row + 0.5) / DEFAULT_GRID.rows
-        return left + x * width, top + y * height
 
 
 def drags(need: Collection[int], may: Collection[int]) -> list[list[int]]:

@@ -24,27 +24,14 @@ def label_chart_png(
 ) -> bytes:
     """Bars of the 95th percentiles with what is asked, and of the actions with and without.
 
-    Parameters
-    ----------
-    times : sequence of Timing
-    efforts : sequence of LabellingEffort
-    about : mapping
-        ``machine``, ``mission``, ``browser`` as in the bench's JSON.
-
-    Returns
-    -------
-    bytes
-        A PNG file.
+    `about` holds ``machine``, ``mission`` and ``browser`` as in the bench's JSON.
     """
-    parts = [part for part in (times, efforts) if part]
-    heights = [_REST + _ROW * len(part) for part in parts]
+    parts = [(draw, of) for draw, of in ((_draw_times, times), (_draw_efforts, efforts)) if of]
+    heights = [_REST + _ROW * len(of) for _, of in parts]
     figure = Figure(figsize=(_WIDTH, 0.6 + sum(heights)), layout="constrained")
     axes = figure.subplots(len(parts), 1, squeeze=False, height_ratios=heights)[:, 0]
-    for place, part in enumerate(parts):
-        if part is times:
-            _draw_times(axes[place], times)
-        else:
-            _draw_efforts(axes[place], efforts)
+    for (draw, of), panel in zip(parts, axes, strict=True):
+        draw(panel, of)
     computer = about["machine"]
     figure.suptitle(
         f"tokt label on mission {about['mission']}\n{about['browser']}; {computer['cpu']}, "
@@ -56,17 +43,16 @@ def label_chart_png(
 
 def _draw_times(axes: Any, times: Sequence[Timing]) -> None:
     """A bar from the median to the judged percentile, and a mark for what is asked."""
+    ends = []
     for place, time in enumerate(times):
         judged = time.at(time.percentile)
+        ends.append(max(judged, time.asked_ms or 0))
         color = _MISSED if time.holds is False else _KEPT
         axes.barh(place, judged, color=color, height=0.6)
         axes.plot(time.at(50), place, "|", color="white", ms=12)
         if time.asked_ms is not None:
             axes.plot(time.asked_ms, place, "D", color=_ASKED, ms=6)
-        end = max(judged, time.asked_ms or 0)
-        text = f"{judged:.3g} ms"
-        axes.annotate(text, (end, place), (8, 0), textcoords="offset points", va="center")
-    ends = [max(time.at(time.percentile), time.asked_ms or 0) for time in times]
+        _write(axes, f"{judged:.3g} ms", ends[-1], place)
     axes.set_xscale("log")
     axes.set_xlim(1, max(ends) * _ROOM)
     axes.set_xlabel("ms (bar: the percentile that is judged; white: median; diamond: asked)")
@@ -75,18 +61,23 @@ def _draw_times(axes: Any, times: Sequence[Timing]) -> None:
 
 def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort]) -> None:
     """Two bars a way: actions without suggestions and with."""
+    ends = []
     for place, effort in enumerate(efforts):
         without, with_model = sum(effort.without), sum(effort.with_model)
+        ends.append(max(without, with_model))
         color = _MISSED if effort.holds is False or effort.wrong else _KEPT
         axes.barh(place - 0.2, without, color=_WITHOUT, height=0.36)
         axes.barh(place + 0.2, with_model, color=color, height=0.36)
         text = f"{effort.ratio:.1f}x fewer" + (", LABELS DIFFER" if effort.wrong else "")
-        axes.annotate(
-            text, (max(without, with_model), place), (8, 0), textcoords="offset points", va="center"
-        )
-    axes.set_xlim(0, 1.25 * max(max(sum(e.without), sum(e.with_model)) for e in efforts))
+        _write(axes, text, ends[-1], place)
+    axes.set_xlim(0, 1.25 * max(ends))
     axes.set_xlabel("keys, clicks and drags (grey: without suggestions; colour: with)")
     _dress(axes, [effort.way.words for effort in efforts], "labelling effort")
+
+
+def _write(axes: Any, text: str, end: float, place: int) -> None:
+    """A figure at the end of a bar."""
+    axes.annotate(text, (end, place), (8, 0), textcoords="offset points", va="center")
 
 
 def _dress(axes: Any, names: Sequence[str], title: str) -> None:

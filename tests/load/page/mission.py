@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import cycle, islice
 from pathlib import Path
-from typing import Any
 
+from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, Mission
-from tokt.labels.record import HUMAN, LabelRecord, utc_now
+from tokt.labels.record import LabelRecord, utc_now
 from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
@@ -27,13 +27,7 @@ def copy_frames(mission: Mission, numbers: Iterable[int], target: Path) -> None:
 
 
 def link_frames(pictures: Path, target: Path, count: int) -> None:
-    """Make a mission of `count` left frames whose files are links to a folder's, over and over.
-
-    Raises
-    ------
-    ToktError
-        If this file system has no links.
-    """
+    """Make a mission of `count` left frames whose files are links to a folder's, over and over."""
     folder = target / "Left"
     folder.mkdir(parents=True)
     for number, file in enumerate(islice(cycle(sorted(pictures.iterdir())), count), 1):
@@ -50,9 +44,7 @@ def _link(file: Path, link: Path) -> None:
             raise ToktError(f"cannot link {link} to {file}: {error.strerror}") from None
 
 
-def label_all(
-    database: Path, mission: str, frames: int, annotator: str, progress: Callable[..., Any]
-) -> int:
+def label_all(database: Path, mission: str, frames: int, annotator: str) -> int:
     """Give every patch of a mission a label in a store; how many labels that are."""
     names = Taxonomy.load().names
     time = utc_now()
@@ -63,16 +55,8 @@ def label_all(
         for first in progress(starts, len(starts), "label every patch"):
             store.add(
                 LabelRecord(
-                    mission=mission,
-                    camera=LEFT,
-                    frame=frame,
-                    grid=DEFAULT_GRID,
-                    row=row,
-                    col=col,
-                    label=names[(frame // 7 + row) % len(names)],
-                    annotator=annotator,
-                    time=time,
-                    source=HUMAN,
+                    *(mission, LEFT, frame, DEFAULT_GRID, row, col),
+                    *(names[(frame // 7 + row) % len(names)], annotator, time),
                 )
                 for frame in range(first, min(first + step, frames + 1))
                 for row, col in cells

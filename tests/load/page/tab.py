@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -21,24 +22,18 @@ WIDTH, HEIGHT = 1280, 720
 _MAX_MS = 60_000
 _LOOK_EVERY_S = 0.01
 
-_CELL_MIDDLE = """async ([cell]) => {
+_FRAME_BOX = """async () => {
   const { Viewport } = await import("/static/frame/frame_canvas.js");
-  const { patchSize, rowCol } = await import("/static/frame/patch_grid.js");
   const { picture } = await import("/static/core/pictures.js");
   const { setting } = await import("/static/core/settings.js");
   const canvas = document.querySelector(".frame-canvas");
   const [, , camera, frame] = location.hash.split("/");
-  const bitmap = await picture(camera, Number(frame), setting("enhance"));
   const view = new Viewport();
   view.canvas = { width: canvas.clientWidth, height: canvas.clientHeight };
-  view.frame = { width: bitmap.width, height: bitmap.height };
-  const size = patchSize(bitmap.width, bitmap.height);
-  const box = canvas.getBoundingClientRect();
-  const [row, col] = rowCol(cell);
-  return [
-    box.left + view.origin.x + (col + 0.5) * size.width * view.scale,
-    box.top + view.origin.y + (row + 0.5) * size.height * view.scale,
-  ];
+  view.frame = await picture(camera, Number(frame), setting("enhance"));
+  const { left, top } = canvas.getBoundingClientRect();
+  const size = [view.frame.width * view.scale, view.frame.height * view.scale];
+  return [left + view.origin.x, top + view.origin.y, ...size];
 }"""
 _NOTE_KEYS = """
   window.toktPressed = [];
@@ -47,38 +42,36 @@ _NOTE_KEYS = """
 """
 _DRAWN = """(name) => performance.getEntriesByName(name)
   .map((entry) => [entry.detail.frame, entry.startTime + entry.duration])"""
-_ANSWERED = """([path, first]) => performance.getEntriesByType("resource")
-  .filter((entry) => new URL(entry.name).pathname === path).slice(first)
-  .map((entry) => entry.responseEnd - entry.startTime)"""
+_DURATIONS = """([name, first]) =>
+  performance.getEntriesByName(name).slice(first).map((entry) => entry.duration)"""
 _IS_DRAWN = """([name, frame]) =>
   performance.getEntriesByName(name).at(-1)?.detail.frame === frame"""
 _MORE = "([name, known]) => performance.getEntriesByName(name).length > known"
 _COUNT = "name => performance.getEntriesByName(name).length"
+_START = "name => performance.getEntriesByName(name)[0].startTime"
 _SAVED = """async () => {
   const { state, pending } = await import("/static/saving/saver.js");
   return state() === "saved" && pending() === 0;
 }"""
 
 
-class Drawn(NamedTuple):
-    """A frame that was drawn, and when: ms on the tab's clock."""
+Box = Sequence[float]
+"""Left, top, width and height of a picture, in the window's pixels."""
 
-    frame: int
-    end: float
+
+def middle_of(box: Box, cell: int) -> tuple[float, float]:
+    """The middle of a patch of a picture."""
+    left, top, width, height = box
+    row, col = divmod(cell, DEFAULT_GRID.cols)
+    x, y = (col + 0.5) / DEFAULT_GRID.cols, (row + 0.5) / DEFAULT_GRID.rows
+    return left + x * width, top + y * height
 
 
 class Tab:
     """A tab on the page's server; each has its own cache and storage.
 
-    All frames are taken to be of one size, and the picture is not zoomed.
-
-    Parameters
-    ----------
-    browser : Browser
-    url : str
-        The server's address.
-    settings : dict, optional
-        Settings of the page that a person would have made.
+    All frames are taken to be of one size, and the picture is not zoomed. `settings` are those of
+    the page that a person would have made.
     """
 
     def __init__(self, browser: Browser, url: str, settings: dict[str, Any] | None = None) -> None:
@@ -88,8 +81,8 @@ class Tab:
         self._context.add_init_script(f"localStorage.setItem('tokt.settings', {stored})")
         self._context.add_init_script(_NOTE_KEYS)
         self.page: Page = self._context.new_page()
-        self._url = url.rstrip("/")
-        self._middles: dict[int, tuple[float, float]] = {}
+        self.url = url.rstrip("/")
+        self._box: Box | None = None
 
     def close(self) -> None:
         """Close the tab and forget what it stored."""
@@ -98,16 +91,11 @@ class Tab:
     def open(self, address: str) -> float:
         """Load the page at an address such as ``#/label/left/17``.
 
-        Returns
-        -------
-        float
-            From the start of the navigation to the picture with its labels drawn, ms.
+        It gives the ms from the start of the navigation to the picture with its labels drawn.
         """
-        self.page.goto(f"{self._url}/{address}")
+        self.page.goto(f"{self.url}/{address}")
         self.wait_for(FIRST, 0)
-        return float(
-            self.page.evaluate("name => performance.getEntriesByName(name)[0].startTime", FIRST)
-        )
+        return float(self.page.evaluate(_START, FIRST))
 
     def go(self, address: str) -> None:
         """Follow a link inside the page."""
@@ -115,29 +103,22 @@ class Tab:
 
     def count(self, name: str) -> int:
         """How many performance entries of that name there are."""
-        return int(self.page.evaluate(_COUNT, name))
+        return self.page.evaluate(_COUNT, name)
 
     def wait_for(self, name: str, known: int) -> None:
         """Wait until there are more than `known` performance entries of a name."""
         self.until(_MORE, [name, known])
 
     def durations(self, name: str, first: int = 0) -> list[float]:
-        """Durations of the measures of that name, ms, from the one numbered `first` on."""
-        found = self.page.evaluate(
-            "([name, first]) => "
-            "performance.getEntriesByName(name).slice(first).map((entry) => entry.duration)",
-            [name, first],
-        )
-        return [float(value) for value in found]
+        """Durations of the entries of that name, ms, from the one numbered `first` on.
 
-    def answer_times(self, path: str, first: int) -> list[float]:
-        """From each request of a path sent to its answer received, ms, from number `first` on."""
-        found = self.page.evaluate(_ANSWERED, [path, first])
-        return [float(value) for value in found]
+        A request's name is its address: from its being sent until its answer was received.
+        """
+        return list(self.page.evaluate(_DURATIONS, [name, first]))
 
-    def frames_drawn(self) -> list[Drawn]:
-        """Every frame that was drawn with its labels since the page was loaded, in order."""
-        return [Drawn(int(frame), float(end)) for frame, end in self.page.evaluate(_DRAWN, FRAME)]
+    def frames_drawn(self) -> list[tuple[int, float]]:
+        """Every frame that was drawn with its labels since the page was loaded, and when, ms."""
+        return list(self.page.evaluate(_DRAWN, FRAME))
 
     def until_drawn(self, frame: int) -> None:
         """Wait until the newest frame drawn is this one."""
@@ -145,27 +126,19 @@ class Tab:
 
     def key_presses(self) -> list[float]:
         """When keys went down, ms on the tab's clock."""
-        return [float(value) for value in self.page.evaluate("() => window.toktPressed")]
+        return list(self.page.evaluate("() => window.toktPressed"))
 
-    def middle_of(self, cell: int) -> tuple[float, float]:
-        """Where the middle of a patch of the frame shown is, in the window's pixels."""
-        if cell not in self._middles:
-            x, y = self.page.evaluate(_CELL_MIDDLE, [cell])
-            self._middles[cell] = (float(x), float(y))
-        return self._middles[cell]
+    def frame_box(self) -> Box:
+        """Where the frame shown is, in its own view."""
+        self._box = self._box or self.page.evaluate(_FRAME_BOX)
+        return self._box
 
     def click(self, cell: int) -> None:
         """Click the middle of a patch of the frame shown."""
-        self.page.mouse.click(*self.middle_of(cell))
+        self.page.mouse.click(*middle_of(self.frame_box(), cell))
 
     def until(self, script: str, arg: Any = None) -> Any:
-        """Wait until a script, which may be asynchronous, gives something true, and return it.
-
-        Raises
-        ------
-        ToktError
-            If it does not for long.
-        """
+        """Wait until a script, which may be asynchronous, gives something true, and return it."""
         last = time.monotonic() + _MAX_MS / 1000
         while not (found := self.page.evaluate(script, arg)):
             if time.monotonic() > last:
@@ -193,13 +166,7 @@ _ARGUMENTS = (
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """A headless browser: the system's Chromium, or else the one Playwright fetched.
-
-    Raises
-    ------
-    ToktError
-        If Playwright or a Chromium is missing.
-    """
+    """A headless browser: the system's Chromium, or else the one Playwright fetched."""
     try:
         from playwright.sync_api import sync_playwright
     except ModuleNotFoundError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tests.load.report import WORST, Timing
 
@@ -22,7 +22,6 @@ _LABEL_KEYS = ("1", "2")
 _PAINT_KEYS = ("u", "1")
 """Nothing is unsure at first, so that every click changes something."""
 _SEED = 1
-_ACTIONS = "/api/actions"
 FIRST_FRAME = "#/label/left/1"
 
 _WATCH = """async ([camera, frame, cell, label]) => {
@@ -53,31 +52,25 @@ class Repeats:
     changes: int
 
 
-def first_page(browser: Browser, url: str, repeats: Repeats, suffix: str, of: str) -> Timing:
+def first_page(browser: Browser, url: str, loads: int) -> Timing:
     """Open the page in fresh tabs without a cache."""
     times = []
-    for _ in range(repeats.loads):
+    for _ in range(loads):
         tab = Tab(browser, url)
         times.append(tab.open(FIRST_FRAME))
         tab.close()
-    what = f"start of the navigation to the first picture with its labels drawn{of}"
-    return Timing(f"first_page{suffix}", what, times, FIRST_MS, WORST)
+    what = "start of the navigation to the first picture with its labels drawn"
+    return Timing("first_page", what, times, FIRST_MS, WORST)
 
 
-def stepping(tab: Tab, repeats: Repeats, suffix: str, of: str) -> list[Timing]:
+def stepping(tab: Tab, steps: int) -> list[Timing]:
     """Step forward at a person's pace, and then as fast as the page goes."""
-    what = f"key press to the next frame drawn with its labels{of}"
-    paced = _steps(tab, repeats.steps, _BETWEEN_STEPS_MS)
-    fast = _steps(tab, repeats.steps, None)
-    return [
-        Timing(f"next_frame{suffix}", f"{what}, 4 a second", paced, FRAME_MS),
-        Timing(
-            f"next_frame_fast{suffix}",
-            f"{what}, each as soon as the one before is drawn",
-            fast,
-            FRAME_MS,
-        ),
-    ]
+    what = "key press to the next frame drawn with its labels"
+    fast = f"{what}, each as soon as the one before is drawn"
+    paced = Timing(
+        "next_frame", f"{what}, 4 a second", _steps(tab, steps, _BETWEEN_STEPS_MS), FRAME_MS
+    )
+    return [paced, Timing("next_frame_fast", fast, _steps(tab, steps, None), FRAME_MS)]
 
 
 def _steps(tab: Tab, count: int, pause_ms: int | None) -> list[float]:
@@ -86,7 +79,7 @@ def _steps(tab: Tab, count: int, pause_ms: int | None) -> list[float]:
     A frame that was passed over because the next key came first has waited until a later one was
     drawn.
     """
-    first, pressed = tab.frames_drawn()[-1].frame, len(tab.key_presses())
+    first, pressed = tab.frames_drawn()[-1][0], len(tab.key_presses())
     for number in range(first + 1, first + count + 1):
         tab.page.keyboard.press(STEP_KEY)
         if pause_ms is None:
@@ -96,16 +89,15 @@ def _steps(tab: Tab, count: int, pause_ms: int | None) -> list[float]:
     tab.until_drawn(first + count)
     drawn = tab.frames_drawn()
     return [
-        next(one.end for one in drawn if one.frame >= number and one.end > press) - press
+        next(end for frame, end in drawn if frame >= number and end > press) - press
         for number, press in enumerate(tab.key_presses()[pressed:], first + 1)
     ]
 
 
-def jumps(tab: Tab, frames: int, repeats: Repeats) -> Timing:
+def jumps(tab: Tab, frames: int, count: int) -> Timing:
     """Go to frames all over the mission, which nothing can have fetched before."""
-    dice = random.Random(_SEED)
     known = tab.count(FRAME)
-    for number in dice.sample(range(1, frames + 1), min(repeats.jumps, frames)):
+    for number in random.Random(_SEED).sample(range(1, frames + 1), min(count, frames)):
         tab.page.wait_for_timeout(_BETWEEN_STEPS_MS)
         tab.go(f"#/label/left/{number}")
         tab.until_drawn(number)
@@ -113,46 +105,41 @@ def jumps(tab: Tab, frames: int, repeats: Repeats) -> Timing:
     return Timing("jump", what, tab.durations(FRAME, known))
 
 
-def acknowledging(
-    tab: Tab, cells: Sequence[int], repeats: Repeats, suffix: str, of: str
-) -> list[Timing]:
+def acknowledging(tab: Tab, cells: Sequence[int], clicks: int) -> list[Timing]:
     """Click patches one after the other, five a second."""
-    known, sent = tab.count(ACK), len(tab.answer_times(_ACTIONS, 0))
-    for number in range(repeats.clicks):
+    requests = f"{tab.url}/api/actions"
+    known, sent = tab.count(ACK), tab.count(requests)
+    for number in range(clicks):
         if number % len(cells) == 0:
             tab.page.keyboard.press(_PAINT_KEYS[number // len(cells) % 2])
         tab.click(cells[number % len(cells)])
         tab.page.wait_for_timeout(_BETWEEN_CLICKS_MS)
-    tab.wait_for(ACK, known + repeats.clicks - 1)
-    what = f"click on a patch until the page knows that its label is on disk{of}"
-    part = f"of this, request sent to answer received{of}"
+    tab.wait_for(ACK, known + clicks - 1)
+    what = "click on a patch until the page knows that its label is on disk"
+    part = "of this, request sent to answer received"
     return [
-        Timing(f"acknowledged{suffix}", what, tab.durations(ACK, known), ACK_MS),
-        Timing(f"answered{suffix}", part, tab.answer_times(_ACTIONS, sent)),
+        Timing("acknowledged", what, tab.durations(ACK, known), ACK_MS),
+        Timing("answered", part, tab.durations(requests, sent)),
     ]
 
 
-def live_update(browser: Browser, url: str, names: Sequence[str], repeats: Repeats) -> Timing:
+def live_update(browser: Browser, url: str, names: Sequence[str], changes: int) -> Timing:
     """Paint in one tab and wait for it in another."""
-    tabs = [Tab(browser, url), Tab(browser, url)]
+    here, there = tabs = [Tab(browser, url), Tab(browser, url)]
     for tab in tabs:
         tab.open(FIRST_FRAME)
-    times = [
-        _one_change(tabs[0], tabs[1], cell, names, number)
-        for number, cell in enumerate(range(repeats.changes))
-    ]
+    times = [_one_change(here, there, cell, names, cell % 2) for cell in range(changes)]
     for tab in tabs:
         tab.close()
     what = "click in one tab to the label shown in another"
     return Timing("other_tab", what, times, LIVE_MS)
 
 
-def _one_change(here: Tab, there: Tab, cell: int, names: Sequence[str], number: int) -> float:
-    which = number % 2
+def _one_change(here: Tab, there: Tab, cell: int, names: Sequence[str], which: int) -> float:
     there.page.evaluate(_WATCH, ["left", 1, cell, names[which]])
     known = here.count(ACK)
     here.page.keyboard.press(_LABEL_KEYS[which])
     here.click(cell)
     here.wait_for(ACK, known)
-    shown: Any = there.page.evaluate("() => window.toktSeen")
-    return float(shown) - float(here.page.evaluate(_LAST_ACT))
+    shown = there.page.evaluate("() => window.toktSeen")
+    return float(shown - here.page.evaluate(_LAST_ACT))

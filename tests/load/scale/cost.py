@@ -7,7 +7,6 @@ import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from tempfile import TemporaryFile
 from typing import Any
 
@@ -19,32 +18,14 @@ from tokt.features.common.errors import ToktError
 
 _POLL_S = 0.02
 
-
-@dataclass(frozen=True)
-class Cost:
-    """Time and memory of one step.
-
-    Parameters
-    ----------
-    step : str
-    seconds : float
-    cpu_s : float
-        Processor time of the process and all that it started: on a busy computer it says more.
-    peak_mb : float
-        Resident memory of the process and all that it started, at the same moment, in MB (10**6
-        bytes). Files that are mapped into memory count as far as they were read.
-    facts : dict
-        What else the step said of itself.
-    """
-
-    step: str
-    seconds: float
-    cpu_s: float
-    peak_mb: float
-    facts: dict[str, Any] = field(default_factory=dict)
+Cost = dict[str, Any]
+"""Of one step: ``seconds``; ``cpu_s``, the processor time of the process and all that it started
+(on a busy computer it says more); ``peak_mb``, their resident memory at the same moment, in MB
+(10**6 bytes), in which files that are mapped count as far as they were read; and what else the step
+said of itself."""
 
 
-def watched(command: Sequence[str]) -> list[Cost]:
+def watched(command: Sequence[str]) -> dict[str, Cost]:
     """Run a program that prints ``{"step": NAME, "began": ..., "ended": ...}`` after each step.
 
     Its times are of `time.monotonic`; what else is in the line are the step's facts.
@@ -70,27 +51,25 @@ def watched(command: Sequence[str]) -> list[Cost]:
         last = (errors.readlines() or ["no message"])[-1].strip()
     if process.returncode:
         raise ToktError(f"a step of the measurement ended with code {process.returncode}: {last}")
-    return [_cost(np.array(usage), **step) for step in steps]
+    return {step.pop("step"): cost_of(np.array(usage), **step) for step in steps}
 
 
-def _cost(usage: NDArray[np.float64], step: str, began: float, ended: float, **facts: Any) -> Cost:
+def cost_of(usage: NDArray[np.float64], began: float, ended: float, **facts: Any) -> Cost:
     """The cost of one step, given what was in use at which time."""
     at, resident, cpu_s = usage.T
     used_s = cpu_s[at <= ended].max() - cpu_s[at <= began].max()
     peak = resident[(began <= at) & (at <= ended)].max(initial=0)
-    return Cost(step, ended - began, float(used_s), float(peak) / 1e6, facts)
+    times = {"seconds": ended - began, "cpu_s": float(used_s)}
+    return {**times, "peak_mb": float(peak) / 1e6, **facts}
 
 
 def _usage(pid: int) -> tuple[int, float]:
     """Bytes in memory and processor seconds of a process and of all that it started."""
     resident, cpu_s = 0, 0.0
-    try:
+    with suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
-        family = [process, *process.children(recursive=True)]
-    except psutil.NoSuchProcess:
-        return resident, cpu_s
-    for member in family:
-        with suppress(psutil.NoSuchProcess), member.oneshot():
-            resident += member.memory_info().rss
-            cpu_s += sum(member.cpu_times()[:2])
+        for member in (process, *process.children(recursive=True)):
+            with suppress(psutil.NoSuchProcess), member.oneshot():
+                resident += member.memory_info().rss
+                cpu_s += sum(member.cpu_times()[:2])
     return resident, cpu_s

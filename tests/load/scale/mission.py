@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from tokt.cli.output import progress
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.labels.formats.label_csv import COLUMNS
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
@@ -30,17 +29,8 @@ class ScaleMission:
     """A mission that grows to any number of left frames.
 
     The dive repeats, so that a model of one block knows the next: what is measured on it is what
-    work costs, never how good a model is.
-
-    Parameters
-    ----------
-    folder : Path
-        Gets the rendered frames and the mission.
-    width : int
-        Frame width in pixels.
-    story_frames : int
-        Rendered frames, shown over and over; a divisor of a block's frames makes all blocks of
-        one kind.
+    work costs, never how good a model is. So many `story_frames` are rendered; a divisor of a
+    block's frames makes all blocks of one kind.
     """
 
     def __init__(self, folder: Path, width: int, story_frames: int) -> None:
@@ -64,7 +54,7 @@ class ScaleMission:
         noisy = cv2.subtract(cv2.add(picture, self._more[window]), self._less[window])
         return np.asarray(noisy, np.uint8)
 
-    def write_frames(self, count: int, progress: Callable[..., Any]) -> int:
+    def write_frames(self, count: int) -> int:
         """Write frames 1 to `count` as JPEG files; the bytes of all of them."""
         folder = self.path / "Left"
         folder.mkdir(parents=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from tests.load.report import LEFT, RIGHT, machine_words, table, write_json
+from tests.load.report import LEFT, RIGHT, Found, machine_words, table
+from tokt.cli.output import progress, say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.features.extractors.extractor import extractor_named
@@ -23,17 +24,7 @@ from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS
 
 from .cost import Cost, watched
 from .mission import ScaleMission
-from .steps import (
-    BUILD,
-    EXTRACTOR,
-    FIGURES,
-    FIT,
-    ONE_JOB,
-    TRIAL,
-    TWO_JOBS,
-    cache_folder,
-    label_file,
-)
+from .steps import BUILD, EXTRACTOR, FIGURES, FIT, LABELS, ONE_JOB, TRIAL, TWO_JOBS
 
 _PROCESSES = ((BUILD,), (ONE_JOB,), (TWO_JOBS,), (FIT, FIGURES), (TRIAL,))
 _MAX_S = 900.0
@@ -43,34 +34,19 @@ _KEPT_TWICE = 2.2  # the mission's frames, and the datasets' copies of them
 
 _FEWEST = FOLDS * BLOCK_FRAMES
 
-Progress = Callable[..., Any]
-
 
 @dataclass(frozen=True)
 class ScaleBenchSize:
-    """Numbers of frames of the bench of scale.
+    """Numbers of frames of the bench of scale."""
 
-    Parameters
-    ----------
-    frames : tuple of int
-        The sizes to measure, ascending.
-    width : int
-        Frame width in pixels.
-    story : int
-        Different frames; the rest are these again with other noise.
-    """
-
-    frames: tuple[int, ...]
-    width: int
-    story: int
+    frames: tuple[int, ...]  # the sizes to measure, ascending
+    width: int  # frame width in pixels
+    story: int  # different frames; the rest are these again with other noise
 
     def up_to(self, frames: int) -> ScaleBenchSize:
         """Each size a tenth of the next, `frames` the largest.
 
-        Raises
-        ------
-        ToktError
-            If these are too few to be split into folds.
+        Raises ToktError if these are too few to be split into folds.
         """
         sizes = [frames // part for part in (100, 10, 1) if frames // part >= _FEWEST]
         if not sizes:
@@ -82,114 +58,71 @@ FULL = ScaleBenchSize((100, 1000, 10_000), FULL_WIDTH, BLOCK_FRAMES)
 QUICK = ScaleBenchSize((100, 200), 360, 5)
 
 
-@dataclass(frozen=True)
-class CostGrowth:
-    """One step's cost by number of patches.
+def run_scale_bench(extent: ScaleBenchSize) -> Found:
+    """Measure each step of training for growing numbers of patches.
 
-    Parameters
-    ----------
-    step : str
-    patches : tuple of int
-    costs : tuple of Cost
-        One for each number of patches.
+    Raises ToktError if the disk has too little room for it, or a step fails.
     """
-
-    step: str
-    patches: tuple[int, ...]
-    costs: tuple[Cost, ...]
-
-    @property
-    def exponent(self) -> float | None:
-        """The p in ``seconds ~ patches ** p``, by least squares; None for a single size."""
-        if len(self.patches) < 2:
-            return None
-        seconds = [cost.seconds for cost in self.costs]
-        return float(np.polyfit(np.log(self.patches), np.log(seconds), 1)[0])
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        sizes = []
-        for patches, cost in zip(self.patches, self.costs, strict=True):
-            values = {"seconds": cost.seconds, "cpu_s": cost.cpu_s, "peak_mb": cost.peak_mb}
-            sizes.append({"patches": patches, **values, **cost.facts})
-        return {"name": self.step, "exponent": self.exponent, "sizes": sizes}
-
-
-@dataclass(frozen=True)
-class ScaleFound:
-    """All that was measured, and on what."""
-
-    growths: Sequence[CostGrowth]
-    about: dict[str, Any]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return {"steps": [growth.to_json() for growth in self.growths], **self.about}
-
-
-def run_scale_bench(
-    out: Path, extent: ScaleBenchSize, progress: Progress, say: Callable[[str], None]
-) -> ScaleFound:
-    """Measure each step of training for growing numbers of patches; write ``scale.json``.
-
-    Parameters
-    ----------
-    out : Path
-        Folder for the result.
-    extent : ScaleBenchSize
-    progress, say
-        As in the other benches.
-
-    Raises
-    ------
-    ToktError
-        If the disk has too little room for it, or a step fails.
-    """
+    measured: list[dict[str, Cost]] = []
     with tempfile.TemporaryDirectory(prefix="tokt-scale-") as name:
         work = Path(name)
         _check_room(work, extent)
         mission = ScaleMission(work, extent.width, extent.story)
-        size = mission.write_frames(max(extent.frames), progress)
-        costs: list[list[Cost]] = []
+        size = mission.write_frames(max(extent.frames))
         for frames in extent.frames:
-            mission.write_labels(label_file(work, frames), frames)
+            folder = work / str(frames)
+            folder.mkdir()
+            mission.write_labels(folder / LABELS, frames)
             say(f"-- {frames} frames")
-            costs.append(_measure(work, frames, costs[-1] if costs else None, progress))
-            shutil.rmtree(cache_folder(work))
-    patches = tuple(int(found[0].facts["patches"]) for found in costs)
-    growths = [CostGrowth(each[0].step, patches, each) for each in zip(*costs, strict=True)]
-    about = {
+            measured.append(_measure(folder, mission.path, measured[-1] if measured else None))
+            shutil.rmtree(folder)
+    patches = [costs[BUILD]["patches"] for costs in measured]
+    found = {
+        "steps": [
+            {
+                "name": step,
+                "exponent": exponent(patches, [costs[step]["seconds"] for costs in measured]),
+                "sizes": [
+                    {"patches": count, **costs[step]}
+                    for count, costs in zip(patches, measured, strict=True)
+                ],
+            }
+            for step in measured[0]
+        ],
         "extent": asdict(extent),
         "bytes_a_frame": size / max(extent.frames),
         "extractor": EXTRACTOR,
         "machine": machine(),
     }
-    found_all = ScaleFound(growths, about)
-    write_json(out / "scale.json", found_all.to_json())
-    return found_all
+    return Found("scale", found, scale_report(found))
 
 
-def _measure(work: Path, frames: int, smaller: list[Cost] | None, progress: Progress) -> list[Cost]:
-    """The costs of every step for the first so many frames, given those of fewer frames."""
-    program = [sys.executable, "-m", "tests.load.scale.steps", str(work), str(frames)]
-    costs: list[Cost] = []
-    for steps in progress(_PROCESSES, len(_PROCESSES), f"steps for {frames} frames"):
-        known = worked_out(smaller, costs) if steps == (TRIAL,) else None
-        costs += [known] if known else watched([*program, *steps])
+def _measure(folder: Path, mission: Path, smaller: dict[str, Cost] | None) -> dict[str, Cost]:
+    """The costs of every step on the frames that a folder labels, given those of fewer frames."""
+    program = [sys.executable, "-m", "tests.load.scale.steps", str(folder), str(mission)]
+    costs: dict[str, Cost] = {}
+    for steps in progress(_PROCESSES, len(_PROCESSES), f"steps for {folder.name} frames"):
+        known = worked_out(smaller, costs[FIT]) if steps == (TRIAL,) else None
+        costs |= {TRIAL: known} if known else watched([*program, *steps])
     return costs
 
 
-def worked_out(smaller: list[Cost] | None, costs: list[Cost]) -> Cost | None:
+def worked_out(smaller: Mapping[str, Cost] | None, fit: Cost) -> Cost | None:
     """A long cross-validation's cost, were it as many fits long as that of fewer frames."""
     if smaller is None:
         return None
-    before = {cost.step: cost for cost in smaller}
-    fit = next(cost for cost in costs if cost.step == FIT)
-    fits = before[TRIAL].seconds / before[FIT].seconds
-    if fit.seconds * fits < _MAX_S:
+    fits = smaller[TRIAL]["seconds"] / smaller[FIT]["seconds"]
+    if fit["seconds"] * fits < _MAX_S:
         return None
-    facts = {**before[TRIAL].facts, "worked_out": True}
-    return Cost(TRIAL, fit.seconds * fits, fit.cpu_s * fits, fit.peak_mb, facts)
+    times = {name: fit[name] * fits for name in ("seconds", "cpu_s")}
+    return {**smaller[TRIAL], **times, "peak_mb": fit["peak_mb"], "worked_out": True}
+
+
+def exponent(patches: Sequence[int], seconds: Sequence[float]) -> float | None:
+    """The p in ``seconds ~ patches ** p``, by least squares; None for a single size."""
+    if len(patches) < 2:
+        return None
+    return float(np.polyfit(np.log(patches), np.log(seconds), 1)[0])
 
 
 def _check_room(folder: Path, extent: ScaleBenchSize) -> None:
@@ -206,27 +139,28 @@ def _check_room(folder: Path, extent: ScaleBenchSize) -> None:
         )
 
 
-def scale_report(found: ScaleFound) -> list[Table | str]:
+def scale_report(found: Mapping[str, Any]) -> list[Table | str]:
     """What was found, to be printed."""
     columns = {"step": LEFT}
-    columns |= {f"{patches:,} patches": RIGHT for patches in found.growths[0].patches}
+    columns |= {f"{size['patches']:,} patches": RIGHT for size in found["steps"][0]["sizes"]}
     rows = [
         (
-            growth.step.replace("_", " "),
-            *map(_cell, growth.costs),
-            "" if growth.exponent is None else f"n^{growth.exponent:.2f}",
+            step["name"].replace("_", " "),
+            *map(_cell, step["sizes"]),
+            "" if step["exponent"] is None else f"n^{step['exponent']:.2f}",
         )
-        for growth in found.growths
+        for step in found["steps"]
     ]
     return [
         table(columns | {"time grows as": RIGHT}, rows),
-        f"frames {found.about['extent']['width']} pixels wide, rendered and repeated with other "
-        f"noise; features {found.about['extractor']}; cpu s and MB (the most in use at one moment) "
+        f"frames {found['extent']['width']} pixels wide, rendered and repeated with other "
+        f"noise; features {found['extractor']}; cpu s and MB (the most in use at one moment) "
         "of all processes together; ~ worked out from a fit, not measured",
-        machine_words(found.about),
+        machine_words(found),
     ]
 
 
 def _cell(cost: Cost) -> str:
-    about = "~" if cost.facts.get("worked_out") else ""
-    return f"{about}{cost.seconds:.1f} s {about}{cost.cpu_s:6.1f} cpu s {cost.peak_mb:6.0f} MB"
+    about = "~" if cost.get("worked_out") else ""
+    times = f"{about}{cost['seconds']:.1f} s {about}{cost['cpu_s']:6.1f} cpu s"
+    return f"{times} {cost['peak_mb']:6.0f} MB"

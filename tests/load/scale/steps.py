@@ -1,17 +1,16 @@
 """The steps of training, timed one by one in a process of their own.
 
-Run as ``python -m tests.load.scale.steps WORK FRAMES STEP...``; what it prints is for
+Run as ``python -m tests.load.scale.steps FOLDER MISSION STEP...``; what it prints is for
 `cost.watched`.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property, partial
+from collections.abc import Iterable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -45,91 +44,61 @@ _CHOICE = _SETTINGS.choices[len(_SETTINGS.choices) // 2]
 _SPLIT = Split(FOLDS, EMBARGO_FRAMES)
 
 
-def label_file(work: Path, frames: int) -> Path:
-    """The labels of the first so many frames."""
-    return work / f"labels-{frames}.csv"
-
-
-def dataset_name(frames: int) -> str:
-    """The dataset of the first so many frames."""
-    return f"{NAME}-{frames}"
-
-
-def cache_folder(work: Path, jobs: int = 1) -> Path:
-    """Where features go that so many processes computed."""
-    return work / ("cache" if jobs == 1 else f"cache-{jobs}")
+LABELS = "labels.csv"
 
 
 class Steps:
-    """Training on the first frames of a scale mission, step by step.
+    """Training on the frames of a mission that are labelled in a folder; a method is a step."""
 
-    Parameters
-    ----------
-    work : Path
-        Holds the mission, the label files and what comes of them.
-    frames : int
-    """
-
-    def __init__(self, work: Path, frames: int) -> None:
-        self._work, self._frames = work, frames
+    def __init__(self, folder: Path, mission: Path) -> None:
+        self._folder, self._mission = folder, mission
         self._spec = extractor_named(EXTRACTOR).spec
-        self.steps: dict[str, Callable[[], dict[str, Any]]] = {
-            BUILD: self._build,
-            ONE_JOB: partial(self._compute_features, 1),
-            TWO_JOBS: partial(self._compute_features, 2),
-            FIT: self._fit,
-            FIGURES: self._measure,
-            TRIAL: self._try,
-        }
 
     def run(self, names: Iterable[str]) -> None:
         """Do some steps and print after each what `cost.watched` reads."""
         for name in names:
             began = time.monotonic()
-            facts = self.steps[name]()
+            facts = getattr(self, name)()
             times = {"step": name, "began": began, "ended": time.monotonic()}
             print(json.dumps({**times, **facts}), flush=True)
 
     @cached_property
     def _dataset(self) -> DatasetVersion:
-        return open_dataset(dataset_name(self._frames), self._work / "datasets")
+        return open_dataset(NAME, self._folder / "datasets")
 
     @cached_property
     def _features(self) -> NDArray[np.float64]:
         return self._table(1)
 
     def _table(self, jobs: int) -> NDArray[np.float64]:
-        cache = cache_folder(self._work, jobs)
+        cache = self._folder / f"cache-{jobs}"
         return cached_features(self._dataset, self._spec, cache, _quiet, jobs)
 
-    def _build(self) -> dict[str, Any]:
+    def build(self) -> dict[str, Any]:
         taxonomy = Taxonomy.load()
-        plan, _ = plan_from_missions(
-            dataset_name(self._frames),
-            "binary",
-            [self._work / NAME],
-            read_labels([label_file(self._work, self._frames)], taxonomy, DEFAULT_GRID),
-            taxonomy,
-        )
-        dataset = build_dataset(plan, self._work / "datasets", _quiet)
+        labels = read_labels([self._folder / LABELS], taxonomy, DEFAULT_GRID)
+        plan, _ = plan_from_missions(NAME, "binary", [self._mission], labels, taxonomy)
+        dataset = build_dataset(plan, self._folder / "datasets", _quiet)
         stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
         return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}
 
-    def _compute_features(self, jobs: int) -> dict[str, Any]:
-        table = self._table(jobs)
-        facts = {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
-        if jobs > 1:
-            shutil.rmtree(cache_folder(self._work, jobs))
-        return facts
+    def features_1_job(self) -> dict[str, Any]:
+        """Into the cache that all later steps read."""
+        return {"features": self._features.shape[1], "table_mb": self._features.nbytes / 1e6}
+
+    def features_2_jobs(self) -> dict[str, Any]:
+        """The same by two processes."""
+        table = self._table(2)
+        return {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
 
     @cached_property
     def _pipeline(self) -> Pipeline:
         return fit_classifier(self._features, self._dataset.targets(), _CHOICE, _SETTINGS)
 
-    def _fit(self) -> dict[str, Any]:
+    def fit(self) -> dict[str, Any]:
         return {"penalty": _CHOICE.penalty, "solver_steps": int(self._pipeline["svc"].n_iter_)}
 
-    def _measure(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Folds, operating point and figures, of values that any model might have given."""
         dataset, targets = self._dataset, self._dataset.targets()
         model = linear_model(self._pipeline, dataset.classes(), dataset.obstacle_flags())
@@ -145,18 +114,11 @@ class Steps:
         held_out_metrics(dataset, held_out, model)
         return {}
 
-    def _try(self) -> dict[str, Any]:
+    def search_trial(self) -> dict[str, Any]:
         """A trial of a search, and the part of training that takes longest."""
         trial = Trial(EXTRACTOR, self._spec, extractor_named(EXTRACTOR).dim, 1)
-        task = TrialTask(
-            trial,
-            self._dataset.path,
-            cache_folder(self._work),
-            self._work / f"trial-{self._frames}.json",
-            _SETTINGS,
-            _SPLIT,
-        )
-        outcome = run_task(task)
+        places = (self._dataset.path, self._folder / "cache-1", self._folder / "trial.json")
+        outcome = run_task(TrialTask(trial, *places, _SETTINGS, _SPLIT))
         if outcome.fault is not None:
             raise ToktError(outcome.fault)
         inner = (_SPLIT.folds - 1) * len(_SETTINGS.choices)
@@ -168,4 +130,4 @@ def _quiet(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
 
 
 if __name__ == "__main__":
-    Steps(Path(sys.argv[1]), int(sys.argv[2])).run(sys.argv[3:])
+    Steps(Path(sys.argv[1]), Path(sys.argv[2])).run(sys.argv[3:])

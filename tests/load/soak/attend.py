@@ -6,7 +6,7 @@ import threading
 import time
 import urllib.request
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,11 @@ import psutil
 from numpy.typing import NDArray
 from prometheus_client.parser import text_string_to_metric_families
 
+from tokt.cli.output import say
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.store.store import Store
+
+from .plan import SoakSize
 
 _CUT = 100
 _SCRAPE_S = 5.0
@@ -35,19 +38,8 @@ class Exchanges:
 
         1 ──deploy──> 2 ──rollback──> 1 ──deploy──> 2 ──deploy──> 3 (damaged) ──rollback──> 2 ──> 1
 
-    Parameters
-    ----------
-    store : Path
-        Made here.
-    bundles : sequence of Bundle
-        Three; the first is active at the start.
-
-    Attributes
-    ----------
-    switches : int
-        Steps at which a runtime is to go over to another model.
-    refusals : int
-        Steps at which it is to refuse one.
+    The store is made here, with the first of three bundles active. `switches` are steps at which a
+    runtime is to go over to another model, `refusals` those at which it is to refuse one.
     """
 
     def __init__(self, store: Path, bundles: Sequence[Bundle]) -> None:
@@ -66,61 +58,33 @@ class Exchanges:
             self.switches += 1
         elif place == 3:
             self._store.deploy(self._bundles[2], "its disk is bad")
-            self._damage(self._bundles[2])
+            # Cut short; a runtime starts a process to look at it, which takes longer.
+            bad = self._bundles[2]
+            self._store.bundle_file(bad.sha256).write_bytes(bad.data[:-_CUT])
             self.refusals += 1
         else:
             self._store.rollback("back")
             self.switches += place != 4  # what was refused never ran
 
-    def _damage(self, bundle: Bundle) -> None:
-        """Cut the file short; a runtime starts a process to look at it, which takes longer."""
-        file = self._store.bundle_file(bundle.sha256)
-        file.write_bytes(bundle.data[:-_CUT])
-
 
 class Attendant:
     """Looks at a run as often as asked and exchanges its model, in a thread, while a block lasts.
 
-    Parameters
-    ----------
-    pid : int
-    port : int
-        Of its metrics, on 127.0.0.1.
-    exchanges : Exchanges
-    look_every_s, exchange_every_s : float
-    last_exchange : int
-        Frames after which no model is exchanged any more.
-    say : callable
-
-    Attributes
-    ----------
-    samples : list of dict
-        What each look saw: ``at_s`` (`time.monotonic`), ``frames`` judged so far and ``models``
-        taken over or refused so far (by its own metrics), ``resident`` bytes in memory, how many
-        ``threads`` and ``files`` it has open, and how long its metrics took (``scrape_s``).
-    metrics : Counter
-        Those of the last look, each the sum over its labels.
-    settled : bool
-        Whether the run has taken over or refused every model that it was to.
+    Its metrics are on 127.0.0.1 at `port`. What each look saw is one of `samples`: ``at_s``
+    (`time.monotonic`), ``frames`` judged so far and ``models`` taken over or refused so far (by its
+    own metrics), ``resident`` bytes in memory, how many ``threads`` and ``files`` it has open, and
+    how long its metrics took (``scrape_s``). `metrics` are those of the last look, each the sum
+    over its labels; `settled` says that every model was taken over or refused that was to be.
     """
 
-    def __init__(
-        self,
-        pid: int,
-        port: int,
-        exchanges: Exchanges,
-        look_every_s: float,
-        exchange_every_s: float,
-        last_exchange: int,
-        say: Callable[[str], None],
-    ) -> None:
+    def __init__(self, pid: int, port: int, exchanges: Exchanges, extent: SoakSize) -> None:
         self.samples: list[dict[str, Any]] = []
         self.metrics: Counter[str] = Counter()
         self.settled = True
+        self.exchanges = exchanges
         self._process = psutil.Process(pid)
         self._url = f"http://127.0.0.1:{port}/metrics"
-        self._exchanges, self._last_exchange, self._say = exchanges, last_exchange, say
-        self._look_every_s, self._exchange_every_s = look_every_s, exchange_every_s
+        self._extent = extent
         self._ended = threading.Event()
         self._pool = ThreadPoolExecutor(1)
 
@@ -147,23 +111,23 @@ class Attendant:
 
     def _run(self) -> None:
         look_at = time.monotonic()
-        exchange_at, say_at = look_at + self._exchange_every_s, look_at + _SAY_S
+        exchange_at, say_at = look_at + self._extent.exchange_every_s, look_at + _SAY_S
         while not self._ended.wait(_LOOK_S):
             now = time.monotonic()
             if now >= look_at:
-                look_at += self._look_every_s
+                look_at += self._extent.look_every_s
                 self._look()
             if not self.samples:
                 continue
             newest = self.samples[-1]
-            settled = newest["models"] == self._exchanges.switches + self._exchanges.refusals
-            if now >= exchange_at and settled and newest["frames"] < self._last_exchange:
-                exchange_at, settled = now + self._exchange_every_s, False
-                self._exchanges.step()
+            settled = newest["models"] == self.exchanges.switches + self.exchanges.refusals
+            if now >= exchange_at and settled and newest["frames"] < self._extent.last_exchange:
+                exchange_at, settled = now + self._extent.exchange_every_s, False
+                self.exchanges.step()
             self.settled = settled
             if now >= say_at:
                 say_at += _SAY_S
-                self._say(f"   {newest['frames']} frames, {newest['resident'] / 1e6:.1f} MB")
+                say(f"   {newest['frames']} frames, {newest['resident'] / 1e6:.1f} MB")
 
     def _look(self) -> None:
         """Take a sample; none where it does not answer yet, or has ended meanwhile."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from tokt.training.evaluation.pictures import figure_png
 
 from .run import Run
-from .verdict import MAX_TAIL, Soak
+from .verdict import MAX_TAIL, Soak, growth_words
 
 _DPI = 130
 _BLOCKS = 200
@@ -28,7 +28,7 @@ def chart_png(found: Soak) -> bytes:
     extent = found.whole.extent
     figure.suptitle(
         f"tokt: {extent.frames} frames in {found.whole.seconds / 60:.1f} minutes, "
-        f"{found.whole.exchanges.switches} hot reloads; {found.about['machine']['cpu']}"
+        f"{found.whole.attendant.exchanges.switches} hot reloads; {found.about['machine']['cpu']}"
     )
     return figure_png(figure, _DPI)
 
@@ -47,10 +47,7 @@ def _draw_latency(axes: Any, run: Run) -> None:
                 axes.axvline(number, color=color, lw=0.7, ls=":", label=label)
                 label = None
     axes.set_yscale("log")
-    axes.set_ylabel("arrival to report, ms")
-    axes.set_xlabel("frame")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, ncols=6, frameon=False, loc="upper right")
+    _dress(axes, "frame", "arrival to report, ms", ncols=6, loc="upper right")
 
 
 def _draw_memory(axes: Any, found: Soak) -> None:
@@ -60,17 +57,11 @@ def _draw_memory(axes: Any, found: Soak) -> None:
     grown = found.growth
     if grown is not None:
         ends = frames[-1] * (1 - np.linspace(0.8, 0, 2))
-        middle = (grown.first_bytes + grown.last_bytes) / 2 / 1e6
-        rise = grown.bytes_per_frame * (ends - ends.mean()) / 1e6
-        slope = grown.bytes_per_frame * 1e6
-        words = f"{slope:+,.0f} bytes per 10^6 frames"
-        words += f" ({grown.low * 1e6:+,.0f} to {grown.high * 1e6:+,.0f})"
-        axes.plot(ends, middle + rise, color="black", lw=1.0, label=words)
-        axes.legend(fontsize=8, frameon=False)
+        middle = (grown["first_bytes"] + grown["last_bytes"]) / 2 / 1e6
+        rise = grown["bytes_per_frame"] * (ends - ends.mean()) / 1e6
+        axes.plot(ends, middle + rise, color="black", lw=1.0, label=growth_words(grown))
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("memory, MB")
-    axes.set_xlabel("frame")
-    axes.grid(alpha=0.3)
+    _dress(axes, "frame", "memory, MB")
 
 
 def _draw_tail(axes: Any, found: Soak) -> None:
@@ -85,7 +76,12 @@ def _draw_tail(axes: Any, found: Soak) -> None:
     axes.set_xscale("log")
     axes.set_xlim(left=median / 3)
     axes.set_yscale("log")
-    axes.set_xlabel("arrival to report, ms")
-    axes.set_ylabel("part of frames that took longer")
+    _dress(axes, "arrival to report, ms", "part of frames that took longer")
+
+
+def _dress(axes: Any, x: str, y: str, **legend: Any) -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, frameon=False)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, frameon=False, **legend)

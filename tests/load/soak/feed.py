@@ -49,37 +49,16 @@ def datagram(opened: socket.socket, wait_s: float) -> bytes | None:
 
 
 class Truth:
-    """The datagrams heard, held against the truth.
-
-    Parameters
-    ----------
-    kinds : array of uint8, shape (frames,)
-        `plan.plan`.
-
-    Attributes
-    ----------
-    found : Counter
-        How often what happened.
-    worst : dict or None
-        The last datagram that was not as the plan has it.
-    """
+    """The datagrams heard, held against the truth, which is what `plan.plan` gives."""
 
     def __init__(self, kinds: NDArray[np.uint8]) -> None:
-        self.found: Counter[str] = Counter()
-        self.worst: dict[str, Any] | None = None
+        self.found: Counter[str] = Counter()  # how often what happened
+        self.worst: dict[str, Any] | None = None  # the last one that was not as the plan has it
         self._kinds = kinds
         self._seq = 0
 
     def hear(self, number: int, data: bytes, v1: bytes | None) -> float | None:
-        """Take the datagrams that should be of a frame.
-
-        Parameters
-        ----------
-        number : int
-        data : bytes
-            Of v2.
-        v1 : bytes or None
-            That of v1 which was sent just before, if one was.
+        """Take the datagram that should be of a frame, and that of v1 sent just before, if one was.
 
         Returns
         -------
@@ -149,21 +128,12 @@ def pictures(kinds: Iterable[int]) -> Iterator[NDArray[np.uint8] | None]:
 class Feeder:
     """Sends frames and hears what is said of them.
 
-    Parameters
-    ----------
-    kinds : array of uint8, shape (frames,)
-
-    Attributes
-    ----------
-    truth : Truth
-    address, receivers : str, tuple of str
-        The stream's, and those of v1 and v2, as `tokt run` names them.
-    round_trip_s, age_s : array of float64, shape (frames,)
-        From a frame sent to its datagram here, and the age that it says; 0 where there was none.
+    `address` is the stream's, `receivers` those of v1 and v2, as `tokt run` names them.
     """
 
     def __init__(self, kinds: NDArray[np.uint8]) -> None:
         self.truth = Truth(kinds)
+        # From a frame sent to its datagram here, and the age that it says; 0 where there was none.
         self.round_trip_s, self.age_s = np.zeros((2, len(kinds)))
         self._kinds = kinds
         self._v1, self._v2 = receiver(), receiver()
@@ -181,13 +151,7 @@ class Feeder:
             opened.close()
 
     def run(self, before: Callable[[int, FrameKind], None]) -> None:
-        """Send all frames and end the stream.
-
-        Parameters
-        ----------
-        before : callable
-            Called before each frame with its number and kind.
-        """
+        """Send all frames and end the stream; `before` each, its number and kind are told."""
         connection, _ = self._server.accept()
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         with closing(connection):

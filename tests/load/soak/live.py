@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
+import numpy as np
 import psutil
 
 from tests.load.program import ended, program
 from tests.load.report import WORST, Timing
+from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
 from tokt.inference.monitoring.watchdog import WatchdogTimeouts
 from tokt.inference.outputs.udp import decode
@@ -41,38 +39,9 @@ _SILENCE_S = 30.0
 _END_S = 1.0
 _NO_FRAME = frozenset({Reason.NO_FRAME, Reason.STALE, Reason.STALLED})
 
-Progress = Callable[..., Iterable[int]]
-
-
-@dataclass(frozen=True)
-class Pauses:
-    """What was heard of a run whose frames come so late that it has to speak between them.
-
-    Parameters
-    ----------
-    said, heard : int
-        Heartbeats, by the run's own count and at the receiver.
-    wrong : int
-        Of these, how many were not unknown.
-    silences_s : list of float
-        From each datagram to the next.
-    """
-
-    said: int
-    heard: int
-    wrong: int
-    silences_s: list[float]
-
 
 class LiveRuns:
-    """Runs of one dive in real time.
-
-    Parameters
-    ----------
-    folder : Path
-        Empty, for a store and a dive.
-    bundle : Bundle
-    """
+    """Runs of one dive in real time, with store and dive in a folder of their own."""
 
     def __init__(self, folder: Path, bundle: Bundle) -> None:
         self._folder = folder
@@ -81,8 +50,12 @@ class LiveRuns:
         for number in range(_FRAMES):
             cv2.imwrite(str(folder / "dive" / f"t_{number + 1}.png"), near(number))
 
-    def pauses(self, count: int, pause_s: float) -> Pauses:
-        """Let so much time pass between frames, so often. Raises ToktError if the run fails."""
+    def pauses(self, count: int, pause_s: float) -> dict[str, Any]:
+        """Let so much time pass between frames, so often. Raises ToktError if the run fails.
+
+        Heartbeats ``said`` by the run's own count, ``heard`` at the receiver and ``wrong``, as they
+        were not unknown; and ``silences_s``, from each datagram to the next.
+        """
         options = ("--rate", 1 / pause_s, "--frames", f"1-{count + 1}", "--json")
         times, heartbeats = [], []
         with receiver() as heard, self._running(heard, *options) as process:
@@ -99,26 +72,28 @@ class LiveRuns:
         wrong = sum(
             said["status"] != UNKNOWN or said["reason"] not in _NO_FRAME for said in heartbeats
         )
-        silences_s = [after - before for before, after in pairwise(times)]
-        return Pauses(summary["heartbeats"], len(heartbeats), wrong, silences_s)
+        return {
+            "said": summary["heartbeats"],
+            "heard": len(heartbeats),
+            "wrong": wrong,
+            "silences_s": np.diff(times).tolist(),
+        }
 
-    def restarts(self, kills: int, progress: Progress) -> Timing:
-        """Kill the runtime again and again under its watchdog.
-
-        Raises
-        ------
-        ToktError
-            If it does not come back.
-        """
+    def restarts(self, kills: int) -> Timing:
+        """Kill the runtime again and again. Raises ToktError if it does not come back."""
         with receiver() as heard, self._running(heard, "--watchdog", "--rate", _RATE) as process:
             _next_start(heard)
             times = []
             for number in progress(range(kills), kills, "kill"):
-                if number:
-                    _wait_until_steady(heard)
-                times.append(_kill(process, heard))
+                steady_at = time.monotonic() + (_STEADY_S + _MARGIN_S if number else 0)
+                while time.monotonic() < steady_at:
+                    datagram(heard, _SILENCE_S)
+                runtime = psutil.Process(process.pid).children()[0]
+                start = time.monotonic()
+                runtime.kill()
+                times.append(1000 * (_next_start(heard) - start))
         what = "from SIGKILL of the runtime to the first datagram of the next one"
-        return Timing(NAME, what, [1000 * seconds for seconds in times], ASKED_MS, WORST)
+        return Timing(NAME, what, times, ASKED_MS, WORST)
 
     def _running(
         self, heard: socket.socket, *options: object
@@ -135,18 +110,3 @@ def _next_start(heard: socket.socket) -> float:
         if decode(data)["seq"] == 1:
             return now
     raise ToktError(f"nothing was heard for {_SILENCE_S:g} s after a kill")
-
-
-def _kill(process: subprocess.Popen[str], heard: socket.socket) -> float:
-    """Seconds from a kill to the next run's first datagram."""
-    runtime = psutil.Process(process.pid).children()[0]
-    start = time.monotonic()
-    os.kill(runtime.pid, signal.SIGKILL)
-    return _next_start(heard) - start
-
-
-def _wait_until_steady(heard: socket.socket) -> None:
-    """Listen until the runtime has lived for so long that it is started again at once."""
-    until = time.monotonic() + _STEADY_S + _MARGIN_S
-    while time.monotonic() < until:
-        datagram(heard, _SILENCE_S)

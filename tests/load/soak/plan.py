@@ -1,8 +1,11 @@
-"""The plan of a soak: the kind of each frame, and what has to be said of it."""
+"""The plan of a soak: its extent, the kind of each frame, and what has to be said of it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from itertools import chain, count, islice, repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +19,6 @@ _EPOCH_S = 1_700_000_000.0
 _STEP_S = 1e-3
 _STRETCH = (300, 900)
 """Frames of clear water between two things that happen."""
-_NEAR = (20, 60)
-"""Frames that an obstacle is seen in."""
-_MAX_FAULTY = 4
 _REPEATS = Limits().frozen_repeats
 
 
@@ -46,37 +46,59 @@ EXPECTED: dict[FrameKind, tuple[int, Reason]] = {
     FrameKind.MISSING: (UNKNOWN, Reason.MISSING),
 }
 """Status and reason of the verdict on each."""
+_FAULTS = (FrameKind.FROZEN, FrameKind.DARK, FrameKind.MISSING)
+_LENGTHS = {FrameKind.NEAR: (20, 60), **dict.fromkeys(_FAULTS, (1, 5))}
+"""Frames that an obstacle or a fault lasts, from and up to."""
+_LAST_EXCHANGE = 0.95
+
+
+@dataclass(frozen=True)
+class SoakSize:
+    """Numbers of frames, kills and pauses of a soak."""
+
+    frames: int = 1_000_000
+    bare_frames: int = 50_000  # of the same run with nothing around it, to compare with
+    kills: int = 20  # how often the runtime is killed under its watchdog
+    rest_s: float = 0.0  # between a frame's end and the next one
+    pauses: int = 30  # how often no frame comes to a run in real time
+    pause_s: float = 1.3  # and for how long
+    exchange_every_s: float = 60.0  # how often another model becomes active
+    look_every_s: float = 1.0  # how often its metrics are asked for, and its memory is looked at
+    log_mb: float = 5.0  # of a log file, after which the next one begins
+    log_keep: int = 3  # older log files
+    record_mb: float = 20.0  # of the disk, for recordings
+
+    @property
+    def last_exchange(self) -> int:
+        """Frames after which no model is exchanged any more."""
+        return int(_LAST_EXCHANGE * self.frames)
+
+    def of(self, frames: int) -> SoakSize:
+        """The same of so many frames."""
+        return replace(self, frames=frames, bare_frames=min(self.bare_frames, frames))
+
+
+FULL = SoakSize()
+QUICK = SoakSize(
+    3000, 1000, kills=2, rest_s=2e-3, pauses=3, exchange_every_s=3.0, log_mb=0.2, record_mb=1.0
+)
 
 
 def plan(frames: int, seed: int = SEED) -> NDArray[np.uint8]:
-    """The kinds of so many frames, by number; the first ones are clear water.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8 of `FrameKind`, shape (frames,).
-    """
-    rng = np.random.default_rng(seed)
-    parts: list[NDArray[np.uint8]] = []
-    planned = 0
-    faults = (FrameKind.FROZEN, FrameKind.DARK, FrameKind.MISSING)
-    while planned < frames:
-        happens = FrameKind.NEAR if len(parts) % 4 == 0 else faults[rng.integers(len(faults))]
-        parts += [
-            np.full(rng.integers(*_STRETCH), FrameKind.WATER, np.uint8),
-            _happening(happens, rng),
-        ]
-        planned += len(parts[-1]) + len(parts[-2])
-    return np.concatenate(parts)[:frames]
+    """The kinds of so many frames, by number; the first ones are clear water."""
+    stretches = _stretches(np.random.default_rng(seed))
+    kinds = chain.from_iterable(repeat(kind, length) for kind, length in stretches)
+    return np.fromiter(islice(kinds, frames), np.uint8, frames)
 
 
-def _happening(kind: FrameKind, rng: np.random.Generator) -> NDArray[np.uint8]:
-    if kind is FrameKind.NEAR:
-        return np.full(rng.integers(*_NEAR), kind, np.uint8)
-    faulty = np.full(rng.integers(1, _MAX_FAULTY + 1), kind, np.uint8)
-    if kind is FrameKind.FROZEN:
-        return np.concatenate([np.full(_REPEATS, FrameKind.SAME, np.uint8), faulty])
-    return faulty
+def _stretches(rng: np.random.Generator) -> Iterator[tuple[FrameKind, int]]:
+    """Kinds and how many frames of each, for ever: near obstacles and faults in turns."""
+    for turn in count():
+        happens = _FAULTS[rng.integers(len(_FAULTS))] if turn % 2 else FrameKind.NEAR
+        yield FrameKind.WATER, rng.integers(*_STRETCH)
+        if happens is FrameKind.FROZEN:
+            yield FrameKind.SAME, _REPEATS
+        yield happens, rng.integers(*_LENGTHS[happens])
 
 
 def time_of(number: int) -> float:

@@ -79,10 +79,7 @@ def some(draw: Callable[[int], Picture]) -> list[Picture]:
 def bundles(versions: int) -> list[Bundle]:
     """So many versions of one model, all of the same weights, learnt from these pictures.
 
-    Raises
-    ------
-    AssertionError
-        If it does not tell all of them apart: then nothing it says of them can be checked.
+    It tells all of them apart: else nothing that it says of them could be checked.
     """
     from tokt.training.fitting.classifier import fit_classifier, linear_model
     from tokt.training.fitting.presets import Hyperparameters, settings_named
@@ -95,12 +92,13 @@ def bundles(versions: int) -> list[Bundle]:
         rows, covered.astype(np.int64), Hyperparameters(1.0), settings_named("plain")
     )
     model = linear_model(pipeline, ("ocean", "other"), (False, True))
-    found = np.asarray(model.obstacle_patches(model.decision_values(rows)))
+    found = model.obstacle_patches(model.decision_values(rows))
     found = found.reshape(2, PICTURES, GRID.n_patches)
-    if found[0].any() or not found[1].any(axis=1).all():
-        raise AssertionError("the soak's model does not tell its pictures apart")
+    assert not found[0].any() and found[1].any(axis=1).all(), "pictures that are not told apart"
     golden = [shown[0], shown[-1]]
     values = np.stack([model.decision_values(EXTRACTOR.describe(one, GRID)) for one in golden])
+    edges = np.array([quantile_edges(column) for column in rows.T])
+    counts, typical = bin_counts(rows, edges), np.full(len(edges), MIN_TYPICAL)
     content = BundleContent(
         name="soak",
         version="1",
@@ -116,15 +114,9 @@ def bundles(versions: int) -> list[Bundle]:
         ),
         trained_on=np.zeros(0, np.uint64),
         card="Made by tokt bench to run for long; not to be deployed.\n",
-        distribution=_distribution(rows),
+        distribution=Distribution(edges, counts, typical, _FACTOR, _WINDOW, 90, 4),
     )
     return [
         bundle_from_bytes(bundle_bytes(replace(content, version=str(number))), f"soak/{number}")
         for number in range(1, versions + 1)
     ]
-
-
-def _distribution(rows: NDArray[np.float64]) -> Distribution:
-    edges = np.array([quantile_edges(column) for column in rows.T])
-    typical = np.full(len(edges), MIN_TYPICAL)
-    return Distribution(edges, bin_counts(rows, edges), typical, _FACTOR, _WINDOW, 90, 4)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,6 @@ from tests.load.report import WORST, Timing
 from tokt.inference.config import Limits
 from tokt.inference.runtime import TICK_S
 
-from .live import Pauses
 from .run import Run
 
 MAX_TAIL = 3.0
@@ -43,113 +43,64 @@ def percentiles_ms(seconds: NDArray[np.float64]) -> dict[str, float]:
     return {**named, "tail": named["p99.9_ms"] / named["median_ms"]}
 
 
-@dataclass(frozen=True)
-class MemoryGrowth:
+def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> dict[str, Any] | None:
     """Growth of memory with frames, by least squares over the means of `BLOCKS` blocks.
 
     Samples of one second are nearly the same as those of the next: over them as they are, the
-    interval would be far too narrow.
-
-    Parameters
-    ----------
-    bytes_per_frame : float
-    low, high : float
-        Interval of `CONFIDENCE` by Student's t.
-    first_bytes, last_bytes, most_bytes : float
-        Means of the first and of the last block after warm-up, and the most of any sample.
-    """
-
-    bytes_per_frame: float
-    low: float
-    high: float
-    first_bytes: float
-    last_bytes: float
-    most_bytes: float
-
-    @property
-    def mb_per_day(self) -> float:
-        """At `CAMERA_FPS`, as if it were the frames that memory grew with."""
-        return self.bytes_per_frame * CAMERA_FPS * 86_400 / 1e6
-
-    @property
-    def none_to_be_seen(self) -> bool:
-        """Whether no growth is within the interval."""
-        return self.low <= 0
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return {
-            **asdict(self),
-            "bytes_per_1e6_frames": self.bytes_per_frame * 1e6,
-            "mb_per_day": self.mb_per_day,
-            "mb_per_day_is": f"at {CAMERA_FPS:g} frames a second",
-            "confidence": CONFIDENCE,
-        }
-
-
-def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> MemoryGrowth | None:
-    """The growth of what was sampled; None of too few samples.
-
-    Parameters
-    ----------
-    frames : array of float64, shape (n,)
-        Frames judged so far, rising.
-    resident : array of float64, shape (n,)
-        Bytes in memory.
+    interval (of `CONFIDENCE`, by Student's t) would be far too narrow. Given are the frames judged
+    so far, rising, and the bytes in memory, both of shape (n,); None of too few samples.
     """
     warm = frames >= WARM_UP * frames[-1] if len(frames) else np.zeros(0, bool)
     if warm.sum() < MIN_SAMPLES:
         return None
-    x = np.array([part.mean() for part in np.array_split(frames[warm], BLOCKS)])
-    y = np.array([part.mean() for part in np.array_split(resident[warm], BLOCKS)])
+    x, y = (
+        np.array([part.mean() for part in np.array_split(values[warm], BLOCKS)])
+        for values in (frames, resident)
+    )
     line = stats.linregress(x, y)
     margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, BLOCKS - 2) * line.stderr)
     slope = float(line.slope)
-    ends = (float(y[0]), float(y[-1]), float(resident.max()))
-    return MemoryGrowth(slope, slope - margin, slope + margin, *ends)
+    return {
+        "bytes_per_frame": slope,
+        "low": slope - margin,
+        "high": slope + margin,
+        "first_bytes": float(y[0]),
+        "last_bytes": float(y[-1]),
+        "most_bytes": float(resident.max()),
+        "bytes_per_1e6_frames": slope * 1e6,
+        "mb_per_day": slope * CAMERA_FPS * 86_400 / 1e6,
+        "mb_per_day_is": f"at {CAMERA_FPS:g} frames a second",
+        "confidence": CONFIDENCE,
+    }
 
 
-@dataclass(frozen=True)
-class Check:
-    """One thing that is asked of a soak.
+def growth_words(grown: Mapping[str, Any]) -> str:
+    """A growth and its interval."""
+    slope, low, high = (grown[name] * 1e6 for name in ("bytes_per_frame", "low", "high"))
+    return f"{slope:+,.0f} bytes per 10^6 frames ({low:+,.0f} to {high:+,.0f})"
 
-    Parameters
-    ----------
-    name : str
-    asked, found : str
-        In words.
-    holds : bool
-    """
+
+class Check(NamedTuple):
+    """One thing that is asked of a soak."""
 
     name: str
-    asked: str
+    asked: str  # in words, as what was found
     found: str
     holds: bool
 
 
 @dataclass(frozen=True)
 class Soak:
-    """All that was found.
+    """All that was found."""
 
-    Parameters
-    ----------
-    whole, bare : Run
-        With everything around the loop, and with nothing.
-    pauses : Pauses
-    restart : Timing or None
-        None where nothing was killed.
-    about : dict
-        What it was done on.
-    """
-
-    whole: Run
-    bare: Run
-    pauses: Pauses
-    restart: Timing | None
-    about: dict[str, Any]
+    whole: Run  # with everything around the loop
+    bare: Run  # with nothing
+    pauses: dict[str, Any]  # `LiveRuns.pauses`
+    restart: Timing | None  # None where nothing was killed
+    about: dict[str, Any]  # what it was done on
 
     @cached_property
-    def growth(self) -> MemoryGrowth | None:
+    def growth(self) -> dict[str, Any] | None:
         """Of the whole run's memory; None where it was too short."""
         seen = self.whole.attendant
         return growth(seen.column("frames"), seen.column("resident"))
@@ -157,15 +108,13 @@ class Soak:
     @cached_property
     def latency(self) -> dict[str, dict[str, float]]:
         """Percentiles, by what they are of; of frames that were judged."""
-        return {
-            name: percentiles_ms(seconds[seconds > 0])
-            for name, seconds in (
-                ("age", self.whole.age_s),
-                ("round_trip", self.whole.round_trip_s),
-                ("bare_age", self.bare.age_s),
-                ("bare_round_trip", self.bare.round_trip_s),
-            )
+        times = {
+            "age": self.whole.age_s,
+            "round_trip": self.whole.round_trip_s,
+            "bare_age": self.bare.age_s,
+            "bare_round_trip": self.bare.round_trip_s,
         }
+        return {name: percentiles_ms(seconds[seconds > 0]) for name, seconds in times.items()}
 
     @property
     def holds(self) -> bool:
@@ -175,26 +124,16 @@ class Soak:
     @cached_property
     def checks(self) -> list[Check]:
         """Each thing that is asked."""
-        return [
-            *self._frames_and_verdicts(),
-            *self._silences(),
-            self._models(),
-            *self._resources(),
-            *self._times(),
-        ]
+        return [*self._frames(), *self._silences(), *self._resources(), *self._times()]
 
-    def _frames_and_verdicts(self) -> list[Check]:
+    def _frames(self) -> list[Check]:
         summary, heard, asked = self.whole.summary, self.whole.heard, self.whole.extent.frames
         judged, left_out = summary["frames"], summary["dropped"]
         wrong, lost = (_some(heard, names) for names in (_WRONG, _LOST))
         every = heard["datagrams"] + heard["compared_v1"] == summary["sent"]
+        words = f"{judged} judged, {left_out} left out"
         return [
-            Check(
-                "frames",
-                f"all {asked} judged",
-                f"{judged} judged, {left_out} left out",
-                (judged, left_out) == (asked, 0),
-            ),
+            Check("frames", f"all {asked} judged", words, (judged, left_out) == (asked, 0)),
             Check(
                 "datagrams",
                 "each one heard, in order, v1 as v2",
@@ -213,14 +152,15 @@ class Soak:
     def _silences(self) -> list[Check]:
         found, extent = self.pauses, self.whole.extent
         least = extent.pauses * int(extent.pause_s / SILENCE_S)
-        longest = max(found.silences_s)
-        longer = sum(silence_s > SILENCE_S for silence_s in found.silences_s)
+        said, heard, wrong, silences_s = found.values()
+        longest = max(silences_s)
+        longer = sum(silence_s > SILENCE_S for silence_s in silences_s)
         return [
             Check(
                 "heartbeats",
                 f"all that were said are heard; at least {least} in {extent.pauses} pauses",
-                f"{found.heard} heard of {found.said}; {found.wrong or 'none'} wrong",
-                found.heard == found.said >= least and not found.wrong,
+                f"{heard} heard of {said}; {wrong or 'none'} wrong",
+                heard == said >= least and not wrong,
             ),
             Check(
                 "longest silence",
@@ -230,51 +170,48 @@ class Soak:
             ),
         ]
 
-    def _models(self) -> Check:
-        asked = self.whole.exchanges
+    def _resources(self) -> list[Check]:
+        asked = self.whole.attendant.exchanges
         happened = Counter(name for name, _ in self.whole.happened)
         switches, refusals = happened["model"], happened["model_refused"]
-        return Check(
-            "hot reloads",
-            f"{asked.switches} models taken over, {asked.refusals} damaged ones refused",
-            f"{switches} and {refusals}",
-            (switches, refusals) == (asked.switches, asked.refusals),
-        )
-
-    def _resources(self) -> list[Check]:
         ends, lost = self.whole.attendant.ends(), self.whole.summary["log_failures"]
         words = ", ".join(f"{name} {first} to {last}" for name, (first, last) in ends.items())
         same = all(last <= first for first, last in ends.values())
         checks = [
+            Check(
+                "hot reloads",
+                f"{asked.switches} models taken over, {asked.refusals} damaged ones refused",
+                f"{switches} and {refusals}",
+                (switches, refusals) == (asked.switches, asked.refusals),
+            ),
             Check("threads and files", "no more at the end", words, same),
             Check("log", "every line written", f"{lost} lost", not lost),
         ]
         grown = self.growth
         if grown is not None:
             found = (
-                f"{grown.bytes_per_frame * 1e6:+,.0f} bytes per 10^6 frames "
-                f"({grown.low * 1e6:+,.0f} to {grown.high * 1e6:+,.0f}), "
-                f"{grown.mb_per_day:+.2f} MB a day; {grown.last_bytes / 1e6:.1f} MB at the end"
+                f"{growth_words(grown)}, {grown['mb_per_day']:+.2f} MB a day; "
+                f"{grown['last_bytes'] / 1e6:.1f} MB at the end"
             )
-            asked = "no growth within the interval"
-            checks.append(Check("memory", asked, found, grown.none_to_be_seen))
+            checks.append(
+                Check("memory", "no growth within the interval", found, grown["low"] <= 0)
+            )
         return checks
 
     def _times(self) -> list[Check]:
         figures, bare = self.latency["age"], self.latency["bare_age"]
-        found = (
+        words = (
             f"median {figures['median_ms']:.2f}, p99 {figures['p99_ms']:.2f}, p99.9 "
             f"{figures['p99.9_ms']:.2f}, max {figures['max_ms']:.1f} ms: {figures['tail']:.2f} x "
             f"(bare loop: median {bare['median_ms']:.2f} ms, {bare['tail']:.2f} x)"
         )
         asked = f"p99.9 at most {MAX_TAIL:g} x the median"
-        checks = [Check("latency", asked, found, figures["tail"] <= MAX_TAIL)]
-        if self.restart is not None:
-            times = self.restart
+        checks = [Check("latency", asked, words, figures["tail"] <= MAX_TAIL)]
+        if (times := self.restart) is not None:
             words = f"median {times.at(50):.0f} ms, worst {times.at(WORST):.0f} ms"
+            words += f", {len(times.times_ms)} times"
             asked = f"each at most {times.asked_ms:g} ms"
-            found = f"{words}, {len(times.times_ms)} times"
-            checks.append(Check(times.name, asked, found, bool(times.holds)))
+            checks.append(Check(times.name, asked, words, bool(times.holds)))
         return checks
 
     def to_json(self) -> dict[str, Any]:
@@ -282,9 +219,9 @@ class Soak:
         whole, bare, seen = self.whole, self.bare, self.whole.attendant
         return {
             "holds": self.holds,
-            "checks": [asdict(check) for check in self.checks],
+            "checks": [check._asdict() for check in self.checks],
             "latency": self.latency,
-            "memory": None if self.growth is None else self.growth.to_json(),
+            "memory": self.growth,
             "samples": seen.samples,
             "metrics": {name: value for name, value in seen.metrics.items() if "tokt_" in name},
             "summary": whole.summary,
@@ -292,7 +229,7 @@ class Soak:
             "heard": whole.heard,
             "seconds": whole.seconds,
             "bare": {"summary": bare.summary, "heard": bare.heard},
-            "pauses": asdict(self.pauses),
+            "pauses": self.pauses,
             "restart": None if self.restart is None else self.restart.to_json(),
             **self.about,
         }
