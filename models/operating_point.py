@@ -97,11 +97,8 @@ class MofNRule:
         each = "the same patch" if self.min_patches == 1 else "each"
         frames = f"{each} in {self.m} of {self.n} frames"
         text = f"{patches} over the threshold{above}, {frames if self.n > 1 else 'in one frame'}"
-        return (
-            text
-            if self.instant_margin is None
-            else f"{text}; or 1 by {self.instant_margin:.4g} at once"
-        )
+        now = self.instant_margin
+        return text if now is None else f"{text}; or 1 by {now:.4g} at once"
 
     def latency_words(self) -> str:
         """What the rule costs in time, for people."""
@@ -109,11 +106,8 @@ class MofNRule:
             return "the first alarm is a status at once"
         late = "1 frame" if self.latency_frames == 1 else f"{self.latency_frames} frames"
         text = f"a status comes {late} after a patch first exceeds the margin, at the earliest"
-        return (
-            text
-            if self.instant_margin is None
-            else f"{text}; at once above {self.instant_margin:.4g}"
-        )
+        now = self.instant_margin
+        return text if now is None else f"{text}; at once above {now:.4g}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""

@@ -162,7 +162,7 @@ class TextureDetector:
         fault = frame_fault(frame.left, gray, grid)
         if fault:
             return self._unjudged(fault)
-        features = self.scorer.features(frame.left, pictures, self.threads)
+        features = self.scorer.features(frame.left, pictures)
         values = self.scorer.values_of(features)
         if not np.isfinite(values).all():
             words = "the model gave a decision value that is not finite"

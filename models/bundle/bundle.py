@@ -39,15 +39,15 @@ import tokenize
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.canonical import json_sha256
-from tokt.features.common.errors import ToktError
+from tokt.features.common.canonical import json_sha256, printable_json
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.extractors.extractor import Extractor, build_extractor
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
@@ -174,28 +174,25 @@ class BundleContent:
     distribution: Distribution | None = None
 
 
-@dataclass(frozen=True)
-class Bundle:
-    """A bundle that has passed every check.
+_CONTENT = fields(BundleContent)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bundle(BundleContent):
+    """A bundle that has passed every check: all that it holds, and how it is used.
 
     Its `signature` has not been checked: that takes a key, which comes from elsewhere.
     """
 
-    content: BundleContent
     extractor: Extractor
     sha256: str
     data: bytes
     signature: Signature | None = None
 
     @property
-    def name(self) -> str:
-        """The model's name."""
-        return self.content.name
-
-    @property
-    def version(self) -> str:
-        """The model's version."""
-        return self.content.version
+    def content(self) -> BundleContent:
+        """What it holds, such as to write another one from."""
+        return BundleContent(**{each.name: getattr(self, each.name) for each in _CONTENT})
 
     @property
     def label(self) -> str:
@@ -203,29 +200,9 @@ class Bundle:
         return f"{self.name}/{self.version}"
 
     @property
-    def grid(self) -> Grid:
-        """The grid of patches."""
-        return self.content.grid
-
-    @property
-    def model(self) -> LinearModel:
-        """The linear model."""
-        return self.content.model
-
-    @property
-    def operating_point(self) -> OperatingPoint:
-        """The frame rule, and how it was chosen."""
-        return self.content.operating_point
-
-    @property
-    def distribution(self) -> Distribution | None:
-        """How the training patches' features were distributed; None if drift is not known."""
-        return self.content.distribution
-
-    @property
     def frame_sizes(self) -> tuple[tuple[int, int], ...]:
         """Height and width in pixels of the golden frames, which the model learnt beside."""
-        return tuple(dict.fromkeys(_png_size(png) for png in self.content.golden.frames))
+        return tuple(dict.fromkeys(_png_size(png) for png in self.golden.frames))
 
     @property
     def deployment_fault(self) -> str:
@@ -243,29 +220,28 @@ class Bundle:
         """The pictures of a frame that the extractor looks at; None is the plain one."""
         return self.extractor.images
 
-    def decision_values(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
-    ) -> NDArray[np.float64]:
+    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Decision values of a frame's patches, shape (n_patches, n_outputs).
 
         Parameters
         ----------
         frame : array of uint8, shape (height, width) or (height, width, 3)
             As the camera gave it, gray or BGR, any size.
-        pictures : FramePictures, optional
-            The frame's pictures on this grid, where the caller has some already.
-        threads : int
-            How many threads share the work; the values do not depend on it.
         """
-        return self.values_of(self.features(frame, pictures, threads))
+        return self.values_of(self.features(frame))
 
     def features(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
+        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None
     ) -> NDArray[np.float64]:
-        """Features of a frame's patches, shape (n_patches, dim); takes what the values take."""
-        if pictures is None:
-            pictures = FramePictures(frame, self.grid, threads=threads)
-        return self.extractor.describe_pictures(pictures)
+        """Features of a frame's patches, shape (n_patches, dim).
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
+        pictures : FramePictures, optional
+            The frame's pictures on this grid, where the caller has some already.
+        """
+        return self.extractor.describe_pictures(pictures or FramePictures(frame, self.grid))
 
     def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
@@ -412,9 +388,7 @@ def _parse(data: bytes, where: str) -> tuple[dict[str, Any], Signature | None, d
     """Act one: the archive as a manifest and raw members; nothing is believed yet."""
     members = _unzip(data, where)
     try:
-        manifest = json.loads(_manifest_of(members, where))
-        # A half of a surrogate pair is JSON, yet no text that can be printed or written.
-        json.dumps(manifest, ensure_ascii=False).encode("utf-8")
+        manifest = printable_json(_manifest_of(members, where))
     except (ValueError, RecursionError):
         raise ToktError(f"{where}: the bundle's manifest is not JSON") from None
     if not isinstance(manifest, dict):
@@ -467,9 +441,7 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
             }
     except _UNREADABLE_ARRAY as error:
         raise ToktError(f"{where}: {member} cannot be read ({error})") from None
-    if {name: array.dtype for name, array in arrays.items()} != {
-        name: np.dtype(dtype) for name, dtype in wanted.items()
-    }:
+    if {name: array.dtype for name, array in arrays.items()} != wanted:
         raise ToktError(f"{where}: {member} does not hold {', '.join(wanted)} as expected")
     return arrays
 
@@ -608,7 +580,7 @@ def _check_content(
 
 def _check_golden(bundle: Bundle, where: str) -> None:
     """Act three: this machine must compute what the training machine computed."""
-    golden = bundle.content.golden
+    golden = bundle.golden
     shape = (bundle.grid.n_patches, len(bundle.model.bias))
     if golden.decision_values.shape[1:] != shape:
         raise ToktError(f"{where}: the golden values have another shape than the model's grid")
@@ -663,7 +635,13 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
         raise ToktError(f"{takes}, its extractor gives {extractor.dim}")
     if content.distribution is not None and content.distribution.dim != content.model.dim:
         raise ToktError(f"{takes}, its distribution has {content.distribution.dim}")
-    bundle = Bundle(content, extractor, hashlib.sha256(data).hexdigest(), data, signature)
+    bundle = Bundle(
+        **vars(content),
+        extractor=extractor,
+        sha256=hashlib.sha256(data).hexdigest(),
+        data=data,
+        signature=signature,
+    )
     if golden:
         _check_golden(bundle, where)
     return bundle
@@ -671,12 +649,10 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
 
 def bundle_file_bytes(path: Path | str) -> bytes:
     """The bytes of a bundle file. Raises ToktError if it is not there or far too large for one."""
-    try:
+    with os_errors_as(f"bundle {path}"):
         if Path(path).stat().st_size > _MAX_FILE_BYTES:
             raise ToktError(f"bundle {path}: far too large for a bundle")
         return Path(path).read_bytes()
-    except OSError as error:
-        raise ToktError(f"bundle {path}: {error.strerror or error}") from None
 
 
 def read_bundle(path: Path | str) -> Bundle:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from tokt.features.common.canonical import printable_json
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import signed_parts
 
@@ -163,9 +164,7 @@ def trusted_keys_from_bytes(data: bytes, where: str) -> TrustedKeys:
     """
     damaged = DamagedKeysError(f"{where} is damaged: the store takes no bundle")
     try:
-        value = json.loads(data)
-        # A half of a surrogate pair is JSON, yet no text that `tokt store` could print.
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        value = printable_json(data)
         version = value["format_version"]
         if type(version) is int and version > FORMAT_VERSION:
             raise ToktError(f"{where} was written by a newer tokt (format {version})")

@@ -8,13 +8,13 @@ that relies on signatures is refused by it.
 from __future__ import annotations
 
 import getpass
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from typing import Any
 
+from tokt.features.common.canonical import printable_json
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.signature import KEY_ID_DIGITS
 
@@ -90,9 +90,7 @@ def activation_from_bytes(text: bytes, where: str) -> Activation:
     """
     damaged = DamagedError(f"{where} is damaged (the next deployment sets it aside)")
     try:
-        value = json.loads(text)
-        # A half of a surrogate pair is JSON, yet no text that `tokt store` could print.
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        value = printable_json(text)
         version = value.pop("format_version")
         if type(version) is int and version > FORMAT_VERSION:
             raise ToktError(f"{where} was written by a newer tokt (format {version})")

@@ -38,7 +38,7 @@ from pathlib import Path
 
 from tokt.features.common import atomic
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as, os_words
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
 from tokt.models.signing.keys import PublicKey
 from tokt.models.signing.trusted_keys import (
@@ -214,7 +214,7 @@ class Store:
                 raise DamagedKeysError(f"{where} is gone: the store takes no bundle") from None
             return TrustedKeys()
         except OSError as error:
-            raise ToktError(f"{where}: {error.strerror or error}") from None
+            raise ToktError(f"{where}: {os_words(error)}") from None
         return trusted_keys_from_bytes(data, where)
 
     def history(self) -> list[Activation]:
@@ -286,7 +286,7 @@ class Store:
         except FileNotFoundError:
             return b""
         except OSError as error:
-            raise ToktError(f"store {self.path}: the history: {error.strerror or error}") from None
+            raise ToktError(f"store {self.path}: the history: {os_words(error)}") from None
 
     def deploy(
         self, bundle: Bundle, reason: str = "", notice: Notice = warnings.warn
@@ -340,12 +340,10 @@ class Store:
 
         What the system refuses, such as a full disk, becomes a ToktError.
         """
-        try:
+        with os_errors_as(f"store {self.path}"):
             self.path.mkdir(parents=True, exist_ok=True)
             with locked(self.path / "lock", LOCK_WAIT_S):
                 yield
-        except OSError as error:
-            raise ToktError(f"store {self.path}: {error.strerror or error}") from None
 
     def _keep(self, file: Path, notice: Notice) -> None:
         """Keep a damaged file under another name.
@@ -439,7 +437,7 @@ class Store:
             self._add_to_history(entry)
         except OSError as error:
             # It is active by now, whatever becomes of the line, which the next command adds.
-            notice(f"store {self.path}: the history: {error.strerror or error}")
+            notice(f"store {self.path}: the history: {os_words(error)}")
         return entry
 
     def _add_to_history(self, entry: Activation) -> None:
