@@ -9,6 +9,7 @@ pixels of a black frame are many dim ones, and noise takes a saturated frame bel
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -50,8 +51,6 @@ that is one level of `SATURATED_GREY` or more does not count: a close, bright th
 PATCH_GRID = DEFAULT_GRID
 """The patches of `BLANK_PATCHES`: those it was measured on, whatever grid a model has, as in
 much smaller ones (40x40 at width 360) a real frame does have some blank."""
-
-_NATIVE_PATCH_GRID = Grid(PATCH_GRID.rows, PATCH_GRID.cols, None)
 
 _STEP_ROWS = 32
 _MIN_PATCH_PX = 8
@@ -126,18 +125,14 @@ def frame_fault(
     fault = shape_fault(frame)
     if fault:
         return fault
-    own_grid = _own_grid(frame.shape[1])
+    narrow = PATCH_GRID.width is not None and frame.shape[1] < PATCH_GRID.width
+    own_grid = replace(PATCH_GRID, width=None) if narrow else PATCH_GRID
     if gray is None or grid is None or grid.width != own_grid.width:
         try:
             gray = gray_picture(frame, own_grid)
         except ValueError as error:
             return Fault(Reason.WRONG_SIZE, f"the frame cannot be looked at: {error}")
     return _whole_frame_fault(gray, _some_rows(frame)) or _blank_patches_fault(gray, own_grid)
-
-
-def _own_grid(frame_width: int) -> Grid:
-    narrow = PATCH_GRID.width is not None and frame_width < PATCH_GRID.width
-    return _NATIVE_PATCH_GRID if narrow else PATCH_GRID
 
 
 def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> Fault:
@@ -206,8 +201,7 @@ class StuckFrameDetector:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._left = _Camera()
-        self._right = _Camera()
+        self._cameras = {"left": _Camera(), "right": _Camera()}
 
     def remove(self, frame: Frame) -> Frame:
         """The same frame, without a picture where a camera has frozen.
@@ -217,14 +211,12 @@ class StuckFrameDetector:
         frame : Frame
             The next one of the run; its pictures are kept until others come.
         """
-        if frame.left is not None:
-            fault = self._left.fault("left", frame.left, frame, self._limits)
+        for side, camera in self._cameras.items():
+            picture = getattr(frame, side)
+            fault = picture is not None and camera.fault(side, picture, frame, self._limits)
             if fault:
-                frame = replace(frame, left=None, left_fault=fault)
-        if frame.right is not None:
-            fault = self._right.fault("right", frame.right, frame, self._limits)
-            if fault:
-                frame = replace(frame, right=None, right_fault=fault)
+                frozen: dict[str, Any] = {side: None, f"{side}_fault": fault}
+                frame = replace(frame, **frozen)
         return frame
 
 

@@ -121,11 +121,9 @@ class ReportPublisher:
             verdict = mark_overloaded(judgement.verdict, left_out)
             if self._live and age_s is not None:
                 verdict = mark_stale(verdict, age_s, judging_s, self._limits.stale_s)
-            self._judging_since = None
-            t, latency_ms, age_ms = frame.t, _ms(judging_s), _ms(age_s)
-            seq = self._seq + 1
-            report = Report(seq, frame.number, t, latency_ms, verdict, age_ms, left_out)
-            self._judged_s = now
+            self._judging_since, self._judged_s = None, now
+            told = frame.number, frame.t, _ms(judging_s), verdict, _ms(age_s), left_out
+            report = Report(self._seq + 1, *told)
             return self._send(report, now)
 
     def heartbeat(self) -> None:
@@ -134,12 +132,10 @@ class ReportPublisher:
             now = self._clock.monotonic()
             if now - self._published_s < self._limits.heartbeat_s:
                 return
-            frame = self._latest_frame
-            age_s = None
-            if frame is not None and frame.arrived is not None:
-                age_s = now - frame.arrived
+            frame, t, age_s = self._latest_frame, None, None
+            if frame is not None:
+                t, age_s = frame.t, None if frame.arrived is None else now - frame.arrived
             verdict = unknown_verdict(self._silence_fault(now))
-            t = None if frame is None else frame.t
             report = Report(self._seq + 1, None, t, None, verdict, _ms(age_s))
             self._heartbeats.append(self._send(report, now))
 

@@ -184,13 +184,9 @@ class Report:
 def _cut(text: str, most: int) -> str:
     """As much of a text's beginning as takes at most so many bytes in JSON of ASCII."""
     text = text[:most]
-    while _json_bytes(text) > most:
+    while len(json.dumps(text)) - 2 > most:  # without its quotes
         text = text[:-1]
     return text
-
-
-def _json_bytes(text: str) -> int:
-    return len(json.dumps(text)) - 2
 
 
 _MAX_WAITING = 1000
@@ -231,7 +227,4 @@ class EventQueue:
 
     def take(self) -> list[Event]:
         """Those that wait, oldest first."""
-        taken = []
-        while self._waiting:
-            taken.append(self._waiting.popleft())
-        return taken
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]

@@ -193,14 +193,6 @@ class Summary:
         return {**asdict(self), "reasons": dict(sorted(self.reasons.items()))}
 
 
-def _nothing() -> None:
-    """What a loop does between frames that has nothing to do there."""
-
-
-def _no_events() -> Sequence[Event]:
-    return ()
-
-
 class Runtime:
     """Judge the frames of a source and tell about each.
 
@@ -233,8 +225,8 @@ class Runtime:
         observers: Sequence[Observer] = (),
         limits: Limits | None = None,
         events: EventQueue | None = None,
-        between: Callable[[], Sequence[Event]] = _no_events,
-        alive: Callable[[], None] = _nothing,
+        between: Callable[[], Sequence[Event]] = tuple,
+        alive: Callable[[], None] = lambda: None,
     ) -> None:
         self.source = source
         self.policy = policy

@@ -225,7 +225,9 @@ class MofNState:
         over = np.asarray(scores > self.rule.margin)
         self._last.append(over)
         needed = max(self.rule.min_patches, min_mask_patches)
-        if np.count_nonzero(self.confirmed) >= needed or self._at_once(scores, min_mask_patches):
+        now = self.rule.instant_margin
+        at_once = now is not None and np.count_nonzero(scores > now) >= min_mask_patches
+        if at_once or np.count_nonzero(self.confirmed) >= needed:
             return OBSTACLE
         known = [past for past in self._last if past is not None]
         times = np.sum(known, axis=0)
@@ -235,10 +237,6 @@ class MofNState:
     def skip(self, frames: int) -> None:
         """Leave out places where a frame is missing: they are not known."""
         self._last.extend([None] * min(frames, self.rule.n))
-
-    def _at_once(self, scores: NDArray[np.float64], min_mask_patches: int) -> bool:
-        now = self.rule.instant_margin
-        return now is not None and int(np.count_nonzero(scores > now)) >= min_mask_patches
 
 
 def _is_number(value: Any) -> bool:

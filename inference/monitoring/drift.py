@@ -128,29 +128,22 @@ class DriftMonitor(Observer):
         was_out, ratio = self.state.out, float(ratios[worst])
         out = ratio > (BACK_RATIO if was_out else 1.0)
         self.distances = dict(zip(self._names, distances.tolist(), strict=True))
-        self.state = DriftState(
-            True,
-            len(self._window),
-            distribution.window_frames,
-            out,
-            self._names[worst],
-            float(distances[worst]),
-            float(self._limits[worst]),
-        )
+        furthest = self._names[worst], float(distances[worst]), float(self._limits[worst])
+        frames = distribution.window_frames
+        self.state = DriftState(True, len(self._window), frames, out, *furthest)
         if out != was_out:
             self._tell(self._event(out, distances, ratios))
 
     def _event(
         self, out: bool, distances: NDArray[np.float64], ratios: NDArray[np.float64]
     ) -> Event:
-        order = np.argsort(-ratios, kind="stable")[:MAX_WORST]
         worst = [
             {
                 "feature": self._names[index],
                 "distance": float(distances[index]),
                 "limit": float(self._limits[index]),
             }
-            for index in order.tolist()
+            for index in np.argsort(-ratios, kind="stable")[:MAX_WORST].tolist()
         ]
         over = int(np.count_nonzero(ratios > 1))
         fields: dict[str, Any] = {

@@ -9,15 +9,15 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import accumulate
+from itertools import accumulate, chain
 from socketserver import TCPServer
 from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from tokt.features.common.address import parse_address, resolve
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.inference.clock import Clock
 from tokt.inference.publisher import Sender
 
@@ -84,51 +84,6 @@ def parse_metrics(text: str) -> tuple[str, int]:
     return parse_address(text if ":" in text else f"{LOOPBACK}:{text.strip()}")
 
 
-class Metrics:
-    """Serve a run's metrics.
-
-    Parameters
-    ----------
-    host : str
-    port : int
-        0 takes any that is free.
-    counts : RunCounts
-        An observer of the run.
-    sources : MetricSources
-    clock : Clock
-
-    Attributes
-    ----------
-    port : int
-
-    Raises
-    ------
-    ToktError
-        If prometheus-client is not installed, or the address cannot be listened on.
-    """
-
-    def __init__(
-        self, host: str, port: int, counts: RunCounts, sources: MetricSources, clock: Clock
-    ) -> None:
-        from .metrics import MetricsServer  # Python's own server takes a while to import
-
-        try:
-            from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
-        except ModuleNotFoundError:
-            raise ToktError(
-                "metrics need the extra 'metrics': pip install 'tokt[metrics]'"
-            ) from None
-        registry = CollectorRegistry()
-        registry.register(RunCollector(counts, sources, clock))
-        ProcessCollector(registry=registry)
-        self._server = MetricsServer(host, port, make_wsgi_app(registry))
-        self.port = self._server.port
-
-    def close(self) -> None:
-        """Answer no more."""
-        self._server.close()
-
-
 class RunCollector:
     """Turn counts into metrics when asked.
 
@@ -146,18 +101,10 @@ class RunCollector:
 
     def collect(self) -> Iterator[Metric]:
         """All metrics, as they are now, one after the other."""
-        for metric in self._all():
+        said = (self._said(), self._state(), self._senders(), self._log())
+        for metric in chain(*said, self._recorder(), self._cameras(), self._drift()):
             yield metric
             time.sleep(_BREATH_S)
-
-    def _all(self) -> Iterator[Metric]:
-        yield from self._said()
-        yield from self._state()
-        yield from self._senders()
-        yield from self._log()
-        yield from self._recorder()
-        yield from self._cameras()
-        yield from self._drift()
 
     def _said(self) -> Iterator[Metric]:
         counts = self._counts
@@ -281,8 +228,8 @@ _STOP_CHECK_S = 0.2
 _JOIN_S = 1.0
 
 
-class MetricsServer:
-    """Answer with what an application gives, until closed.
+class Metrics:
+    """Serve a run's metrics until closed.
 
     One request at a time, each for a bounded silence of its client: whoever connects can keep other
     scrapes waiting, and nothing else.
@@ -292,8 +239,10 @@ class MetricsServer:
     host : str
     port : int
         0 takes any that is free.
-    application : callable
-        WSGI.
+    counts : RunCounts
+        An observer of the run.
+    sources : MetricSources
+    clock : Clock
 
     Attributes
     ----------
@@ -303,17 +252,25 @@ class MetricsServer:
     Raises
     ------
     ToktError
-        If the address cannot be listened on.
+        If prometheus-client is not installed, or the address cannot be listened on.
     """
 
-    def __init__(self, host: str, port: int, application: Callable[..., Any]) -> None:
-        family, address = resolve(host, port)
+    def __init__(
+        self, host: str, port: int, counts: RunCounts, sources: MetricSources, clock: Clock
+    ) -> None:
         try:
+            from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
+        except ModuleNotFoundError:
+            raise ToktError(
+                "metrics need the extra 'metrics': pip install 'tokt[metrics]'"
+            ) from None
+        registry = CollectorRegistry()
+        registry.register(RunCollector(counts, sources, clock))
+        ProcessCollector(registry=registry)
+        family, address = resolve(host, port)
+        with os_errors_as(f"metrics cannot be served on {host}:{port}"):
             self._server = _QuietServer(family, address)
-        except OSError as error:
-            why = error.strerror or error
-            raise ToktError(f"metrics cannot be served on {host}:{port}: {why}") from None
-        self._server.set_app(application)
+        self._server.set_app(make_wsgi_app(registry))
         self.port: int = self._server.server_address[1]
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="tokt metrics", daemon=True)

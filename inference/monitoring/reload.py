@@ -20,7 +20,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock
 from tokt.inference.report import Event
 from tokt.models.bundle.bundle import Bundle
@@ -62,7 +62,7 @@ def check_in_child(store: Store) -> BundleCheck:
     except subprocess.TimeoutExpired:
         return BundleCheck("", f"its checks did not end in {CHECK_S:g} s")
     except OSError as error:
-        return BundleCheck("", f"its checks cannot be run: {error.strerror or error}")
+        return BundleCheck("", f"its checks cannot be run: {os_words(error)}")
     except (ValueError, LookupError, TypeError):
         return BundleCheck("", f"its checks died with exit code {done.returncode}")
 

@@ -67,7 +67,11 @@ class StatusLine(Observer):
         self._clock = clock
         self._recorder = recorder
         self._out = _Out(stream)
-        self._console = _console() if _has_cursor(stream) else None
+        self._console: Console | None = None
+        if stream.isatty() and os.environ.get("TERM") != "dumb":
+            from rich.console import Console
+
+            self._console = Console(stderr=True, force_terminal=True)
         self._lines: deque[str] = deque(maxlen=_MAX_WAITING)
         self._seen: deque[tuple[float, int]] = deque()
         self._closing = threading.Event()
@@ -169,16 +173,6 @@ def _nearness(verdict: Verdict) -> str:
     if verdict.expansion_contact_s is not None and verdict.distance_m is None:
         words += f", contact in {verdict.expansion_contact_s:.0f} s"
     return words
-
-
-def _has_cursor(stream: TextIO) -> bool:
-    return stream.isatty() and os.environ.get("TERM") != "dumb"
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(stderr=True, force_terminal=True)
 
 
 class _Out:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from tokt.features.common.errors import os_words
 from tokt.inference.clock import Clock
 
 SYSTEMD_VARIABLE = "NOTIFY_SOCKET"
@@ -199,7 +200,7 @@ class Watchdog:
         try:
             child = self._start(f"{signs.getsockname()[1]}:{token}:{os.getpid()}")
         except OSError as error:  # such as no memory, for which the last one may have died
-            return _FAILED, f"the runtime cannot be started: {error.strerror or error}"
+            return _FAILED, f"the runtime cannot be started: {os_words(error)}"
         try:
             why = self._watch(child, signs, token.encode() + b" ")
         finally:
@@ -256,8 +257,6 @@ def _next_sign(signs: socket.socket, token: bytes) -> bytes:
     """What the runtime said within the next moment, or nothing; others' datagrams are no signs."""
     try:
         data = signs.recv(_MAX_DATAGRAM)
-    except TimeoutError:
-        return b""
-    except ConnectionResetError:
-        return b""  # Windows reports another socket's ICMP answer here
+    except (TimeoutError, ConnectionResetError):
+        return b""  # the latter: Windows reports another socket's ICMP answer here
     return data.removeprefix(token) if data.startswith(token) else b""

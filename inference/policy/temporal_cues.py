@@ -156,23 +156,22 @@ class Trend(NamedTuple):
     contact_s: float | None = None
 
 
+@dataclass(slots=True)
 class _Slot:
     """The means of a quarter of a second."""
 
-    __slots__ = ("cut", "index", "mean", "n", "t_s")
-
-    def __init__(self, index: int) -> None:
-        self.index = index
-        self.n = 0
-        self.t_s = self.mean = 0.0
-        self.cut = False
+    index: int
+    n: int = 0
+    t_s: float = 0.0
+    mean: float = 0.0
+    cut: bool = False
 
     def add(self, t_s: float, mean: float, whole: bool) -> None:
         """Take one mean in."""
         self.n += 1
         self.t_s += (t_s - self.t_s) / self.n
         self.mean += (mean - self.mean) / self.n
-        self.cut = self.cut or not whole
+        self.cut |= not whole
 
 
 class TrendEstimator:

@@ -97,9 +97,7 @@ class ClipTrigger:
         self.opened = False
         self._padding = padding
         self._requested = ""
-        self._until_s = -float("inf")
-        self._began_s = -float("inf")
-        self._kept_s = -float("inf")
+        self._until_s = self._began_s = self._kept_s = -float("inf")
         self._thin = False
         self._doubt: Reason | None = None
         self._last_s: dict[str, float] = {}

@@ -23,7 +23,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as, os_words
 
 MAX_MB = 100.0
 """Size of a log file at which the next one is begun: some 7 hours at 10 frames a second."""
@@ -105,10 +105,8 @@ class JsonLines:
         self._size = 0
         self._torn = False
         self._rotate_at = math.inf
-        try:
+        with os_errors_as(f"log {path} cannot be written"):
             self._open()
-        except OSError as error:
-            raise ToktError(f"log {path} cannot be written: {error.strerror or error}") from None
 
     def write(self, value: dict[str, Any]) -> None:
         """Add one line, or count why not."""
@@ -120,7 +118,7 @@ class JsonLines:
         try:
             self._write(line)
         except OSError as error:
-            self._fail(error.strerror or str(error))
+            self._fail(os_words(error))
             self.close()  # opened anew for the next line: the disk may have been taken out
 
     def close(self) -> None:
@@ -160,7 +158,7 @@ class JsonLines:
         try:
             rotate_files(self._path, rotation.keep)
         except OSError as error:
-            fault = f"the next file cannot be begun: {error.strerror or error}"
+            fault = f"the next file cannot be begun: {os_words(error)}"
         file = self._open()
         if fault:
             self.last_error = fault
@@ -252,10 +250,8 @@ def read_log(path: Path | str, gaps: list[LogGap] | None = None) -> Iterator[dic
     """
     path = Path(path)
     with ExitStack() as opened:
-        try:
+        with os_errors_as(f"log {path} cannot be read"):
             files = _open_together(path, opened)
-        except OSError as error:
-            raise ToktError(f"log {path} cannot be read: {error.strerror or error}") from None
         if not files:
             raise ToktError(f"log {path} does not exist")
         for name, file in reversed(files):

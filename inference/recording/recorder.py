@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import os_errors_as, os_words
 from tokt.inference.clock import Clock
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import Judgement
@@ -107,6 +107,8 @@ class RecordingWriter:
         Frames that did not get there.
     fault : str
         Why the last one did not; empty when one does.
+    held_bytes : int
+        Memory of the frames that wait, and of the one that is written.
     """
 
     def __init__(self, folder: RecordingFolder, run: str, budget: DiskBudget, clock: Clock) -> None:
@@ -118,22 +120,17 @@ class RecordingWriter:
         self._clock = clock
         self._counted_s = clock.monotonic()
         self._queue: deque[tuple[HeldFrame, int] | Mapping[str, Any]] = deque()
-        self._held_bytes = 0
+        self.held_bytes = 0
         self._changed = threading.Condition()
         self._closing = False
         self._thread = threading.Thread(target=self._run_thread, name="tokt recorder", daemon=True)
         self._thread.start()
 
-    @property
-    def held_bytes(self) -> int:
-        """Memory of the frames that wait, and of the one that is written."""
-        return self._held_bytes
-
     def put(self, held: HeldFrame, clip: int) -> None:
         """Have a frame written."""
         with self._changed:
             self._queue.append((held, clip))
-            self._held_bytes += held.memory_bytes
+            self.held_bytes += held.memory_bytes
             self._changed.notify()
 
     def leave_out(self, fault: str) -> bool:
@@ -178,13 +175,13 @@ class RecordingWriter:
         try:
             fault = self._write(held, clip)
         except OSError as error:
-            fault = error.strerror or str(error)
+            fault = os_words(error)
         except ValueError as error:
             fault = str(error)
         with self._changed:
             self.fault = fault
             self.dropped += bool(fault)
-            self._held_bytes -= held.memory_bytes
+            self.held_bytes -= held.memory_bytes
 
     def _note(self, line: Mapping[str, Any]) -> None:
         try:
@@ -293,11 +290,9 @@ class Recorder(Observer):
         self._told_s = -_TELL_S
         limits = DiskLimits(MAX_MB, RESERVE_MB) if disk is None else disk
         self._opened = ExitStack()
-        try:
+        with os_errors_as(f"cannot record into {folder}"):
             folder.mkdir(parents=True, exist_ok=True)
             self._opened.enter_context(locked(folder / _LOCK, _LOCK_WAIT_S))
-        except OSError as error:
-            raise ToktError(f"cannot record into {folder}: {error.strerror or error}") from None
         recording = RecordingFolder(folder / run, run)
         self._writer = RecordingWriter(recording, run, DiskBudget(folder, limits), clock)
 
@@ -376,7 +371,7 @@ class Recorder(Observer):
         flushed = self._trigger.clip if self._trigger.opened else None
         while self._before:
             self._forget_oldest(flushed)
-        if self._fits(held):
+        if self._fits(held.memory_bytes):
             self._writer.put(held, self._trigger.clip)
         else:
             self._writer.leave_out(BEHIND)
@@ -397,10 +392,8 @@ class Recorder(Observer):
         if clip is not None:
             self._writer.put(item, clip)
 
-    def _fits(self, held: HeldFrame | None = None) -> bool:
-        more = 0 if held is None else held.memory_bytes
-        in_memory = self._before_bytes + self._writer.held_bytes
-        return in_memory + more <= self._memory_bytes
+    def _fits(self, more: int = 0) -> bool:
+        return self._before_bytes + self._writer.held_bytes + more <= self._memory_bytes
 
     def _say_fault(self) -> None:
         """Tell that frames are left out, or no more, once it has changed."""

@@ -23,7 +23,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -156,8 +156,7 @@ class EncodedFrame:
         return sum(whole_blocks(len(data)) for data in self.files.values()) + 2 * len(self.lines)
 
 
-@dataclass(frozen=True)
-class _WrittenFrame:
+class _WrittenFrame(NamedTuple):
     clip: int
     files: tuple[str, ...]
     lines_bytes: int

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock, FixedStopwatch
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
@@ -259,10 +259,7 @@ class Shadow(Observer):
         """Pass the frame on, if the challenger is to hear of it."""
         said = report.fields()
         with self._changed:
-            if self._live:
-                self._look_after()
-            else:
-                self._wait_for_turn()
+            self._await_turn()
             if self.fault:
                 return
             overtaken, dropped = self._waiting, 0
@@ -273,21 +270,17 @@ class Shadow(Observer):
             self._waiting = _Waiting(frame, said, dropped)
             self._changed.notify_all()
 
-    def _wait_for_turn(self) -> None:
-        """Wait until no frame waits, or the challenger has failed."""
-        taken = self._changed.wait_for(lambda: self._waiting is None or bool(self.fault), ANSWER_S)
-        if not taken:
-            self._give_up()
-
-    def _look_after(self) -> None:
-        """End a challenger that has been busy with one frame for too long."""
-        busy_since = self._busy_since
-        if busy_since is not None and self._clock.monotonic() - busy_since > ANSWER_S:
-            self._give_up()
-
-    def _give_up(self) -> None:
-        self._fail_locked(f"it does not answer for {ANSWER_S:g} s")
-        self._kill()
+    def _await_turn(self) -> None:
+        """Wait until no frame waits, but not in real time; end a challenger that is hung."""
+        if self._live:
+            since = self._busy_since
+            hung = since is not None and self._clock.monotonic() - since > ANSWER_S
+        else:
+            ready = self._changed.wait_for(lambda: not self._waiting or bool(self.fault), ANSWER_S)
+            hung = not ready
+        if hung:
+            self._fail(f"it does not answer for {ANSWER_S:g} s")
+            self._kill()
 
     def close(self) -> None:
         """End the challenger: after its last frame where it judges every one, else at once."""
@@ -296,8 +289,7 @@ class Shadow(Observer):
             self._changed.notify_all()
         self._thread.join(_CLOSE_S if self._live else ANSWER_S)
         if self._thread.is_alive():
-            with self._changed:
-                self._fail_locked("it did not answer when the run ended")
+            self._fail("it did not answer when the run ended")
             self._kill()
             self._thread.join(_CLOSE_S)
         self._log.write({"event": END, "run": self._run, "dropped": self.dropped})
@@ -309,7 +301,7 @@ class Shadow(Observer):
             self._process.start()
         except OSError as error:
             self._connection.close()
-            self._fail(f"its process cannot be started: {error.strerror or error}")
+            self._fail(f"its process cannot be started: {os_words(error)}")
             return
         finally:
             theirs.close()
@@ -367,13 +359,11 @@ class Shadow(Observer):
 
     def _fail(self, why: str) -> None:
         with self._changed:
-            self._fail_locked(why)
-
-    def _fail_locked(self, why: str) -> None:
-        if self.fault:
-            return
-        self.fault, self._waiting = why, None
-        self._changed.notify_all()
-        words = f"challenger {self._challenger.label} judges no more: {why}"
-        self._log.write({"event": FAILED, "run": self._run, "t": self._clock.time(), "words": why})
-        self._tell(Event(self._clock.time(), "shadow_failed", words))
+            if self.fault:
+                return
+            self.fault, self._waiting = why, None
+            self._changed.notify_all()
+            words = f"challenger {self._challenger.label} judges no more: {why}"
+            failed = {"event": FAILED, "run": self._run, "t": self._clock.time(), "words": why}
+            self._log.write(failed)
+            self._tell(Event(self._clock.time(), "shadow_failed", words))

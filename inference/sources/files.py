@@ -80,17 +80,9 @@ class MissionSource:
             if self._stopped:
                 return
             now = self._clock.time()
-            yield Frame(
-                number,
-                now,
-                left,
-                right,
-                left_fault,
-                right_fault,
-                self._missed[index],
-                timed=self._rate is not None,
-                arrived=self._clock.monotonic(),
-            )
+            views, missed = (left, right, left_fault, right_fault), self._missed[index]
+            arrived = self._clock.monotonic()
+            yield Frame(number, now, *views, missed, timed=self.live, arrived=arrived)
 
     @property
     def live(self) -> bool:
@@ -106,11 +98,8 @@ class MissionSource:
 
     def _wait_until(self, due: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
-        while not self._stopped:
-            remaining = due - self._clock.monotonic()
-            if remaining <= 0:
-                return
-            self._clock.sleep(min(remaining, _STOP_CHECK_S))
+        while not self._stopped and (left_s := due - self._clock.monotonic()) > 0:
+            self._clock.sleep(min(left_s, _STOP_CHECK_S))
 
 
 def read_picture(

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.address import parse_address
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -97,11 +97,8 @@ class StreamSource:
         self._stopped = False
         self._buffer = bytearray()
         address = parse_address(text.removeprefix(STREAM))
-        try:
+        with os_errors_as(f"nobody sends frames at {text}"):
             self._socket = socket.create_connection(address, CONNECT_S)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise ToktError(f"nobody sends frames at {text}: {reason}") from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -118,17 +115,10 @@ class StreamSource:
             left, right = (self._picture(header[side]) for side in ("left", "right"))
             if self._stopped:
                 return
-            yield Frame(
-                header["frame"],
-                header["t"],
-                left,
-                right,
-                _fault("left", left),
-                _fault("right", right),
-                header["missed"],
-                timed=True,
-                arrived=self._clock.monotonic(),
-            )
+            views = left, right, _fault("left", left), _fault("right", right)
+            number, t, missed = header["frame"], header["t"], header["missed"]
+            arrived = self._clock.monotonic()
+            yield Frame(number, t, *views, missed, timed=True, arrived=arrived)
 
     def stop(self) -> None:
         """Deliver no further frame."""
@@ -170,11 +160,8 @@ class StreamSource:
             ready, _, _ = select.select([self._socket], [], [], _STOP_CHECK_S)
             if not ready:
                 continue
-            try:
+            with os_errors_as(f"{self._where} is lost"):
                 data = self._socket.recv(_READ)
-            except OSError as error:
-                reason = error.strerror or str(error)
-                raise ToktError(f"{self._where} is lost: {reason}") from None
             self._buffer += data
             return bool(data)
         return False

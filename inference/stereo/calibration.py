@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 
-from .calibration_files import CalibrationNumbers, folds_back_at_px, read_numbers
+from .calibration_files import PARTS, CalibrationNumbers, folds_back_at_px, read_numbers
 
 MISSION_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the mission cameras (Prosilica GC1380C), which a calibration
@@ -136,15 +136,8 @@ def read_calibration(path: Path | str) -> CheckedCalibration:
 
 def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:
     """Check what was read from a file."""
-    found = StereoCalibration(
-        numbers.K1,
-        numbers.D1,
-        numbers.K2,
-        numbers.D2,
-        numbers.R,
-        numbers.T_mm,
-        numbers.frame_size or MISSION_FRAME_SIZE,
-    )
+    parts = {name: getattr(numbers, name) for name in PARTS}
+    found = StereoCalibration(**parts, frame_size=numbers.frame_size or MISSION_FRAME_SIZE)
     odd = list(numbers.remarks)
     if numbers.frame_size is None:
         width, height = MISSION_FRAME_SIZE

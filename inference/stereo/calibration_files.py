@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 
 Float = NDArray[np.float64]
 
@@ -52,7 +52,14 @@ _OPENCV_NAMES = {
 }
 """Our name, OpenCV's sample program's, its functions' parameters', and other usual ones."""
 _OPENCV_SHIFTS = {"T_mm": "mm", "T_cm": "cm", "T_m": "m", "T": None, "Trns": None}
-_MATRICES = ("K1", "K2", "R")
+PARTS = ("K1", "D1", "K2", "D2", "R", "T_mm")
+"""What every calibration has."""
+_SHAPES: dict[str, tuple[tuple[int, ...], tuple[int, ...], str]] = {
+    **dict.fromkeys(("K1", "K2", "R"), ((9,), (3, 3), "be 3x3")),
+    # As many coefficients as OpenCV's models have.
+    **dict.fromkeys(("D1", "D2"), ((4, 5, 8, 12, 14), (-1,), "hold 4, 5, 8, 12 or 14 numbers")),
+    "T_mm": ((3,), (3, 1), "hold 3 numbers"),
+}
 _MATLAB_MAGIC = b"MATLAB "
 
 
@@ -115,11 +122,8 @@ def read_numbers(path: Path | str) -> CalibrationNumbers:
 def _text(path: Path) -> str:
     if not path.is_file():
         raise ToktError(f"calibration {path} does not exist")
-    try:
-        with path.open("rb") as handle:
-            data = handle.read(_MAX_BYTES + 1)
-    except OSError as error:
-        raise ToktError(f"calibration {path} cannot be read: {error.strerror}") from None
+    with os_errors_as(f"calibration {path} cannot be read"), path.open("rb") as handle:
+        data = handle.read(_MAX_BYTES + 1)
     if data.startswith(_MATLAB_MAGIC) or path.suffix.lower() == ".mat":
         raise ToktError(
             f"calibration {path} is a MATLAB file: only `tokt` commands read it, named .mat"
@@ -164,8 +168,7 @@ def checked_numbers(
     ToktError
         If a part is missing, has another shape, or holds a number that is not finite.
     """
-    needed = ("K1", "D1", "K2", "D2", "R", "T_mm")
-    missing = [name for name in needed if values.get(name) is None]
+    missing = [name for name in PARTS if values.get(name) is None]
     if missing:
         raise ToktError(f"calibration {path} has no {', '.join(missing)}")
     arrays = {
@@ -173,17 +176,10 @@ def checked_numbers(
     }
     if arrays["R"].size == 3:
         arrays["R"] = _finite(path, "R", cv2.Rodrigues(arrays["R"].ravel())[0])
-    for name in _MATRICES:
-        if arrays[name].size != 9:
-            raise ToktError(f"calibration {path}: {name} must be 3x3")
-        arrays[name] = arrays[name].reshape(3, 3)
-    for name in ("D1", "D2"):
-        arrays[name] = arrays[name].ravel()
-        if arrays[name].size not in DISTORTION_SIZES:
-            raise ToktError(f"calibration {path}: {name} must hold 4, 5, 8, 12 or 14 numbers")
-    if arrays["T_mm"].size != 3:
-        raise ToktError(f"calibration {path}: T_mm must hold 3 numbers")
-    arrays["T_mm"] = arrays["T_mm"].reshape(3, 1)
+    for name, (sizes, shape, words) in _SHAPES.items():
+        if arrays[name].size not in sizes:
+            raise ToktError(f"calibration {path}: {name} must {words}")
+        arrays[name] = arrays[name].reshape(shape)
     size = None if frame_size is None else _frame_size(path, frame_size)
     return CalibrationNumbers(
         path, form, **arrays, frame_size=size, remarks=tuple(remarks), notes=notes or {}
@@ -322,11 +318,8 @@ def _read_bouguet(path: Path, text: str) -> CalibrationNumbers:
     plain = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
     found = re.findall(r"\b([A-Za-z]\w*)\s*=\s*(?:\[([^\]]*)\]|([^\s;,\[]+))", plain)
     values = {name: (inside or alone) for name, inside, alone in found if name in _BOUGUET_NAMES}
-    return bouguet_numbers(
-        path,
-        BOUGUET_FORM,
-        {name: _bouguet_list(path, name, words) for name, words in values.items()},
-    )
+    numbers = {name: _bouguet_list(path, name, words) for name, words in values.items()}
+    return bouguet_numbers(path, BOUGUET_FORM, numbers)
 
 
 def _bouguet_list(path: Path, name: str, words: str) -> Float:
@@ -475,8 +468,6 @@ def _printed_distortion(
     return distortion(k1, k2, p1, p2, k3)
 
 
-DISTORTION_SIZES = (4, 5, 8, 12, 14)
-"""How many coefficients OpenCV's models have."""
 _STEPS = 4000
 _FARTHEST = 4.0
 """How far the walk goes out, in distances of the farthest corner."""
@@ -524,7 +515,10 @@ def folds_back_at_px(
         Distance from the principal point in pixels. Beyond it nothing can be undistorted: two
         directions are seen at one place, and others nowhere.
     """
-    corner = _farthest_corner(K, frame_size)
+    width, height = frame_size
+    x = max(abs(K[0, 2]), abs(width - 1 - K[0, 2])) / K[0, 0]
+    y = max(abs(K[1, 2]), abs(height - 1 - K[1, 2])) / K[1, 1]
+    corner = float(np.hypot(x, y))  # the farthest one, on the plane at distance 1
     k1, k2, _, _, k3, k4, k5, k6 = np.pad(np.ravel(D), (0, 8))[:8]
     r = np.linspace(0.0, _FARTHEST * corner, _STEPS)
     r2 = r * r
@@ -536,11 +530,3 @@ def folds_back_at_px(
     if seen[stops] >= corner:
         return None
     return float(seen[stops] * K[0, 0])
-
-
-def _farthest_corner(K: NDArray[np.float64], frame_size: tuple[int, int]) -> float:
-    """Distance of the farthest frame corner from the axis, on the plane at distance 1."""
-    width, height = frame_size
-    x = max(abs(K[0, 2]), abs(width - 1 - K[0, 2])) / K[0, 0]
-    y = max(abs(K[1, 2]), abs(height - 1 - K[1, 2])) / K[1, 1]
-    return float(np.hypot(x, y))

@@ -95,8 +95,6 @@ class EpipolarOffset:
         Standard error of the angle.
     agreeing : float
         Part of the points looked at whose patch is found again within the rows searched.
-    points : int
-        How many those are.
     """
 
     px: float
@@ -104,7 +102,6 @@ class EpipolarOffset:
     turn_deg: float
     turn_error_deg: float
     agreeing: float
-    points: int
 
     @property
     def turned(self) -> bool:
@@ -145,7 +142,7 @@ def epipolar_offset(
     middle = _median(higher)
     spread = _median(np.abs(higher - middle))
     turn, error = _turn(columns[good] / scale, higher)
-    return EpipolarOffset(middle, spread, turn, error, count / len(good), count)
+    return EpipolarOffset(middle, spread, turn, error, count / len(good))
 
 
 def _clear_points(
@@ -170,12 +167,9 @@ def _clear_points(
         return None
     evenness = -np.abs(view[rows + 2, columns] - view[rows - 2, columns])
     by_column = np.argsort(columns, kind="stable")
-    chosen = np.concatenate(
-        [
-            part[np.argsort(evenness[part])[: POINTS // STRATA]]
-            for part in np.array_split(by_column, STRATA)
-        ]
-    )
+    strata = np.array_split(by_column, STRATA)
+    clearest = [part[np.argsort(evenness[part])[: POINTS // STRATA]] for part in strata]
+    chosen = np.concatenate(clearest)
     return rows[chosen], columns[chosen], disparity[chosen]
 
 
@@ -256,11 +250,6 @@ class EpipolarDriftCorrection:
     and the last accepted pairs agree among themselves: a wrong right frame, or a camera out of
     step, leaves it where it is. Memory is `REMEMBERED_PAIRS` numbers.
 
-    Parameters
-    ----------
-    limit_px : float
-        Largest correction, in pixels of the full resolution.
-
     Notes
     -----
     It follows whatever is constant. While a camera is out of step *and* the vehicle rises or
@@ -269,8 +258,7 @@ class EpipolarDriftCorrection:
     it.
     """
 
-    def __init__(self, limit_px: float = LIMIT_PX) -> None:
-        self.limit_px = limit_px
+    def __init__(self) -> None:
         self.px = 0.0
         """The correction: pixels of the full resolution by which to move the right view down."""
         self.deviation_px: float | None = None
@@ -317,7 +305,8 @@ class EpipolarDriftCorrection:
         whole = self.px + offset.px
         if self.settled:
             self.deviation_px = abs(whole - self._middle())
-        if self._accepts(offset):
+        fits = offset.spread_px <= MAX_SPREAD_PX and offset.agreeing >= MIN_AGREEING
+        if fits and not offset.turned:
             self._recent.append(whole)
             if self.settled:
                 self._follow()
@@ -326,11 +315,7 @@ class EpipolarDriftCorrection:
     def _middle(self) -> float:
         return _median(np.array(self._recent))
 
-    def _accepts(self, offset: EpipolarOffset) -> bool:
-        fits = offset.spread_px <= MAX_SPREAD_PX and offset.agreeing >= MIN_AGREEING
-        return fits and not offset.turned
-
     def _follow(self) -> None:
-        goal = float(np.clip(self._middle(), -self.limit_px, self.limit_px))
+        goal = float(np.clip(self._middle(), -LIMIT_PX, LIMIT_PX))
         if abs(goal - self.px) > STILL_PX:
             self.px += float(np.clip(goal - self.px, -STEP_PX, STEP_PX))

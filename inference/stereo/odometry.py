@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 
 COLUMNS = ("frame", "t", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 UNIT_TOLERANCE = 1e-3
@@ -90,9 +90,8 @@ def load_odometry(path: Path | str) -> Odometry:
         length 1, or a frame comes twice.
     """
     try:
-        text = Path(path).read_text("utf-8-sig")
-    except OSError as error:
-        raise ToktError(f"cannot read odometry {path}: {error.strerror}") from None
+        with os_errors_as(f"cannot read odometry {path}"):
+            text = Path(path).read_text("utf-8-sig")
     except UnicodeDecodeError:
         raise ToktError(f"odometry {path} is not a text file") from None
     return parse_odometry(text, str(path))

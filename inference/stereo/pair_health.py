@@ -138,11 +138,10 @@ def pair_fault(
     offset : EpipolarOffset or None
         What `tokt.inference.stereo.epipolar_drift` measured.
     """
-    misfit = (
-        _matching_fault(matches)
-        or _right_only_fault(left_view, right_view, matches)
-        or _rows_fault(offset)
-    )
+    misfit = None
+    if _something_there(matches) and _matched_of_textured(matches) < MATCHED_OF_TEXTURED:
+        misfit = PairFault(MISFIT, vetoes_clear=True)
+    misfit = misfit or _right_only_fault(left_view, right_view, matches) or _rows_fault(offset)
     dark = _darkness_fault(left_view, right_view, matches)
     # Darkness explains a misfit.
     return misfit if dark is None else replace(dark, matches_stand=misfit is None)
@@ -153,12 +152,11 @@ def _darkness_fault(
 ) -> PairFault | None:
     left, right = (_band_levels(view) for view in (left_view, right_view))
     stops = np.log2((right + 1) / (left + 1))
-    if stops.max() > DARKER_STOPS:
-        reason = _darker("left", "right", stops.max())
-        return PairFault(reason, vetoes_clear=True, code=Reason.DARK)
-    if -stops.min() > DARKER_STOPS:
-        reason = _darker("right", "left", -stops.min())
-        return PairFault(reason, vetoes_clear=_something_there(matches), code=Reason.DARK)
+    for dark, bright, by in (("left", "right", stops.max()), ("right", "left", -stops.min())):
+        if by > DARKER_STOPS:
+            darker = f"the {dark} view is {2**by:.0f} times darker than the {bright} one"
+            vetoes_clear = dark == "left" or _something_there(matches)
+            return PairFault(f"{darker}: covered or unlit", vetoes_clear, code=Reason.DARK)
     return None
 
 
@@ -190,10 +188,6 @@ def _band_levels(view: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.array([part.mean() for part in np.array_split(some, _BANDS) if len(part)])
 
 
-def _darker(dark: str, bright: str, stops: float) -> str:
-    return f"the {dark} view is {2**stops:.0f} times darker than the {bright} one: covered or unlit"
-
-
 def _something_there(matches: Matches) -> bool:
     """Whether enough of the left view is textured for something to be there."""
     textured = int(np.count_nonzero(matches.textured & matches.searched))
@@ -203,12 +197,6 @@ def _something_there(matches: Matches) -> bool:
 def _matched_of_textured(matches: Matches) -> float:
     textured = int(np.count_nonzero(matches.textured & matches.searched))
     return int(np.count_nonzero(matches.valid)) / max(textured, 1)
-
-
-def _matching_fault(matches: Matches) -> PairFault | None:
-    if _something_there(matches) and _matched_of_textured(matches) < MATCHED_OF_TEXTURED:
-        return PairFault(MISFIT, vetoes_clear=True)
-    return None
 
 
 def _right_only_fault(

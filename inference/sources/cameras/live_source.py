@@ -41,7 +41,7 @@ _FIRST_SILENCE_S = 3.0  # until there are two captures: a camera may take a seco
 _DOUBT_S = 0.15  # of silence, after which the driver is asked whether its camera is there
 
 
-class CameraKeeper:
+class CameraKeeper(threading.Thread):
     """Keep one camera delivering, on a thread of its own.
 
     ::
@@ -61,11 +61,17 @@ class CameraKeeper:
         delivered, by `lost` why it delivers no more, at each attempt that fails.
     wait : bool
         Whether a camera that cannot be opened at first is tried again, as one that was lost is.
+
+    Attributes
+    ----------
+    tried : threading.Event
+        Set when the camera was opened or could not be; then `refused` says why.
     """
 
     def __init__(
         self, camera: int, driver: CameraDriver, clock: Clock, source: CameraSource, wait: bool
     ) -> None:
+        super().__init__(name=f"tokt {SIDES[camera]} camera", daemon=True)
         self.driver = driver
         self.refused: ToktError | None = None
         self._camera = camera
@@ -77,45 +83,25 @@ class CameraKeeper:
         self._captured_s: float | None = None
         self._gap_s: float | None = None
         self._pause_s = MIN_PAUSE_S
-        self._tried = threading.Event()
-        self._thread = threading.Thread(
-            target=self._keep, name=f"tokt {SIDES[camera]} camera", daemon=True
-        )
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def wait_for_first_try(self) -> None:
-        """Return when the camera was opened or could not be; then `refused` says why."""
-        self._tried.wait()
+        self.tried = threading.Event()
 
     def stop(self) -> None:
         """Come to an end soon; may be called from a signal handler."""
         self._stopped = True
 
-    def join(self, timeout_s: float) -> bool:
-        """Wait for the end, but not for ever; whether it has come."""
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    @property
-    def alive(self) -> bool:
-        """Whether somebody looks after the camera."""
-        return self._thread.is_alive()
-
-    def _keep(self) -> None:
+    def run(self) -> None:
+        """Open the camera, and again when it is lost, until the end."""
         try:
             while not self._stopped:
                 words = self._opened() or self._watched()
-                self._tried.set()
+                self.tried.set()
                 if self._stopped or self.refused:
                     return
                 self._source.lost(self._camera, words)
                 self._sleep(self._pause_s)
                 self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
         finally:
-            self._tried.set()
+            self.tried.set()
             self.driver.stop()
 
     def _opened(self) -> str:
@@ -124,11 +110,11 @@ class CameraKeeper:
         try:
             self.driver.start(self._deliver)
         except ToktError as error:
-            if not self._tried.is_set() and not self._wait:
+            if not self.tried.is_set() and not self._wait:
                 self.refused = error
             return str(error)
         self._started_s = self._clock.monotonic()
-        self._tried.set()
+        self.tried.set()
         return ""
 
     def _deliver(self, capture: Capture) -> None:
@@ -160,11 +146,8 @@ class CameraKeeper:
     def _sleep(self, seconds: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
         until = self._clock.monotonic() + seconds
-        while not self._stopped:
-            remaining = until - self._clock.monotonic()
-            if remaining <= 0:
-                return
-            self._clock.sleep(min(remaining, _LOOK_S))
+        while not self._stopped and (left_s := until - self._clock.monotonic()) > 0:
+            self._clock.sleep(min(left_s, _LOOK_S))
 
 
 _CHECK_S = 0.05  # how soon `stop` is noticed: a handler of a signal must not take a lock
@@ -258,7 +241,7 @@ class CameraSource:
             for keeper in self._keepers:
                 keeper.start()
             for keeper in self._keepers:
-                keeper.wait_for_first_try()
+                keeper.tried.wait()
             refused = [keeper.refused for keeper in self._keepers if keeper.refused]
             if refused:
                 raise refused[0]
@@ -274,7 +257,7 @@ class CameraSource:
         """Stop, and wait until the cameras are closed."""
         self.stop()
         for keeper in self._keepers:
-            if keeper.alive:
+            if keeper.is_alive():
                 keeper.join(_JOIN_S)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -393,37 +376,30 @@ class CameraSource:
     def _look_after(self) -> None:
         """A keeper that ended by itself is one that raised: its camera would never come back."""
         for camera, keeper in enumerate(self._keepers):
-            if not keeper.alive and not self._stopped:
+            if not keeper.is_alive() and not self._stopped:
                 raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
 
     def _frame(self, moment: Moment) -> Frame:
         first = moment.left or moment.right
         assert first is not None
+        missed = self._missed(moment.at)
+        arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
+        return self._delivered(moment, first.t, missed, min(arrived))
+
+    def _delivered(self, moment: Moment, t: float, missed: int, arrived: float) -> Frame:
         left, left_fault = self._view(LEFT, moment.left, moment.alone)
         right, right_fault = self._view(RIGHT, moment.right, moment.alone)
-        missed = self._missed(moment.at)
         self._number += 1 + (missed if missed < MANY_MISSED else 0)
-        arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
-        return Frame(
-            self._number,
-            first.t,
-            left,
-            right,
-            left_fault,
-            right_fault,
-            missed,
-            timed=True,
-            arrived=min(arrived),
-        )
+        views = left, right, left_fault, right_fault
+        return Frame(self._number, t, *views, missed, timed=True, arrived=arrived)
 
     def _view(
         self, camera: int, capture: Capture | None, alone: Fault
     ) -> tuple[NDArray[np.uint8] | None, Fault]:
         """A camera's picture, or why there is none."""
         if capture is not None:
-            return capture.picture, capture.fault.about(
-                SIDES[camera]
-            ) if capture.fault else NO_FAULT
+            fault = capture.fault.about(SIDES[camera]) if capture.fault else NO_FAULT
+            return capture.picture, fault
         if camera == len(self._lost):
             return None, _ONE_CAMERA
         return None, (self._lost[camera] or alone).about(SIDES[camera])
@@ -445,16 +421,6 @@ class CameraSource:
 
     def _lost_frame(self) -> Frame:
         """No picture, and why; nobody knows what was missed."""
-        self._number += 1
-        views = [self._view(camera, None, _NOTHING) for camera in (LEFT, RIGHT)]
-        return Frame(
-            self._number,
-            self._clock.time(),
-            None,
-            None,
-            views[LEFT][1],
-            views[RIGHT][1],
-            MANY_MISSED,
-            timed=True,
-            arrived=self._clock.monotonic(),
-        )
+        nothing = Moment(None, None, _NOTHING, math.nan)
+        t, arrived = self._clock.time(), self._clock.monotonic()
+        return self._delivered(nothing, t, MANY_MISSED, arrived)

@@ -106,14 +106,19 @@ class GenicamDriver:
             raise ToktError(f"camera {self.name}: no process for it: {error}") from error
         self._process = process
         opened: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-        self._reader = threading.Thread(
-            target=self._read,
-            args=(process, opened, deliver),
-            name=f"tokt camera {self.name}",
-            daemon=True,
-        )
+        name, told = f"tokt camera {self.name}", (process, opened, deliver)
+        self._reader = threading.Thread(target=self._read, args=told, name=name, daemon=True)
         self._reader.start()
-        self._order(process)
+        order = {
+            "name": self.name,
+            "place": None if self._place is None else asdict(self._place),
+            "options": asdict(self._options),
+            "share": self._share,
+        }
+        assert process.stdin is not None
+        # One that has ended already is noticed by the reader.
+        with contextlib.suppress(BrokenPipeError):
+            write_message(process.stdin, order)
         try:
             answer = opened.get(timeout=self._open_s)
         except queue.Empty:
@@ -143,19 +148,6 @@ class GenicamDriver:
     def lost(self) -> str:
         """Why the camera is gone: what its producer said, or how its process ended."""
         return self._lost
-
-    def _order(self, process: subprocess.Popen[bytes]) -> None:
-        """Tell the process what to do."""
-        assert process.stdin is not None
-        order = {
-            "name": self.name,
-            "place": None if self._place is None else asdict(self._place),
-            "options": asdict(self._options),
-            "share": self._share,
-        }
-        # One that has ended already is noticed by the reader.
-        with contextlib.suppress(BrokenPipeError):
-            write_message(process.stdin, order)
 
     def _read(
         self,

@@ -92,7 +92,9 @@ class GenicamFeatures:
 
     def clock_is_shared(self) -> bool:
         """Whether the camera's clock follows the Precision Time Protocol, as of now."""
-        self._execute("PtpDataSetLatch")
+        latch = self._node("PtpDataSetLatch", self._writable)
+        if latch is not None:
+            latch.execute()
         return self.value("PtpStatus") in _PTP_FOLLOWS or (
             self.value("GevIEEE1588Status") in _PTP_FOLLOWS
         )
@@ -188,11 +190,6 @@ class GenicamFeatures:
                 ) from None
             return
         raise ToktError(f"camera {self._name} has no {what} that could be set ({', '.join(names)})")
-
-    def _execute(self, name: str) -> None:
-        node = self._node(name, self._writable)
-        if node is not None:
-            node.execute()
 
     def _node(self, name: str, access: tuple[Any, ...]) -> Any:
         """A feature, or None where the camera has none that can be used so."""

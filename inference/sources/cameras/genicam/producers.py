@@ -14,11 +14,12 @@ import os
 import subprocess
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,7 @@ PATH_VARIABLE = "GENICAM_GENTL64_PATH"
 """Folders of producers, as the GenTL standard names the variable; separated like PATH."""
 
 _TIMEOUT_S = 30.0
-_KEYS: tuple[Callable[[ListedCamera], str], ...] = (
-    lambda camera: camera.place.device,
-    lambda camera: camera.serial,
-    lambda camera: camera.name,
-)
+_KEYS = (attrgetter("place.device"), attrgetter("serial"), attrgetter("name"))
 
 
 @dataclass(frozen=True)
@@ -327,6 +324,5 @@ def genicam_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
         "producers": list(listing.producers),
         "cameras": [camera.place.device for camera in listing.cameras],
     }
-    sound = listing.cameras and not listing.complaints
-    state = OK if sound else FAULT if listing.complaints else NOTE
+    state = FAULT if listing.complaints else OK if listing.cameras else NOTE
     return Finding(NAME, state, f"{harvesters}: {listing.in_words()}", figures)

@@ -104,11 +104,8 @@ class VimbaStream:
         self._frames.clear()
 
     def _queue(self, frame: Any) -> int:
-        return int(
-            self._api.vmb_capture_frame_queue(
-                self._camera.handle, ctypes.byref(frame), self._callback
-            )
-        )
+        queued = self._camera.handle, ctypes.byref(frame), self._callback
+        return int(self._api.vmb_capture_frame_queue(*queued))
 
     def _filled(self, handle: int | None, frame: Any) -> None:
         """The library's callback: looks at a buffer and queues it again, whatever happens."""
