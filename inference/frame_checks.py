@@ -13,8 +13,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
@@ -57,7 +57,7 @@ _MIN_PATCH_PX = 8
 """Height and width in pixels below which one grey level in a patch proves nothing."""
 
 
-def shape_fault(frame: NDArray[np.uint8]) -> Fault:
+def shape_fault(frame: U8) -> Fault:
     """Why an array is no picture of a camera, or an empty string.
 
     Parameters
@@ -99,7 +99,7 @@ def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
     return NO_FAULT
 
 
-def _some_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _some_rows(frame: U8) -> U8:
     """Every 32nd row of a frame, gray: as many single pixels as a fraction of it needs."""
     rows = np.ascontiguousarray(frame[::_STEP_ROWS])
     if rows.ndim == 3:
@@ -107,9 +107,7 @@ def _some_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return rows
 
 
-def frame_fault(
-    frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, grid: Grid | None = None
-) -> Fault:
+def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> Fault:
     """Why a frame is outside what can be judged, or an empty string.
 
     Parameters
@@ -135,7 +133,7 @@ def frame_fault(
     return _whole_frame_fault(gray, _some_rows(frame)) or _blank_patches_fault(gray, own_grid)
 
 
-def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> Fault:
+def _whole_frame_fault(gray: U8, pixels: U8) -> Fault:
     """Whether a picture, or the single pixels of its frame, are dark, blank or saturated."""
     for seen in (gray, pixels):
         if np.count_nonzero(seen >= DARK_GREY) <= (1 - DARK_FRACTION) * seen.size:
@@ -148,7 +146,7 @@ def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> Fa
     return NO_FAULT
 
 
-def _by_patch(extreme: np.ufunc, gray: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
+def _by_patch(extreme: np.ufunc, gray: U8, grid: Grid) -> U8:
     """The extreme grey level of each patch; down first, whole rows at a time."""
     height, width = grid.patch_size(*gray.shape)
     covered = gray[: grid.rows * height, : grid.cols * width]
@@ -156,7 +154,7 @@ def _by_patch(extreme: np.ufunc, gray: NDArray[np.uint8], grid: Grid) -> NDArray
     return np.asarray(extreme.reduce(down.reshape(grid.rows, grid.cols, width), axis=2))
 
 
-def _blank_patches_fault(gray: NDArray[np.uint8], grid: Grid) -> Fault:
+def _blank_patches_fault(gray: U8, grid: Grid) -> Fault:
     """Why a picture is damaged or covered, or an empty string; small ones are not looked at."""
     if min(gray.shape[0] // grid.rows, gray.shape[1] // grid.cols) < _MIN_PATCH_PX:
         return NO_FAULT
@@ -172,11 +170,11 @@ def _blank_patches_fault(gray: NDArray[np.uint8], grid: Grid) -> Fault:
 class _Camera:
     """The last picture of one camera, when it came first, and how often since."""
 
-    picture: NDArray[np.uint8] | None = None
+    picture: U8 | None = None
     since: float | None = None
     repeats: int = 0
 
-    def fault(self, side: str, picture: NDArray[np.uint8], frame: Frame, limits: Limits) -> Fault:
+    def fault(self, side: str, picture: U8, frame: Frame, limits: Limits) -> Fault:
         """What is wrong with the next picture, if it is the same for too often or too long."""
         if self.picture is None or not _same(self.picture, picture):
             self.picture, self.since, self.repeats = picture, frame.arrived, 0
@@ -220,6 +218,6 @@ class StuckFrameDetector:
         return frame
 
 
-def _same(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+def _same(one: U8, other: U8) -> bool:
     # Some rows first: they differ in any two frames of a live camera.
     return np.array_equal(one[::_STEP_ROWS], other[::_STEP_ROWS]) and np.array_equal(one, other)

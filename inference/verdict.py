@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.models import operating_point
 
 from .frame import Frame
@@ -64,14 +65,14 @@ class Detection:
         What else the pilot should know about a frame that was judged.
     """
 
-    mask: NDArray[np.uint8] | None
+    mask: U8 | None
     method: str
     model: str | None = None
     distance_m: float | None = None
     closing_m_s: float | None = None
     contact_s: float | None = None
-    decision_values: NDArray[np.float64] | None = None
-    features: NDArray[np.float64] | None = None
+    decision_values: F64 | None = None
+    features: F64 | None = None
     fault: Fault = NO_FAULT
     vetoes_clear: bool = False
     note: str = ""
@@ -187,7 +188,7 @@ def unknown_verdict(fault: Fault) -> Verdict:
 
 
 def verdict_from_mask(
-    mask: NDArray[np.uint8],
+    mask: U8,
     method: str,
     model: str | None = None,
     distance_m: float | None = None,
@@ -224,7 +225,7 @@ def verdict_from_mask(
     )
 
 
-def _centre(contours: Sequence[NDArray[Any]], mask: NDArray[np.uint8]) -> tuple[int, int]:
+def _centre(contours: Sequence[NDArray[Any]], mask: U8) -> tuple[int, int]:
     """Area-weighted mean of the contours' rounded centroids, cut to whole pixels."""
     weighted_x = weighted_y = total = 0.0
     for contour in contours:

@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
 
 OBSTACLE, CLEAR, UNKNOWN = 1, 0, -1
@@ -193,15 +193,15 @@ class MofNState:
 
     def __init__(self, rule: MofNRule) -> None:
         self.rule = rule
-        self._last: deque[NDArray[np.bool_] | None] = deque([None] * rule.n, rule.n)
+        self._last: deque[Bools | None] = deque([None] * rule.n, rule.n)
 
     @property
-    def confirmed(self) -> NDArray[np.bool_]:
+    def confirmed(self) -> Bools:
         """For each patch whether it is confirmed; empty before the first judged frame."""
         known = [over for over in self._last if over is not None]
         return np.asarray(np.sum(known, axis=0) >= self.rule.m) if known else np.zeros(0, bool)
 
-    def add(self, scores: NDArray[np.float64] | None, min_mask_patches: int = 1) -> int:
+    def add(self, scores: F64 | None, min_mask_patches: int = 1) -> int:
         """Take in the next frame and give its status.
 
         Parameters

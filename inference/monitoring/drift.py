@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event
 from tokt.models.distribution import BINS, Distribution
@@ -91,7 +91,7 @@ class DriftMonitor(Observer):
         self._label = "" if model is None else model.label
         self._distribution = None if model is None else model.distribution
         self._names = () if model is None else model.extractor.names
-        self._window: deque[NDArray[np.int64]] = deque()
+        self._window: deque[I64] = deque()
         self._since_look = 0
         self.distances: Mapping[str, float] = {}
         self.state = DriftState()
@@ -134,9 +134,7 @@ class DriftMonitor(Observer):
         if out != was_out:
             self._tell(self._event(out, distances, ratios))
 
-    def _event(
-        self, out: bool, distances: NDArray[np.float64], ratios: NDArray[np.float64]
-    ) -> Event:
+    def _event(self, out: bool, distances: F64, ratios: F64) -> Event:
         worst = [
             {
                 "feature": self._names[index],

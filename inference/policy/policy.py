@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.frame import Frame
 from tokt.inference.reason import Fault, Reason
@@ -50,8 +50,8 @@ class Judgement:
     """
 
     verdict: Verdict
-    decision_values: NDArray[np.float64] | None = None
-    features: NDArray[np.float64] | None = None
+    decision_values: F64 | None = None
+    features: F64 | None = None
     texture_s: float | None = None
 
 
@@ -116,7 +116,7 @@ class SinglePolicy:
         return _judgement(detection, health, _reason(detection))
 
 
-def judge_image(scorer: Bundle, image: NDArray[np.uint8]) -> Judgement:
+def judge_image(scorer: Bundle, image: U8) -> Judgement:
     """Judge one picture in memory exactly as policy ``texture`` judges a source's only frame.
 
     A frame rule that needs several alarms calls a picture that alarms unknown: for the frames of

@@ -26,9 +26,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.atomic import write_bytes
 from tokt.features.common.errors import ToktError
 
@@ -124,7 +123,7 @@ RECORDING_FORMAT = 1
 """To change the format: raise this, keep reading the older ones, and prove it with a test."""
 
 FILE_NAME = "recording.jsonl"
-Picture = NDArray[np.uint8]
+Picture = U8
 SIDES = {"left": ("Left", "L"), "right": ("Right", "R")}
 
 
@@ -325,7 +324,7 @@ def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[d
     yield from lines
 
 
-def _png(picture: NDArray[np.uint8]) -> bytes:
+def _png(picture: U8) -> bytes:
     try:
         done, data = cv2.imencode(".png", picture)
     except cv2.error as error:

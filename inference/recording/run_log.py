@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.inference.clock import Clock
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
@@ -65,7 +65,7 @@ def event_line(run: str, seq: int, event: Event) -> dict[str, Any]:
     return {**line, **event.fields}
 
 
-def json_values(values: NDArray[np.float64] | None) -> list[Any] | None:
+def json_values(values: F64 | None) -> list[Any] | None:
     """Decision values, exact to the last bit; what is not finite becomes None."""
     if values is None:
         return None
@@ -74,7 +74,7 @@ def json_values(values: NDArray[np.float64] | None) -> list[Any] | None:
     return [[v if math.isfinite(v) else None for v in row] for row in values.tolist()]
 
 
-def _side(picture: NDArray[np.uint8] | None, fault: Fault) -> str | dict[str, str]:
+def _side(picture: U8 | None, fault: Fault) -> str | dict[str, str]:
     if picture is not None:
         return pixel_mark(picture)
     return {"reason": fault.reason.value, "words": str(fault)}

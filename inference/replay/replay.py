@@ -23,9 +23,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.inference.clock import FixedStopwatch
@@ -130,7 +128,7 @@ class Replay:
 
     def _shown(self, logged: LoggedFrame) -> tuple[Frame | None, str]:
         """The frame as the policy saw it, or why it cannot be shown again."""
-        pictures: list[tuple[NDArray[np.uint8] | None, Fault]] = []
+        pictures: list[tuple[U8 | None, Fault]] = []
         for camera, then in ((LEFT, logged.left), (RIGHT, logged.right)):
             if isinstance(then, Fault):
                 pictures.append((None, then))

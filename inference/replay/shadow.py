@@ -25,8 +25,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock, FixedStopwatch
 from tokt.inference.frame import Frame
@@ -158,8 +158,8 @@ def receive_frame(connection: Connection) -> Frame:
     return replace(frame, left=left, right=right)
 
 
-def _picture(connection: Connection, shape: tuple[int, ...], dtype: str) -> NDArray[np.uint8]:
-    picture: NDArray[np.uint8] = np.empty(shape, dtype)
+def _picture(connection: Connection, shape: tuple[int, ...], dtype: str) -> U8:
+    picture: U8 = np.empty(shape, dtype)
     if picture.size:
         connection.recv_bytes_into(picture.reshape(-1).view(np.uint8).data)
     return picture

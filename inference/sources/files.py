@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.camera_frame import MOSAIC_FORMATS, frame_from_camera
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames, open_mission
@@ -93,7 +91,7 @@ class MissionSource:
         """Deliver no further frame."""
         self._stopped = True
 
-    def _read(self, number: int, camera: str) -> tuple[NDArray[np.uint8] | None, Fault]:
+    def _read(self, number: int, camera: str) -> tuple[U8 | None, Fault]:
         return read_picture(self._mission, number, camera, self._pixel_format)
 
     def _wait_until(self, due: float) -> None:
@@ -104,7 +102,7 @@ class MissionSource:
 
 def read_picture(
     mission: Mission, number: int, camera: str, pixel_format: str | None = None
-) -> tuple[NDArray[np.uint8] | None, Fault]:
+) -> tuple[U8 | None, Fault]:
     """One camera's picture of a mission's frame, or why there is none.
 
     Parameters
@@ -126,9 +124,7 @@ def read_picture(
     return _from_raw(image, pixel_format)
 
 
-def _from_raw(
-    image: NDArray[np.uint8], pixel_format: str
-) -> tuple[NDArray[np.uint8] | None, Fault]:
+def _from_raw(image: U8, pixel_format: str) -> tuple[U8 | None, Fault]:
     """The frame that an image's gray levels are the raw pixels of, or why there is none."""
     if image.ndim != 2:
         words = f"the image is in colour: it does not hold raw {pixel_format} pixels"

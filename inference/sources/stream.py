@@ -20,9 +20,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tokt.features.common.address import parse_address
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -40,7 +40,7 @@ CONNECT_S = 10.0
 _STOP_CHECK_S = 0.05
 _READ = 1 << 20
 
-Picture = NDArray[np.uint8]
+Picture = U8
 
 
 def is_stream_source(text: str) -> bool:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 
 from .calibration_files import PARTS, CalibrationNumbers, folds_back_at_px, read_numbers
@@ -51,12 +51,12 @@ class StereoCalibration:
         Width and height in pixels of the frames it is for.
     """
 
-    K1: NDArray[np.float64]
-    D1: NDArray[np.float64]
-    K2: NDArray[np.float64]
-    D2: NDArray[np.float64]
-    R: NDArray[np.float64]
-    T_mm: NDArray[np.float64]
+    K1: F64
+    D1: F64
+    K2: F64
+    D2: F64
+    R: F64
+    T_mm: F64
     frame_size: tuple[int, int]
 
 
@@ -210,9 +210,7 @@ def oddities(calibration: StereoCalibration) -> list[str]:
     return found
 
 
-def _camera_oddities(
-    name: str, K: NDArray[np.float64], D: NDArray[np.float64], frame_size: tuple[int, int]
-) -> list[str]:
+def _camera_oddities(name: str, K: F64, D: F64, frame_size: tuple[int, int]) -> list[str]:
     """The same of one camera, with positive focal lengths."""
     found = []
     fx, fy = K[0, 0], K[1, 1]
@@ -241,7 +239,7 @@ def _camera_oddities(
     return found
 
 
-def _without_skew(K: NDArray[np.float64]) -> NDArray[np.float64]:
+def _without_skew(K: F64) -> F64:
     plain = K.copy()
     plain[0, 1] = 0.0
     return plain
@@ -259,5 +257,5 @@ def _rectifying_faults(numbers: CalibrationNumbers) -> list[str]:
     return ["R1 and R2 do not belong to its R"]
 
 
-def _is_one(matrix: NDArray[np.float64]) -> bool:
+def _is_one(matrix: F64) -> bool:
     return bool(np.abs(matrix - np.eye(3)).max() <= _ROTATION_TOLERANCE)

@@ -17,11 +17,12 @@ from typing import Any, NoReturn
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError, os_errors_as
 
-Float = NDArray[np.float64]
+Float = F64
 
 OPENCV_FORM = "OpenCV FileStorage"
 BOUGUET_FORM = "Bouguet toolbox text"
@@ -473,7 +474,7 @@ _FARTHEST = 4.0
 """How far the walk goes out, in distances of the farthest corner."""
 
 
-def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> NDArray[np.float64]:
+def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> F64:
     """OpenCV's five coefficients in OpenCV's order: k1, k2, p1, p2, k3.
 
     The third radial coefficient stands last, behind the two tangential ones. Bouguet's ``kc`` has
@@ -495,9 +496,7 @@ def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> N
     return np.array([k1, k2, p1, p2, k3], np.float64)
 
 
-def folds_back_at_px(
-    K: NDArray[np.float64], D: NDArray[np.float64], frame_size: tuple[int, int]
-) -> float | None:
+def folds_back_at_px(K: F64, D: F64, frame_size: tuple[int, int]) -> float | None:
     """Where, inside the frame, radial distortion stops moving outwards; None where it does not.
 
     Parameters

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, U8
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS, Kernels
 from tokt.inference.config import BM, DEFAULT_SCALE
@@ -133,9 +133,7 @@ class DisparityDetector:
         """Rows at full resolution by which the right view of the next pair is moved down."""
         return self._drift.px
 
-    def match(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], row_shift_px: float = 0.0
-    ) -> Matches:
+    def match(self, left: U8, right: U8, row_shift_px: float = 0.0) -> Matches:
         """Rectify and match a pair of frames of the calibration's size."""
         views = self.rectifier.left(left), self.rectifier.right(right, row_shift_px)
         return self._matcher.match(*views)
@@ -165,7 +163,7 @@ class DisparityDetector:
         few = "" if distance is None else f"too few matches for a status, at {distance:.1f} m"
         return Detection(np.zeros_like(mask), DISPARITY, note=few)
 
-    def depth_m(self, found: Matches) -> NDArray[np.float32]:
+    def depth_m(self, found: Matches) -> F32:
         """Depth in metres along the views' axis, float32, (height, width); nan without a match."""
         depth = np.full(found.valid.shape, np.nan, np.float32)
         depth[found.valid] = self.rectifier.focal_baseline_px_m / found.disparity_px[found.valid]
@@ -179,9 +177,7 @@ class DisparityDetector:
         return float(self.rectifier.focal_baseline_px_m / far)
 
 
-def _unfit(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], scaled: list[NDArray[np.float32]]
-) -> Fault:
+def _unfit(left: U8, right: U8, scaled: list[F32]) -> Fault:
     """Which picture `frame_fault` finds fault with and why, or an empty string."""
     for side, picture, half in (("left", left, scaled[0]), ("right", right, scaled[1])):
         fault = frame_fault(picture, *_small(picture, half))
@@ -190,9 +186,7 @@ def _unfit(
     return NO_FAULT
 
 
-def _small(
-    picture: NDArray[np.uint8], half: NDArray[np.float32]
-) -> tuple[NDArray[np.uint8] | None, Grid | None]:
+def _small(picture: U8, half: F32) -> tuple[U8 | None, Grid | None]:
     """The gray picture that `frame_fault` looks at, from the scaled one where that is larger."""
     height, width = PATCH_GRID.resized(*picture.shape[:2])
     if half.shape[1] < width or picture.shape[1] < width:
@@ -320,7 +314,7 @@ def _continues(old: tuple[float, float], new: tuple[float, float]) -> bool:
     return abs(new[1] - old[1]) <= JUMP_M + FASTEST_M_S * (new[0] - old[0])
 
 
-def _line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+def _line(x: F64, y: F64) -> tuple[float, float]:
     """Slope and value at 0 of the line through points, by Theil and Sen."""
     first, second = np.triu_indices(len(x), 1)
     slope = float(np.median((y[second] - y[first]) / (x[second] - x[first])))

@@ -32,6 +32,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, I64, Bools
+
 if TYPE_CHECKING:
     from .matching import Matches
 
@@ -111,7 +113,7 @@ class EpipolarOffset:
 
 
 def epipolar_offset(
-    left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches, scale: float
+    left_view: F32, right_view: F32, matches: Matches, scale: float
 ) -> EpipolarOffset | None:
     """Measure how the rows of a pair lie to each other, from its block matches.
 
@@ -145,9 +147,7 @@ def epipolar_offset(
     return EpipolarOffset(middle, spread, turn, error, count / len(good))
 
 
-def _clear_points(
-    view: NDArray[np.float32], matches: Matches
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]] | None:
+def _clear_points(view: F32, matches: Matches) -> tuple[I64, I64, F32] | None:
     """Rows, columns and disparities of the matches whose patches tell rows apart."""
     height, width = view.shape
     margin = PATCH_RADIUS + SEARCH_ROWS
@@ -174,12 +174,8 @@ def _clear_points(
 
 
 def _row_shifts(
-    left_view: NDArray[np.float32],
-    right_view: NDArray[np.float32],
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    disparity: NDArray[np.float32],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    left_view: F32, right_view: F32, rows: I64, columns: I64, disparity: F32
+) -> tuple[F64, F64, Bools]:
     """For each point how many rows lower it stands in the right view, and how well it is found.
 
     Returns the shift in rows of the view, the normalised correlation there, and whether the best
@@ -205,7 +201,7 @@ def _row_shifts(
     return shift, correlation[point, best], inside
 
 
-def _correlation(patches: NDArray[np.float32], strips: NDArray[np.float32]) -> NDArray[np.float64]:
+def _correlation(patches: F32, strips: F32) -> F64:
     """Normalised correlation of each patch with each place down its strip, shape (n, places)."""
     side = patches.shape[1]
     patches = patches - patches.mean(axis=(1, 2), keepdims=True)
@@ -280,11 +276,7 @@ class EpipolarDriftCorrection:
         return variation is not None and variation <= MAX_VARIATION_PX
 
     def add(
-        self,
-        left_view: NDArray[np.float32],
-        right_view: NDArray[np.float32],
-        matches: Matches,
-        scale: float,
+        self, left_view: F32, right_view: F32, matches: Matches, scale: float
     ) -> EpipolarOffset | None:
         """Measure a pair whose right view has the present correction, and follow it.
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
@@ -65,7 +65,7 @@ class MofNResult:
         decides.
     """
 
-    patches: NDArray[np.bool_] | None
+    patches: Bools | None
     note: str = ""
 
 
@@ -87,9 +87,7 @@ class MofNRun:
         self._state.skip(missed + self._begun)
         self._begun = 1
 
-    def judge(
-        self, scores: NDArray[np.float64], patches: NDArray[np.bool_], min_mask_patches: int
-    ) -> MofNResult:
+    def judge(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
         """Judge the frame that was begun.
 
         Parameters
@@ -169,7 +167,7 @@ class TextureDetector:
             return self._unjudged(Fault(Reason.NOT_FINITE, words))
         return replace(self._ruled(values, *gray.shape), features=features)
 
-    def _ruled(self, values: NDArray[np.float64], height: int, width: int) -> Detection:
+    def _ruled(self, values: F64, height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""
         grid, model = self.scorer.grid, self.scorer.model
         ruled = self._rule.judge(

@@ -46,6 +46,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.common.canonical import json_sha256, printable_json
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.extractors.extractor import Extractor, build_extractor
@@ -129,8 +130,8 @@ class Golden:
     """
 
     frames: tuple[bytes, ...]
-    decision_values: NDArray[np.float64]
-    obstacle: NDArray[np.bool_]
+    decision_values: F64
+    obstacle: Bools
 
 
 @dataclass(frozen=True)
@@ -220,7 +221,7 @@ class Bundle(BundleContent):
         """The pictures of a frame that the extractor looks at; None is the plain one."""
         return self.extractor.images
 
-    def decision_values(self, frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def decision_values(self, frame: U8) -> F64:
         """Decision values of a frame's patches, shape (n_patches, n_outputs).
 
         Parameters
@@ -230,9 +231,7 @@ class Bundle(BundleContent):
         """
         return self.values_of(self.features(frame))
 
-    def features(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None
-    ) -> NDArray[np.float64]:
+    def features(self, frame: U8, pictures: FramePictures | None = None) -> F64:
         """Features of a frame's patches, shape (n_patches, dim).
 
         Parameters
@@ -243,7 +242,7 @@ class Bundle(BundleContent):
         """
         return self.extractor.describe_pictures(pictures or FramePictures(frame, self.grid))
 
-    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values_of(self, features: F64) -> F64:
         """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
         return self.model.decision_values(features)
 

@@ -19,9 +19,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -393,9 +391,7 @@ class CameraSource:
         views = left, right, left_fault, right_fault
         return Frame(self._number, t, *views, missed, timed=True, arrived=arrived)
 
-    def _view(
-        self, camera: int, capture: Capture | None, alone: Fault
-    ) -> tuple[NDArray[np.uint8] | None, Fault]:
+    def _view(self, camera: int, capture: Capture | None, alone: Fault) -> tuple[U8 | None, Fault]:
         """A camera's picture, or why there is none."""
         if capture is not None:
             fault = capture.fault.about(SIDES[camera]) if capture.fault else NO_FAULT

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import MOSAIC_FORMATS, PIXEL_FORMATS
 from tokt.inference.config import SourceConfig
@@ -56,7 +56,7 @@ class Pixels:
     height: int
     width: int
     pixel_format: str
-    data: NDArray[np.uint8]
+    data: U8
 
 
 def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:

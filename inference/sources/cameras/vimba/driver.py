@@ -9,8 +9,8 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
 from tokt.inference.clock import Clock
@@ -249,7 +249,7 @@ class VimbaDriver:
         return Capture(self._camera, frame.frameID, taken_s, arrived, t, picture, fault)
 
 
-def _picture(frame: Any) -> tuple[NDArray[np.uint8] | None, Fault]:
+def _picture(frame: Any) -> tuple[U8 | None, Fault]:
     """A copy of a buffer's picture, or why there is none."""
     if frame.receiveStatus != _COMPLETE:
         return None, _INCOMPLETE
