@@ -93,16 +93,10 @@ class LinearModel:
             As in `LinearModel`.
         """
         svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
-        dim = svc.coef_.shape[1]
-        return cls.fold(
-            svc.coef_,
-            svc.intercept_,
-            np.zeros(dim) if scaler is None else scaler.mean_,
-            np.ones(dim) if scaler is None else scaler.scale_,
-            thresholds,
-            classes,
-            obstacle,
-        )
+        mean, scale = np.zeros(svc.coef_.shape[1]), np.ones(svc.coef_.shape[1])
+        if scaler is not None:
+            mean, scale = scaler.mean_, scaler.scale_
+        return cls.fold(svc.coef_, svc.intercept_, mean, scale, thresholds, classes, obstacle)
 
     @property
     def dim(self) -> int:

@@ -311,16 +311,6 @@ def parse_device(text: str) -> tuple[str, int]:
     return parse_address(match[1])
 
 
-def _dialect() -> ModuleType:
-    """MAVLink's common messages, in version 2's framing."""
-    try:
-        from pymavlink.dialects.v20 import common
-    except ImportError:
-        raise ToktError("MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'") from None
-    dialect: ModuleType = common
-    return dialect
-
-
 class MavlinkSender(DatagramSocket):
     """Send verdicts as MAVLink messages to one address, one message a datagram.
 
@@ -347,7 +337,12 @@ class MavlinkSender(DatagramSocket):
     """
 
     def __init__(self, host: str, port: int, options: MavlinkOptions, clock: Clock) -> None:
-        self._words = _dialect()
+        try:
+            from pymavlink.dialects.v20 import common  # in version 2's framing
+        except ImportError:
+            wanted = "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'"
+            raise ToktError(wanted) from None
+        self._words: ModuleType = common
         super().__init__(host, port)
         self.options = options
         self.unsaid = 0

@@ -188,11 +188,6 @@ def older_file(path: Path, number: int) -> Path:
     return path.with_name(f"{path.stem}.{number}{path.suffix}")
 
 
-def every_name(path: Path) -> list[Path]:
-    """All names that files of a log can have, newest first."""
-    return [path, *(older_file(path, number) for number in range(1, MAX_KEPT + 1))]
-
-
 def rotate_files(path: Path, keep: int) -> None:
     """Make `path` the newest of at most `keep` older files, so that it is free.
 
@@ -278,7 +273,7 @@ def _open_together(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]
 def _open_all(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]:
     """The files, newest first; one met twice, as it was just renamed, is taken once."""
     files: dict[tuple[int, int], tuple[Path, BinaryIO]] = {}
-    for name in every_name(path):
+    for name in (path, *(older_file(path, number) for number in range(1, MAX_KEPT + 1))):
         try:
             file = opened.enter_context(name.open("rb"))
         except FileNotFoundError:

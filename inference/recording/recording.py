@@ -17,6 +17,7 @@ off in between.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import shutil
@@ -81,12 +82,15 @@ class DiskBudget:
         self._folder = folder
         self._limits = limits
         self.most_bytes = 1e6 * limits.most_mb
-        self.used_bytes = 0
         self.count()
 
     def count(self) -> None:
         """Look at the disk: somebody may have taken something away."""
-        self.used_bytes = _size_of(self._folder)
+        self.used_bytes = 0
+        for place, _, names in os.walk(self._folder):
+            for name in names:
+                with contextlib.suppress(OSError):  # taken away meanwhile
+                    self.used_bytes += whole_blocks((Path(place) / name).stat().st_size)
 
     def lacking(self, size: int) -> float:
         """Bytes that have to go before so many more fit; 0 or less if they do."""
@@ -106,17 +110,6 @@ class DiskBudget:
 def whole_blocks(size: int) -> int:
     """Bytes that a file of this size takes of the disk."""
     return -(-size // BLOCK_BYTES) * BLOCK_BYTES
-
-
-def _size_of(folder: Path) -> int:
-    total = 0
-    for place, _, names in os.walk(folder):
-        for name in names:
-            try:
-                total += whole_blocks((Path(place) / name).stat().st_size)
-            except OSError:
-                continue  # taken away meanwhile
-    return total
 
 
 RECORDING_FORMAT = 1

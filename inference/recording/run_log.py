@@ -6,7 +6,8 @@ import math
 import uuid
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -19,18 +20,6 @@ from tokt.inference.reason import Fault
 from tokt.inference.report import LOG_ONLY, Event, Report, filler
 
 from .log import JsonLines, LogRotation
-
-
-class _LineValues(NamedTuple):
-    """Where a line's own fields are found."""
-
-    run: str
-    frame: Frame
-    judgement: Judgement
-    report: Report
-    left: str | dict[str, str]
-    right: str | dict[str, str]
-
 
 _log_only = filler(LOG_ONLY)
 
@@ -48,7 +37,10 @@ def frame_line(run: str, frame: Frame, judgement: Judgement, report: Report) -> 
         a picture, or ``{"reason", "words"}`` where there is none.
     """
     left, right = _side(frame.left, frame.left_fault), _side(frame.right, frame.right_fault)
-    return {**report.fields(), **_log_only(_LineValues(run, frame, judgement, report, left, right))}
+    known = SimpleNamespace(
+        run=run, frame=frame, judgement=judgement, report=report, left=left, right=right
+    )
+    return {**report.fields(), **_log_only(known)}
 
 
 def heartbeat_line(run: str, report: Report) -> dict[str, Any]:

@@ -73,8 +73,10 @@ class MissionSource:
         for index, number in enumerate(self.numbers):
             left, left_fault = self._read(number, LEFT)
             right, right_fault = self._read(number, RIGHT) if self._stereo else (None, _NOT_READ)
-            if self._rate is not None:
-                self._wait_until(start + index / self._rate)
+            due = start if self._rate is None else start + index / self._rate
+            # In short pieces, so that `stop` is noticed.
+            while not self._stopped and (left_s := due - self._clock.monotonic()) > 0:
+                self._clock.sleep(min(left_s, _STOP_CHECK_S))
             if self._stopped:
                 return
             now = self._clock.time()
@@ -93,11 +95,6 @@ class MissionSource:
 
     def _read(self, number: int, camera: str) -> tuple[U8 | None, Fault]:
         return read_picture(self._mission, number, camera, self._pixel_format)
-
-    def _wait_until(self, due: float) -> None:
-        """Sleep in short pieces, so that `stop` is noticed."""
-        while not self._stopped and (left_s := due - self._clock.monotonic()) > 0:
-            self._clock.sleep(min(left_s, _STOP_CHECK_S))
 
 
 def read_picture(

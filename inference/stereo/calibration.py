@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,7 @@ from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 
 from .calibration_files import PARTS, CalibrationNumbers, folds_back_at_px, read_numbers
-
-MISSION_FRAME_SIZE = (1360, 1024)
-"""Width and height in pixels of the mission cameras (Prosilica GC1380C), which a calibration
-that does not say its frames' size is for."""
+from .calibration_files import StereoCalibration as StereoCalibration
 
 _ROTATION_TOLERANCE = 1e-3
 # Where a calibration is usable, but unlike those of two cameras on one vehicle.
@@ -29,35 +26,6 @@ _OFF_CENTRE = 0.1
 _TANGENTIAL = 0.02
 _MAX_PIXELS = 100_000_000
 """No camera has more, and rectifying takes memory for each."""
-
-
-@dataclass(frozen=True)
-class StereoCalibration:
-    """Two cameras and how they stand to each other; all float64.
-
-    Parameters
-    ----------
-    K1, K2 : array, shape (3, 3)
-        Camera matrices of the left and the right camera, in pixels of `frame_size`; the centre
-        of the first pixel is at (0, 0).
-    D1, D2 : array, shape (4..14,)
-        Distortion coefficients in OpenCV's order: k1, k2, p1, p2, k3, ...
-    R : array, shape (3, 3)
-        Rotation from left camera coordinates to right ones.
-    T_mm : array, shape (3, 1)
-        Translation from left camera coordinates to right ones, in millimetres: a point of the
-        right camera is R @ left + T_mm.
-    frame_size : (int, int)
-        Width and height in pixels of the frames it is for.
-    """
-
-    K1: F64
-    D1: F64
-    K2: F64
-    D2: F64
-    R: F64
-    T_mm: F64
-    frame_size: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -136,16 +104,12 @@ def read_calibration(path: Path | str) -> CheckedCalibration:
 
 def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:
     """Check what was read from a file."""
-    parts = {name: getattr(numbers, name) for name in PARTS}
-    found = StereoCalibration(**parts, frame_size=numbers.frame_size or MISSION_FRAME_SIZE)
-    odd = list(numbers.remarks)
-    if numbers.frame_size is None:
-        width, height = MISSION_FRAME_SIZE
-        odd.append(f"it does not say its frames' size: taken for {width}x{height}")
     with np.errstate(all="ignore"):  # whatever overflows is refused, not warned of
-        reasons = refusals(found) or _rectifying_faults(numbers)
-        odd += oddities(found)
-    plain = replace(found, K1=_without_skew(found.K1), K2=_without_skew(found.K2))
+        reasons = refusals(numbers) or _rectifying_faults(numbers)
+        odd = [*numbers.remarks, *oddities(numbers)]
+    parts = {name: getattr(numbers, name).copy() for name in PARTS}
+    parts["K1"][0, 1] = parts["K2"][0, 1] = 0.0
+    plain = StereoCalibration(**parts, frame_size=numbers.frame_size)
     return CheckedCalibration(numbers.path, plain, numbers.form, odd, reasons, numbers.notes)
 
 
@@ -237,12 +201,6 @@ def _camera_oddities(name: str, K: F64, D: F64, frame_size: tuple[int, int]) -> 
     if fold is not None:
         found.append(f"{name}: its distortion folds back {fold:.0f} px from the principal point")
     return found
-
-
-def _without_skew(K: F64) -> F64:
-    plain = K.copy()
-    plain[0, 1] = 0.0
-    return plain
 
 
 def _rectifying_faults(numbers: CalibrationNumbers) -> list[str]:

@@ -31,6 +31,10 @@ PRINTED_FORM = "printed table (JSON)"
 FORMAT_VERSION = 1
 """Of the files that `calibration_writer` writes; those written before have no such key, and
 perhaps no frame size."""
+MISSION_FRAME_SIZE = (1360, 1024)
+"""Width and height in pixels of the mission cameras (Prosilica GC1380C), which a calibration
+that does not say its frames' size is for."""
+
 _MAX_BYTES = 1 << 20
 _MAX_BRACKETS = 5000
 """OpenCV's parser needs memory with the square of the nesting depth."""
@@ -65,24 +69,46 @@ _MATLAB_MAGIC = b"MATLAB "
 
 
 @dataclass(frozen=True)
-class CalibrationNumbers:
-    """The numbers of a calibration file, in OpenCV's conventions; all float64 and finite.
+class StereoCalibration:
+    """Two cameras and how they stand to each other; all float64.
+
+    Parameters
+    ----------
+    K1, K2 : array, shape (3, 3)
+        Camera matrices of the left and the right camera, in pixels of `frame_size`; the centre
+        of the first pixel is at (0, 0).
+    D1, D2 : array, shape (4..14,)
+        Distortion coefficients in OpenCV's order: k1, k2, p1, p2, k3, ...
+    R : array, shape (3, 3)
+        Rotation from left camera coordinates to right ones.
+    T_mm : array, shape (3, 1)
+        Translation from left camera coordinates to right ones, in millimetres: a point of the
+        right camera is R @ left + T_mm.
+    frame_size : (int, int)
+        Width and height in pixels of the frames it is for.
+    """
+
+    K1: F64
+    D1: F64
+    K2: F64
+    D2: F64
+    R: F64
+    T_mm: F64
+    frame_size: tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationNumbers(StereoCalibration):
+    """A calibration as a file has it, finite, and what else stands there.
 
     Parameters
     ----------
     path : Path
     form : str
         What kind of file it is, in words.
-    K1, K2, R : array, shape (3, 3)
-    D1, D2 : array, shape (4, 5, 8, 12 or 14,)
-        OpenCV's order: k1, k2, p1, p2, k3, ...
-    T_mm : array, shape (3, 1)
-        A point of the right camera is R @ left + T_mm.
-    frame_size : (int, int) or None
-        Width and height in pixels, where the file has them.
     R1, R2 : array, or None
         Rectifying rotations, where the file has them.
-    remarks : tuple of str
+    remarks : sequence of str
         What was assumed or left out in reading it.
     notes : mapping of str to str
         What its writer noted on how it was made.
@@ -90,16 +116,9 @@ class CalibrationNumbers:
 
     path: Path
     form: str
-    K1: Float
-    D1: Float
-    K2: Float
-    D2: Float
-    R: Float
-    T_mm: Float
-    frame_size: tuple[int, int] | None = None
     R1: Float | None = None
     R2: Float | None = None
-    remarks: tuple[str, ...] = ()
+    remarks: Sequence[str] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -181,10 +200,12 @@ def checked_numbers(
         if arrays[name].size not in sizes:
             raise ToktError(f"calibration {path}: {name} must {words}")
         arrays[name] = arrays[name].reshape(shape)
-    size = None if frame_size is None else _frame_size(path, frame_size)
-    return CalibrationNumbers(
-        path, form, **arrays, frame_size=size, remarks=tuple(remarks), notes=notes or {}
-    )
+    size, (width, height) = frame_size, MISSION_FRAME_SIZE
+    if size is None:
+        size = width, height
+        remarks = [*remarks, f"it does not say its frames' size: taken for {width}x{height}"]
+    parts: dict[str, Any] = {**arrays, "frame_size": _frame_size(path, size)}
+    return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks, notes=notes or {})
 
 
 def _finite(path: Path, name: str, value: ArrayLike) -> Float:

@@ -175,7 +175,8 @@ class PushbroomDetector:
         view_width, view_height = self.rectifier.size
         self._cells = (view_height // CELL_PX, view_width // CELL_PX)
         self._slices = _slices(distances_m, self.rectifier)
-        self._where = _in_words(distances_m)
+        words = [f"{distance:g}" for distance in distances_m]
+        self._where = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) + " m"
         self._odometry = odometry
         self._pose: Pose | None = None
         self._since_pose = 0
@@ -300,11 +301,6 @@ class PushbroomDetector:
             note += "; distances as they were then: there is no odometry"
         distance = float(np.percentile(memory.depths_m, NEAR_PERCENTILE))
         return Detection(mask, PUSHBROOM, distance_m=distance, note=note)
-
-
-def _in_words(distances_m: Sequence[float]) -> str:
-    words = [f"{distance:g}" for distance in distances_m]
-    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) + " m"
 
 
 def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:

@@ -27,17 +27,8 @@ _MIN_IN_VIEW = 0.5
 def rectifying(calibration: StereoCalibration) -> tuple[F64, ...]:
     """Both rectifying rotations (3, 3) and projections (3, 4): R1, R2, P1, P2."""
     known = calibration
-    found = cv2.stereoRectify(
-        known.K1,
-        known.D1,
-        known.K2,
-        known.D2,
-        known.frame_size,
-        known.R,
-        known.T_mm,
-        flags=cv2.CALIB_ZERO_DISPARITY,
-        alpha=-1,
-    )
+    cameras = known.K1, known.D1, known.K2, known.D2, known.frame_size, known.R, known.T_mm
+    found = cv2.stereoRectify(*cameras, flags=cv2.CALIB_ZERO_DISPARITY, alpha=-1)
     return tuple(np.asarray(one, np.float64) for one in found[:4])
 
 
@@ -207,14 +198,9 @@ class Rectifier:
         if key not in self._places:
             self._places[key] = self._frame_places(height, width).astype(np.float32)
         places = self._places[key]
-        mask = cv2.remap(
-            np.asarray(view, np.uint8),
-            places[..., 0],
-            places[..., 1],
-            cv2.INTER_NEAREST,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=0,
-        )
+        x, y, outside = places[..., 0], places[..., 1], cv2.BORDER_CONSTANT
+        seen = np.asarray(view, np.uint8)
+        mask = cv2.remap(seen, x, y, cv2.INTER_NEAREST, borderMode=outside, borderValue=0)
         return np.asarray(mask, np.uint8)
 
     def _frame_places(self, height: int, width: int) -> F64:

@@ -160,7 +160,7 @@ class TextureDetector:
         fault = frame_fault(frame.left, gray, grid)
         if fault:
             return self._unjudged(fault)
-        features = self.scorer.features(frame.left, pictures)
+        features = self.scorer.features(frame.left, pictures, self.threads)
         values = self.scorer.values_of(features)
         if not np.isfinite(values).all():
             words = "the model gave a decision value that is not finite"
@@ -175,17 +175,10 @@ class TextureDetector:
             model.obstacle_patches(values),
             min_mask_patches(grid, height, width),
         )
-        label = self.scorer.label
         if ruled.patches is None:
-            return Detection(
-                None,
-                TEXTURE,
-                label,
-                decision_values=values,
-                fault=Fault(Reason.FRAME_RULE, ruled.note),
-                vetoes_clear=True,
-            )
-        mask = grid.paint(ruled.patches, height, width)
+            unjudged = self._unjudged(Fault(Reason.FRAME_RULE, ruled.note))
+            return replace(unjudged, decision_values=values, vetoes_clear=True)
+        mask, label = grid.paint(ruled.patches, height, width), self.scorer.label
         return Detection(mask, TEXTURE, label, decision_values=values, note=ruled.note)
 
     def _unjudged(self, fault: Fault) -> Detection:
@@ -222,15 +215,18 @@ class ReloadableTextureDetector:
     detector : Detector or None
     why_none : str
         Why there is no detector, where there is none.
+
+    Attributes
+    ----------
     note : str
         What is not as it should be with the model there is, for every detection's note.
     """
 
     method = TEXTURE
 
-    def __init__(self, detector: Detector | None, why_none: str = "", note: str = "") -> None:
+    def __init__(self, detector: Detector | None, why_none: str = "") -> None:
         self.detector = detector
-        self.note = note
+        self.note = ""
         self._why_none = why_none
 
     def put(self, detector: Detector) -> None:

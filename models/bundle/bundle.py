@@ -231,7 +231,7 @@ class Bundle(BundleContent):
         """
         return self.values_of(self.features(frame))
 
-    def features(self, frame: U8, pictures: FramePictures | None = None) -> F64:
+    def features(self, frame: U8, pictures: FramePictures | None = None, threads: int = 1) -> F64:
         """Features of a frame's patches, shape (n_patches, dim).
 
         Parameters
@@ -239,8 +239,11 @@ class Bundle(BundleContent):
         frame : array of uint8, shape (height, width) or (height, width, 3)
         pictures : FramePictures, optional
             The frame's pictures on this grid, where the caller has some already.
+        threads : int
+            How many threads share the work; the values do not depend on it.
         """
-        return self.extractor.describe_pictures(pictures or FramePictures(frame, self.grid))
+        pictures = pictures or FramePictures(frame, self.grid, threads=threads)
+        return self.extractor.describe_pictures(pictures)
 
     def values_of(self, features: F64) -> F64:
         """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""

@@ -128,11 +128,9 @@ def _keys(store: Store) -> Found:
 
 def _next_start(store: Store) -> str:
     """What a runtime that starts now would do without the active model."""
-    try:
-        _, notes = load_running(store)
-    except ToktError:
-        return "a runtime that starts now has no model to run"
-    return f"a runtime that starts now: {'; '.join(notes[-1:])}"
+    starts = _starts_with(store)
+    does = " has no model to run" if starts is None else f": {starts['instead']}"
+    return f"a runtime that starts now{does}"
 
 
 def _last_good(store: Store) -> Found:

@@ -194,17 +194,13 @@ def named_entry(entries: Sequence[Activation], to: str) -> Activation:
     return found[-1]
 
 
-def account() -> str:
-    """The account that runs the command."""
+def stamp(reason: str) -> tuple[str, str, str]:
+    """What each entry ends with: the time (UTC, to the second), the account, and the reason."""
     try:
-        return one_line(getpass.getuser())
+        who = one_line(getpass.getuser())
     except (OSError, KeyError, ImportError):
-        return "unknown"
-
-
-def utc_now() -> str:
-    """UTC, ISO 8601, to the second."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+        who = "unknown"
+    return datetime.now(UTC).isoformat(timespec="seconds"), who, one_line(reason)
 
 
 def one_line(text: str) -> str:

@@ -55,12 +55,11 @@ from .history import (
     Activation,
     DamagedError,
     RollbackStack,
-    account,
     activation_from_bytes,
     named_entry,
     one_line,
     rollback_stack,
-    utc_now,
+    stamp,
 )
 
 LOCK_WAIT_S = 10.0
@@ -414,17 +413,8 @@ class Store:
             self._keep(self._active_file, notice)
         if reading.history_damage:
             self._keep(self._history_file, notice)
-        entry = Activation(
-            number=reading.last_number + 1,
-            action=action,
-            sha256=bundle.sha256,
-            name=bundle.name,
-            version=bundle.version,
-            time=utc_now(),
-            who=account(),
-            reason=one_line(reason),
-            signed_by=signed_by,
-        )
+        number, model = reading.last_number + 1, (bundle.sha256, bundle.name, bundle.version)
+        entry = Activation(number, action, *model, *stamp(reason), signed_by)
         for folder in (self.path, *self.path.glob("versions/*")):
             atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
         lines = "".join(json.dumps(past.to_json()) + "\n" for past in reading.entries)
@@ -528,14 +518,6 @@ class Store:
         name: str = "",
         public_key: str = "",
     ) -> KeyEvent:
-        event = KeyEvent(
-            action=action,
-            key_id=key_id,
-            public_key=public_key,
-            name=one_line(name),
-            time=utc_now(),
-            who=account(),
-            reason=one_line(reason),
-        )
+        event = KeyEvent(action, key_id, public_key, one_line(name), *stamp(reason))
         atomic.write_text(self._keys_file, TrustedKeys((*keys.events, event)).to_text())
         return event

@@ -194,7 +194,8 @@ class GenicamDriver:
         header = message.header
         # One clock for all processes of a machine.
         age_s = max(0.0, time.monotonic() - header["fetched_s"])
-        taken_s = header["taken_s"]
+        arrived, t = self._clock.monotonic() - age_s, self._clock.time() - age_s
+        taken_s = math.nan if header["taken_s"] is None else header["taken_s"]
         picture, fault = None, Fault(Reason(header["reason"]), header["words"])
         if message.data is not None:
             try:
@@ -203,15 +204,7 @@ class GenicamDriver:
                 )
             except ValueError as error:
                 fault = Fault(Reason.UNREADABLE, str(error))
-        return Capture(
-            self._camera,
-            header["frame_id"],
-            math.nan if taken_s is None else taken_s,
-            self._clock.monotonic() - age_s,
-            self._clock.time() - age_s,
-            picture,
-            fault,
-        )
+        return Capture(self._camera, header["frame_id"], taken_s, arrived, t, picture, fault)
 
 
 def _refused(words: str) -> dict[str, Any]:

@@ -298,15 +298,10 @@ def in_one_line(words: str) -> str:
 NAME = "genicam cameras"
 
 
-def genicam_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
+def genicam_finding() -> Finding:
     """The GenICam cameras that there are, or what is missing.
 
     Looked for in another process: producers are native code of the vendors.
-
-    Parameters
-    ----------
-    timeout_s : float
-        How long the producers may take, in seconds.
     """
     try:
         harvesters = f"harvesters {version('harvesters')} with genicam {version('genicam')}"
@@ -317,7 +312,7 @@ def genicam_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
     except ToktError as error:
         return Finding(NAME, NOTE, f"{harvesters}, but {error}")
     try:
-        listing = list_cameras(timeout_s)
+        listing = list_cameras()
     except ToktError as error:
         return Finding(NAME, FAULT, f"{harvesters}: {error}")
     figures = {
