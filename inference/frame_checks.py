@@ -99,14 +99,6 @@ def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
     return NO_FAULT
 
 
-def _some_rows(frame: U8) -> U8:
-    """Every 32nd row of a frame, gray: as many single pixels as a fraction of it needs."""
-    rows = np.ascontiguousarray(frame[::_STEP_ROWS])
-    if rows.ndim == 3:
-        rows = np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.uint8)
-    return rows
-
-
 def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> Fault:
     """Why a frame is outside what can be judged, or an empty string.
 
@@ -130,7 +122,10 @@ def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> 
             gray = gray_picture(frame, own_grid)
         except ValueError as error:
             return Fault(Reason.WRONG_SIZE, f"the frame cannot be looked at: {error}")
-    return _whole_frame_fault(gray, _some_rows(frame)) or _blank_patches_fault(gray, own_grid)
+    rows = np.ascontiguousarray(frame[::_STEP_ROWS])  # as many single pixels as a fraction needs
+    if rows.ndim == 3:
+        rows = np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.uint8)
+    return _whole_frame_fault(gray, rows) or _blank_patches_fault(gray, own_grid)
 
 
 def _whole_frame_fault(gray: U8, pixels: U8) -> Fault:

@@ -69,7 +69,11 @@ class ReportField:
             return value if math.isfinite(value) else None
         if self.kind is list:
             return list(value)
-        return _cut(value, self.max_bytes) if self.max_bytes else value
+        if self.max_bytes:  # as JSON of ASCII, without its quotes
+            value = value[: self.max_bytes]
+            while len(json.dumps(value)) - 2 > self.max_bytes:
+                value = value[:-1]
+        return value
 
 
 def _verdict(name: str, kind: type, **more: Any) -> ReportField:
@@ -179,14 +183,6 @@ class Report:
     def fields(self) -> dict[str, Any]:
         """The fields of UDP v2 (docs/udp.md)."""
         return _v2(self)
-
-
-def _cut(text: str, most: int) -> str:
-    """As much of a text's beginning as takes at most so many bytes in JSON of ASCII."""
-    text = text[:most]
-    while len(json.dumps(text)) - 2 > most:  # without its quotes
-        text = text[:-1]
-    return text
 
 
 _MAX_WAITING = 1000

@@ -219,7 +219,11 @@ def verdict_from_mask(
     if contours:
         cx, cy = _centre(contours, mask)
         x, y = -(cx - width // 2), -(cy - height // 2)
-        box = _box(contours)
+        # Union of the contours' bounding boxes.
+        boxes = np.array([cv2.boundingRect(contour) for contour in contours])
+        x0, y0 = boxes[:, :2].min(axis=0)
+        x1, y1 = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
+        box = int(x0), int(y0), int(x1 - x0), int(y1 - y0)
     return Verdict(
         status, x, y, box, mean, distance_m, method, model, health, mask_size=(height, width)
     )
@@ -241,11 +245,3 @@ def _centre(contours: Sequence[NDArray[Any]], mask: U8) -> tuple[int, int]:
         rows, columns = np.nonzero(mask)
         return int(columns.mean()), int(rows.mean())
     return int(weighted_x / total), int(weighted_y / total)
-
-
-def _box(contours: Sequence[NDArray[Any]]) -> Box:
-    """Union of the contours' bounding boxes."""
-    boxes = np.array([cv2.boundingRect(contour) for contour in contours])
-    x0, y0 = boxes[:, :2].min(axis=0)
-    x1, y1 = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
-    return int(x0), int(y0), int(x1 - x0), int(y1 - y0)

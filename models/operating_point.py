@@ -68,22 +68,17 @@ class MofNRule:
 
     def __post_init__(self) -> None:
         if not (_is_number(self.margin) and 0 <= self.margin <= MAX_MARGIN):
-            raise ToktError(
-                f"a frame rule's margin is a number, 0 to {MAX_MARGIN:g}, not {self.margin!r}"
-            )
+            known = f"a number, 0 to {MAX_MARGIN:g}"
+            raise ToktError(f"a frame rule's margin is {known}, not {self.margin!r}")
         if not (_is_whole(self.min_patches) and self.min_patches >= 1):
             raise ToktError(f"a frame rule needs at least 1 patch, not {self.min_patches!r}")
         if not (_is_whole(self.m) and _is_whole(self.n) and 1 <= self.m <= self.n <= MAX_WINDOW):
-            raise ToktError(
-                f"a frame rule asks for K of N frames, 1 <= K <= N <= {MAX_WINDOW}, "
-                f"not {self.m!r} of {self.n!r}"
-            )
+            known = f"K of N frames, 1 <= K <= N <= {MAX_WINDOW}"
+            raise ToktError(f"a frame rule asks for {known}, not {self.m!r} of {self.n!r}")
         now = self.instant_margin
         if now is not None and not (_is_number(now) and self.margin <= now <= MAX_MARGIN):
-            raise ToktError(
-                f"a frame rule's margin for a status at once is null or a number, its margin "
-                f"{self.margin:g} to {MAX_MARGIN:g}, not {now!r}"
-            )
+            known = f"null or a number, its margin {self.margin:g} to {MAX_MARGIN:g}"
+            raise ToktError(f"a frame rule's margin for a status at once is {known}, not {now!r}")
 
     @property
     def latency_frames(self) -> int:

@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 from collections import deque
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, TextIO
 
@@ -42,6 +43,7 @@ _STYLES = {OBSTACLE: "bold red", CLEAR: "bold green", UNKNOWN: "bold yellow"}
 _ERASE = "\r\x1b[2K"
 
 
+@dataclass(eq=False)
 class StatusLine(Observer):
     """Show a run while it goes on.
 
@@ -55,17 +57,13 @@ class StatusLine(Observer):
     recorder : Recorder, optional
     """
 
-    def __init__(
-        self,
-        counts: RunCounts,
-        clock: Clock,
-        stream: TextIO | None = None,
-        recorder: Recorder | None = None,
-    ) -> None:
-        stream = sys.stderr if stream is None else stream
-        self._counts = counts
-        self._clock = clock
-        self._recorder = recorder
+    counts: RunCounts
+    clock: Clock
+    stream: TextIO | None = None
+    recorder: Recorder | None = None
+
+    def __post_init__(self) -> None:
+        stream = sys.stderr if self.stream is None else self.stream
         self._out = _Out(stream)
         self._console: Console | None = None
         if stream.isatty() and os.environ.get("TERM") != "dumb":
@@ -118,7 +116,7 @@ class StatusLine(Observer):
         """What matters most first: a narrow terminal cuts the rest."""
         from rich.text import Text
 
-        counts, now = self._counts, self._clock.monotonic()
+        counts, now = self.counts, self.clock.monotonic()
         last = counts.last_report
         if last is None:
             return Text("waiting for the first frame")
@@ -135,9 +133,9 @@ class StatusLine(Observer):
             line.append(f"  latency {last.latency_ms:.0f} ms")
         line.append(f"  {self._rate(now):.1f} fps  {self._tally()}")
         line.append(f"  {'no model' if counts.model is None else counts.model.label}")
-        if self._recorder is not None:
-            fault = self._recorder.fault
-            words = f"NOT recording: {fault}" if fault else f"{self._recorder.frames} recorded"
+        if self.recorder is not None:
+            fault = self.recorder.fault
+            words = f"NOT recording: {fault}" if fault else f"{self.recorder.frames} recorded"
             line.append(f"  {words}", "yellow" if fault else "")
         if verdict.reason is not Reason.OK:
             line.append(f"  {verdict.health}")
@@ -145,7 +143,7 @@ class StatusLine(Observer):
         return line
 
     def _tally(self) -> str:
-        counts = self._counts
+        counts = self.counts
         by_status = dict.fromkeys(STATUS_WORDS.values(), 0)
         for (status, _), n in dict(counts.verdicts).items():
             by_status[status] += n
@@ -157,7 +155,7 @@ class StatusLine(Observer):
 
     def _rate(self, now: float) -> float:
         """Frames a second over the last seconds."""
-        self._seen.append((now, self._counts.frames))
+        self._seen.append((now, self.counts.frames))
         while len(self._seen) > 2 and now - self._seen[0][0] > _RATE_OVER_S:
             self._seen.popleft()
         (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]

@@ -387,6 +387,7 @@ def wholly_in_view(verdict: Verdict, blind_m: float = 0.0) -> bool:
     )
 
 
+@dataclass(eq=False)
 class TemporalCues:
     """Another policy's verdicts, with their trend over time and the anchor's errors.
 
@@ -404,19 +405,14 @@ class TemporalCues:
         As in `wholly_in_view`.
     """
 
-    def __init__(
-        self,
-        policy: Policy,
-        texture: ReloadableTextureDetector | None = None,
-        anchor: Anchor | None = None,
-        blind_m: float = 0.0,
-    ) -> None:
-        self.policy = policy
-        self.anchor = anchor
-        self._texture = texture
-        self._blind_m = blind_m
+    policy: Policy
+    texture: ReloadableTextureDetector | None = None
+    anchor: Anchor | None = None
+    blind_m: float = 0.0
+
+    def __post_init__(self) -> None:
         self._watch = TrendEstimator()
-        self._detector = None if texture is None else texture.detector
+        self._detector = None if self.texture is None else self.texture.detector
         self._method = ""
 
     def judge(self, frame: Frame) -> Judgement:
@@ -441,7 +437,7 @@ class TemporalCues:
     def _trend(self, frame: Frame, verdict: Verdict) -> Trend:
         if not frame.timed:
             return Trend()
-        detector = None if self._texture is None else self._texture.detector
+        detector = None if self.texture is None else self.texture.detector
         judged = verdict.status != UNKNOWN
         if detector is not self._detector or (judged and verdict.method != self._method):
             self._watch = TrendEstimator()
@@ -449,4 +445,4 @@ class TemporalCues:
         if not judged:
             return self._watch.add(frame.t, None)
         self._method = verdict.method
-        return self._watch.add(frame.t, verdict.mean, wholly_in_view(verdict, self._blind_m))
+        return self._watch.add(frame.t, verdict.mean, wholly_in_view(verdict, self.blind_m))

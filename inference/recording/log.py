@@ -169,18 +169,13 @@ class JsonLines:
         # Unbuffered: a line is the operating system's once `write` returns.
         self._file = file = self._path.open("ab", buffering=0)
         self._size = os.fstat(file.fileno()).st_size
-        self._torn = _ends_inside_a_line(self._path)
+        self._torn = False
+        if self._size:  # a process that died may have left its last line half-written
+            with self._path.open("rb") as handle:
+                handle.seek(-1, os.SEEK_END)
+                self._torn = handle.read(1) != b"\n"
         self._rotate_at = 1e6 * self._rotation.max_mb if self._rotation else math.inf
         return file
-
-
-def _ends_inside_a_line(path: Path) -> bool:
-    """Whether a process that died left its last line half-written."""
-    if not path.is_file() or path.stat().st_size == 0:
-        return False
-    with path.open("rb") as handle:
-        handle.seek(-1, 2)
-        return handle.read(1) != b"\n"
 
 
 def older_file(path: Path, number: int) -> Path:

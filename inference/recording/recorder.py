@@ -237,6 +237,7 @@ _TELL_S = 10.0
 """Seconds between two events about faults."""
 
 
+@dataclass(eq=False)
 class Recorder(Observer):
     """Record clips: the frames of the seconds around a detection or a doubt.
 
@@ -265,36 +266,30 @@ class Recorder(Observer):
         If the folder cannot be made, or another process records into it.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        run: str,
-        clock: Clock,
-        padding: ClipPadding | None = None,
-        disk: DiskLimits | None = None,
-        memory_mb: float = MEMORY_MB,
-        tell: Callable[[Event], None] | None = None,
-    ) -> None:
+    folder: Path
+    run: str
+    clock: Clock
+    padding: ClipPadding = ClipPadding()  # noqa: RUF009 - frozen
+    disk: DiskLimits | None = None
+    memory_mb: float = MEMORY_MB
+    tell: Callable[[Event], None] | None = None
+
+    def __post_init__(self) -> None:
         self.clips = 0
-        self._run = run
-        self._clock = clock
-        self._padding = ClipPadding() if padding is None else padding
-        self._memory_bytes = 1e6 * memory_mb
-        self._tell = tell
-        self._trigger = ClipTrigger(self._padding)
+        self._trigger = ClipTrigger(self.padding)
         self._before: deque[tuple[float, HeldFrame | Mapping[str, Any]]] = deque()
         self._before_bytes = 0
         self._seq = self._judged = 0
         self._last_number = -1
         self._told_fault = ""
         self._told_s = -_TELL_S
-        limits = DiskLimits(MAX_MB, RESERVE_MB) if disk is None else disk
         self._opened = ExitStack()
-        with os_errors_as(f"cannot record into {folder}"):
-            folder.mkdir(parents=True, exist_ok=True)
-            self._opened.enter_context(locked(folder / _LOCK, _LOCK_WAIT_S))
-        recording = RecordingFolder(folder / run, run)
-        self._writer = RecordingWriter(recording, run, DiskBudget(folder, limits), clock)
+        with os_errors_as(f"cannot record into {self.folder}"):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
+        recording = RecordingFolder(self.folder / self.run, self.run)
+        budget = DiskBudget(self.folder, self.disk or DiskLimits(MAX_MB, RESERVE_MB))
+        self._writer = RecordingWriter(recording, self.run, budget, self.clock)
 
     @property
     def frames(self) -> int:
@@ -325,8 +320,8 @@ class Recorder(Observer):
         """Keep the frame, or remember it for a while."""
         self._seq = report.seq
         self._judged += 1
-        now = self._clock.monotonic() if frame.arrived is None else frame.arrived
-        while self._before and now - self._before[0][0] > self._padding.before_s:
+        now = self.clock.monotonic() if frame.arrived is None else frame.arrived
+        while self._before and now - self._before[0][0] > self.padding.before_s:
             self._forget_oldest(None)
         keep = self._trigger.should_keep(now, report.verdict)
         bare = Judgement(judgement.verdict, texture_s=judgement.texture_s)
@@ -356,7 +351,7 @@ class Recorder(Observer):
             self._trigger.request(event.name)
         if event.name not in KEPT_EVENTS:
             return
-        line = event_line(self._run, self._seq, event)
+        line = event_line(self.run, self._seq, event)
         if self._before:
             self._before.append((self._before[-1][0], line))  # keeps its place among the frames
         else:
@@ -393,12 +388,12 @@ class Recorder(Observer):
             self._writer.put(item, clip)
 
     def _fits(self, more: int = 0) -> bool:
-        return self._before_bytes + self._writer.held_bytes + more <= self._memory_bytes
+        return self._before_bytes + self._writer.held_bytes + more <= 1e6 * self.memory_mb
 
     def _say_fault(self) -> None:
         """Tell that frames are left out, or no more, once it has changed."""
         fault = self._writer.fault
-        now = self._clock.monotonic()
+        now = self.clock.monotonic()
         if fault == self._told_fault or now - self._told_s < _TELL_S:
             return
         self._told_fault, self._told_s = fault, now
@@ -406,5 +401,5 @@ class Recorder(Observer):
         self._say(words, {"fault": fault, "dropped": self.dropped})
 
     def _say(self, words: str, fields: dict[str, Any]) -> None:
-        if self._tell is not None:
-            self._tell(Event(self._clock.time(), RECORDING, words, fields))
+        if self.tell is not None:
+            self.tell(Event(self.clock.time(), RECORDING, words, fields))

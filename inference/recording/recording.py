@@ -166,6 +166,11 @@ class RecordingFolder:
     folder : Path
         ``DIR/<run>``.
     run : str
+
+    Attributes
+    ----------
+    lines_bytes : int
+        Size of the file of lines.
     """
 
     def __init__(self, folder: Path, run: str) -> None:
@@ -176,12 +181,7 @@ class RecordingFolder:
         self._events: list[bytes] = []
         self._written_events = 0
         self._kept: list[_WrittenFrame] = []
-        self._size = 0
-
-    @property
-    def lines_bytes(self) -> int:
-        """Size of the file of lines."""
-        return self._size
+        self.lines_bytes = 0
 
     def tell(self, line: Mapping[str, Any]) -> None:
         """Write an event's line before the next frame's."""
@@ -254,11 +254,11 @@ class RecordingFolder:
         if count == 0:
             return 0
         gone, left = self._kept[:count], self._kept[count:]
-        tail = self._file.read_bytes()[self._size - sum(kept.lines_bytes for kept in left) :]
+        tail = self._file.read_bytes()[self.lines_bytes - sum(kept.lines_bytes for kept in left) :]
         told = left[0].told if left else self._written_events
         lines = b"".join([self._head, *self._events[:told], tail])
         write_bytes(self._file, lines)
-        self._kept, self._size = left, len(lines)
+        self._kept, self.lines_bytes = left, len(lines)
         for kept in gone:
             self._unlink(kept.files)
         return freed
@@ -266,21 +266,21 @@ class RecordingFolder:
     def _look(self) -> None:
         """Begin anew where somebody has taken the recording away: what is left is theirs."""
         size = self._file.stat().st_size if self._file.exists() else 0
-        if size != self._size or size == 0:
-            self._kept, self._size, self._written_events = [], size, 0
+        if size != self.lines_bytes or size == 0:
+            self._kept, self.lines_bytes, self._written_events = [], size, 0
 
     def _append(self, lines: bytes) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        data = lines if self._size else self._head + lines
+        data = lines if self.lines_bytes else self._head + lines
         with self._file.open("ab", buffering=0) as file:
-            if os.fstat(file.fileno()).st_size != self._size:
+            if os.fstat(file.fileno()).st_size != self.lines_bytes:
                 # Taken away since `_look`: what begins here would have no head.
                 raise OSError(f"{self._file} was taken away")
             if file.write(data) != len(data):
                 # A full disk takes a part only, and lets go of it.
-                os.truncate(self._file, self._size)
+                os.truncate(self._file, self.lines_bytes)
                 raise OSError(f"{self._file}: no space left")
-        self._size += len(data)
+        self.lines_bytes += len(data)
 
     def _unlink(self, names: Iterable[str]) -> None:
         for name in names:
@@ -310,10 +310,8 @@ def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[d
     if type(version) is not int or version < 1:
         raise ToktError(f"{path} does not begin as a recording does")
     if version > RECORDING_FORMAT:
-        raise ToktError(
-            f"{path} has format {version}, newer than this tokt reads ({RECORDING_FORMAT}); "
-            "update tokt"
-        )
+        newer = f"newer than this tokt reads ({RECORDING_FORMAT}); update tokt"
+        raise ToktError(f"{path} has format {version}, {newer}")
     yield from lines
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from tokt.features.common.arrays import U8
@@ -18,6 +19,7 @@ _STOP_CHECK_S = 0.05
 _NOT_READ = Fault(Reason.MISSING, "not read")
 
 
+@dataclass(eq=False)
 class MissionSource:
     """Replay a mission from disk: a stereo folder, a flat folder or a video.
 
@@ -44,57 +46,51 @@ class MissionSource:
         not one of those.
     """
 
-    def __init__(
-        self,
-        mission: Mission,
-        clock: Clock,
-        frames: Sequence[int] | None = None,
-        rate: float | None = None,
-        stereo: bool = True,
-        pixel_format: str | None = None,
-    ) -> None:
-        if pixel_format is not None and pixel_format not in MOSAIC_FORMATS:
-            known = ", ".join(MOSAIC_FORMATS)
-            raise ToktError(f"image files hold no {pixel_format!r} pixels (choose from {known})")
-        if rate is not None and not 0 < rate < float("inf"):
-            raise ToktError(f"a rate is a positive number of frames per second, not {rate}")
-        self.numbers = _chosen(mission, frames)
-        self._missed = missed_before(self.numbers, frame_step(_present(mission)))
-        self._mission = mission
-        self._clock = clock
-        self._rate = rate
-        self._stereo = stereo
-        self._pixel_format = pixel_format
+    mission: Mission
+    clock: Clock
+    frames: Sequence[int] | None = None
+    rate: float | None = None
+    stereo: bool = True
+    pixel_format: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.pixel_format is not None and self.pixel_format not in MOSAIC_FORMATS:
+            words = f"{self.pixel_format!r} pixels (choose from {', '.join(MOSAIC_FORMATS)})"
+            raise ToktError(f"image files hold no {words}")
+        if self.rate is not None and not 0 < self.rate < float("inf"):
+            raise ToktError(f"a rate is a positive number of frames per second, not {self.rate}")
+        self.numbers = _chosen(self.mission, self.frames)
+        self._missed = missed_before(self.numbers, frame_step(_present(self.mission)))
         self._stopped = False
 
     def __iter__(self) -> Iterator[Frame]:
         """Deliver the frames."""
-        start = self._clock.monotonic()
+        start = self.clock.monotonic()
         for index, number in enumerate(self.numbers):
             left, left_fault = self._read(number, LEFT)
-            right, right_fault = self._read(number, RIGHT) if self._stereo else (None, _NOT_READ)
-            due = start if self._rate is None else start + index / self._rate
+            right, right_fault = self._read(number, RIGHT) if self.stereo else (None, _NOT_READ)
+            due = start if self.rate is None else start + index / self.rate
             # In short pieces, so that `stop` is noticed.
-            while not self._stopped and (left_s := due - self._clock.monotonic()) > 0:
-                self._clock.sleep(min(left_s, _STOP_CHECK_S))
+            while not self._stopped and (left_s := due - self.clock.monotonic()) > 0:
+                self.clock.sleep(min(left_s, _STOP_CHECK_S))
             if self._stopped:
                 return
-            now = self._clock.time()
+            now = self.clock.time()
             views, missed = (left, right, left_fault, right_fault), self._missed[index]
-            arrived = self._clock.monotonic()
-            yield Frame(number, now, *views, missed, timed=self.live, arrived=arrived)
+            timed, arrived = self.rate is not None, self.clock.monotonic()
+            yield Frame(number, now, *views, missed, timed=timed, arrived=arrived)
 
     @property
     def live(self) -> bool:
         """Whether there is a rate."""
-        return self._rate is not None
+        return self.rate is not None
 
     def stop(self) -> None:
         """Deliver no further frame."""
         self._stopped = True
 
     def _read(self, number: int, camera: str) -> tuple[U8 | None, Fault]:
-        return read_picture(self._mission, number, camera, self._pixel_format)
+        return read_picture(self.mission, number, camera, self.pixel_format)
 
 
 def read_picture(
@@ -145,10 +141,8 @@ def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
         return sorted(present)
     missing = set(frames) - present
     if missing:
-        raise ToktError(
-            f"mission {mission.name} has frames {format_frames(present)}, "
-            f"not {format_frames(missing)}"
-        )
+        has, lacks = format_frames(present), format_frames(missing)
+        raise ToktError(f"mission {mission.name} has frames {has}, not {lacks}")
     return sorted(set(frames))
 
 

@@ -63,13 +63,8 @@ def encode_frame(
     missed : int
         Frames between the one before and this one that are not sent.
     """
-    header = {
-        "frame": number,
-        "t": t,
-        "left": None if left is None else left.shape,
-        "right": None if right is None else right.shape,
-        "missed": missed,
-    }
+    shapes = [None if picture is None else picture.shape for picture in (left, right)]
+    header = {"frame": number, "t": t, "left": shapes[0], "right": shapes[1], "missed": missed}
     line = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
     return line + b"".join(picture.tobytes() for picture in (left, right) if picture is not None)
 
@@ -188,14 +183,13 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise refused
     number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
-    whole = type(number) is int and abs(number) <= MAX_NUMBER
-    whole = whole and type(missed) is int and 0 <= missed <= MANY_MISSED
-    if not whole or isinstance(t, bool) or not isinstance(t, int | float):
-        raise refused
-    if not abs(t) <= MAX_TIME_S:
-        raise refused
     sides = {side: header.get(side) for side in ("left", "right")}
-    if not all(shape is None or _is_shape(shape) for shape in sides.values()):
+    sound = type(number) is int and abs(number) <= MAX_NUMBER
+    sound = sound and type(missed) is int and 0 <= missed <= MANY_MISSED
+    sound = sound and all(shape is None or _is_shape(shape) for shape in sides.values())
+    if isinstance(t, bool) or not isinstance(t, int | float) or not abs(t) <= MAX_TIME_S:
+        raise refused
+    if not sound:
         raise refused
     return {"frame": number, "t": float(t), "missed": missed, **sides}
 

@@ -145,9 +145,8 @@ def _text(path: Path) -> str:
     with os_errors_as(f"calibration {path} cannot be read"), path.open("rb") as handle:
         data = handle.read(_MAX_BYTES + 1)
     if data.startswith(_MATLAB_MAGIC) or path.suffix.lower() == ".mat":
-        raise ToktError(
-            f"calibration {path} is a MATLAB file: only `tokt` commands read it, named .mat"
-        )
+        words = "is a MATLAB file: only `tokt` commands read it, named .mat"
+        raise ToktError(f"calibration {path} {words}")
     if len(data) > _MAX_BYTES:
         raise ToktError(f"calibration {path} is no calibration: it is larger than 1 MB")
     try:
@@ -255,9 +254,8 @@ def _read_opencv(path: Path, text: str) -> CalibrationNumbers:
 def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
     version = storage.getNode("format_version")
     if version.isInt() and version.real() > FORMAT_VERSION:
-        raise ToktError(
-            f"calibration {path} is of format {version.real():.0f}: a newer tokt reads it"
-        )
+        newer = f"is of format {version.real():.0f}: a newer tokt reads it"
+        raise ToktError(f"calibration {path} {newer}")
     remarks: list[str] = []
     values: dict[str, ArrayLike | None] = {
         name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()

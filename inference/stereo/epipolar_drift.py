@@ -275,22 +275,20 @@ class EpipolarDriftCorrection:
         variation = self.variation_px
         return variation is not None and variation <= MAX_VARIATION_PX
 
-    def add(
-        self, left_view: F32, right_view: F32, matches: Matches, scale: float
-    ) -> EpipolarOffset | None:
+    def add(self, left: F32, right: F32, matches: Matches, scale: float) -> EpipolarOffset | None:
         """Measure a pair whose right view has the present correction, and follow it.
 
         Parameters
         ----------
-        left_view, right_view, matches, scale
-            As in `epipolar_offset`.
+        left, right, matches, scale
+            As in `epipolar_offset`, the views first.
 
         Returns
         -------
         EpipolarOffset or None
             What is left of the offset beside the correction that these views have.
         """
-        offset = epipolar_offset(left_view, right_view, matches, scale)
+        offset = epipolar_offset(left, right, matches, scale)
         self.deviation_px = None
         if offset is None:
             return None

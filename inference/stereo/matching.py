@@ -144,6 +144,7 @@ def disparity_range(rectifier: Rectifier) -> tuple[int, int]:
     return smallest, max(math.ceil((largest + 1 - smallest) / 16), 1) * 16
 
 
+@dataclass(eq=False)
 class DenseMatcher:
     """Match the views of one rectifier.
 
@@ -163,18 +164,18 @@ class DenseMatcher:
         most of the left frame would not be searched.
     """
 
-    def __init__(
-        self,
-        rectifier: Rectifier,
-        matcher: str = BM,
-        kernels: Kernels = KERNELS,
-        step: int = STEP_PX,
-    ) -> None:
-        if matcher not in MATCHERS:
-            raise ToktError(f"unknown matcher {matcher!r} (choose from {', '.join(MATCHERS)})")
-        width = rectifier.size[0]
+    rectifier: Rectifier
+    matcher: str = BM
+    kernels: Kernels = KERNELS
+    step: int = STEP_PX
+
+    def __post_init__(self) -> None:
+        if self.matcher not in MATCHERS:
+            known = ", ".join(MATCHERS)
+            raise ToktError(f"unknown matcher {self.matcher!r} (choose from {known})")
+        width = self.rectifier.size[0]
         ratio = width / SETTINGS_WIDTH
-        smallest, count = disparity_range(rectifier)
+        smallest, count = disparity_range(self.rectifier)
         if smallest >= width:
             raise ToktError(
                 f"views of {width} pixels show nothing at {FARTHEST_M:g} m: the disparity there "
@@ -190,9 +191,8 @@ class DenseMatcher:
         self.settings = BlockMatching(smallest, count, block, CAP, texture, UNIQUENESS_PERCENT)
         self._window = max(2 * round((WINDOW_PX * ratio - 1) / 2) + 1, 3)
         self._least_blob = max(round(BLOB_PX * ratio**2), 2)
-        self._matcher, self._kernels, self._step = matcher, kernels, step
-        self.searched = _searched(rectifier, self.settings)
-        seen = rectifier.to_left(self.searched, 64, 64).mean()
+        self.searched = _searched(self.rectifier, self.settings)
+        seen = self.rectifier.to_left(self.searched, 64, 64).mean()
         if seen < _MIN_SEARCHED:
             raise ToktError(
                 f"by the calibration the right camera sees {100 * seen:.0f} % of what the left "
@@ -200,7 +200,7 @@ class DenseMatcher:
             )
         self._searched = self.searched.view(np.uint8)
         self._matched_pixels = np.zeros_like(self._searched)
-        self._matched_pixels[::step, ::step] = 1
+        self._matched_pixels[:: self.step, :: self.step] = 1
 
     def match(self, left: F32, right: F32) -> Matches:
         """Match a pair of rectified views, float32, of the rectifier's size."""
@@ -217,7 +217,7 @@ class DenseMatcher:
         wanted = np.asarray(cv2.bitwise_and(textured, self._matched_pixels), np.uint8)
         disparity = self._disparity(left_even, right_even, wanted)
         seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
-        matched = np.s_[:: self._step, :: self._step]
+        matched = np.s_[:: self.step, :: self.step]
         valid = self._without_specks(disparity[matched], seen[matched])
         sparse = disparity[matched].astype(np.float32) / np.float32(PER_PIXEL)
         return Matches(
@@ -231,8 +231,8 @@ class DenseMatcher:
 
     def _disparity(self, left: U8, right: U8, wanted: U8) -> I16:
         """Disparities in 1/16 pixel of the wanted pixels; `unmatched` elsewhere."""
-        if self._matcher == BM:
-            return self._kernels.block_disparity(left, right, self.settings, wanted)
+        if self.matcher == BM:
+            return self.kernels.block_disparity(left, right, self.settings, wanted)
         return semi_global_disparity(left, right, self.settings, wanted)
 
     def _seen_twice(self, disparity: I16, left: U8, right: U8, right_sigma: F32) -> U8:
@@ -258,7 +258,7 @@ class DenseMatcher:
     def _without_specks(self, disparity: I16, seen: U8) -> U8:
         """Of what was seen twice, only connected regions of enough pixels of like disparity."""
         kept = np.where(seen != 0, disparity, self.settings.unmatched).astype(np.int16)
-        largest_speck = math.ceil(self._least_blob / self._step**2) - 1
+        largest_speck = math.ceil(self._least_blob / self.step**2) - 1
         cv2.filterSpeckles(kept, self.settings.unmatched, largest_speck, LIKE_PX * PER_PIXEL)
         return np.asarray(kept != self.settings.unmatched, np.uint8)
 

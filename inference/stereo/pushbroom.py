@@ -32,7 +32,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -136,6 +136,7 @@ class NormalizedView:
         return NormalizedView(self.pixels[first * CELL_PX : last * CELL_PX], self.edges[first:last])
 
 
+@dataclass(eq=False)
 class PushbroomDetector:
     """Judge stereo pairs in the order in which they were taken.
 
@@ -158,32 +159,26 @@ class PushbroomDetector:
         most of the left frame out of view.
     """
 
-    method = PUSHBROOM
+    calibration: StereoCalibration
+    grid: Grid
+    distances_m: Sequence[float] = DISTANCES_M
+    odometry: Odometry | None = None
+    method: ClassVar = PUSHBROOM
 
-    def __init__(
-        self,
-        calibration: StereoCalibration,
-        grid: Grid,
-        distances_m: Sequence[float] = DISTANCES_M,
-        odometry: Odometry | None = None,
-    ) -> None:
-        self.calibration = calibration
-        self.grid = grid
-        width = calibration.frame_size[0]
+    def __post_init__(self) -> None:
+        width = self.calibration.frame_size[0]
         self._checked_grid = PATCH_GRID if width >= VIEW_WIDTH else replace(PATCH_GRID, width=None)
-        self.rectifier = Rectifier(calibration, min(VIEW_WIDTH / width, 1))
+        self.rectifier = Rectifier(self.calibration, min(VIEW_WIDTH / width, 1))
         view_width, view_height = self.rectifier.size
         self._cells = (view_height // CELL_PX, view_width // CELL_PX)
-        self._slices = _slices(distances_m, self.rectifier)
-        words = [f"{distance:g}" for distance in distances_m]
+        self._slices = _slices(self.distances_m, self.rectifier)
+        words = [f"{distance:g}" for distance in self.distances_m]
         self._where = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) + " m"
-        self._odometry = odometry
         self._pose: Pose | None = None
         self._since_pose = 0
         self._health = PairHealth()
-        self._memory = ObstacleMemory(
-            self.rectifier, CELL_PX, KEPT_FRAMES if odometry is None else KEPT_FRAMES_WITH_ODOMETRY
-        )
+        kept = KEPT_FRAMES if self.odometry is None else KEPT_FRAMES_WITH_ODOMETRY
+        self._memory = ObstacleMemory(self.rectifier, CELL_PX, kept)
 
     def detect(self, frame: Frame) -> Detection:
         """Judge one pair.
@@ -246,7 +241,7 @@ class PushbroomDetector:
         """Let the memory's time pass; where this frame has a pose, move the camera there."""
         frames = 1 + frame.missed
         self._since_pose += frames
-        pose = None if self._odometry is None else self._odometry.get(frame.number)
+        pose = None if self.odometry is None else self.odometry.get(frame.number)
         before, motion = self._pose, None
         if pose is not None:
             motion = None if before is None else motion_between(before, pose)
@@ -317,10 +312,8 @@ def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:
         middle = rectifier.focal_baseline_px_m / distance
         if not 2 * CELL_PX <= middle <= width / 2:
             nearest, farthest = rectifier.focal_baseline_px_m / np.array([width / 2, 2 * CELL_PX])
-            raise ToktError(
-                f"pushbroom cannot look at {distance:g} m with this calibration, only from "
-                f"{nearest:.2g} to {farthest:.2g} m"
-            )
+            only = f"with this calibration, only from {nearest:.2g} to {farthest:.2g} m"
+            raise ToktError(f"pushbroom cannot look at {distance:g} m {only}")
         low, high = round(middle / (1 + BAND)), round(middle / (1 - BAND))
         shifts = tuple(range(low, high + 1))
         checks = [
@@ -433,19 +426,15 @@ class ObstacleMemory:
         self._shape = (height // cell_px, width // cell_px)
         self._oldest = oldest
         self._rotation = rectifier.rotations[0]
-        self._rays = self._cell_rays()
+        # Where the middle of each cell looks, at depth 1 along the view's axis: (n_cells, 3).
+        rows, columns = np.indices(self._shape).reshape(2, -1)
+        middle = np.column_stack([columns, rows]) * cell_px + (cell_px - 1) / 2
+        flat = (middle - rectifier.principal) / rectifier.focal_px
+        self._rays: F64 = np.column_stack([flat, np.ones(len(flat))]) @ self._rotation
         self.points_m = np.empty((0, 3))
         self.ages = np.empty(0, np.int64)
         self._seen_at_m = np.empty(0)
         self._cells = np.empty(0, np.int64)
-
-    def _cell_rays(self) -> F64:
-        """Where the middle of each cell looks, at depth 1 along the view's axis: (n_cells, 3)."""
-        rows, columns = np.indices(self._shape).reshape(2, -1)
-        middle = np.column_stack([columns, rows]) * self._cell_px + (self._cell_px - 1) / 2
-        flat = (middle - self._rectifier.principal) / self._rectifier.focal_px
-        rays = np.column_stack([flat, np.ones(len(flat))]) @ self._rotation
-        return np.asarray(rays, np.float64)
 
     def advance(self, frames: int, motion: Motion | None, moving: int = 1) -> None:
         """Let time pass, and move the camera.
@@ -472,7 +461,11 @@ class ObstacleMemory:
         self._keep(self.depths_m > _NEAREST_M)
         self._cells = self._cells_of(self.points_m)
         self._keep(self._cells >= 0)
-        self._keep_nearest()
+        # Of the points in one cell only the nearest: the last one written stays.
+        order = np.argsort(-self.depths_m, kind="stable")
+        owner = np.zeros(self._rays.shape[0], np.int64)
+        owner[self._cells[order]] = order
+        self._keep(owner[self._cells] == np.arange(len(self._cells)))
 
     def add(self, depth_m: NDArray[np.floating]) -> None:
         """Remember what is seen now, in place of what was there before.
@@ -529,10 +522,3 @@ class ObstacleMemory:
     def _keep(self, which: Bools) -> None:
         self.points_m, self.ages = self.points_m[which], self.ages[which]
         self._seen_at_m, self._cells = self._seen_at_m[which], self._cells[which]
-
-    def _keep_nearest(self) -> None:
-        """Of the points in one cell only the nearest."""
-        order = np.argsort(-self.depths_m, kind="stable")
-        owner = np.zeros(self._rays.shape[0], np.int64)
-        owner[self._cells[order]] = order  # the last one written stays
-        self._keep(owner[self._cells] == np.arange(len(self._cells)))

@@ -91,13 +91,8 @@ class Rectifier:
     def _rectify(self) -> None:
         """The maps from frames scaled to `size` to the views, and what describes the views."""
         known = self.calibration
-        to_view = np.array(  # pixel centres have whole-number coordinates at either scale
-            [
-                [self._ratio[0], 0, (self._ratio[0] - 1) / 2],
-                [0, self._ratio[1], (self._ratio[1] - 1) / 2],
-                [0, 0, 1],
-            ]
-        )
+        wide, high = self._ratio  # pixel centres have whole-number coordinates at either scale
+        to_view = np.array([[wide, 0, (wide - 1) / 2], [0, high, (high - 1) / 2], [0, 0, 1]])
         K1, K2 = to_view @ known.K1, to_view @ known.K2
         R1, R2, P1, P2 = rectifying(replace(known, K1=K1, K2=K2, frame_size=self.size))
         self.rotations, self.projections = (R1, R2), (P1, P2)

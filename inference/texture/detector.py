@@ -187,21 +187,16 @@ class TextureDetector:
     def _size_fault(self, height: int, width: int) -> Fault:
         """Why a frame is unlike all that the model learnt from, or an empty string."""
         learnt = self.scorer.frame_sizes
-        if any(self._alike(height, width, *size) for size in learnt):
-            return NO_FAULT
+        for its_height, its_width in learnt:
+            aspect_ratio = (width * its_height) / (height * its_width)
+            # Below the grid's width detail is made up; unless the model learnt from such frames.
+            least_width = min(self.scorer.grid.width or 0, its_width)
+            like_in_width = MIN_WIDTH_RATIO <= width / its_width <= MAX_WIDTH_RATIO
+            if abs(aspect_ratio - 1) <= ASPECT_TOLERANCE and like_in_width and width >= least_width:
+                return NO_FAULT
         sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
         words = f"frames are {width}x{height}, the model learnt from {sizes}"
         return Fault(Reason.WRONG_SIZE, words)
-
-    def _alike(self, height: int, width: int, learnt_height: int, learnt_width: int) -> bool:
-        aspect_ratio = (width * learnt_height) / (height * learnt_width)
-        # Below the grid's width detail is made up; unless the model learnt from such frames.
-        least_width = min(self.scorer.grid.width or 0, learnt_width)
-        return (
-            abs(aspect_ratio - 1) <= ASPECT_TOLERANCE
-            and MIN_WIDTH_RATIO <= width / learnt_width <= MAX_WIDTH_RATIO
-            and width >= least_width
-        )
 
 
 class ReloadableTextureDetector:

@@ -79,36 +79,17 @@ _MAX_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they ar
 _MAX_FILE_BYTES = len(_MEMBERS) * _MAX_MEMBER_BYTES
 # What zipfile raises for bytes that are no zip; OverflowError for a member said to be at 2^63.
 _UNREADABLE_ZIP = (
-    zipfile.BadZipFile,
-    EOFError,
-    OSError,
-    RuntimeError,
-    ValueError,
-    OverflowError,
-    struct.error,
+    *(zipfile.BadZipFile, struct.error, EOFError, OSError),
+    *(RuntimeError, ValueError, OverflowError),
 )
 # What numpy raises for an array whose header is not one, besides ValueError.
 _UNREADABLE_ARRAY = (
-    ValueError,
-    TypeError,
-    SyntaxError,
-    tokenize.TokenError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-    Warning,
+    *(ValueError, TypeError, SyntaxError, tokenize.TokenError),
+    *(OverflowError, MemoryError, RecursionError, Warning),
 )
 _MANIFEST_KEYS = {
-    "format_version",
-    "name",
-    "version",
-    "extractor",
-    "grid",
-    "classes",
-    "provenance",
-    "metrics",
-    "members",
-    "manifest_sha256",
+    *("format_version", "name", "version", "extractor", "grid", "classes"),
+    *("provenance", "metrics", "members", "manifest_sha256"),
 }
 _SINCE_2 = {"operating_point"}
 _DISTRIBUTED = {
@@ -404,10 +385,8 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
     if type(version) is not int or version < 1:
         raise ToktError(f"{where}: the bundle has no format version")
     if version > FORMAT_VERSION:
-        raise ToktError(
-            f"{where}: bundle format {version} is newer than this tokt reads ({FORMAT_VERSION}); "
-            "update tokt on this machine"
-        )
+        newer = f"newer than this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
+        raise ToktError(f"{where}: bundle format {version} is {newer}")
     if set(manifest) != _MANIFEST_KEYS | (_SINCE_2 if version >= 2 else set()):
         raise ToktError(f"{where}: the bundle's manifest has unknown or missing entries")
     bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}
@@ -492,9 +471,8 @@ def golden_from_bytes(data: bytes, where: str) -> Golden:
         raise ToktError(f"{where}: the bundle's golden frames are not PNG files")
     pixels = sum(height * width for height, width in map(_png_size, frames))
     if len(frames) > _MAX_GOLDEN_FRAMES or pixels > _MAX_GOLDEN_PIXELS:
-        raise ToktError(
-            f"{where}: {len(frames)} golden frames of {pixels} pixels are more than a bundle needs"
-        )
+        many = f"{len(frames)} golden frames of {pixels} pixels"
+        raise ToktError(f"{where}: {many} are more than a bundle needs")
     return Golden(frames, values, obstacle)
 
 
@@ -519,13 +497,6 @@ def _object(value: Any) -> dict[str, Any]:
     return value
 
 
-def _metrics_from(value: Any) -> dict[str, Any]:
-    """Figures; those of patches are an object, which cards and changed flags take for granted."""
-    metrics = _object(value)
-    _object(metrics.get("patch", {}))
-    return metrics
-
-
 def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     """Names and obstacle flags; a flag that is not a plain yes or no is not taken for a no."""
     if any(
@@ -541,9 +512,8 @@ def _operating_point(manifest: Mapping[str, Any], grid: Grid) -> OperatingPoint:
         return OperatingPoint()
     point = OperatingPoint.from_json(manifest["operating_point"])
     if point.rule.min_patches > grid.n_patches:
-        raise ToktError(
-            f"its frame rule asks for {point.rule.min_patches} of {grid.n_patches} patches"
-        )
+        asked = f"{point.rule.min_patches} of {grid.n_patches} patches"
+        raise ToktError(f"its frame rule asks for {asked}")
     return point
 
 
@@ -560,7 +530,8 @@ def _check_content(
         distribution = distribution_from_bytes(members[_DISTRIBUTION], where)
     try:
         names, obstacle = _classes_from(manifest["classes"])
-        grid = Grid.from_json(manifest["grid"])
+        grid, metrics = Grid.from_json(manifest["grid"]), _object(manifest["metrics"])
+        _object(metrics.get("patch", {}))  # cards and changed flags take that for granted
         return BundleContent(
             name=_text(manifest["name"]),
             version=_text(manifest["version"]),
@@ -568,7 +539,7 @@ def _check_content(
             grid=grid,
             model=LinearModel(**arrays, classes=names, obstacle=obstacle),
             provenance=_object(manifest["provenance"]),
-            metrics=_metrics_from(manifest["metrics"]),
+            metrics=metrics,
             golden=golden,
             trained_on=trained_on,
             card=members["card.md"].decode("utf-8"),

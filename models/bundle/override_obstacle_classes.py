@@ -51,10 +51,8 @@ def override_obstacle_classes(
         )
     missing = [name for name in model.classes if name not in flags]
     if missing:
-        raise ToktError(
-            f"taxonomy {taxonomy} has no class {', '.join(missing)}, which model {bundle.label} "
-            "tells apart"
-        )
+        lacks = f"taxonomy {taxonomy} has no class {', '.join(missing)}"
+        raise ToktError(f"{lacks}, which model {bundle.label} tells apart")
     changed = {
         name: flags[name]
         for name, was in zip(model.classes, model.obstacle, strict=True)
@@ -76,9 +74,8 @@ def override_obstacle_classes(
     )
     found = bundle_from_bytes(bundle_bytes(_with_card(content)), f"model {bundle.label}")
     if found.deployment_fault:
-        raise ToktError(
-            f"model {bundle.label} with the obstacles of {taxonomy}: {found.deployment_fault}"
-        )
+        what = f"model {bundle.label} with the obstacles of {taxonomy}"
+        raise ToktError(f"{what}: {found.deployment_fault}")
     return found
 
 

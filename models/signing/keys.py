@@ -93,10 +93,8 @@ def read_public_key(path: Path) -> PublicKey:
         from cryptography.hazmat.primitives.serialization import load_pem_public_key
     data = _key_file_bytes(path)
     if b"PRIVATE KEY" in data:
-        raise ToktError(
-            f"key {path}: this is a private key, which stays with who signs; "
-            f"give the public one ({PUBLIC_SUFFIX})"
-        )
+        words = "this is a private key, which stays with who signs; give the public one"
+        raise ToktError(f"key {path}: {words} ({PUBLIC_SUFFIX})")
     if data.count(b"-----BEGIN") > 1:
         raise ToktError(f"key {path}: more than one key; give each in a file of its own")
     try:

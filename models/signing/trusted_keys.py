@@ -96,10 +96,8 @@ class TrustedKeys:
         found = [event for key, event in self.trusted.items() if key.startswith(key_id.lower())]
         if len(key_id) < MIN_ID_DIGITS or len(found) != 1:
             known = ", ".join(self.trusted) or "none"
-            raise ToktError(
-                f"{key_id!r} is not the id of one key this store trusts (at least "
-                f"{MIN_ID_DIGITS} digits; trusted: {known})"
-            )
+            wanted = f"at least {MIN_ID_DIGITS} digits; trusted: {known}"
+            raise ToktError(f"{key_id!r} is not the id of one key this store trusts ({wanted})")
         return found[0]
 
     def check(self, data: bytes, where: str) -> str:
@@ -130,20 +128,15 @@ class TrustedKeys:
             raise ToktError(f"{where}: this store trusts no key any more, and so takes no bundle")
         manifest, signature = signed_parts(data, where)
         if signature is None:
-            raise ToktError(
-                f"{where}: not signed; this store takes only what a key it trusts signed"
-            )
+            words = "not signed; this store takes only what a key it trusts signed"
+            raise ToktError(f"{where}: {words}")
         key = trusted.get(signature.key_id)
         if key is None:
-            raise ToktError(
-                f"{where}: said to be signed by key {signature.key_id}, which this store does not "
-                "trust"
-            )
+            said = f"said to be signed by key {signature.key_id}"
+            raise ToktError(f"{where}: {said}, which this store does not trust")
         if not PublicKey(bytes.fromhex(key.public_key)).signed(manifest, signature):
-            raise ToktError(
-                f"{where}: the signature is not that of key {key.name} ({key.key_id}) for this "
-                "bundle; one of them was changed or exchanged"
-            )
+            wrong = f"the signature is not that of key {key.name} ({key.key_id}) for this bundle"
+            raise ToktError(f"{where}: {wrong}; one of them was changed or exchanged")
         return key.key_id
 
     def to_text(self) -> str:

@@ -105,10 +105,8 @@ def _active(store: Store) -> Found:
         seconds = time.perf_counter() - start
     except ToktError as error:
         return FAULT, f"{error}; {_next_start(store)}", {}
-    text = (
-        f"{bundle.label} since {entry.time}, loaded and golden values recomputed "
-        f"in {seconds * 1000:.0f} ms"
-    )
+    took = f"loaded and golden values recomputed in {seconds * 1000:.0f} ms"
+    text = f"{bundle.label} since {entry.time}, {took}"
     figures = {"model": bundle.label, "sha256": bundle.sha256, "load_s": round(seconds, 4)}
     return OK, text, figures
 
@@ -177,11 +175,10 @@ def _versions(store: Store) -> Found:
 
 def _version(folder: Path) -> Bundle:
     """One kept bundle; a version is a folder named by its bundle's hash."""
-    bundle = read_bundle(folder / "bundle.tokt")
+    file = folder / "bundle.tokt"
+    bundle = read_bundle(file)
     if bundle.sha256 != folder.name:
-        raise ToktError(
-            f"bundle {folder / 'bundle.tokt'}: the file is not the one that was deployed"
-        )
+        raise ToktError(f"bundle {file}: the file is not the one that was deployed")
     return bundle
 
 

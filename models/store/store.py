@@ -190,10 +190,8 @@ class Store:
     def check_fit(self, bundle: Bundle) -> None:
         """Raise ToktError if the bundle's model cannot judge frames."""
         if bundle.deployment_fault:
-            raise ToktError(
-                f"store {self.path}: model {bundle.label} cannot guard a vehicle: "
-                f"{bundle.deployment_fault}"
-            )
+            fault = f"model {bundle.label} cannot guard a vehicle: {bundle.deployment_fault}"
+            raise ToktError(f"store {self.path}: {fault}")
 
     def trusted_keys(self) -> TrustedKeys:
         """The keys whose signatures this store asks for.
@@ -460,7 +458,8 @@ class Store:
             keys = self._keys_or_none(notice)
             if key.id in keys.trusted:
                 raise ToktError(f"store {self.path} trusts key {key.id} already")
-            return self._decide(keys, TRUST, reason, key.id, name, key.raw.hex())
+            public_key, name = key.raw.hex(), one_line(name)
+            return self._decide(keys, KeyEvent(TRUST, key.id, public_key, name, *stamp(reason)))
 
     def distrust(self, key_id: str, reason: str = "") -> KeyEvent:
         """Stop trusting a key: bundles it signed are no longer taken, the active one included.
@@ -481,7 +480,7 @@ class Store:
         with self._writing():
             keys = self.trusted_keys()
             key = keys.named(key_id)
-            return self._decide(keys, DISTRUST, reason, key.key_id, key.name)
+            return self._decide(keys, KeyEvent(DISTRUST, key.key_id, "", key.name, *stamp(reason)))
 
     def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
         """Stop asking for signatures, and trust no key.
@@ -496,7 +495,7 @@ class Store:
             keys = self._keys_or_none(notice)
             if keys.events and not keys.required:
                 raise ToktError(f"store {self.path} takes unsigned bundles already")
-            return self._decide(keys, ACCEPT_UNSIGNED, reason)
+            return self._decide(keys, KeyEvent(ACCEPT_UNSIGNED, "", "", "", *stamp(reason)))
 
     def _keys_or_none(self, notice: Notice) -> TrustedKeys:
         """The keys, or none with a notice if their file is damaged or gone."""
@@ -509,15 +508,6 @@ class Store:
                 notice(str(error))
             return TrustedKeys()
 
-    def _decide(
-        self,
-        keys: TrustedKeys,
-        action: str,
-        reason: str,
-        key_id: str = "",
-        name: str = "",
-        public_key: str = "",
-    ) -> KeyEvent:
-        event = KeyEvent(action, key_id, public_key, one_line(name), *stamp(reason))
+    def _decide(self, keys: TrustedKeys, event: KeyEvent) -> KeyEvent:
         atomic.write_text(self._keys_file, TrustedKeys((*keys.events, event)).to_text())
         return event

@@ -181,6 +181,7 @@ class CameraCounts:
     lost: int = 0
 
 
+@dataclass(eq=False)
 class CameraSource:
     """Frames of one camera, or of two that see the same moments.
 
@@ -197,25 +198,23 @@ class CameraSource:
 
     live = True
 
-    def __init__(
-        self,
-        drivers: Sequence[CameraDriver],
-        clock: Clock,
-        on_event: Callable[[Event], None],
-        wait: bool = False,
-    ) -> None:
-        self.counts = [CameraCounts() for _ in drivers]
+    drivers: Sequence[CameraDriver]
+    clock: Clock
+    on_event: Callable[[Event], None]
+    wait: bool = False
+
+    def __post_init__(self) -> None:
+        self.counts = [CameraCounts() for _ in self.drivers]
         self.overtaken = 0
-        self._clock = clock
-        self._on_event = on_event
         self._keepers = [
-            CameraKeeper(camera, driver, clock, self, wait) for camera, driver in enumerate(drivers)
+            CameraKeeper(camera, driver, self.clock, self, self.wait)
+            for camera, driver in enumerate(self.drivers)
         ]
         self._begun = self._stopped = False
         # All of these under the lock, which captures, keepers and the reader share.
         self._changed = threading.Condition()
         self._pairer = Pairer()
-        self._lost: list[Fault] = [NO_FAULT for _ in drivers]
+        self._lost: list[Fault] = [NO_FAULT for _ in self.drivers]
         self._latest: Moment | None = None
         self._skipped = 0
         self._gap = False
@@ -275,7 +274,7 @@ class CameraSource:
             while not self._stopped:
                 frame = self._next(told_s)
                 if frame is not None:
-                    told_s = self._clock.monotonic()
+                    told_s = self.clock.monotonic()
                     yield frame
         finally:
             self.close()
@@ -284,10 +283,8 @@ class CameraSource:
         """The counts so far, as plain JSON."""
         with self._changed:
             cameras = {
-                SIDES[camera]: {**asdict(counts), "failures": keeper.driver.failures}
-                for camera, (counts, keeper) in enumerate(
-                    zip(self.counts, self._keepers, strict=True)
-                )
+                side: {**asdict(counts), "failures": keeper.driver.failures}
+                for side, counts, keeper in zip(SIDES, self.counts, self._keepers, strict=False)
             }
             return {"cameras": cameras, "overtaken": self.overtaken}
 
@@ -322,7 +319,7 @@ class CameraSource:
 
     def _tell(self, name: str, camera: int, words: str) -> None:
         fields = {"camera": SIDES[camera], "name": self._keepers[camera].driver.name}
-        self._on_event(Event(self._clock.time(), name, words, fields))
+        self.on_event(Event(self.clock.time(), name, words, fields))
 
     def _fit(self, camera: int) -> ClockFit:
         """What is known of a camera's clock since it delivers; locked."""
@@ -356,9 +353,12 @@ class CameraSource:
 
     def _next(self, told_s: float) -> Frame | None:
         """The latest frame; None if it is time to look whether all is well."""
-        self._look_after()
+        # One that ended by itself is one that raised: its camera would never come back.
+        for camera, keeper in enumerate(self._keepers):
+            if not keeper.is_alive() and not self._stopped:
+                raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
         with self._changed:
-            now = self._clock.monotonic()
+            now = self.clock.monotonic()
             self._put(self._pairer.expired(now))
             if self._latest is None:
                 due = self._pairer.due()
@@ -367,15 +367,11 @@ class CameraSource:
             moment, self._latest = self._latest, None
             if moment is not None:
                 return self._frame(moment)
-            if self._lost[LEFT] and self._clock.monotonic() - told_s >= _LOST_EVERY_S:
-                return self._lost_frame()
+            if self._lost[LEFT] and self.clock.monotonic() - told_s >= _LOST_EVERY_S:
+                nothing = Moment(None, None, _NOTHING, math.nan)
+                t, arrived = self.clock.time(), self.clock.monotonic()
+                return self._delivered(nothing, t, MANY_MISSED, arrived)
             return None
-
-    def _look_after(self) -> None:
-        """A keeper that ended by itself is one that raised: its camera would never come back."""
-        for camera, keeper in enumerate(self._keepers):
-            if not keeper.is_alive() and not self._stopped:
-                raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
 
     def _frame(self, moment: Moment) -> Frame:
         first = moment.left or moment.right
@@ -414,9 +410,3 @@ class CameraSource:
         if math.isnan(at - last) or not periods:
             return skipped
         return max(skipped, round((at - last) / min(periods)) - 1)
-
-    def _lost_frame(self) -> Frame:
-        """No picture, and why; nobody knows what was missed."""
-        nothing = Moment(None, None, _NOTHING, math.nan)
-        t, arrived = self._clock.time(), self._clock.monotonic()
-        return self._delivered(nothing, t, MANY_MISSED, arrived)

@@ -20,7 +20,7 @@ import psutil
 from tests.load.program import ended, program
 from tests.load.report import WORST, Timing
 from tokt.features.common.errors import ToktError
-from tokt.inference.monitoring.watchdog import WatchdogTimeouts
+from tokt.inference.monitoring.watchdog import STEADY_S
 from tokt.inference.outputs.udp import decode
 from tokt.inference.reason import Reason
 from tokt.inference.verdict import UNKNOWN
@@ -34,8 +34,6 @@ NAME = "restart.kill_to_datagram"
 ASKED_MS = 1000.0
 _RATE = 20
 _FRAMES = 300
-_STEADY_S = WatchdogTimeouts().steady_s
-"""A runtime that dies sooner is started after a pause; that is not what is measured here."""
 _MARGIN_S = 0.5
 _SILENCE_S = 30.0
 _END_S = 1.0
@@ -147,6 +145,6 @@ def _kill(process: subprocess.Popen[str], heard: socket.socket) -> float:
 
 def _wait_until_steady(heard: socket.socket) -> None:
     """Listen until the runtime has lived for so long that it is started again at once."""
-    until = time.monotonic() + _STEADY_S + _MARGIN_S
+    until = time.monotonic() + STEADY_S + _MARGIN_S
     while time.monotonic() < until:
         datagram(heard, _SILENCE_S)

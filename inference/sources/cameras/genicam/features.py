@@ -128,10 +128,8 @@ class GenicamFeatures:
         chosen = next((name for name in spelt if name in offered), None)
         if chosen is None:
             wanted = wanted or "pixel format that tokt reads"
-            raise ToktError(
-                f"camera {self._name} has no {wanted}; it has {', '.join(offered)}"
-                f" (tokt reads {', '.join(PIXEL_FORMATS)})"
-            )
+            has = f"it has {', '.join(offered)} (tokt reads {', '.join(PIXEL_FORMATS)})"
+            raise ToktError(f"camera {self._name} has no {wanted}; {has}")
         self._set(("PixelFormat",), chosen, "pixel format")
 
     def _set_start(self, options: SourceConfig) -> None:
@@ -185,9 +183,10 @@ class GenicamFeatures:
             try:
                 node.value = value
             except (self._error, TypeError) as error:
-                raise ToktError(
-                    f"camera {self._name} does not take {name} {value}: {_first_sentence(error)}"
-                ) from None
+                # What GenApi says, without the place in its own code.
+                said = str(error).partition(" : ")[0].strip().rstrip(".")
+                refused = f"camera {self._name} does not take {name} {value}"
+                raise ToktError(f"{refused}: {said}") from None
             return
         raise ToktError(f"camera {self._name} has no {what} that could be set ({', '.join(names)})")
 
@@ -205,8 +204,3 @@ def _choices(node: Any) -> tuple[str, ...]:
 def _plain(pixel_format: str) -> str:
     """A pixel format's name as it is spelt today."""
     return pixel_format.removesuffix("Packed")
-
-
-def _first_sentence(error: Exception) -> str:
-    """What GenApi says, without the place in its own code."""
-    return str(error).partition(" : ")[0].strip().rstrip(".")
