@@ -17,7 +17,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self, get_args, get_origin
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 
 STALE_S = 0.5
 """Seconds after which a frame is old, and nothing said is too long: what ``--stale`` and
@@ -377,9 +377,8 @@ def read_config(path: Path) -> dict[str, Any]:
     import tomllib
 
     try:
-        tables = tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise ToktError(f"config {path}: {error.strerror or error}") from None
+        with os_errors_as(f"config {path}"):
+            tables = tomllib.loads(path.read_text("utf-8"))
     except UnicodeDecodeError:
         raise ToktError(f"config {path}: not UTF-8 text") from None
     except (ValueError, RecursionError) as error:  # not TOML, 5,000 digits, 1,000 brackets

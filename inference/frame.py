@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import U8
 
 from .reason import NO_FAULT, Fault
 
@@ -49,8 +50,8 @@ class Frame:
 
     number: int
     t: float
-    left: NDArray[np.uint8] | None
-    right: NDArray[np.uint8] | None
+    left: U8 | None
+    right: U8 | None
     left_fault: Fault = NO_FAULT
     right_fault: Fault = NO_FAULT
     missed: int = 0
@@ -76,7 +77,7 @@ class Source(Protocol):
         """Deliver no further frame; may be called from a signal handler."""
 
 
-def pixel_mark(picture: NDArray[np.uint8]) -> str:
+def pixel_mark(picture: U8) -> str:
     """A short checksum by which a log tells later whether a picture's pixels are still the same.
 
     CRC-32 over the shape and every 32nd row, from the 16th on. A picture that was stored anew,

@@ -9,11 +9,12 @@ pixels of a black frame are many dim ones, and noise takes a saturated frame bel
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
@@ -51,14 +52,12 @@ PATCH_GRID = DEFAULT_GRID
 """The patches of `BLANK_PATCHES`: those it was measured on, whatever grid a model has, as in
 much smaller ones (40x40 at width 360) a real frame does have some blank."""
 
-_NATIVE_PATCH_GRID = Grid(PATCH_GRID.rows, PATCH_GRID.cols, None)
-
 _STEP_ROWS = 32
 _MIN_PATCH_PX = 8
 """Height and width in pixels below which one grey level in a patch proves nothing."""
 
 
-def shape_fault(frame: NDArray[np.uint8]) -> Fault:
+def shape_fault(frame: U8) -> Fault:
     """Why an array is no picture of a camera, or an empty string.
 
     Parameters
@@ -100,17 +99,7 @@ def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
     return NO_FAULT
 
 
-def _some_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Every 32nd row of a frame, gray: as many single pixels as a fraction of it needs."""
-    rows = np.ascontiguousarray(frame[::_STEP_ROWS])
-    if rows.ndim == 3:
-        rows = np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.uint8)
-    return rows
-
-
-def frame_fault(
-    frame: NDArray[np.uint8], gray: NDArray[np.uint8] | None = None, grid: Grid | None = None
-) -> Fault:
+def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> Fault:
     """Why a frame is outside what can be judged, or an empty string.
 
     Parameters
@@ -126,21 +115,20 @@ def frame_fault(
     fault = shape_fault(frame)
     if fault:
         return fault
-    own_grid = _own_grid(frame.shape[1])
+    narrow = PATCH_GRID.width is not None and frame.shape[1] < PATCH_GRID.width
+    own_grid = replace(PATCH_GRID, width=None) if narrow else PATCH_GRID
     if gray is None or grid is None or grid.width != own_grid.width:
         try:
             gray = gray_picture(frame, own_grid)
         except ValueError as error:
             return Fault(Reason.WRONG_SIZE, f"the frame cannot be looked at: {error}")
-    return _whole_frame_fault(gray, _some_rows(frame)) or _blank_patches_fault(gray, own_grid)
+    rows = np.ascontiguousarray(frame[::_STEP_ROWS])  # as many single pixels as a fraction needs
+    if rows.ndim == 3:
+        rows = np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.uint8)
+    return _whole_frame_fault(gray, rows) or _blank_patches_fault(gray, own_grid)
 
 
-def _own_grid(frame_width: int) -> Grid:
-    narrow = PATCH_GRID.width is not None and frame_width < PATCH_GRID.width
-    return _NATIVE_PATCH_GRID if narrow else PATCH_GRID
-
-
-def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> Fault:
+def _whole_frame_fault(gray: U8, pixels: U8) -> Fault:
     """Whether a picture, or the single pixels of its frame, are dark, blank or saturated."""
     for seen in (gray, pixels):
         if np.count_nonzero(seen >= DARK_GREY) <= (1 - DARK_FRACTION) * seen.size:
@@ -153,7 +141,7 @@ def _whole_frame_fault(gray: NDArray[np.uint8], pixels: NDArray[np.uint8]) -> Fa
     return NO_FAULT
 
 
-def _by_patch(extreme: np.ufunc, gray: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
+def _by_patch(extreme: np.ufunc, gray: U8, grid: Grid) -> U8:
     """The extreme grey level of each patch; down first, whole rows at a time."""
     height, width = grid.patch_size(*gray.shape)
     covered = gray[: grid.rows * height, : grid.cols * width]
@@ -161,7 +149,7 @@ def _by_patch(extreme: np.ufunc, gray: NDArray[np.uint8], grid: Grid) -> NDArray
     return np.asarray(extreme.reduce(down.reshape(grid.rows, grid.cols, width), axis=2))
 
 
-def _blank_patches_fault(gray: NDArray[np.uint8], grid: Grid) -> Fault:
+def _blank_patches_fault(gray: U8, grid: Grid) -> Fault:
     """Why a picture is damaged or covered, or an empty string; small ones are not looked at."""
     if min(gray.shape[0] // grid.rows, gray.shape[1] // grid.cols) < _MIN_PATCH_PX:
         return NO_FAULT
@@ -177,11 +165,11 @@ def _blank_patches_fault(gray: NDArray[np.uint8], grid: Grid) -> Fault:
 class _Camera:
     """The last picture of one camera, when it came first, and how often since."""
 
-    picture: NDArray[np.uint8] | None = None
+    picture: U8 | None = None
     since: float | None = None
     repeats: int = 0
 
-    def fault(self, side: str, picture: NDArray[np.uint8], frame: Frame, limits: Limits) -> Fault:
+    def fault(self, side: str, picture: U8, frame: Frame, limits: Limits) -> Fault:
         """What is wrong with the next picture, if it is the same for too often or too long."""
         if self.picture is None or not _same(self.picture, picture):
             self.picture, self.since, self.repeats = picture, frame.arrived, 0
@@ -206,8 +194,7 @@ class StuckFrameDetector:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._left = _Camera()
-        self._right = _Camera()
+        self._cameras = {"left": _Camera(), "right": _Camera()}
 
     def remove(self, frame: Frame) -> Frame:
         """The same frame, without a picture where a camera has frozen.
@@ -217,17 +204,15 @@ class StuckFrameDetector:
         frame : Frame
             The next one of the run; its pictures are kept until others come.
         """
-        if frame.left is not None:
-            fault = self._left.fault("left", frame.left, frame, self._limits)
+        for side, camera in self._cameras.items():
+            picture = getattr(frame, side)
+            fault = picture is not None and camera.fault(side, picture, frame, self._limits)
             if fault:
-                frame = replace(frame, left=None, left_fault=fault)
-        if frame.right is not None:
-            fault = self._right.fault("right", frame.right, frame, self._limits)
-            if fault:
-                frame = replace(frame, right=None, right_fault=fault)
+                frozen: dict[str, Any] = {side: None, f"{side}_fault": fault}
+                frame = replace(frame, **frozen)
         return frame
 
 
-def _same(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+def _same(one: U8, other: U8) -> bool:
     # Some rows first: they differ in any two frames of a live camera.
     return np.array_equal(one[::_STEP_ROWS], other[::_STEP_ROWS]) and np.array_equal(one, other)

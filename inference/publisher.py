@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from tokt.inference.policy.policy import Judgement
@@ -73,6 +73,7 @@ def mark_overloaded(verdict: Verdict, left_out: int) -> Verdict:
     return replace(verdict, health=health, reason=reason)
 
 
+@dataclass(eq=False)
 class ReportPublisher:
     """Number the reports and send each to every sender.
 
@@ -85,23 +86,24 @@ class ReportPublisher:
         Whether frames come in real time: only then are they stale or late.
     """
 
-    def __init__(self, senders: Sequence[Sender], clock: Clock, limits: Limits, live: bool) -> None:
-        self._senders = senders
-        self._clock = clock
-        self._limits = limits
-        self._live = live
+    senders: Sequence[Sender]
+    clock: Clock
+    limits: Limits
+    live: bool
+
+    def __post_init__(self) -> None:
         self._lock = threading.Lock()
         self._seq = 0
         self._latest_frame: Frame | None = None
         self._judging_since: float | None = None
-        self._published_s = self._judged_s = clock.monotonic()
+        self._published_s = self._judged_s = self.clock.monotonic()
         self._heartbeats: deque[Report] = deque(maxlen=_KEPT_HEARTBEATS)
 
     def begin(self, frame: Frame) -> None:
         """A frame is being judged from now on."""
         with self._lock:
             self._latest_frame = frame
-            self._judging_since = self._clock.monotonic()
+            self._judging_since = self.clock.monotonic()
 
     def publish(self, frame: Frame, judgement: Judgement, left_out: int = 0) -> Report:
         """Send the report of the frame that `begin` was called for.
@@ -114,32 +116,28 @@ class ReportPublisher:
             Frames since the one before that there was no time for.
         """
         with self._lock:
-            now = self._clock.monotonic()
+            now = self.clock.monotonic()
             since = now if self._judging_since is None else self._judging_since
             age_s = None if frame.arrived is None else now - frame.arrived
             judging_s = now - since
             verdict = mark_overloaded(judgement.verdict, left_out)
-            if self._live and age_s is not None:
-                verdict = mark_stale(verdict, age_s, judging_s, self._limits.stale_s)
-            self._judging_since = None
-            t, latency_ms, age_ms = frame.t, _ms(judging_s), _ms(age_s)
-            seq = self._seq + 1
-            report = Report(seq, frame.number, t, latency_ms, verdict, age_ms, left_out)
-            self._judged_s = now
+            if self.live and age_s is not None:
+                verdict = mark_stale(verdict, age_s, judging_s, self.limits.stale_s)
+            self._judging_since, self._judged_s = None, now
+            told = frame.number, frame.t, _ms(judging_s), verdict, _ms(age_s), left_out
+            report = Report(self._seq + 1, *told)
             return self._send(report, now)
 
     def heartbeat(self) -> None:
         """Publish unknown, if nothing was published for too long."""
         with self._lock:
-            now = self._clock.monotonic()
-            if now - self._published_s < self._limits.heartbeat_s:
+            now = self.clock.monotonic()
+            if now - self._published_s < self.limits.heartbeat_s:
                 return
-            frame = self._latest_frame
-            age_s = None
-            if frame is not None and frame.arrived is not None:
-                age_s = now - frame.arrived
+            frame, t, age_s = self._latest_frame, None, None
+            if frame is not None:
+                t, age_s = frame.t, None if frame.arrived is None else now - frame.arrived
             verdict = unknown_verdict(self._silence_fault(now))
-            t = None if frame is None else frame.t
             report = Report(self._seq + 1, None, t, None, verdict, _ms(age_s))
             self._heartbeats.append(self._send(report, now))
 
@@ -153,7 +151,7 @@ class ReportPublisher:
     def _send(self, report: Report, now: float) -> Report:
         self._seq = report.seq
         self._published_s = now
-        for sender in self._senders:
+        for sender in self.senders:
             sender.send(report)
         return report
 

@@ -69,7 +69,11 @@ class ReportField:
             return value if math.isfinite(value) else None
         if self.kind is list:
             return list(value)
-        return _cut(value, self.max_bytes) if self.max_bytes else value
+        if self.max_bytes:  # as JSON of ASCII, without its quotes
+            value = value[: self.max_bytes]
+            while len(json.dumps(value)) - 2 > self.max_bytes:
+                value = value[:-1]
+        return value
 
 
 def _verdict(name: str, kind: type, **more: Any) -> ReportField:
@@ -181,18 +185,6 @@ class Report:
         return _v2(self)
 
 
-def _cut(text: str, most: int) -> str:
-    """As much of a text's beginning as takes at most so many bytes in JSON of ASCII."""
-    text = text[:most]
-    while _json_bytes(text) > most:
-        text = text[:-1]
-    return text
-
-
-def _json_bytes(text: str) -> int:
-    return len(json.dumps(text)) - 2
-
-
 _MAX_WAITING = 1000
 """Events that wait at most; the oldest are lost, which a loop that comes round never sees."""
 
@@ -231,7 +223,4 @@ class EventQueue:
 
     def take(self) -> list[Event]:
         """Those that wait, oldest first."""
-        taken = []
-        while self._waiting:
-            taken.append(self._waiting.popleft())
-        return taken
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]

@@ -193,14 +193,7 @@ class Summary:
         return {**asdict(self), "reasons": dict(sorted(self.reasons.items()))}
 
 
-def _nothing() -> None:
-    """What a loop does between frames that has nothing to do there."""
-
-
-def _no_events() -> Sequence[Event]:
-    return ()
-
-
+@dataclass(eq=False)
 class Runtime:
     """Judge the frames of a source and tell about each.
 
@@ -224,29 +217,19 @@ class Runtime:
         being judged: what a watchdog goes by.
     """
 
-    def __init__(
-        self,
-        source: Source,
-        policy: Policy,
-        senders: Sequence[Sender],
-        clock: Clock,
-        observers: Sequence[Observer] = (),
-        limits: Limits | None = None,
-        events: EventQueue | None = None,
-        between: Callable[[], Sequence[Event]] = _no_events,
-        alive: Callable[[], None] = _nothing,
-    ) -> None:
-        self.source = source
-        self.policy = policy
-        self.senders = senders
-        self.clock = clock
-        self.observers = observers
-        self.limits = Limits() if limits is None else limits
-        self._events = EventQueue() if events is None else events
-        self._between = between
-        self._alive = alive
+    source: Source
+    policy: Policy
+    senders: Sequence[Sender]
+    clock: Clock
+    observers: Sequence[Observer] = ()
+    limits: Limits = Limits()  # noqa: RUF009 - frozen
+    events: EventQueue = field(default_factory=EventQueue)
+    between: Callable[[], Sequence[Event]] = tuple
+    alive: Callable[[], None] = lambda: None
+
+    def __post_init__(self) -> None:
         self._stuck_frames = StuckFrameDetector(self.limits)
-        self._publisher = ReportPublisher(senders, clock, self.limits, source.live)
+        self._publisher = ReportPublisher(self.senders, self.clock, self.limits, self.source.live)
         self._heartbeat_alive: Callable[[], bool] = lambda: True
 
     def run(self) -> Summary:
@@ -270,7 +253,7 @@ class Runtime:
             self._tell_heartbeats(summary)
         finally:
             buffer.close()
-            self._tell_events(self._events.take())
+            self._tell_events(self.events.take())
         summary.dropped = buffer.dropped
         summary.sent = sum(sender.sent for sender in self.senders)
         summary.send_failures = sum(sender.failed for sender in self.senders)
@@ -284,9 +267,9 @@ class Runtime:
     def _round(self, buffer: EveryFrame | LatestFrameBuffer, summary: Summary) -> None:
         if not self._heartbeat_alive():
             raise RuntimeError("the heartbeat has failed: nobody would say that the loop hangs")
-        self._alive()
-        self._tell_events(self._events.take())
-        self._tell_events(self._between())
+        self.alive()
+        self._tell_events(self.events.take())
+        self._tell_events(self.between())
         frame = buffer.take(POLL_S)
         self._tell_heartbeats(summary)
         if frame is not None:

@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.models import operating_point
 
 from .frame import Frame
@@ -64,14 +65,14 @@ class Detection:
         What else the pilot should know about a frame that was judged.
     """
 
-    mask: NDArray[np.uint8] | None
+    mask: U8 | None
     method: str
     model: str | None = None
     distance_m: float | None = None
     closing_m_s: float | None = None
     contact_s: float | None = None
-    decision_values: NDArray[np.float64] | None = None
-    features: NDArray[np.float64] | None = None
+    decision_values: F64 | None = None
+    features: F64 | None = None
     fault: Fault = NO_FAULT
     vetoes_clear: bool = False
     note: str = ""
@@ -187,7 +188,7 @@ def unknown_verdict(fault: Fault) -> Verdict:
 
 
 def verdict_from_mask(
-    mask: NDArray[np.uint8],
+    mask: U8,
     method: str,
     model: str | None = None,
     distance_m: float | None = None,
@@ -218,13 +219,17 @@ def verdict_from_mask(
     if contours:
         cx, cy = _centre(contours, mask)
         x, y = -(cx - width // 2), -(cy - height // 2)
-        box = _box(contours)
+        # Union of the contours' bounding boxes.
+        boxes = np.array([cv2.boundingRect(contour) for contour in contours])
+        x0, y0 = boxes[:, :2].min(axis=0)
+        x1, y1 = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
+        box = int(x0), int(y0), int(x1 - x0), int(y1 - y0)
     return Verdict(
         status, x, y, box, mean, distance_m, method, model, health, mask_size=(height, width)
     )
 
 
-def _centre(contours: Sequence[NDArray[Any]], mask: NDArray[np.uint8]) -> tuple[int, int]:
+def _centre(contours: Sequence[NDArray[Any]], mask: U8) -> tuple[int, int]:
     """Area-weighted mean of the contours' rounded centroids, cut to whole pixels."""
     weighted_x = weighted_y = total = 0.0
     for contour in contours:
@@ -240,11 +245,3 @@ def _centre(contours: Sequence[NDArray[Any]], mask: NDArray[np.uint8]) -> tuple[
         rows, columns = np.nonzero(mask)
         return int(columns.mean()), int(rows.mean())
     return int(weighted_x / total), int(weighted_y / total)
-
-
-def _box(contours: Sequence[NDArray[Any]]) -> Box:
-    """Union of the contours' bounding boxes."""
-    boxes = np.array([cv2.boundingRect(contour) for contour in contours])
-    x0, y0 = boxes[:, :2].min(axis=0)
-    x1, y1 = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
-    return int(x0), int(y0), int(x1 - x0), int(y1 - y0)

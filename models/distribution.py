@@ -29,7 +29,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F64, I64
 
 BINS = 32
 MIN_TYPICAL = 1 / BINS
@@ -68,9 +69,9 @@ class Distribution:
         If shapes, types or bounds are not these.
     """
 
-    edges: NDArray[np.float64]
-    counts: NDArray[np.int64]
-    typical: NDArray[np.float64]
+    edges: F64
+    counts: I64
+    typical: F64
     factor: float
     window_frames: int
     windows: int
@@ -107,15 +108,15 @@ class Distribution:
         return len(self.edges)
 
     @property
-    def limits(self) -> NDArray[np.float64]:
+    def limits(self) -> F64:
         """The distance of each feature above which it is out of range, shape (dim,)."""
         return self.typical * self.factor
 
-    def bin_counts(self, features: NDArray[np.float64]) -> NDArray[np.int64]:
+    def bin_counts(self, features: F64) -> I64:
         """How many patches fall into each bin, shape (dim, BINS), of features (n_patches, dim)."""
         return bin_counts(features, self.edges)
 
-    def distances(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    def distances(self, counts: I64) -> F64:
         """Each feature's distance from training, shape (dim,), of a window's summed bin counts."""
         return ks_distances(counts, self.counts)
 
@@ -133,7 +134,7 @@ class Distribution:
         }
 
 
-def quantile_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def quantile_edges(values: F64) -> F64:
     """The bins' edges for one feature: its quantiles at 1 / BINS, 2 / BINS, ...
 
     A value that fills a whole bin or more gets an edge just below and one just above it, so that
@@ -158,7 +159,7 @@ def quantile_edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.maximum.accumulate(edges), np.float64)
 
 
-def bin_counts(features: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.int64]:
+def bin_counts(features: F64, edges: F64) -> I64:
     """How many values of each feature fall into each bin.
 
     A binary search over all features at once: `numpy.searchsorted` takes one list of edges only,
@@ -187,7 +188,7 @@ def bin_counts(features: NDArray[np.float64], edges: NDArray[np.float64]) -> NDA
     return np.bincount(at.ravel(), minlength=dim * BINS).reshape(dim, BINS)
 
 
-def ks_distances(counts: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float64]:
+def ks_distances(counts: I64, others: I64) -> F64:
     """Largest difference of two cumulative distributions over the same bins.
 
     Parameters

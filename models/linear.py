@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F64, I64, Bools
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,9 @@ class LinearModel:
         For each class whether a patch of it is an obstacle.
     """
 
-    weights: NDArray[np.float64]
-    bias: NDArray[np.float64]
-    thresholds: NDArray[np.float64]
+    weights: F64
+    bias: F64
+    thresholds: F64
     classes: tuple[str, ...]
     obstacle: tuple[bool, ...]
 
@@ -54,11 +55,11 @@ class LinearModel:
     @classmethod
     def fold(
         cls,
-        coef: NDArray[np.float64],
-        intercept: NDArray[np.float64],
-        mean: NDArray[np.float64],
-        scale: NDArray[np.float64],
-        thresholds: NDArray[np.float64],
+        coef: F64,
+        intercept: F64,
+        mean: F64,
+        scale: F64,
+        thresholds: F64,
         classes: tuple[str, ...],
         obstacle: tuple[bool, ...],
     ) -> LinearModel:
@@ -79,11 +80,7 @@ class LinearModel:
 
     @classmethod
     def from_pipeline(
-        cls,
-        pipeline: Any,
-        thresholds: NDArray[np.float64],
-        classes: tuple[str, ...],
-        obstacle: tuple[bool, ...],
+        cls, pipeline: Any, thresholds: F64, classes: tuple[str, ...], obstacle: tuple[bool, ...]
     ) -> LinearModel:
         """A fitted scikit-learn pipeline, its scaler folded into its classifier.
 
@@ -96,23 +93,17 @@ class LinearModel:
             As in `LinearModel`.
         """
         svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
-        dim = svc.coef_.shape[1]
-        return cls.fold(
-            svc.coef_,
-            svc.intercept_,
-            np.zeros(dim) if scaler is None else scaler.mean_,
-            np.ones(dim) if scaler is None else scaler.scale_,
-            thresholds,
-            classes,
-            obstacle,
-        )
+        mean, scale = np.zeros(svc.coef_.shape[1]), np.ones(svc.coef_.shape[1])
+        if scaler is not None:
+            mean, scale = scaler.mean_, scaler.scale_
+        return cls.fold(svc.coef_, svc.intercept_, mean, scale, thresholds, classes, obstacle)
 
     @property
     def dim(self) -> int:
         """Number of features a patch must have."""
         return int(self.weights.shape[1])
 
-    def decision_values(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+    def decision_values(self, features: F64) -> F64:
         """Signed distances, shape (n_patches, n_outputs), of features (n_patches, dim).
 
         Raises
@@ -126,18 +117,18 @@ class LinearModel:
             raise ValueError("a decision value is not finite")
         return values
 
-    def predicted(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+    def predicted(self, values: F64) -> I64:
         """Index into `classes` for each row of decision values."""
         excess = values - self.thresholds
         if excess.shape[1] == 1:
             return (excess[:, 0] > 0).astype(np.int64)
         return np.asarray(excess.argmax(axis=1), np.int64)
 
-    def obstacle_patches(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def obstacle_patches(self, values: F64) -> Bools:
         """For each row of decision values whether that patch is an obstacle."""
         return np.asarray(self.obstacle, bool)[self.predicted(values)]
 
-    def obstacle_score(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def obstacle_score(self, values: F64) -> F64:
         """How far each patch is on the obstacle side; above 0 exactly where it is one.
 
         With several classes: the best obstacle class's excess over the best clear one's. A tie

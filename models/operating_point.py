@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
 
 OBSTACLE, CLEAR, UNKNOWN = 1, 0, -1
@@ -68,22 +68,17 @@ class MofNRule:
 
     def __post_init__(self) -> None:
         if not (_is_number(self.margin) and 0 <= self.margin <= MAX_MARGIN):
-            raise ToktError(
-                f"a frame rule's margin is a number, 0 to {MAX_MARGIN:g}, not {self.margin!r}"
-            )
+            known = f"a number, 0 to {MAX_MARGIN:g}"
+            raise ToktError(f"a frame rule's margin is {known}, not {self.margin!r}")
         if not (_is_whole(self.min_patches) and self.min_patches >= 1):
             raise ToktError(f"a frame rule needs at least 1 patch, not {self.min_patches!r}")
         if not (_is_whole(self.m) and _is_whole(self.n) and 1 <= self.m <= self.n <= MAX_WINDOW):
-            raise ToktError(
-                f"a frame rule asks for K of N frames, 1 <= K <= N <= {MAX_WINDOW}, "
-                f"not {self.m!r} of {self.n!r}"
-            )
+            known = f"K of N frames, 1 <= K <= N <= {MAX_WINDOW}"
+            raise ToktError(f"a frame rule asks for {known}, not {self.m!r} of {self.n!r}")
         now = self.instant_margin
         if now is not None and not (_is_number(now) and self.margin <= now <= MAX_MARGIN):
-            raise ToktError(
-                f"a frame rule's margin for a status at once is null or a number, its margin "
-                f"{self.margin:g} to {MAX_MARGIN:g}, not {now!r}"
-            )
+            known = f"null or a number, its margin {self.margin:g} to {MAX_MARGIN:g}"
+            raise ToktError(f"a frame rule's margin for a status at once is {known}, not {now!r}")
 
     @property
     def latency_frames(self) -> int:
@@ -97,11 +92,8 @@ class MofNRule:
         each = "the same patch" if self.min_patches == 1 else "each"
         frames = f"{each} in {self.m} of {self.n} frames"
         text = f"{patches} over the threshold{above}, {frames if self.n > 1 else 'in one frame'}"
-        return (
-            text
-            if self.instant_margin is None
-            else f"{text}; or 1 by {self.instant_margin:.4g} at once"
-        )
+        now = self.instant_margin
+        return text if now is None else f"{text}; or 1 by {now:.4g} at once"
 
     def latency_words(self) -> str:
         """What the rule costs in time, for people."""
@@ -109,11 +101,8 @@ class MofNRule:
             return "the first alarm is a status at once"
         late = "1 frame" if self.latency_frames == 1 else f"{self.latency_frames} frames"
         text = f"a status comes {late} after a patch first exceeds the margin, at the earliest"
-        return (
-            text
-            if self.instant_margin is None
-            else f"{text}; at once above {self.instant_margin:.4g}"
-        )
+        now = self.instant_margin
+        return text if now is None else f"{text}; at once above {now:.4g}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""
@@ -199,15 +188,15 @@ class MofNState:
 
     def __init__(self, rule: MofNRule) -> None:
         self.rule = rule
-        self._last: deque[NDArray[np.bool_] | None] = deque([None] * rule.n, rule.n)
+        self._last: deque[Bools | None] = deque([None] * rule.n, rule.n)
 
     @property
-    def confirmed(self) -> NDArray[np.bool_]:
+    def confirmed(self) -> Bools:
         """For each patch whether it is confirmed; empty before the first judged frame."""
         known = [over for over in self._last if over is not None]
         return np.asarray(np.sum(known, axis=0) >= self.rule.m) if known else np.zeros(0, bool)
 
-    def add(self, scores: NDArray[np.float64] | None, min_mask_patches: int = 1) -> int:
+    def add(self, scores: F64 | None, min_mask_patches: int = 1) -> int:
         """Take in the next frame and give its status.
 
         Parameters
@@ -231,7 +220,9 @@ class MofNState:
         over = np.asarray(scores > self.rule.margin)
         self._last.append(over)
         needed = max(self.rule.min_patches, min_mask_patches)
-        if np.count_nonzero(self.confirmed) >= needed or self._at_once(scores, min_mask_patches):
+        now = self.rule.instant_margin
+        at_once = now is not None and np.count_nonzero(scores > now) >= min_mask_patches
+        if at_once or np.count_nonzero(self.confirmed) >= needed:
             return OBSTACLE
         known = [past for past in self._last if past is not None]
         times = np.sum(known, axis=0)
@@ -241,10 +232,6 @@ class MofNState:
     def skip(self, frames: int) -> None:
         """Leave out places where a frame is missing: they are not known."""
         self._last.extend([None] * min(frames, self.rule.n))
-
-    def _at_once(self, scores: NDArray[np.float64], min_mask_patches: int) -> bool:
-        now = self.rule.instant_margin
-        return now is not None and int(np.count_nonzero(scores > now)) >= min_mask_patches
 
 
 def _is_number(value: Any) -> bool:

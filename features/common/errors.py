@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,6 +31,20 @@ class ToktError(Exception):
 
 class FrameError(ToktError):
     """One frame cannot be read. A mission goes on without it; the runtime calls it unknown."""
+
+
+@contextmanager
+def os_errors_as(what: str, kind: type[ToktError] = ToktError) -> Iterator[None]:
+    """Turn what the system refuses into an error of one line: ``WHAT: No such file``."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{what}: {os_words(error)}") from None
+
+
+def os_words(error: OSError) -> str:
+    """Why the system refused, without the file's name."""
+    return error.strerror or str(error)
 
 
 def _one_line(text: str) -> str:

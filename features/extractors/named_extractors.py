@@ -6,7 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
@@ -76,9 +76,8 @@ def extractor_named(text: str) -> Extractor:
 
 def _from_file(path: Path) -> Extractor:
     try:
-        spec = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ToktError(f"{path}: {error.strerror or error}") from None
+        with os_errors_as(str(path)):
+            spec = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ToktError(f"{path}: not JSON ({str(error).splitlines()[0]})") from None
     try:

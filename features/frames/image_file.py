@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import FrameError
+from tokt.features.common.errors import FrameError, os_errors_as
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"})
 
@@ -109,10 +109,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     FrameError
         If the file cannot be read, or `decode_image` refuses it.
     """
-    try:
+    with os_errors_as(str(path), FrameError):
         data = path.read_bytes()
-    except OSError as error:
-        raise FrameError(f"{path}: {error.strerror or error}") from None
     return decode_image(data, str(path))
 
 

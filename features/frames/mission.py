@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError, ToktError, os_errors_as
 
 from .image_file import SUFFIXES, decode_image
 
@@ -117,10 +117,8 @@ class FolderMission:
     def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
         """The frame's own file, untouched, and its suffix."""
         file = self.file(frame, camera)
-        try:
+        with os_errors_as(str(file), FrameError):
             return file.read_bytes(), file.suffix.lower()
-        except OSError as error:
-            raise FrameError(f"{file}: {error.strerror or error}") from None
 
 
 class VideoMission:

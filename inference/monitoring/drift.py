@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event
 from tokt.models.distribution import BINS, Distribution
@@ -91,7 +91,7 @@ class DriftMonitor(Observer):
         self._label = "" if model is None else model.label
         self._distribution = None if model is None else model.distribution
         self._names = () if model is None else model.extractor.names
-        self._window: deque[NDArray[np.int64]] = deque()
+        self._window: deque[I64] = deque()
         self._since_look = 0
         self.distances: Mapping[str, float] = {}
         self.state = DriftState()
@@ -128,29 +128,20 @@ class DriftMonitor(Observer):
         was_out, ratio = self.state.out, float(ratios[worst])
         out = ratio > (BACK_RATIO if was_out else 1.0)
         self.distances = dict(zip(self._names, distances.tolist(), strict=True))
-        self.state = DriftState(
-            True,
-            len(self._window),
-            distribution.window_frames,
-            out,
-            self._names[worst],
-            float(distances[worst]),
-            float(self._limits[worst]),
-        )
+        furthest = self._names[worst], float(distances[worst]), float(self._limits[worst])
+        frames = distribution.window_frames
+        self.state = DriftState(True, len(self._window), frames, out, *furthest)
         if out != was_out:
             self._tell(self._event(out, distances, ratios))
 
-    def _event(
-        self, out: bool, distances: NDArray[np.float64], ratios: NDArray[np.float64]
-    ) -> Event:
-        order = np.argsort(-ratios, kind="stable")[:MAX_WORST]
+    def _event(self, out: bool, distances: F64, ratios: F64) -> Event:
         worst = [
             {
                 "feature": self._names[index],
                 "distance": float(distances[index]),
                 "limit": float(self._limits[index]),
             }
-            for index in order.tolist()
+            for index in np.argsort(-ratios, kind="stable")[:MAX_WORST].tolist()
         ]
         over = int(np.count_nonzero(ratios > 1))
         fields: dict[str, Any] = {

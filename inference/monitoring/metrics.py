@@ -9,22 +9,22 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import accumulate
+from functools import partial
+from itertools import accumulate, chain
 from socketserver import TCPServer
 from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from tokt.features.common.address import parse_address, resolve
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.inference.clock import Clock
 from tokt.inference.publisher import Sender
 
 from .run_counts import BOUNDS_S, Histogram, RunCounts
 
 if TYPE_CHECKING:
-    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
     from prometheus_client.metrics_core import Metric
 
     from tokt.inference.recording.recorder import Recorder
@@ -84,51 +84,7 @@ def parse_metrics(text: str) -> tuple[str, int]:
     return parse_address(text if ":" in text else f"{LOOPBACK}:{text.strip()}")
 
 
-class Metrics:
-    """Serve a run's metrics.
-
-    Parameters
-    ----------
-    host : str
-    port : int
-        0 takes any that is free.
-    counts : RunCounts
-        An observer of the run.
-    sources : MetricSources
-    clock : Clock
-
-    Attributes
-    ----------
-    port : int
-
-    Raises
-    ------
-    ToktError
-        If prometheus-client is not installed, or the address cannot be listened on.
-    """
-
-    def __init__(
-        self, host: str, port: int, counts: RunCounts, sources: MetricSources, clock: Clock
-    ) -> None:
-        from .metrics import MetricsServer  # Python's own server takes a while to import
-
-        try:
-            from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
-        except ModuleNotFoundError:
-            raise ToktError(
-                "metrics need the extra 'metrics': pip install 'tokt[metrics]'"
-            ) from None
-        registry = CollectorRegistry()
-        registry.register(RunCollector(counts, sources, clock))
-        ProcessCollector(registry=registry)
-        self._server = MetricsServer(host, port, make_wsgi_app(registry))
-        self.port = self._server.port
-
-    def close(self) -> None:
-        """Answer no more."""
-        self._server.close()
-
-
+@dataclass(eq=False)
 class RunCollector:
     """Turn counts into metrics when asked.
 
@@ -139,28 +95,19 @@ class RunCollector:
     clock : Clock
     """
 
-    def __init__(self, counts: RunCounts, sources: MetricSources, clock: Clock) -> None:
-        self._counts = counts
-        self._sources = sources
-        self._clock = clock
+    counts: RunCounts
+    sources: MetricSources
+    clock: Clock
 
     def collect(self) -> Iterator[Metric]:
         """All metrics, as they are now, one after the other."""
-        for metric in self._all():
+        said = (self._said(), self._state(), self._senders(), self._log())
+        for metric in chain(*said, self._recorder(), self._cameras(), self._drift()):
             yield metric
             time.sleep(_BREATH_S)
 
-    def _all(self) -> Iterator[Metric]:
-        yield from self._said()
-        yield from self._state()
-        yield from self._senders()
-        yield from self._log()
-        yield from self._recorder()
-        yield from self._cameras()
-        yield from self._drift()
-
     def _said(self) -> Iterator[Metric]:
-        counts = self._counts
+        counts = self.counts
         verdicts, heartbeats = dict(counts.verdicts), _by_name(counts.heartbeat_reasons)
         yield _counter("verdicts", "Frames judged.", verdicts, "status", "reason")
         yield _counter("heartbeats", "Unknown, said without a frame.", heartbeats, "reason")
@@ -177,7 +124,7 @@ class RunCollector:
         yield _counter("model_refusals", words, events.get("model_refused", 0))
 
     def _state(self) -> Iterator[Metric]:
-        counts = self._counts
+        counts = self.counts
         model, last = counts.model, counts.last_report
         if model is not None:
             name, _, version = model.label.rpartition("/")
@@ -189,26 +136,26 @@ class RunCollector:
         words = "Since something was last said, or since the start."
         # Before the clock is looked at: another may be published meanwhile.
         last_report_s = counts.last_report_s
-        now = self._clock.monotonic()
+        now = self.clock.monotonic()
         yield _gauge("last_verdict_age_seconds", words, now - last_report_s)
         yield _gauge("up_seconds", "Since the start.", now - counts.started_s)
         words = "The start, in seconds since 1970."
         yield _gauge("start_time_seconds", words, counts.started_t)
 
     def _senders(self) -> Iterator[Metric]:
-        senders = self._sources.senders.items()
+        senders = self.sources.senders.items()
         sent = _by_name({name: sender.sent for name, sender in senders})
         failed = _by_name({name: sender.failed for name, sender in senders})
         yield _counter("datagrams_sent", "Datagrams the system took.", sent, "receiver")
         yield _counter("datagrams_failed", "Datagrams it refused.", failed, "receiver")
 
     def _log(self) -> Iterator[Metric]:
-        log = self._sources.log
+        log = self.sources.log
         if log is not None:
             yield _counter("log_lines_failed", "Lines that could not be logged.", log.failed)
 
     def _recorder(self) -> Iterator[Metric]:
-        recorder = self._sources.recorder
+        recorder = self.sources.recorder
         if recorder is None:
             return
         yield _counter("recorder_moments", "Moments opened.", recorder.clips)
@@ -220,17 +167,17 @@ class RunCollector:
         yield _gauge("recorder_failing", "Frames are being left out.", bool(recorder.fault))
 
     def _cameras(self) -> Iterator[Metric]:
-        if self._sources.cameras is None:
+        if self.sources.cameras is None:
             return
-        sides = list(zip(("left", "right"), self._sources.cameras.counts, strict=False))
+        sides = list(zip(("left", "right"), self.sources.cameras.counts, strict=False))
         for name, words in _CAMERA_COUNTS.items():
             values = _by_name({side: getattr(counts, name) for side, counts in sides})
             yield _counter(f"camera_{name}", words, values, "camera")
-        back = self._counts.events.get("camera_back", 0)
+        back = self.counts.events.get("camera_back", 0)
         yield _counter("camera_reconnects", "Lost cameras that came back.", back)
 
     def _drift(self) -> Iterator[Metric]:
-        drift = self._sources.drift
+        drift = self.sources.drift
         if drift is None:
             return
         state, distances = drift.state, _by_name(drift.distances)
@@ -247,23 +194,17 @@ def _by_name(values: Mapping[str, float]) -> dict[tuple[str, ...], float]:
     return {(name,): value for name, value in dict(values).items()}
 
 
-def _counter(name: str, words: str, values: Values, *labels: str) -> Metric:
-    from prometheus_client.core import CounterMetricFamily
+def _counter(name: str, words: str, values: Values, *labels: str, gauge: bool = False) -> Metric:
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-    return _filled(CounterMetricFamily(_PREFIX + name, words, labels=labels), values)
-
-
-def _gauge(name: str, words: str, values: Values, *labels: str) -> Metric:
-    from prometheus_client.core import GaugeMetricFamily
-
-    return _filled(GaugeMetricFamily(_PREFIX + name, words, labels=labels), values)
-
-
-def _filled(metric: CounterMetricFamily | GaugeMetricFamily, values: Values) -> Metric:
-    each = values.items() if isinstance(values, Mapping) else [((), float(values))]
-    for key, value in each:
+    kind = GaugeMetricFamily if gauge else CounterMetricFamily
+    metric = kind(_PREFIX + name, words, labels=labels)
+    for key, value in values.items() if isinstance(values, Mapping) else [((), float(values))]:
         metric.add_metric(key, value)
     return metric
+
+
+_gauge = partial(_counter, gauge=True)
 
 
 def _histogram(name: str, words: str, histogram: Histogram) -> Metric:
@@ -281,8 +222,8 @@ _STOP_CHECK_S = 0.2
 _JOIN_S = 1.0
 
 
-class MetricsServer:
-    """Answer with what an application gives, until closed.
+class Metrics:
+    """Serve a run's metrics until closed.
 
     One request at a time, each for a bounded silence of its client: whoever connects can keep other
     scrapes waiting, and nothing else.
@@ -292,8 +233,10 @@ class MetricsServer:
     host : str
     port : int
         0 takes any that is free.
-    application : callable
-        WSGI.
+    counts : RunCounts
+        An observer of the run.
+    sources : MetricSources
+    clock : Clock
 
     Attributes
     ----------
@@ -303,17 +246,24 @@ class MetricsServer:
     Raises
     ------
     ToktError
-        If the address cannot be listened on.
+        If prometheus-client is not installed, or the address cannot be listened on.
     """
 
-    def __init__(self, host: str, port: int, application: Callable[..., Any]) -> None:
-        family, address = resolve(host, port)
+    def __init__(
+        self, host: str, port: int, counts: RunCounts, sources: MetricSources, clock: Clock
+    ) -> None:
         try:
+            from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
+        except ModuleNotFoundError:
+            wanted = "pip install 'tokt[metrics]'"
+            raise ToktError(f"metrics need the extra 'metrics': {wanted}") from None
+        registry = CollectorRegistry()
+        registry.register(RunCollector(counts, sources, clock))
+        ProcessCollector(registry=registry)
+        family, address = resolve(host, port)
+        with os_errors_as(f"metrics cannot be served on {host}:{port}"):
             self._server = _QuietServer(family, address)
-        except OSError as error:
-            why = error.strerror or error
-            raise ToktError(f"metrics cannot be served on {host}:{port}: {why}") from None
-        self._server.set_app(application)
+        self._server.set_app(make_wsgi_app(registry))
         self.port: int = self._server.server_address[1]
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="tokt metrics", daemon=True)

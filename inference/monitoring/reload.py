@@ -20,7 +20,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock
 from tokt.inference.report import Event
 from tokt.models.bundle.bundle import Bundle
@@ -62,11 +62,12 @@ def check_in_child(store: Store) -> BundleCheck:
     except subprocess.TimeoutExpired:
         return BundleCheck("", f"its checks did not end in {CHECK_S:g} s")
     except OSError as error:
-        return BundleCheck("", f"its checks cannot be run: {error.strerror or error}")
+        return BundleCheck("", f"its checks cannot be run: {os_words(error)}")
     except (ValueError, LookupError, TypeError):
         return BundleCheck("", f"its checks died with exit code {done.returncode}")
 
 
+@dataclass(eq=False)
 class ModelReloader:
     """Keep the running model the store's active one.
 
@@ -86,24 +87,18 @@ class ModelReloader:
         Whether `running` was loaded as the store's active one, and not in its stead.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        running: Bundle | None,
-        misfit: Callable[[Bundle], str],
-        put: Callable[[Bundle], None],
-        clock: Clock,
-        check: Callable[[Store], BundleCheck] = check_in_child,
-        is_active: bool = True,
-    ) -> None:
-        self._store = store
+    store: Store
+    running: Bundle | None
+    misfit: Callable[[Bundle], str]
+    put: Callable[[Bundle], None]
+    clock: Clock
+    check: Callable[[Store], BundleCheck] = check_in_child
+    is_active: bool = True
+
+    def __post_init__(self) -> None:
         # A copy of the active bundle has the same SHA-256; the active one may be made good.
-        self._running = running.sha256 if running is not None and is_active else ""
-        self._to_remember = running
-        self._misfit = misfit
-        self._put = put
-        self._clock = clock
-        self._check = check
+        self._running = self.running.sha256 if self.running and self.is_active else ""
+        self._to_remember = self.running
         self._refused: tuple[int, str] | None = None
         self._retry_at = 0.0
         self._fault = ""
@@ -128,10 +123,10 @@ class ModelReloader:
             events, self._events = self._events, []
         if bundle is None:
             return events
-        self._put(bundle)
+        self.put(bundle)
         words = f"model {bundle.label} runs from the next frame on"
         fields = {"label": bundle.label, "sha256": bundle.sha256}
-        return [*events, Event(self._clock.time(), "model", words, fields)]
+        return [*events, Event(self.clock.time(), "model", words, fields)]
 
     def _run(self) -> None:
         while True:
@@ -143,7 +138,7 @@ class ModelReloader:
     def look(self) -> None:
         """Look at the store once."""
         try:
-            entry = self._store.active_entry()
+            entry = self.store.active_entry()
         except ToktError as error:
             self._refuse(None, str(error))
             return
@@ -151,7 +146,7 @@ class ModelReloader:
             self._refused, self._fault = None, ""
             return
         key = (entry.number, entry.sha256)
-        if key == self._refused and self._clock.monotonic() < self._retry_at:
+        if key == self._refused and self.clock.monotonic() < self._retry_at:
             return
         fault = self._make_ready(entry.sha256)
         if fault:
@@ -159,16 +154,16 @@ class ModelReloader:
 
     def _make_ready(self, sha256: str) -> str:
         """Check a bundle and build it; why it cannot be used, or an empty string."""
-        checked = self._check(self._store)
+        checked = self.check(self.store)
         if checked.sha256 not in ("", sha256):
             return ""  # another one has become active meanwhile: the next look is at that one
         if checked.fault:
             return checked.fault
         try:
-            bundle = self._store.runnable(sha256, golden=False)
+            bundle = self.store.runnable(sha256, golden=False)
         except ToktError as error:
             return str(error)
-        fault = self._misfit(bundle)
+        fault = self.misfit(bundle)
         if not fault:
             with self._lock:
                 self._ready = bundle
@@ -177,7 +172,7 @@ class ModelReloader:
         return fault
 
     def _refuse(self, key: tuple[int, str] | None, fault: str) -> None:
-        self._refused, self._retry_at = key, self._clock.monotonic() + RETRY_S
+        self._refused, self._retry_at = key, self.clock.monotonic() + RETRY_S
         if fault == self._fault:
             return
         self._fault = fault
@@ -187,10 +182,10 @@ class ModelReloader:
         bundle, self._to_remember = self._to_remember, None
         if bundle is None:
             return
-        fault = remember_good(self._store, bundle)
+        fault = remember_good(self.store, bundle)
         if fault:
             self._tell("model_not_kept", f"no copy of model {bundle.label} is kept: {fault}")
 
     def _tell(self, name: str, words: str) -> None:
         with self._lock:
-            self._events.append(Event(self._clock.time(), name, words))
+            self._events.append(Event(self.clock.time(), name, words))

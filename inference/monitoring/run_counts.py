@@ -7,6 +7,7 @@ values read one after the other may be one frame apart.
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import Counter
 
 from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -53,11 +54,11 @@ class RunCounts(Observer):
     Attributes
     ----------
     frames, heartbeats : int
-    verdicts : dict
+    verdicts : Counter
         Frames by (status, reason), in words.
-    heartbeat_reasons : dict
+    heartbeat_reasons : Counter
         Heartbeats by reason.
-    events : dict
+    events : Counter
         Events by name.
     missed : int
         Frames that were not delivered, where it is known how many: overload's and the cameras'.
@@ -79,9 +80,9 @@ class RunCounts(Observer):
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self.frames = self.heartbeats = self.missed = self.left_out = 0
-        self.verdicts: dict[tuple[str, ...], int] = {}
-        self.heartbeat_reasons: dict[str, int] = {}
-        self.events: dict[str, int] = {}
+        self.verdicts: Counter[tuple[str, ...]] = Counter()
+        self.heartbeat_reasons: Counter[str] = Counter()
+        self.events: Counter[str] = Counter()
         self.latency, self.age = Histogram(), Histogram()
         self.last_report: Report | None = None
         self.started_t = clock.time()
@@ -93,8 +94,7 @@ class RunCounts(Observer):
         """Count a frame."""
         self.frames += 1
         verdict = report.verdict
-        key = (STATUS_WORDS[verdict.status], verdict.reason.value)
-        self.verdicts[key] = self.verdicts.get(key, 0) + 1
+        self.verdicts[STATUS_WORDS[verdict.status], verdict.reason.value] += 1
         if frame.missed < MANY_MISSED:
             self.missed += frame.missed
         self.left_out += report.left_out
@@ -107,13 +107,12 @@ class RunCounts(Observer):
     def heartbeat(self, report: Report) -> None:
         """Count a heartbeat."""
         self.heartbeats += 1
-        reason = report.verdict.reason.value
-        self.heartbeat_reasons[reason] = self.heartbeat_reasons.get(reason, 0) + 1
+        self.heartbeat_reasons[report.verdict.reason.value] += 1
         self._note(report)
 
     def event(self, event: Event) -> None:
         """Count an event, and note what it changes."""
-        self.events[event.name] = self.events.get(event.name, 0) + 1
+        self.events[event.name] += 1
         if event.name in (START, MODEL):
             model = event.fields.get("model") if event.name == START else event.fields
             self.model = ModelName(model["label"], model["sha256"]) if model else None

@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 from collections import deque
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, TextIO
 
@@ -42,6 +43,7 @@ _STYLES = {OBSTACLE: "bold red", CLEAR: "bold green", UNKNOWN: "bold yellow"}
 _ERASE = "\r\x1b[2K"
 
 
+@dataclass(eq=False)
 class StatusLine(Observer):
     """Show a run while it goes on.
 
@@ -55,19 +57,19 @@ class StatusLine(Observer):
     recorder : Recorder, optional
     """
 
-    def __init__(
-        self,
-        counts: RunCounts,
-        clock: Clock,
-        stream: TextIO | None = None,
-        recorder: Recorder | None = None,
-    ) -> None:
-        stream = sys.stderr if stream is None else stream
-        self._counts = counts
-        self._clock = clock
-        self._recorder = recorder
+    counts: RunCounts
+    clock: Clock
+    stream: TextIO | None = None
+    recorder: Recorder | None = None
+
+    def __post_init__(self) -> None:
+        stream = sys.stderr if self.stream is None else self.stream
         self._out = _Out(stream)
-        self._console = _console() if _has_cursor(stream) else None
+        self._console: Console | None = None
+        if stream.isatty() and os.environ.get("TERM") != "dumb":
+            from rich.console import Console
+
+            self._console = Console(stderr=True, force_terminal=True)
         self._lines: deque[str] = deque(maxlen=_MAX_WAITING)
         self._seen: deque[tuple[float, int]] = deque()
         self._closing = threading.Event()
@@ -114,7 +116,7 @@ class StatusLine(Observer):
         """What matters most first: a narrow terminal cuts the rest."""
         from rich.text import Text
 
-        counts, now = self._counts, self._clock.monotonic()
+        counts, now = self.counts, self.clock.monotonic()
         last = counts.last_report
         if last is None:
             return Text("waiting for the first frame")
@@ -131,9 +133,9 @@ class StatusLine(Observer):
             line.append(f"  latency {last.latency_ms:.0f} ms")
         line.append(f"  {self._rate(now):.1f} fps  {self._tally()}")
         line.append(f"  {'no model' if counts.model is None else counts.model.label}")
-        if self._recorder is not None:
-            fault = self._recorder.fault
-            words = f"NOT recording: {fault}" if fault else f"{self._recorder.frames} recorded"
+        if self.recorder is not None:
+            fault = self.recorder.fault
+            words = f"NOT recording: {fault}" if fault else f"{self.recorder.frames} recorded"
             line.append(f"  {words}", "yellow" if fault else "")
         if verdict.reason is not Reason.OK:
             line.append(f"  {verdict.health}")
@@ -141,7 +143,7 @@ class StatusLine(Observer):
         return line
 
     def _tally(self) -> str:
-        counts = self._counts
+        counts = self.counts
         by_status = dict.fromkeys(STATUS_WORDS.values(), 0)
         for (status, _), n in dict(counts.verdicts).items():
             by_status[status] += n
@@ -153,7 +155,7 @@ class StatusLine(Observer):
 
     def _rate(self, now: float) -> float:
         """Frames a second over the last seconds."""
-        self._seen.append((now, self._counts.frames))
+        self._seen.append((now, self.counts.frames))
         while len(self._seen) > 2 and now - self._seen[0][0] > _RATE_OVER_S:
             self._seen.popleft()
         (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
@@ -169,16 +171,6 @@ def _nearness(verdict: Verdict) -> str:
     if verdict.expansion_contact_s is not None and verdict.distance_m is None:
         words += f", contact in {verdict.expansion_contact_s:.0f} s"
     return words
-
-
-def _has_cursor(stream: TextIO) -> bool:
-    return stream.isatty() and os.environ.get("TERM") != "dumb"
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(stderr=True, force_terminal=True)
 
 
 class _Out:

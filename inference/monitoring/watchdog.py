@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from tokt.features.common.errors import os_words
 from tokt.inference.clock import Clock
 
 SYSTEMD_VARIABLE = "NOTIFY_SOCKET"
@@ -101,6 +102,11 @@ class Notifier:
         self._sockets.clear()
 
 
+START_S, HANG_S, STOP_S = 60.0, 2.0, 5.0
+"""Seconds until the runtime is killed: from its start until it is ready, without a sign of life,
+and from being asked to end."""
+STEADY_S = 5.0
+"""Seconds after which a runtime that dies is started again at once, as it had worked."""
 RESTARTS_VARIABLE = "TOKT_RESTARTS"
 """How often the runtime has been started again."""
 
@@ -110,28 +116,7 @@ _MAX_PAUSE_S = 2.0
 _MAX_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked for
 
 
-@dataclass(frozen=True)
-class WatchdogTimeouts:
-    """Seconds that the runtime may take, to start, between signs of life and to stop.
-
-    Parameters
-    ----------
-    start_s : float
-        Seconds until it is ready.
-    hang_s : float
-        Seconds without a sign of life until it is killed.
-    stop_s : float
-        Seconds from being asked to end until it is killed.
-    steady_s : float
-        Seconds after which a runtime that dies is started again at once, as it had worked.
-    """
-
-    start_s: float = 60.0
-    hang_s: float = 2.0
-    stop_s: float = 5.0
-    steady_s: float = 5.0
-
-
+@dataclass(eq=False)
 class Watchdog:
     """Keep one command running.
 
@@ -144,21 +129,14 @@ class Watchdog:
         Given one line for people each time something happens.
     notifier : Notifier
         Passes the runtime's signs of life on.
-    timeouts : WatchdogTimeouts
     """
 
-    def __init__(
-        self,
-        command: Sequence[str],
-        say: Callable[[str], None],
-        notifier: Notifier,
-        timeouts: WatchdogTimeouts | None = None,
-    ) -> None:
+    command: Sequence[str]
+    say: Callable[[str], None]
+    notifier: Notifier
+
+    def __post_init__(self) -> None:
         self.restarts = 0
-        self._command = list(command)
-        self._say = say
-        self._notifier = notifier
-        self._patience = WatchdogTimeouts() if timeouts is None else timeouts
         self._asked_to_stop = False
         self._was_ready = False
         self._finished = False
@@ -186,9 +164,9 @@ class Watchdog:
                 if self._asked_to_stop or self._finished or code == 0 or never_ready:
                     break
                 lived_s = time.monotonic() - started
-                quick = 0 if lived_s > self._patience.steady_s else quick + 1
+                quick = 0 if lived_s > STEADY_S else quick + 1
                 self.restarts += 1
-                self._say(f"{why}; started again ({self.restarts})")
+                self.say(f"{why}; started again ({self.restarts})")
                 self._pause(quick)
         return max(code, 0)
 
@@ -199,7 +177,7 @@ class Watchdog:
         try:
             child = self._start(f"{signs.getsockname()[1]}:{token}:{os.getpid()}")
         except OSError as error:  # such as no memory, for which the last one may have died
-            return _FAILED, f"the runtime cannot be started: {error.strerror or error}"
+            return _FAILED, f"the runtime cannot be started: {os_words(error)}"
         try:
             why = self._watch(child, signs, token.encode() + b" ")
         finally:
@@ -210,7 +188,7 @@ class Watchdog:
     def _start(self, where: str) -> subprocess.Popen[bytes]:
         environ = {**os.environ, WATCHDOG_VARIABLE: where, RESTARTS_VARIABLE: str(self.restarts)}
         environ.pop(SYSTEMD_VARIABLE, None)
-        return subprocess.Popen(self._command, env=environ, stdin=subprocess.DEVNULL)
+        return subprocess.Popen(self.command, env=environ, stdin=subprocess.DEVNULL)
 
     def _pause(self, quick: int) -> None:
         """None the first time, then longer ones for a runtime that cannot stay up."""
@@ -221,22 +199,21 @@ class Watchdog:
 
     def _watch(self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes) -> str:
         """Wait until the runtime has ended, or is to be killed; why."""
-        timeouts = self._patience
         ready = False
-        until = time.monotonic() + timeouts.start_s
+        until = time.monotonic() + START_S
         asked = False
         while child.poll() is None:
             sign = _next_sign(signs, token)
             if self._asked_to_stop and not asked:
                 child.terminate()
-                asked, until = True, time.monotonic() + timeouts.stop_s
+                asked, until = True, time.monotonic() + STOP_S
             elif sign in (READY, ALIVE) and not asked:
                 ready = ready or sign == READY
                 self._pass_on(sign)
-                until = time.monotonic() + (timeouts.hang_s if ready else timeouts.start_s)
+                until = time.monotonic() + (HANG_S if ready else START_S)
             elif sign == STOPPING and not asked:
                 self._finished = asked = True
-                until = time.monotonic() + timeouts.stop_s
+                until = time.monotonic() + STOP_S
             elif time.monotonic() > until:
                 what = "does not answer" if ready else "did not get ready"
                 return f"the runtime {what} and was killed"
@@ -246,18 +223,16 @@ class Watchdog:
 
     def _pass_on(self, sign: bytes) -> None:
         if sign == ALIVE:
-            self._notifier.alive()
+            self.notifier.alive()
         elif not self._was_ready:
             self._was_ready = True
-            self._notifier.ready()
+            self.notifier.ready()
 
 
 def _next_sign(signs: socket.socket, token: bytes) -> bytes:
     """What the runtime said within the next moment, or nothing; others' datagrams are no signs."""
     try:
         data = signs.recv(_MAX_DATAGRAM)
-    except TimeoutError:
-        return b""
-    except ConnectionResetError:
-        return b""  # Windows reports another socket's ICMP answer here
+    except (TimeoutError, ConnectionResetError):
+        return b""  # the latter: Windows reports another socket's ICMP answer here
     return data.removeprefix(token) if data.startswith(token) else b""

@@ -9,11 +9,11 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tokt.features.common.address import resolve
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.inference.clock import Clock
 from tokt.inference.verdict import STATUS_WORDS
 
@@ -118,12 +118,9 @@ class SenderMonitor:
         try:
             fields = decode(data)
         except ToktError as error:
-            return ReceivedDatagram(
-                sender, {"error": str(error), "bytes": len(data)}, after_s=after_s
-            )
-        if "seq" not in fields:
-            return ReceivedDatagram(sender, fields, after_s=after_s)
-        return self._numbered(kept, ReceivedDatagram(sender, fields, after_s=after_s))
+            fields = {"error": str(error), "bytes": len(data)}
+        heard = ReceivedDatagram(sender, fields, after_s=after_s)
+        return self._numbered(kept, heard) if "seq" in fields else heard
 
     def _numbered(self, kept: _Sender, heard: ReceivedDatagram) -> ReceivedDatagram:
         """The same with what its number tells."""
@@ -138,9 +135,7 @@ class SenderMonitor:
         if not overtaken:
             kept.seq = seq
         self.lost += lost
-        return ReceivedDatagram(
-            heard.sender, heard.fields, lost, restarted, overtaken, heard.after_s
-        )
+        return replace(heard, lost=lost, restarted=restarted, overtaken=overtaken)
 
     def silences(self, now: float) -> list[Silence]:
         """Who has been silent for longer than the time-out; each silence is told once."""
@@ -186,20 +181,16 @@ def listen(
     """
     family, address = resolve(host, port)
     with socket.socket(family, socket.SOCK_DGRAM) as receiver:
-        try:
+        with os_errors_as(f"cannot listen on {host}:{port}"):
             receiver.bind(address)
-        except OSError as error:
-            raise ToktError(f"cannot listen on {host}:{port}: {error.strerror or error}") from None
         receiver.settimeout(_STOP_CHECK_S)
         ready()
         while not stopped():
             yield from watch.silences(clock.monotonic())
             try:
                 data, sender = receiver.recvfrom(_MAX_DATAGRAM)
-            except TimeoutError:
-                continue
-            except ConnectionResetError:
-                continue  # Windows reports another socket's ICMP answer here
+            except (TimeoutError, ConnectionResetError):
+                continue  # the latter: Windows reports another socket's ICMP answer here
             yield watch.heard(f"{sender[0]}:{sender[1]}", data, clock.monotonic())
 
 
@@ -223,25 +214,12 @@ def as_words(event: ReceivedDatagram | Silence) -> str:
     if "error" in fields:
         words = [f"{fields['error']} ({fields['bytes']} bytes)"]
     else:
-        words = [f"v{fields['v']}", STATUS_WORDS[fields["status"]]]
-        words += [
-            f"{name}={value}"
-            for name, value in fields.items()
-            if name not in ("v", "status") and value is not None
-        ]
-    line = "  ".join([event.sender, *words, *_account(event)])
+        told = {name: value for name, value in fields.items() if value is not None}
+        words = [f"v{told.pop('v')}", STATUS_WORDS[told.pop("status")]]
+        words += [f"{name}={value}" for name, value in told.items()]
+    words += ["[counts anew]"] if event.restarted else []
+    words += ["[overtaken: old]"] if event.overtaken else []
+    words += [f"[{event.lost} lost before it]"] if event.lost else []
+    words += [f"[after {event.after_s:.1f} s of silence]"] if event.after_s is not None else []
+    line = "  ".join([event.sender, *words])
     return "".join(char if char.isprintable() else "?" for char in line)
-
-
-def _account(heard: ReceivedDatagram) -> list[str]:
-    """What was odd about a datagram's coming."""
-    return [
-        words
-        for odd, words in (
-            (heard.restarted, "[counts anew]"),
-            (heard.overtaken, "[overtaken: old]"),
-            (heard.lost, f"[{heard.lost} lost before it]"),
-            (heard.after_s is not None, f"[after {heard.after_s or 0:.1f} s of silence]"),
-        )
-        if odd
-    ]

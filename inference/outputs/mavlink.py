@@ -68,19 +68,9 @@ class Lens:
             If it is not between `MIN_FOV_DEG` and `MAX_FOV_DEG`.
         """
         if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
-            raise ToktError(
-                f"a camera's field of view is {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees, "
-                f"not {fov_deg:g}"
-            )
+            known = f"{MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees"
+            raise ToktError(f"a camera's field of view is {known}, not {fov_deg:g}")
         return cls(0.5 / math.tan(math.radians(fov_deg / 2)))
-
-    @classmethod
-    def of_calibration(cls, calibration: StereoCalibration) -> Lens:
-        """The left camera's."""
-        width = calibration.frame_size[0]
-        # The centre of the first pixel is at 0, half a pixel from the edge.
-        focal, centre = calibration.K1[0, 0] / width, (calibration.K1[0, 2] + 0.5) / width
-        return cls(float(focal), float(centre))
 
     def angle_deg(self, column: float) -> float:
         """Direction of a column, given over the picture's width; positive to the right."""
@@ -111,7 +101,9 @@ def lens_of(fov_deg: float | None, calibration: StereoCalibration | None) -> Len
             "MAVLink tells directions: give the camera's horizontal field of view in water "
             "(--camera-fov-deg), or a calibration"
         )
-    return Lens.of_calibration(calibration)
+    width, K1 = calibration.frame_size[0], calibration.K1
+    # The centre of the first pixel is at 0, half a pixel from the edge.
+    return Lens(float(K1[0, 0] / width), float((K1[0, 2] + 0.5) / width))
 
 
 def sectors_touching(left_deg: float, right_deg: float) -> list[int]:
@@ -311,16 +303,6 @@ def parse_device(text: str) -> tuple[str, int]:
     return parse_address(match[1])
 
 
-def _dialect() -> ModuleType:
-    """MAVLink's common messages, in version 2's framing."""
-    try:
-        from pymavlink.dialects.v20 import common
-    except ImportError:
-        raise ToktError("MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'") from None
-    dialect: ModuleType = common
-    return dialect
-
-
 class MavlinkSender(DatagramSocket):
     """Send verdicts as MAVLink messages to one address, one message a datagram.
 
@@ -347,7 +329,12 @@ class MavlinkSender(DatagramSocket):
     """
 
     def __init__(self, host: str, port: int, options: MavlinkOptions, clock: Clock) -> None:
-        self._words = _dialect()
+        try:
+            from pymavlink.dialects.v20 import common  # in version 2's framing
+        except ImportError:
+            wanted = "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'"
+            raise ToktError(wanted) from None
+        self._words: ModuleType = common
         super().__init__(host, port)
         self.options = options
         self.unsaid = 0

@@ -14,7 +14,7 @@ import sys
 from typing import Any, NamedTuple
 
 from tokt.features.common.address import parse_address, resolve
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.report import FIRST, V1_FIELDS, V2, V2_FIELDS, Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
 
@@ -197,7 +197,7 @@ class DatagramSocket:
             self._socket.sendto(data, self._address)
         except OSError as error:
             self.failed += 1
-            self.last_error = error.strerror or str(error)
+            self.last_error = os_words(error)
         else:
             self.sent += 1
 

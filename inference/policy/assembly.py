@@ -56,9 +56,8 @@ class StereoSetup:
 
     def __post_init__(self) -> None:
         if self.algorithm not in STEREO_ALGORITHMS:
-            raise ToktError(
-                f"unknown stereo {self.algorithm!r} (choose from {', '.join(STEREO_ALGORITHMS)})"
-            )
+            known = ", ".join(STEREO_ALGORITHMS)
+            raise ToktError(f"unknown stereo {self.algorithm!r} (choose from {known})")
         if self.algorithm == PUSHBROOM and self.scale != DEFAULT_SCALE:
             raise ToktError("pushbroom has a scale of its own: leave out --stereo-scale")
         if self.algorithm != PUSHBROOM and self.odometry is not None:
@@ -148,7 +147,13 @@ def assemble(
         there is not at least one thread.
     """
     _check(name, load_model is not None, stereo is not None, threads)
-    model, fault = _load(load_model, may_fail=name == "fallback" and stereo is not None)
+    model, fault = None, ""
+    try:
+        model = None if load_model is None else load_model()
+    except ToktError as error:
+        if name != "fallback" or stereo is None:
+            raise
+        fault = str(error)
     grid = DEFAULT_GRID if model is None else model.grid
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
@@ -183,14 +188,3 @@ def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> N
         raise ToktError("policy texture uses no calibration: leave out --calibration")
     if not has_model and name != "disparity":
         raise ToktError(f"policy {name} needs a model (--store STORE or --bundle FILE)")
-
-
-def _load(load_model: LoadModel | None, may_fail: bool) -> tuple[Bundle | None, str]:
-    if load_model is None:
-        return None, ""
-    try:
-        return load_model(), ""
-    except ToktError as error:
-        if not may_fail:
-            raise
-        return None, str(error)

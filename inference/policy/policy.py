@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.frame import Frame
 from tokt.inference.reason import Fault, Reason
@@ -50,8 +50,8 @@ class Judgement:
     """
 
     verdict: Verdict
-    decision_values: NDArray[np.float64] | None = None
-    features: NDArray[np.float64] | None = None
+    decision_values: F64 | None = None
+    features: F64 | None = None
     texture_s: float | None = None
 
 
@@ -95,6 +95,7 @@ def _not_clear(judgement: Judgement) -> Judgement:
     return replace(judgement, verdict=unknown_verdict(Fault(verdict.reason, verdict.health)))
 
 
+@dataclass(eq=False)
 class SinglePolicy:
     """One detector alone.
 
@@ -105,9 +106,8 @@ class SinglePolicy:
         What is not as it should be throughout, for the health of every verdict.
     """
 
-    def __init__(self, detector: Detector, note: str = "") -> None:
-        self.detector = detector
-        self.note = note
+    detector: Detector
+    note: str = ""
 
     def judge(self, frame: Frame) -> Judgement:
         """The detector's answer."""
@@ -116,7 +116,7 @@ class SinglePolicy:
         return _judgement(detection, health, _reason(detection))
 
 
-def judge_image(scorer: Bundle, image: NDArray[np.uint8]) -> Judgement:
+def judge_image(scorer: Bundle, image: U8) -> Judgement:
     """Judge one picture in memory exactly as policy ``texture`` judges a source's only frame.
 
     A frame rule that needs several alarms calls a picture that alarms unknown: for the frames of
@@ -142,6 +142,7 @@ MAX_TEXTURE_S = 0.5
 gone, and disparity is asked. Of texture alone, and no option; a frame's age is ``--stale``'s."""
 
 
+@dataclass(eq=False)
 class FallbackPolicy:
     """Texture where it can judge and is not late, otherwise disparity.
 
@@ -155,20 +156,11 @@ class FallbackPolicy:
     texture, disparity : Detector
     stopwatch : Stopwatch
         What lateness is measured with.
-    max_texture_s : float
     """
 
-    def __init__(
-        self,
-        texture: Detector,
-        disparity: Detector,
-        stopwatch: Stopwatch = SYSTEM_STOPWATCH,
-        max_texture_s: float = MAX_TEXTURE_S,
-    ) -> None:
-        self.texture = texture
-        self.disparity = disparity
-        self.stopwatch = stopwatch
-        self.max_texture_s = max_texture_s
+    texture: Detector
+    disparity: Detector
+    stopwatch: Stopwatch = SYSTEM_STOPWATCH
 
     def judge(self, frame: Frame) -> Judgement:
         """The first detector's answer, or the second's where the first has none."""
@@ -185,7 +177,7 @@ class FallbackPolicy:
 
     def _in_time(self, found: Detection, took_s: float) -> Detection:
         """Texture's answer, or why there is none in time."""
-        if took_s <= self.max_texture_s or found.mask is None:
+        if took_s <= MAX_TEXTURE_S or found.mask is None:
             return found
         late = Fault(Reason.LATE, f"late: {1000 * took_s:.0f} ms")
         if cv2.mean(found.mask)[0] > STATUS_MEAN_THRESHOLD:
@@ -193,6 +185,7 @@ class FallbackPolicy:
         return replace(found, mask=None, fault=late)
 
 
+@dataclass(eq=False)
 class EitherPolicy:
     """Both detectors: an obstacle where either sees one.
 
@@ -207,9 +200,8 @@ class EitherPolicy:
         With masks of one size.
     """
 
-    def __init__(self, texture: Detector, disparity: Detector) -> None:
-        self.texture = texture
-        self.disparity = disparity
+    texture: Detector
+    disparity: Detector
 
     def judge(self, frame: Frame) -> Judgement:
         """Both detectors' answers joined."""

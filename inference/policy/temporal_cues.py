@@ -156,23 +156,22 @@ class Trend(NamedTuple):
     contact_s: float | None = None
 
 
+@dataclass(slots=True)
 class _Slot:
     """The means of a quarter of a second."""
 
-    __slots__ = ("cut", "index", "mean", "n", "t_s")
-
-    def __init__(self, index: int) -> None:
-        self.index = index
-        self.n = 0
-        self.t_s = self.mean = 0.0
-        self.cut = False
+    index: int
+    n: int = 0
+    t_s: float = 0.0
+    mean: float = 0.0
+    cut: bool = False
 
     def add(self, t_s: float, mean: float, whole: bool) -> None:
         """Take one mean in."""
         self.n += 1
         self.t_s += (t_s - self.t_s) / self.n
         self.mean += (mean - self.mean) / self.n
-        self.cut = self.cut or not whole
+        self.cut |= not whole
 
 
 class TrendEstimator:
@@ -388,6 +387,7 @@ def wholly_in_view(verdict: Verdict, blind_m: float = 0.0) -> bool:
     )
 
 
+@dataclass(eq=False)
 class TemporalCues:
     """Another policy's verdicts, with their trend over time and the anchor's errors.
 
@@ -405,19 +405,14 @@ class TemporalCues:
         As in `wholly_in_view`.
     """
 
-    def __init__(
-        self,
-        policy: Policy,
-        texture: ReloadableTextureDetector | None = None,
-        anchor: Anchor | None = None,
-        blind_m: float = 0.0,
-    ) -> None:
-        self.policy = policy
-        self.anchor = anchor
-        self._texture = texture
-        self._blind_m = blind_m
+    policy: Policy
+    texture: ReloadableTextureDetector | None = None
+    anchor: Anchor | None = None
+    blind_m: float = 0.0
+
+    def __post_init__(self) -> None:
         self._watch = TrendEstimator()
-        self._detector = None if texture is None else texture.detector
+        self._detector = None if self.texture is None else self.texture.detector
         self._method = ""
 
     def judge(self, frame: Frame) -> Judgement:
@@ -442,7 +437,7 @@ class TemporalCues:
     def _trend(self, frame: Frame, verdict: Verdict) -> Trend:
         if not frame.timed:
             return Trend()
-        detector = None if self._texture is None else self._texture.detector
+        detector = None if self.texture is None else self.texture.detector
         judged = verdict.status != UNKNOWN
         if detector is not self._detector or (judged and verdict.method != self._method):
             self._watch = TrendEstimator()
@@ -450,4 +445,4 @@ class TemporalCues:
         if not judged:
             return self._watch.add(frame.t, None)
         self._method = verdict.method
-        return self._watch.add(frame.t, verdict.mean, wholly_in_view(verdict, self._blind_m))
+        return self._watch.add(frame.t, verdict.mean, wholly_in_view(verdict, self.blind_m))

@@ -29,19 +29,9 @@ REST_S = 60.0
 
 OBSTACLE_CAUSE = "obstacle"
 
-DOUBTS = frozenset(
-    {
-        Reason.DARK,
-        Reason.SATURATED,
-        Reason.BLANK,
-        Reason.DAMAGED,
-        Reason.WRONG_SIZE,
-        Reason.DETECTOR_FAILED,
-        Reason.NOT_FINITE,
-        Reason.FRAME_RULE,
-        Reason.STEREO,
-        Reason.LATE,
-    }
+DOUBTS = (
+    *(Reason.DARK, Reason.SATURATED, Reason.BLANK, Reason.DAMAGED, Reason.WRONG_SIZE),
+    *(Reason.DETECTOR_FAILED, Reason.NOT_FINITE, Reason.FRAME_RULE, Reason.STEREO, Reason.LATE),
 )
 """Reasons for unknown whose picture a person learns something from."""
 
@@ -67,10 +57,8 @@ class ClipPadding:
         for name in ("before_s", "after_s"):
             value = getattr(self, name)
             if not 0 <= value <= MAX_S:
-                raise ToktError(
-                    f"frames are recorded for 0 to {MAX_S:g} s {name[:-2]} a detection, "
-                    f"not {value:g}"
-                )
+                known = f"0 to {MAX_S:g} s {name[:-2]} a detection"
+                raise ToktError(f"frames are recorded for {known}, not {value:g}")
 
 
 class ClipTrigger:
@@ -97,9 +85,7 @@ class ClipTrigger:
         self.opened = False
         self._padding = padding
         self._requested = ""
-        self._until_s = -float("inf")
-        self._began_s = -float("inf")
-        self._kept_s = -float("inf")
+        self._until_s = self._began_s = self._kept_s = -float("inf")
         self._thin = False
         self._doubt: Reason | None = None
         self._last_s: dict[str, float] = {}

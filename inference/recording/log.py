@@ -23,7 +23,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as, os_words
 
 MAX_MB = 100.0
 """Size of a log file at which the next one is begun: some 7 hours at 10 frames a second."""
@@ -105,10 +105,8 @@ class JsonLines:
         self._size = 0
         self._torn = False
         self._rotate_at = math.inf
-        try:
+        with os_errors_as(f"log {path} cannot be written"):
             self._open()
-        except OSError as error:
-            raise ToktError(f"log {path} cannot be written: {error.strerror or error}") from None
 
     def write(self, value: dict[str, Any]) -> None:
         """Add one line, or count why not."""
@@ -120,7 +118,7 @@ class JsonLines:
         try:
             self._write(line)
         except OSError as error:
-            self._fail(error.strerror or str(error))
+            self._fail(os_words(error))
             self.close()  # opened anew for the next line: the disk may have been taken out
 
     def close(self) -> None:
@@ -160,7 +158,7 @@ class JsonLines:
         try:
             rotate_files(self._path, rotation.keep)
         except OSError as error:
-            fault = f"the next file cannot be begun: {error.strerror or error}"
+            fault = f"the next file cannot be begun: {os_words(error)}"
         file = self._open()
         if fault:
             self.last_error = fault
@@ -171,28 +169,18 @@ class JsonLines:
         # Unbuffered: a line is the operating system's once `write` returns.
         self._file = file = self._path.open("ab", buffering=0)
         self._size = os.fstat(file.fileno()).st_size
-        self._torn = _ends_inside_a_line(self._path)
+        self._torn = False
+        if self._size:  # a process that died may have left its last line half-written
+            with self._path.open("rb") as handle:
+                handle.seek(-1, os.SEEK_END)
+                self._torn = handle.read(1) != b"\n"
         self._rotate_at = 1e6 * self._rotation.max_mb if self._rotation else math.inf
         return file
-
-
-def _ends_inside_a_line(path: Path) -> bool:
-    """Whether a process that died left its last line half-written."""
-    if not path.is_file() or path.stat().st_size == 0:
-        return False
-    with path.open("rb") as handle:
-        handle.seek(-1, 2)
-        return handle.read(1) != b"\n"
 
 
 def older_file(path: Path, number: int) -> Path:
     """The `number`-th file before `path`, from 1."""
     return path.with_name(f"{path.stem}.{number}{path.suffix}")
-
-
-def every_name(path: Path) -> list[Path]:
-    """All names that files of a log can have, newest first."""
-    return [path, *(older_file(path, number) for number in range(1, MAX_KEPT + 1))]
 
 
 def rotate_files(path: Path, keep: int) -> None:
@@ -252,10 +240,8 @@ def read_log(path: Path | str, gaps: list[LogGap] | None = None) -> Iterator[dic
     """
     path = Path(path)
     with ExitStack() as opened:
-        try:
+        with os_errors_as(f"log {path} cannot be read"):
             files = _open_together(path, opened)
-        except OSError as error:
-            raise ToktError(f"log {path} cannot be read: {error.strerror or error}") from None
         if not files:
             raise ToktError(f"log {path} does not exist")
         for name, file in reversed(files):
@@ -282,7 +268,7 @@ def _open_together(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]
 def _open_all(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]:
     """The files, newest first; one met twice, as it was just renamed, is taken once."""
     files: dict[tuple[int, int], tuple[Path, BinaryIO]] = {}
-    for name in every_name(path):
+    for name in (path, *(older_file(path, number) for number in range(1, MAX_KEPT + 1))):
         try:
             file = opened.enter_context(name.open("rb"))
         except FileNotFoundError:

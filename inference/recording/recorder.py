@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import os_errors_as, os_words
 from tokt.inference.clock import Clock
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import Judgement
@@ -107,6 +107,8 @@ class RecordingWriter:
         Frames that did not get there.
     fault : str
         Why the last one did not; empty when one does.
+    held_bytes : int
+        Memory of the frames that wait, and of the one that is written.
     """
 
     def __init__(self, folder: RecordingFolder, run: str, budget: DiskBudget, clock: Clock) -> None:
@@ -118,22 +120,17 @@ class RecordingWriter:
         self._clock = clock
         self._counted_s = clock.monotonic()
         self._queue: deque[tuple[HeldFrame, int] | Mapping[str, Any]] = deque()
-        self._held_bytes = 0
+        self.held_bytes = 0
         self._changed = threading.Condition()
         self._closing = False
         self._thread = threading.Thread(target=self._run_thread, name="tokt recorder", daemon=True)
         self._thread.start()
 
-    @property
-    def held_bytes(self) -> int:
-        """Memory of the frames that wait, and of the one that is written."""
-        return self._held_bytes
-
     def put(self, held: HeldFrame, clip: int) -> None:
         """Have a frame written."""
         with self._changed:
             self._queue.append((held, clip))
-            self._held_bytes += held.memory_bytes
+            self.held_bytes += held.memory_bytes
             self._changed.notify()
 
     def leave_out(self, fault: str) -> bool:
@@ -178,13 +175,13 @@ class RecordingWriter:
         try:
             fault = self._write(held, clip)
         except OSError as error:
-            fault = error.strerror or str(error)
+            fault = os_words(error)
         except ValueError as error:
             fault = str(error)
         with self._changed:
             self.fault = fault
             self.dropped += bool(fault)
-            self._held_bytes -= held.memory_bytes
+            self.held_bytes -= held.memory_bytes
 
     def _note(self, line: Mapping[str, Any]) -> None:
         try:
@@ -240,6 +237,7 @@ _TELL_S = 10.0
 """Seconds between two events about faults."""
 
 
+@dataclass(eq=False)
 class Recorder(Observer):
     """Record clips: the frames of the seconds around a detection or a doubt.
 
@@ -268,38 +266,30 @@ class Recorder(Observer):
         If the folder cannot be made, or another process records into it.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        run: str,
-        clock: Clock,
-        padding: ClipPadding | None = None,
-        disk: DiskLimits | None = None,
-        memory_mb: float = MEMORY_MB,
-        tell: Callable[[Event], None] | None = None,
-    ) -> None:
+    folder: Path
+    run: str
+    clock: Clock
+    padding: ClipPadding = ClipPadding()  # noqa: RUF009 - frozen
+    disk: DiskLimits | None = None
+    memory_mb: float = MEMORY_MB
+    tell: Callable[[Event], None] | None = None
+
+    def __post_init__(self) -> None:
         self.clips = 0
-        self._run = run
-        self._clock = clock
-        self._padding = ClipPadding() if padding is None else padding
-        self._memory_bytes = 1e6 * memory_mb
-        self._tell = tell
-        self._trigger = ClipTrigger(self._padding)
+        self._trigger = ClipTrigger(self.padding)
         self._before: deque[tuple[float, HeldFrame | Mapping[str, Any]]] = deque()
         self._before_bytes = 0
         self._seq = self._judged = 0
         self._last_number = -1
         self._told_fault = ""
         self._told_s = -_TELL_S
-        limits = DiskLimits(MAX_MB, RESERVE_MB) if disk is None else disk
         self._opened = ExitStack()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._opened.enter_context(locked(folder / _LOCK, _LOCK_WAIT_S))
-        except OSError as error:
-            raise ToktError(f"cannot record into {folder}: {error.strerror or error}") from None
-        recording = RecordingFolder(folder / run, run)
-        self._writer = RecordingWriter(recording, run, DiskBudget(folder, limits), clock)
+        with os_errors_as(f"cannot record into {self.folder}"):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
+        recording = RecordingFolder(self.folder / self.run, self.run)
+        budget = DiskBudget(self.folder, self.disk or DiskLimits(MAX_MB, RESERVE_MB))
+        self._writer = RecordingWriter(recording, self.run, budget, self.clock)
 
     @property
     def frames(self) -> int:
@@ -330,8 +320,8 @@ class Recorder(Observer):
         """Keep the frame, or remember it for a while."""
         self._seq = report.seq
         self._judged += 1
-        now = self._clock.monotonic() if frame.arrived is None else frame.arrived
-        while self._before and now - self._before[0][0] > self._padding.before_s:
+        now = self.clock.monotonic() if frame.arrived is None else frame.arrived
+        while self._before and now - self._before[0][0] > self.padding.before_s:
             self._forget_oldest(None)
         keep = self._trigger.should_keep(now, report.verdict)
         bare = Judgement(judgement.verdict, texture_s=judgement.texture_s)
@@ -361,7 +351,7 @@ class Recorder(Observer):
             self._trigger.request(event.name)
         if event.name not in KEPT_EVENTS:
             return
-        line = event_line(self._run, self._seq, event)
+        line = event_line(self.run, self._seq, event)
         if self._before:
             self._before.append((self._before[-1][0], line))  # keeps its place among the frames
         else:
@@ -376,7 +366,7 @@ class Recorder(Observer):
         flushed = self._trigger.clip if self._trigger.opened else None
         while self._before:
             self._forget_oldest(flushed)
-        if self._fits(held):
+        if self._fits(held.memory_bytes):
             self._writer.put(held, self._trigger.clip)
         else:
             self._writer.leave_out(BEHIND)
@@ -397,15 +387,13 @@ class Recorder(Observer):
         if clip is not None:
             self._writer.put(item, clip)
 
-    def _fits(self, held: HeldFrame | None = None) -> bool:
-        more = 0 if held is None else held.memory_bytes
-        in_memory = self._before_bytes + self._writer.held_bytes
-        return in_memory + more <= self._memory_bytes
+    def _fits(self, more: int = 0) -> bool:
+        return self._before_bytes + self._writer.held_bytes + more <= 1e6 * self.memory_mb
 
     def _say_fault(self) -> None:
         """Tell that frames are left out, or no more, once it has changed."""
         fault = self._writer.fault
-        now = self._clock.monotonic()
+        now = self.clock.monotonic()
         if fault == self._told_fault or now - self._told_s < _TELL_S:
             return
         self._told_fault, self._told_s = fault, now
@@ -413,5 +401,5 @@ class Recorder(Observer):
         self._say(words, {"fault": fault, "dropped": self.dropped})
 
     def _say(self, words: str, fields: dict[str, Any]) -> None:
-        if self._tell is not None:
-            self._tell(Event(self._clock.time(), RECORDING, words, fields))
+        if self.tell is not None:
+            self.tell(Event(self.clock.time(), RECORDING, words, fields))

@@ -17,18 +17,18 @@ off in between.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.atomic import write_bytes
 from tokt.features.common.errors import ToktError
 
@@ -82,12 +82,15 @@ class DiskBudget:
         self._folder = folder
         self._limits = limits
         self.most_bytes = 1e6 * limits.most_mb
-        self.used_bytes = 0
         self.count()
 
     def count(self) -> None:
         """Look at the disk: somebody may have taken something away."""
-        self.used_bytes = _size_of(self._folder)
+        self.used_bytes = 0
+        for place, _, names in os.walk(self._folder):
+            for name in names:
+                with contextlib.suppress(OSError):  # taken away meanwhile
+                    self.used_bytes += whole_blocks((Path(place) / name).stat().st_size)
 
     def lacking(self, size: int) -> float:
         """Bytes that have to go before so many more fit; 0 or less if they do."""
@@ -109,22 +112,11 @@ def whole_blocks(size: int) -> int:
     return -(-size // BLOCK_BYTES) * BLOCK_BYTES
 
 
-def _size_of(folder: Path) -> int:
-    total = 0
-    for place, _, names in os.walk(folder):
-        for name in names:
-            try:
-                total += whole_blocks((Path(place) / name).stat().st_size)
-            except OSError:
-                continue  # taken away meanwhile
-    return total
-
-
 RECORDING_FORMAT = 1
 """To change the format: raise this, keep reading the older ones, and prove it with a test."""
 
 FILE_NAME = "recording.jsonl"
-Picture = NDArray[np.uint8]
+Picture = U8
 SIDES = {"left": ("Left", "L"), "right": ("Right", "R")}
 
 
@@ -156,8 +148,7 @@ class EncodedFrame:
         return sum(whole_blocks(len(data)) for data in self.files.values()) + 2 * len(self.lines)
 
 
-@dataclass(frozen=True)
-class _WrittenFrame:
+class _WrittenFrame(NamedTuple):
     clip: int
     files: tuple[str, ...]
     lines_bytes: int
@@ -175,6 +166,11 @@ class RecordingFolder:
     folder : Path
         ``DIR/<run>``.
     run : str
+
+    Attributes
+    ----------
+    lines_bytes : int
+        Size of the file of lines.
     """
 
     def __init__(self, folder: Path, run: str) -> None:
@@ -185,12 +181,7 @@ class RecordingFolder:
         self._events: list[bytes] = []
         self._written_events = 0
         self._kept: list[_WrittenFrame] = []
-        self._size = 0
-
-    @property
-    def lines_bytes(self) -> int:
-        """Size of the file of lines."""
-        return self._size
+        self.lines_bytes = 0
 
     def tell(self, line: Mapping[str, Any]) -> None:
         """Write an event's line before the next frame's."""
@@ -263,11 +254,11 @@ class RecordingFolder:
         if count == 0:
             return 0
         gone, left = self._kept[:count], self._kept[count:]
-        tail = self._file.read_bytes()[self._size - sum(kept.lines_bytes for kept in left) :]
+        tail = self._file.read_bytes()[self.lines_bytes - sum(kept.lines_bytes for kept in left) :]
         told = left[0].told if left else self._written_events
         lines = b"".join([self._head, *self._events[:told], tail])
         write_bytes(self._file, lines)
-        self._kept, self._size = left, len(lines)
+        self._kept, self.lines_bytes = left, len(lines)
         for kept in gone:
             self._unlink(kept.files)
         return freed
@@ -275,21 +266,21 @@ class RecordingFolder:
     def _look(self) -> None:
         """Begin anew where somebody has taken the recording away: what is left is theirs."""
         size = self._file.stat().st_size if self._file.exists() else 0
-        if size != self._size or size == 0:
-            self._kept, self._size, self._written_events = [], size, 0
+        if size != self.lines_bytes or size == 0:
+            self._kept, self.lines_bytes, self._written_events = [], size, 0
 
     def _append(self, lines: bytes) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        data = lines if self._size else self._head + lines
+        data = lines if self.lines_bytes else self._head + lines
         with self._file.open("ab", buffering=0) as file:
-            if os.fstat(file.fileno()).st_size != self._size:
+            if os.fstat(file.fileno()).st_size != self.lines_bytes:
                 # Taken away since `_look`: what begins here would have no head.
                 raise OSError(f"{self._file} was taken away")
             if file.write(data) != len(data):
                 # A full disk takes a part only, and lets go of it.
-                os.truncate(self._file, self._size)
+                os.truncate(self._file, self.lines_bytes)
                 raise OSError(f"{self._file}: no space left")
-        self._size += len(data)
+        self.lines_bytes += len(data)
 
     def _unlink(self, names: Iterable[str]) -> None:
         for name in names:
@@ -319,14 +310,12 @@ def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[d
     if type(version) is not int or version < 1:
         raise ToktError(f"{path} does not begin as a recording does")
     if version > RECORDING_FORMAT:
-        raise ToktError(
-            f"{path} has format {version}, newer than this tokt reads ({RECORDING_FORMAT}); "
-            "update tokt"
-        )
+        newer = f"newer than this tokt reads ({RECORDING_FORMAT}); update tokt"
+        raise ToktError(f"{path} has format {version}, {newer}")
     yield from lines
 
 
-def _png(picture: NDArray[np.uint8]) -> bytes:
+def _png(picture: U8) -> bytes:
     try:
         done, data = cv2.imencode(".png", picture)
     except cv2.error as error:

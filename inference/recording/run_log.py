@@ -6,11 +6,12 @@ import math
 import uuid
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.inference.clock import Clock
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
@@ -19,18 +20,6 @@ from tokt.inference.reason import Fault
 from tokt.inference.report import LOG_ONLY, Event, Report, filler
 
 from .log import JsonLines, LogRotation
-
-
-class _LineValues(NamedTuple):
-    """Where a line's own fields are found."""
-
-    run: str
-    frame: Frame
-    judgement: Judgement
-    report: Report
-    left: str | dict[str, str]
-    right: str | dict[str, str]
-
 
 _log_only = filler(LOG_ONLY)
 
@@ -48,7 +37,10 @@ def frame_line(run: str, frame: Frame, judgement: Judgement, report: Report) -> 
         a picture, or ``{"reason", "words"}`` where there is none.
     """
     left, right = _side(frame.left, frame.left_fault), _side(frame.right, frame.right_fault)
-    return {**report.fields(), **_log_only(_LineValues(run, frame, judgement, report, left, right))}
+    known = SimpleNamespace(
+        run=run, frame=frame, judgement=judgement, report=report, left=left, right=right
+    )
+    return {**report.fields(), **_log_only(known)}
 
 
 def heartbeat_line(run: str, report: Report) -> dict[str, Any]:
@@ -65,7 +57,7 @@ def event_line(run: str, seq: int, event: Event) -> dict[str, Any]:
     return {**line, **event.fields}
 
 
-def json_values(values: NDArray[np.float64] | None) -> list[Any] | None:
+def json_values(values: F64 | None) -> list[Any] | None:
     """Decision values, exact to the last bit; what is not finite becomes None."""
     if values is None:
         return None
@@ -74,7 +66,7 @@ def json_values(values: NDArray[np.float64] | None) -> list[Any] | None:
     return [[v if math.isfinite(v) else None for v in row] for row in values.tolist()]
 
 
-def _side(picture: NDArray[np.uint8] | None, fault: Fault) -> str | dict[str, str]:
+def _side(picture: U8 | None, fault: Fault) -> str | dict[str, str]:
     if picture is not None:
         return pixel_mark(picture)
     return {"reason": fault.reason.value, "words": str(fault)}

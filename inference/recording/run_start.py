@@ -12,7 +12,7 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import Limits, RunConfig
 
@@ -62,10 +62,8 @@ def used_file(path: Path) -> UsedFile:
     ToktError
         If it cannot be read.
     """
-    try:
+    with os_errors_as(f"cannot read {path}"):
         return UsedFile(str(path.absolute()), hashlib.sha256(path.read_bytes()).hexdigest())
-    except OSError as error:
-        raise ToktError(f"cannot read {path}: {error.strerror or error}") from None
 
 
 def software() -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -136,8 +136,7 @@ class LoggedRun:
                 continue
             follows = continuity.follows(line, len(gaps))
             if _is_frame(line):
-                known = _frame(line, str(self.path))
-                yield replace(known, model=model, exchanged=exchanged, follows=follows)
+                yield _frame(line, str(self.path), model, exchanged, follows)
 
 
 def is_recording(path: Path) -> bool:
@@ -246,10 +245,8 @@ class _Logged:
 
     def follows(self, line: Mapping[str, Any], gaps: int) -> bool:
         """Whether the frame of this line follows the one before it."""
-        if self._lines == 0:
-            self._gaps = (
-                gaps  # of an earlier run; whether this one's first lines are lost seq tells
-            )
+        if self._lines == 0:  # of an earlier run; whether this one's first are lost seq tells
+            self._gaps = gaps
         self._lines += 1
         missing = _whole(line, "seq") - self._lines
         # A heartbeat's line may come before that of a frame with a lower number.
@@ -279,7 +276,9 @@ def _model(line: Mapping[str, Any], where: str) -> ModelName:
     return ModelName(label, sha256)
 
 
-def _frame(line: Mapping[str, Any], where: str) -> LoggedFrame:
+def _frame(
+    line: Mapping[str, Any], where: str, model: ModelName | None, exchanged: int, follows: bool
+) -> LoggedFrame:
     try:
         t = _seconds(line, "t", 1.0)
         return LoggedFrame(
@@ -297,9 +296,9 @@ def _frame(line: Mapping[str, Any], where: str) -> LoggedFrame:
             verdict=_verdict(line),
             has_values="decision_values" in line,
             values=line.get("decision_values"),
-            model=None,
-            exchanged=0,
-            follows=True,
+            model=model,
+            exchanged=exchanged,
+            follows=follows,
         )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         detail = f"{type(error).__name__}: {error}"

@@ -23,9 +23,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.inference.clock import FixedStopwatch
@@ -92,7 +90,10 @@ class Replay:
         exchanged = 0
         for logged in self.run.frames():
             if self.other is None and logged.model is not None and logged.exchanged != exchanged:
-                self._exchange(assembly, self.models[logged.model.sha256])
+                if assembly.texture is None:
+                    words = "a model was exchanged where the policy has none"
+                    raise ToktError(f"{self.run.path}: {words}")
+                assembly.texture.put(TextureDetector(self.models[logged.model.sha256]))
                 history.begin_model(_window(assembly))
             exchanged = logged.exchanged
             frame, why_not = self._shown(logged)
@@ -100,8 +101,10 @@ class Replay:
             if frame is None:
                 yield Compared(logged, None, None, why_not)
                 continue
+            if known.broken:  # the detectors are told of the gap
+                frame = replace(frame, missed=MANY_MISSED)
             stopwatch.seconds = logged.texture_s or 0.0
-            judgement = assembly.policy.judge(known.frame(frame))
+            judgement = assembly.policy.judge(frame)
             yield self._compared(logged, judgement, known, assembly)
 
     def _assembly(self, stopwatch: FixedStopwatch) -> Assembly:
@@ -123,14 +126,9 @@ class Replay:
             raise ToktError(start.model_fault)
         return self.models[start.model.sha256]
 
-    def _exchange(self, assembly: Assembly, model: Bundle) -> None:
-        if assembly.texture is None:
-            raise ToktError(f"{self.run.path}: a model was exchanged where the policy has none")
-        assembly.texture.put(TextureDetector(model))
-
     def _shown(self, logged: LoggedFrame) -> tuple[Frame | None, str]:
         """The frame as the policy saw it, or why it cannot be shown again."""
-        pictures: list[tuple[NDArray[np.uint8] | None, Fault]] = []
+        pictures: list[tuple[U8 | None, Fault]] = []
         for camera, then in ((LEFT, logged.left), (RIGHT, logged.right)):
             if isinstance(then, Fault):
                 pictures.append((None, then))
@@ -142,16 +140,8 @@ class Replay:
                 return None, CHANGED
             pictures.append((picture, fault))
         (left, left_fault), (right, right_fault) = pictures
-        return Frame(
-            logged.number,
-            logged.t,
-            left,
-            right,
-            left_fault,
-            right_fault,
-            logged.missed,
-            timed=logged.timed,
-        ), ""
+        views = left, right, left_fault, right_fault
+        return Frame(logged.number, logged.t, *views, logged.missed, timed=logged.timed), ""
 
     def _compared(
         self, logged: LoggedFrame, judgement: Judgement, known: _Known, assembly: Assembly
@@ -225,10 +215,6 @@ class _Known:
     for_texture: bool
     for_trend: bool
     broken: bool
-
-    def frame(self, frame: Frame) -> Frame:
-        """The frame, which tells the detectors of a gap before it."""
-        return replace(frame, missed=MANY_MISSED) if self.broken else frame
 
 
 class _History:

@@ -25,9 +25,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.arrays import U8
+from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock, FixedStopwatch
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
@@ -158,8 +158,8 @@ def receive_frame(connection: Connection) -> Frame:
     return replace(frame, left=left, right=right)
 
 
-def _picture(connection: Connection, shape: tuple[int, ...], dtype: str) -> NDArray[np.uint8]:
-    picture: NDArray[np.uint8] = np.empty(shape, dtype)
+def _picture(connection: Connection, shape: tuple[int, ...], dtype: str) -> U8:
+    picture: U8 = np.empty(shape, dtype)
     if picture.size:
         connection.recv_bytes_into(picture.reshape(-1).view(np.uint8).data)
     return picture
@@ -187,6 +187,7 @@ class _Waiting:
     dropped: int
 
 
+@dataclass(eq=False)
 class Shadow(Observer):
     """Let a challenger judge what the running model judges.
 
@@ -212,43 +213,29 @@ class Shadow(Observer):
         Why it judges no more, or an empty string.
     """
 
-    def __init__(
-        self,
-        challenger: Challenger,
-        log: JsonLines,
-        run: str,
-        live: bool,
-        clock: Clock,
-        tell: Callable[[Event], None],
-    ) -> None:
+    challenger: Challenger
+    log: JsonLines
+    run: str
+    live: bool
+    clock: Clock
+    tell: Callable[[Event], None]
+
+    def __post_init__(self) -> None:
         self.judged_frames = self.dropped = 0
         self.fault = ""
-        self._challenger = challenger
-        self._log = log
-        self._run = run
-        self._live = live
-        self._clock = clock
-        self._tell = tell
         self._differs = False
         self._changed = threading.Condition()
         self._waiting: _Waiting | None = None
-        self._busy_since: float | None = clock.monotonic()
+        self._busy_since: float | None = self.clock.monotonic()
         self._ended = False
-        log.write(
-            {
-                "event": START,
-                "format_version": SHADOW_FORMAT,
-                "t": clock.time(),
-                "run": run,
-                "policy": challenger.policy,
-                "challenger": {"label": challenger.label, "sha256": challenger.sha256},
-                "live": live,
-            }
-        )
+        model = {"label": self.challenger.label, "sha256": self.challenger.sha256}
+        begins = {"event": START, "format_version": SHADOW_FORMAT, "t": self.clock.time()}
+        judges = {"policy": self.challenger.policy, "challenger": model, "live": self.live}
+        self.log.write({**begins, "run": self.run, **judges})
         spawning = multiprocessing.get_context("spawn")
         self._connection, theirs = spawning.Pipe()
         self._process = spawning.Process(
-            target=serve, args=(challenger, theirs), name="tokt shadow", daemon=True
+            target=serve, args=(self.challenger, theirs), name="tokt shadow", daemon=True
         )
         self._thread = threading.Thread(
             target=self._run_challenger, args=(theirs,), name="tokt shadow", daemon=True
@@ -259,10 +246,7 @@ class Shadow(Observer):
         """Pass the frame on, if the challenger is to hear of it."""
         said = report.fields()
         with self._changed:
-            if self._live:
-                self._look_after()
-            else:
-                self._wait_for_turn()
+            self._await_turn()
             if self.fault:
                 return
             overtaken, dropped = self._waiting, 0
@@ -273,35 +257,30 @@ class Shadow(Observer):
             self._waiting = _Waiting(frame, said, dropped)
             self._changed.notify_all()
 
-    def _wait_for_turn(self) -> None:
-        """Wait until no frame waits, or the challenger has failed."""
-        taken = self._changed.wait_for(lambda: self._waiting is None or bool(self.fault), ANSWER_S)
-        if not taken:
-            self._give_up()
-
-    def _look_after(self) -> None:
-        """End a challenger that has been busy with one frame for too long."""
-        busy_since = self._busy_since
-        if busy_since is not None and self._clock.monotonic() - busy_since > ANSWER_S:
-            self._give_up()
-
-    def _give_up(self) -> None:
-        self._fail_locked(f"it does not answer for {ANSWER_S:g} s")
-        self._kill()
+    def _await_turn(self) -> None:
+        """Wait until no frame waits, but not in real time; end a challenger that is hung."""
+        if self.live:
+            since = self._busy_since
+            hung = since is not None and self.clock.monotonic() - since > ANSWER_S
+        else:
+            ready = self._changed.wait_for(lambda: not self._waiting or bool(self.fault), ANSWER_S)
+            hung = not ready
+        if hung:
+            self._fail(f"it does not answer for {ANSWER_S:g} s")
+            self._kill()
 
     def close(self) -> None:
         """End the challenger: after its last frame where it judges every one, else at once."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
-        self._thread.join(_CLOSE_S if self._live else ANSWER_S)
+        self._thread.join(_CLOSE_S if self.live else ANSWER_S)
         if self._thread.is_alive():
-            with self._changed:
-                self._fail_locked("it did not answer when the run ended")
+            self._fail("it did not answer when the run ended")
             self._kill()
             self._thread.join(_CLOSE_S)
-        self._log.write({"event": END, "run": self._run, "dropped": self.dropped})
-        self._log.close()
+        self.log.write({"event": END, "run": self.run, "dropped": self.dropped})
+        self.log.close()
 
     def _run_challenger(self, theirs: Connection) -> None:
         """What the thread does: ask for each frame's verdict, until the run or the process ends."""
@@ -309,7 +288,7 @@ class Shadow(Observer):
             self._process.start()
         except OSError as error:
             self._connection.close()
-            self._fail(f"its process cannot be started: {error.strerror or error}")
+            self._fail(f"its process cannot be started: {os_words(error)}")
             return
         finally:
             theirs.close()
@@ -333,7 +312,7 @@ class Shadow(Observer):
         with self._changed:
             self._busy_since = None
             self._changed.wait_for(lambda: self._waiting is not None or self._ended)
-            self._busy_since = self._clock.monotonic()
+            self._busy_since = self.clock.monotonic()
             waiting, self._waiting = self._waiting, None
             self._changed.notify_all()
             return waiting
@@ -342,23 +321,17 @@ class Shadow(Observer):
         """Write both verdicts down."""
         self.judged_frames += 1
         said, number = waiting.said, waiting.frame.number
-        self._log.write(
-            {
-                "run": self._run,
-                "seq": said["seq"],
-                "frame": number,
-                "t": said["t"],
-                "dropped": waiting.dropped,
-                "champion": {name: said[name] for name in COMPARED},
-                "challenger": {name: answer[name] for name in COMPARED},
-            }
-        )
+        line = {"run": self.run, "seq": said["seq"], "frame": number, "t": said["t"]}
+        line["dropped"] = waiting.dropped
+        for side, judged in (("champion", said), ("challenger", answer)):
+            line[side] = {name: judged[name] for name in COMPARED}
+        self.log.write(line)
         statuses = said["status"], answer["status"]
         differs = statuses[0] != statuses[1] and UNKNOWN not in statuses
         if differs and not self._differs:
-            words = f"challenger {self._challenger.label} says otherwise at frame {number}"
+            words = f"challenger {self.challenger.label} says otherwise at frame {number}"
             fields = {"frame": number, "champion": statuses[0], "challenger": statuses[1]}
-            self._tell(Event(self._clock.time(), "shadow_differs", words, fields))
+            self.tell(Event(self.clock.time(), "shadow_differs", words, fields))
         self._differs = differs
 
     def _kill(self) -> None:
@@ -367,13 +340,11 @@ class Shadow(Observer):
 
     def _fail(self, why: str) -> None:
         with self._changed:
-            self._fail_locked(why)
-
-    def _fail_locked(self, why: str) -> None:
-        if self.fault:
-            return
-        self.fault, self._waiting = why, None
-        self._changed.notify_all()
-        words = f"challenger {self._challenger.label} judges no more: {why}"
-        self._log.write({"event": FAILED, "run": self._run, "t": self._clock.time(), "words": why})
-        self._tell(Event(self._clock.time(), "shadow_failed", words))
+            if self.fault:
+                return
+            self.fault, self._waiting = why, None
+            self._changed.notify_all()
+            words = f"challenger {self.challenger.label} judges no more: {why}"
+            failed = {"event": FAILED, "run": self.run, "t": self.clock.time(), "words": why}
+            self.log.write(failed)
+            self.tell(Event(self.clock.time(), "shadow_failed", words))

@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -169,17 +170,11 @@ class ShadowReport:
     def shared_episodes(self, side: str) -> list[tuple[Episode, Episode]]:
         """Episodes of one with the first of the other's that begins or goes on in it."""
         other = next(each for each in SIDES if each != side)
-        pairs = []
-        for episode in self.episodes[side]:
-            overlapping = (
-                each
-                for each in self.episodes[other]
-                if each.begins <= episode.ends and each.ends >= episode.begins
-            )
-            found = next(overlapping, None)
-            if found is not None:
-                pairs.append((episode, found))
-        return pairs
+        pairs: dict[int, tuple[Episode, Episode]] = {}
+        for mine, theirs in product(self.episodes[side], self.episodes[other]):
+            if theirs.begins <= mine.ends and theirs.ends >= mine.begins:
+                pairs.setdefault(mine.begins, (mine, theirs))
+        return list(pairs.values())
 
     def lead_frames(self) -> list[int]:
         """By how many compared frames the challenger begins earlier, in each shared episode."""
@@ -289,12 +284,7 @@ def _check(line: Mapping[str, Any]) -> None:
             raise ValueError(f"there is no status {said['status']!r}")
         if said["model"] is not None and not isinstance(said["model"], str):
             raise TypeError(f"{said['model']!r} is no model's name")
-        _check_number(said["latency_ms"])
-
-
-def _check_number(value: Any) -> None:
-    """Raise TypeError unless it is None or a number that is finite."""
-    if value is None:
-        return
-    if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
-        raise TypeError(f"{value!r} is no duration")
+        took = said["latency_ms"]
+        number = type(took) in (int, float) and abs(took) <= sys.float_info.max
+        if took is not None and not number:
+            raise TypeError(f"{took!r} is no duration")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.camera_frame import MOSAIC_FORMATS, frame_from_camera
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames, open_mission
@@ -20,6 +19,7 @@ _STOP_CHECK_S = 0.05
 _NOT_READ = Fault(Reason.MISSING, "not read")
 
 
+@dataclass(eq=False)
 class MissionSource:
     """Replay a mission from disk: a stereo folder, a flat folder or a video.
 
@@ -46,76 +46,56 @@ class MissionSource:
         not one of those.
     """
 
-    def __init__(
-        self,
-        mission: Mission,
-        clock: Clock,
-        frames: Sequence[int] | None = None,
-        rate: float | None = None,
-        stereo: bool = True,
-        pixel_format: str | None = None,
-    ) -> None:
-        if pixel_format is not None and pixel_format not in MOSAIC_FORMATS:
-            known = ", ".join(MOSAIC_FORMATS)
-            raise ToktError(f"image files hold no {pixel_format!r} pixels (choose from {known})")
-        if rate is not None and not 0 < rate < float("inf"):
-            raise ToktError(f"a rate is a positive number of frames per second, not {rate}")
-        self.numbers = _chosen(mission, frames)
-        self._missed = missed_before(self.numbers, frame_step(_present(mission)))
-        self._mission = mission
-        self._clock = clock
-        self._rate = rate
-        self._stereo = stereo
-        self._pixel_format = pixel_format
+    mission: Mission
+    clock: Clock
+    frames: Sequence[int] | None = None
+    rate: float | None = None
+    stereo: bool = True
+    pixel_format: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.pixel_format is not None and self.pixel_format not in MOSAIC_FORMATS:
+            words = f"{self.pixel_format!r} pixels (choose from {', '.join(MOSAIC_FORMATS)})"
+            raise ToktError(f"image files hold no {words}")
+        if self.rate is not None and not 0 < self.rate < float("inf"):
+            raise ToktError(f"a rate is a positive number of frames per second, not {self.rate}")
+        self.numbers = _chosen(self.mission, self.frames)
+        self._missed = missed_before(self.numbers, frame_step(_present(self.mission)))
         self._stopped = False
 
     def __iter__(self) -> Iterator[Frame]:
         """Deliver the frames."""
-        start = self._clock.monotonic()
+        start = self.clock.monotonic()
         for index, number in enumerate(self.numbers):
             left, left_fault = self._read(number, LEFT)
-            right, right_fault = self._read(number, RIGHT) if self._stereo else (None, _NOT_READ)
-            if self._rate is not None:
-                self._wait_until(start + index / self._rate)
+            right, right_fault = self._read(number, RIGHT) if self.stereo else (None, _NOT_READ)
+            due = start if self.rate is None else start + index / self.rate
+            # In short pieces, so that `stop` is noticed.
+            while not self._stopped and (left_s := due - self.clock.monotonic()) > 0:
+                self.clock.sleep(min(left_s, _STOP_CHECK_S))
             if self._stopped:
                 return
-            now = self._clock.time()
-            yield Frame(
-                number,
-                now,
-                left,
-                right,
-                left_fault,
-                right_fault,
-                self._missed[index],
-                timed=self._rate is not None,
-                arrived=self._clock.monotonic(),
-            )
+            now = self.clock.time()
+            views, missed = (left, right, left_fault, right_fault), self._missed[index]
+            timed, arrived = self.rate is not None, self.clock.monotonic()
+            yield Frame(number, now, *views, missed, timed=timed, arrived=arrived)
 
     @property
     def live(self) -> bool:
         """Whether there is a rate."""
-        return self._rate is not None
+        return self.rate is not None
 
     def stop(self) -> None:
         """Deliver no further frame."""
         self._stopped = True
 
-    def _read(self, number: int, camera: str) -> tuple[NDArray[np.uint8] | None, Fault]:
-        return read_picture(self._mission, number, camera, self._pixel_format)
-
-    def _wait_until(self, due: float) -> None:
-        """Sleep in short pieces, so that `stop` is noticed."""
-        while not self._stopped:
-            remaining = due - self._clock.monotonic()
-            if remaining <= 0:
-                return
-            self._clock.sleep(min(remaining, _STOP_CHECK_S))
+    def _read(self, number: int, camera: str) -> tuple[U8 | None, Fault]:
+        return read_picture(self.mission, number, camera, self.pixel_format)
 
 
 def read_picture(
     mission: Mission, number: int, camera: str, pixel_format: str | None = None
-) -> tuple[NDArray[np.uint8] | None, Fault]:
+) -> tuple[U8 | None, Fault]:
     """One camera's picture of a mission's frame, or why there is none.
 
     Parameters
@@ -137,9 +117,7 @@ def read_picture(
     return _from_raw(image, pixel_format)
 
 
-def _from_raw(
-    image: NDArray[np.uint8], pixel_format: str
-) -> tuple[NDArray[np.uint8] | None, Fault]:
+def _from_raw(image: U8, pixel_format: str) -> tuple[U8 | None, Fault]:
     """The frame that an image's gray levels are the raw pixels of, or why there is none."""
     if image.ndim != 2:
         words = f"the image is in colour: it does not hold raw {pixel_format} pixels"
@@ -163,10 +141,8 @@ def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
         return sorted(present)
     missing = set(frames) - present
     if missing:
-        raise ToktError(
-            f"mission {mission.name} has frames {format_frames(present)}, "
-            f"not {format_frames(missing)}"
-        )
+        has, lacks = format_frames(present), format_frames(missing)
+        raise ToktError(f"mission {mission.name} has frames {has}, not {lacks}")
     return sorted(set(frames))
 
 

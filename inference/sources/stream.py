@@ -20,10 +20,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tokt.features.common.address import parse_address
-from tokt.features.common.errors import ToktError
+from tokt.features.common.arrays import U8
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -40,7 +40,7 @@ CONNECT_S = 10.0
 _STOP_CHECK_S = 0.05
 _READ = 1 << 20
 
-Picture = NDArray[np.uint8]
+Picture = U8
 
 
 def is_stream_source(text: str) -> bool:
@@ -63,13 +63,8 @@ def encode_frame(
     missed : int
         Frames between the one before and this one that are not sent.
     """
-    header = {
-        "frame": number,
-        "t": t,
-        "left": None if left is None else left.shape,
-        "right": None if right is None else right.shape,
-        "missed": missed,
-    }
+    shapes = [None if picture is None else picture.shape for picture in (left, right)]
+    header = {"frame": number, "t": t, "left": shapes[0], "right": shapes[1], "missed": missed}
     line = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
     return line + b"".join(picture.tobytes() for picture in (left, right) if picture is not None)
 
@@ -97,11 +92,8 @@ class StreamSource:
         self._stopped = False
         self._buffer = bytearray()
         address = parse_address(text.removeprefix(STREAM))
-        try:
+        with os_errors_as(f"nobody sends frames at {text}"):
             self._socket = socket.create_connection(address, CONNECT_S)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise ToktError(f"nobody sends frames at {text}: {reason}") from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -118,17 +110,10 @@ class StreamSource:
             left, right = (self._picture(header[side]) for side in ("left", "right"))
             if self._stopped:
                 return
-            yield Frame(
-                header["frame"],
-                header["t"],
-                left,
-                right,
-                _fault("left", left),
-                _fault("right", right),
-                header["missed"],
-                timed=True,
-                arrived=self._clock.monotonic(),
-            )
+            views = left, right, _fault("left", left), _fault("right", right)
+            number, t, missed = header["frame"], header["t"], header["missed"]
+            arrived = self._clock.monotonic()
+            yield Frame(number, t, *views, missed, timed=True, arrived=arrived)
 
     def stop(self) -> None:
         """Deliver no further frame."""
@@ -170,11 +155,8 @@ class StreamSource:
             ready, _, _ = select.select([self._socket], [], [], _STOP_CHECK_S)
             if not ready:
                 continue
-            try:
+            with os_errors_as(f"{self._where} is lost"):
                 data = self._socket.recv(_READ)
-            except OSError as error:
-                reason = error.strerror or str(error)
-                raise ToktError(f"{self._where} is lost: {reason}") from None
             self._buffer += data
             return bool(data)
         return False
@@ -201,14 +183,13 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise refused
     number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
-    whole = type(number) is int and abs(number) <= MAX_NUMBER
-    whole = whole and type(missed) is int and 0 <= missed <= MANY_MISSED
-    if not whole or isinstance(t, bool) or not isinstance(t, int | float):
-        raise refused
-    if not abs(t) <= MAX_TIME_S:
-        raise refused
     sides = {side: header.get(side) for side in ("left", "right")}
-    if not all(shape is None or _is_shape(shape) for shape in sides.values()):
+    sound = type(number) is int and abs(number) <= MAX_NUMBER
+    sound = sound and type(missed) is int and 0 <= missed <= MANY_MISSED
+    sound = sound and all(shape is None or _is_shape(shape) for shape in sides.values())
+    if isinstance(t, bool) or not isinstance(t, int | float) or not abs(t) <= MAX_TIME_S:
+        raise refused
+    if not sound:
         raise refused
     return {"frame": number, "t": float(t), "missed": missed, **sides}
 

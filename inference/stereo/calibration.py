@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 
-from .calibration_files import CalibrationNumbers, folds_back_at_px, read_numbers
-
-MISSION_FRAME_SIZE = (1360, 1024)
-"""Width and height in pixels of the mission cameras (Prosilica GC1380C), which a calibration
-that does not say its frames' size is for."""
+from .calibration_files import PARTS, CalibrationNumbers, folds_back_at_px, read_numbers
+from .calibration_files import StereoCalibration as StereoCalibration
 
 _ROTATION_TOLERANCE = 1e-3
 # Where a calibration is usable, but unlike those of two cameras on one vehicle.
@@ -29,35 +26,6 @@ _OFF_CENTRE = 0.1
 _TANGENTIAL = 0.02
 _MAX_PIXELS = 100_000_000
 """No camera has more, and rectifying takes memory for each."""
-
-
-@dataclass(frozen=True)
-class StereoCalibration:
-    """Two cameras and how they stand to each other; all float64.
-
-    Parameters
-    ----------
-    K1, K2 : array, shape (3, 3)
-        Camera matrices of the left and the right camera, in pixels of `frame_size`; the centre
-        of the first pixel is at (0, 0).
-    D1, D2 : array, shape (4..14,)
-        Distortion coefficients in OpenCV's order: k1, k2, p1, p2, k3, ...
-    R : array, shape (3, 3)
-        Rotation from left camera coordinates to right ones.
-    T_mm : array, shape (3, 1)
-        Translation from left camera coordinates to right ones, in millimetres: a point of the
-        right camera is R @ left + T_mm.
-    frame_size : (int, int)
-        Width and height in pixels of the frames it is for.
-    """
-
-    K1: NDArray[np.float64]
-    D1: NDArray[np.float64]
-    K2: NDArray[np.float64]
-    D2: NDArray[np.float64]
-    R: NDArray[np.float64]
-    T_mm: NDArray[np.float64]
-    frame_size: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -136,23 +104,12 @@ def read_calibration(path: Path | str) -> CheckedCalibration:
 
 def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:
     """Check what was read from a file."""
-    found = StereoCalibration(
-        numbers.K1,
-        numbers.D1,
-        numbers.K2,
-        numbers.D2,
-        numbers.R,
-        numbers.T_mm,
-        numbers.frame_size or MISSION_FRAME_SIZE,
-    )
-    odd = list(numbers.remarks)
-    if numbers.frame_size is None:
-        width, height = MISSION_FRAME_SIZE
-        odd.append(f"it does not say its frames' size: taken for {width}x{height}")
     with np.errstate(all="ignore"):  # whatever overflows is refused, not warned of
-        reasons = refusals(found) or _rectifying_faults(numbers)
-        odd += oddities(found)
-    plain = replace(found, K1=_without_skew(found.K1), K2=_without_skew(found.K2))
+        reasons = refusals(numbers) or _rectifying_faults(numbers)
+        odd = [*numbers.remarks, *oddities(numbers)]
+    parts = {name: getattr(numbers, name).copy() for name in PARTS}
+    parts["K1"][0, 1] = parts["K2"][0, 1] = 0.0
+    plain = StereoCalibration(**parts, frame_size=numbers.frame_size)
     return CheckedCalibration(numbers.path, plain, numbers.form, odd, reasons, numbers.notes)
 
 
@@ -217,9 +174,7 @@ def oddities(calibration: StereoCalibration) -> list[str]:
     return found
 
 
-def _camera_oddities(
-    name: str, K: NDArray[np.float64], D: NDArray[np.float64], frame_size: tuple[int, int]
-) -> list[str]:
+def _camera_oddities(name: str, K: F64, D: F64, frame_size: tuple[int, int]) -> list[str]:
     """The same of one camera, with positive focal lengths."""
     found = []
     fx, fy = K[0, 0], K[1, 1]
@@ -248,12 +203,6 @@ def _camera_oddities(
     return found
 
 
-def _without_skew(K: NDArray[np.float64]) -> NDArray[np.float64]:
-    plain = K.copy()
-    plain[0, 1] = 0.0
-    return plain
-
-
 def _rectifying_faults(numbers: CalibrationNumbers) -> list[str]:
     """R1 and R2, where given, turn both cameras the same way."""
     R1, R2 = numbers.R1, numbers.R2
@@ -266,5 +215,5 @@ def _rectifying_faults(numbers: CalibrationNumbers) -> list[str]:
     return ["R1 and R2 do not belong to its R"]
 
 
-def _is_one(matrix: NDArray[np.float64]) -> bool:
+def _is_one(matrix: F64) -> bool:
     return bool(np.abs(matrix - np.eye(3)).max() <= _ROTATION_TOLERANCE)

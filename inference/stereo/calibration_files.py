@@ -17,11 +17,12 @@ from typing import Any, NoReturn
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.arrays import F64
+from tokt.features.common.errors import ToktError, os_errors_as
 
-Float = NDArray[np.float64]
+Float = F64
 
 OPENCV_FORM = "OpenCV FileStorage"
 BOUGUET_FORM = "Bouguet toolbox text"
@@ -30,6 +31,10 @@ PRINTED_FORM = "printed table (JSON)"
 FORMAT_VERSION = 1
 """Of the files that `calibration_writer` writes; those written before have no such key, and
 perhaps no frame size."""
+MISSION_FRAME_SIZE = (1360, 1024)
+"""Width and height in pixels of the mission cameras (Prosilica GC1380C), which a calibration
+that does not say its frames' size is for."""
+
 _MAX_BYTES = 1 << 20
 _MAX_BRACKETS = 5000
 """OpenCV's parser needs memory with the square of the nesting depth."""
@@ -52,29 +57,58 @@ _OPENCV_NAMES = {
 }
 """Our name, OpenCV's sample program's, its functions' parameters', and other usual ones."""
 _OPENCV_SHIFTS = {"T_mm": "mm", "T_cm": "cm", "T_m": "m", "T": None, "Trns": None}
-_MATRICES = ("K1", "K2", "R")
+PARTS = ("K1", "D1", "K2", "D2", "R", "T_mm")
+"""What every calibration has."""
+_SHAPES: dict[str, tuple[tuple[int, ...], tuple[int, ...], str]] = {
+    **dict.fromkeys(("K1", "K2", "R"), ((9,), (3, 3), "be 3x3")),
+    # As many coefficients as OpenCV's models have.
+    **dict.fromkeys(("D1", "D2"), ((4, 5, 8, 12, 14), (-1,), "hold 4, 5, 8, 12 or 14 numbers")),
+    "T_mm": ((3,), (3, 1), "hold 3 numbers"),
+}
 _MATLAB_MAGIC = b"MATLAB "
 
 
 @dataclass(frozen=True)
-class CalibrationNumbers:
-    """The numbers of a calibration file, in OpenCV's conventions; all float64 and finite.
+class StereoCalibration:
+    """Two cameras and how they stand to each other; all float64.
+
+    Parameters
+    ----------
+    K1, K2 : array, shape (3, 3)
+        Camera matrices of the left and the right camera, in pixels of `frame_size`; the centre
+        of the first pixel is at (0, 0).
+    D1, D2 : array, shape (4..14,)
+        Distortion coefficients in OpenCV's order: k1, k2, p1, p2, k3, ...
+    R : array, shape (3, 3)
+        Rotation from left camera coordinates to right ones.
+    T_mm : array, shape (3, 1)
+        Translation from left camera coordinates to right ones, in millimetres: a point of the
+        right camera is R @ left + T_mm.
+    frame_size : (int, int)
+        Width and height in pixels of the frames it is for.
+    """
+
+    K1: F64
+    D1: F64
+    K2: F64
+    D2: F64
+    R: F64
+    T_mm: F64
+    frame_size: tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationNumbers(StereoCalibration):
+    """A calibration as a file has it, finite, and what else stands there.
 
     Parameters
     ----------
     path : Path
     form : str
         What kind of file it is, in words.
-    K1, K2, R : array, shape (3, 3)
-    D1, D2 : array, shape (4, 5, 8, 12 or 14,)
-        OpenCV's order: k1, k2, p1, p2, k3, ...
-    T_mm : array, shape (3, 1)
-        A point of the right camera is R @ left + T_mm.
-    frame_size : (int, int) or None
-        Width and height in pixels, where the file has them.
     R1, R2 : array, or None
         Rectifying rotations, where the file has them.
-    remarks : tuple of str
+    remarks : sequence of str
         What was assumed or left out in reading it.
     notes : mapping of str to str
         What its writer noted on how it was made.
@@ -82,16 +116,9 @@ class CalibrationNumbers:
 
     path: Path
     form: str
-    K1: Float
-    D1: Float
-    K2: Float
-    D2: Float
-    R: Float
-    T_mm: Float
-    frame_size: tuple[int, int] | None = None
     R1: Float | None = None
     R2: Float | None = None
-    remarks: tuple[str, ...] = ()
+    remarks: Sequence[str] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -115,15 +142,11 @@ def read_numbers(path: Path | str) -> CalibrationNumbers:
 def _text(path: Path) -> str:
     if not path.is_file():
         raise ToktError(f"calibration {path} does not exist")
-    try:
-        with path.open("rb") as handle:
-            data = handle.read(_MAX_BYTES + 1)
-    except OSError as error:
-        raise ToktError(f"calibration {path} cannot be read: {error.strerror}") from None
+    with os_errors_as(f"calibration {path} cannot be read"), path.open("rb") as handle:
+        data = handle.read(_MAX_BYTES + 1)
     if data.startswith(_MATLAB_MAGIC) or path.suffix.lower() == ".mat":
-        raise ToktError(
-            f"calibration {path} is a MATLAB file: only `tokt` commands read it, named .mat"
-        )
+        words = "is a MATLAB file: only `tokt` commands read it, named .mat"
+        raise ToktError(f"calibration {path} {words}")
     if len(data) > _MAX_BYTES:
         raise ToktError(f"calibration {path} is no calibration: it is larger than 1 MB")
     try:
@@ -164,8 +187,7 @@ def checked_numbers(
     ToktError
         If a part is missing, has another shape, or holds a number that is not finite.
     """
-    needed = ("K1", "D1", "K2", "D2", "R", "T_mm")
-    missing = [name for name in needed if values.get(name) is None]
+    missing = [name for name in PARTS if values.get(name) is None]
     if missing:
         raise ToktError(f"calibration {path} has no {', '.join(missing)}")
     arrays = {
@@ -173,21 +195,16 @@ def checked_numbers(
     }
     if arrays["R"].size == 3:
         arrays["R"] = _finite(path, "R", cv2.Rodrigues(arrays["R"].ravel())[0])
-    for name in _MATRICES:
-        if arrays[name].size != 9:
-            raise ToktError(f"calibration {path}: {name} must be 3x3")
-        arrays[name] = arrays[name].reshape(3, 3)
-    for name in ("D1", "D2"):
-        arrays[name] = arrays[name].ravel()
-        if arrays[name].size not in DISTORTION_SIZES:
-            raise ToktError(f"calibration {path}: {name} must hold 4, 5, 8, 12 or 14 numbers")
-    if arrays["T_mm"].size != 3:
-        raise ToktError(f"calibration {path}: T_mm must hold 3 numbers")
-    arrays["T_mm"] = arrays["T_mm"].reshape(3, 1)
-    size = None if frame_size is None else _frame_size(path, frame_size)
-    return CalibrationNumbers(
-        path, form, **arrays, frame_size=size, remarks=tuple(remarks), notes=notes or {}
-    )
+    for name, (sizes, shape, words) in _SHAPES.items():
+        if arrays[name].size not in sizes:
+            raise ToktError(f"calibration {path}: {name} must {words}")
+        arrays[name] = arrays[name].reshape(shape)
+    size, (width, height) = frame_size, MISSION_FRAME_SIZE
+    if size is None:
+        size = width, height
+        remarks = [*remarks, f"it does not say its frames' size: taken for {width}x{height}"]
+    parts: dict[str, Any] = {**arrays, "frame_size": _frame_size(path, size)}
+    return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks, notes=notes or {})
 
 
 def _finite(path: Path, name: str, value: ArrayLike) -> Float:
@@ -237,9 +254,8 @@ def _read_opencv(path: Path, text: str) -> CalibrationNumbers:
 def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
     version = storage.getNode("format_version")
     if version.isInt() and version.real() > FORMAT_VERSION:
-        raise ToktError(
-            f"calibration {path} is of format {version.real():.0f}: a newer tokt reads it"
-        )
+        newer = f"is of format {version.real():.0f}: a newer tokt reads it"
+        raise ToktError(f"calibration {path} {newer}")
     remarks: list[str] = []
     values: dict[str, ArrayLike | None] = {
         name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()
@@ -322,11 +338,8 @@ def _read_bouguet(path: Path, text: str) -> CalibrationNumbers:
     plain = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
     found = re.findall(r"\b([A-Za-z]\w*)\s*=\s*(?:\[([^\]]*)\]|([^\s;,\[]+))", plain)
     values = {name: (inside or alone) for name, inside, alone in found if name in _BOUGUET_NAMES}
-    return bouguet_numbers(
-        path,
-        BOUGUET_FORM,
-        {name: _bouguet_list(path, name, words) for name, words in values.items()},
-    )
+    numbers = {name: _bouguet_list(path, name, words) for name, words in values.items()}
+    return bouguet_numbers(path, BOUGUET_FORM, numbers)
 
 
 def _bouguet_list(path: Path, name: str, words: str) -> Float:
@@ -475,14 +488,12 @@ def _printed_distortion(
     return distortion(k1, k2, p1, p2, k3)
 
 
-DISTORTION_SIZES = (4, 5, 8, 12, 14)
-"""How many coefficients OpenCV's models have."""
 _STEPS = 4000
 _FARTHEST = 4.0
 """How far the walk goes out, in distances of the farthest corner."""
 
 
-def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> NDArray[np.float64]:
+def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> F64:
     """OpenCV's five coefficients in OpenCV's order: k1, k2, p1, p2, k3.
 
     The third radial coefficient stands last, behind the two tangential ones. Bouguet's ``kc`` has
@@ -504,9 +515,7 @@ def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> N
     return np.array([k1, k2, p1, p2, k3], np.float64)
 
 
-def folds_back_at_px(
-    K: NDArray[np.float64], D: NDArray[np.float64], frame_size: tuple[int, int]
-) -> float | None:
+def folds_back_at_px(K: F64, D: F64, frame_size: tuple[int, int]) -> float | None:
     """Where, inside the frame, radial distortion stops moving outwards; None where it does not.
 
     Parameters
@@ -524,7 +533,10 @@ def folds_back_at_px(
         Distance from the principal point in pixels. Beyond it nothing can be undistorted: two
         directions are seen at one place, and others nowhere.
     """
-    corner = _farthest_corner(K, frame_size)
+    width, height = frame_size
+    x = max(abs(K[0, 2]), abs(width - 1 - K[0, 2])) / K[0, 0]
+    y = max(abs(K[1, 2]), abs(height - 1 - K[1, 2])) / K[1, 1]
+    corner = float(np.hypot(x, y))  # the farthest one, on the plane at distance 1
     k1, k2, _, _, k3, k4, k5, k6 = np.pad(np.ravel(D), (0, 8))[:8]
     r = np.linspace(0.0, _FARTHEST * corner, _STEPS)
     r2 = r * r
@@ -536,11 +548,3 @@ def folds_back_at_px(
     if seen[stops] >= corner:
         return None
     return float(seen[stops] * K[0, 0])
-
-
-def _farthest_corner(K: NDArray[np.float64], frame_size: tuple[int, int]) -> float:
-    """Distance of the farthest frame corner from the axis, on the plane at distance 1."""
-    width, height = frame_size
-    x = max(abs(K[0, 2]), abs(width - 1 - K[0, 2])) / K[0, 0]
-    y = max(abs(K[1, 2]), abs(height - 1 - K[1, 2])) / K[1, 1]
-    return float(np.hypot(x, y))

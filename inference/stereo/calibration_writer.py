@@ -12,7 +12,7 @@ from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 
 from .calibration import StereoCalibration
-from .calibration_files import FORMAT_VERSION
+from .calibration_files import FORMAT_VERSION, PARTS
 from .rectify import rectifying
 
 _KINDS = {
@@ -61,15 +61,12 @@ def write_calibration(
     atomic.write_text(path, text)
 
 
-def _fill(
-    storage: cv2.FileStorage, calibration: StereoCalibration, notes: Mapping[str, str]
-) -> None:
-    known = calibration
+def _fill(storage: cv2.FileStorage, known: StereoCalibration, notes: Mapping[str, str]) -> None:
     R1, R2, *_ = rectifying(known)
     storage.write("format_version", FORMAT_VERSION)
     storage.write("image_width", known.frame_size[0])
     storage.write("image_height", known.frame_size[1])
-    for name in ("K1", "D1", "K2", "D2", "R", "T_mm"):
+    for name in PARTS:
         storage.write(name, np.atleast_2d(getattr(known, name)))  # OpenCV 4 knows 1-d ones not
     storage.write("R1", R1)
     storage.write("R2", R2)

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, U8
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS, Kernels
 from tokt.inference.config import BM, DEFAULT_SCALE
@@ -43,6 +43,7 @@ class Observation(NamedTuple):
     matches: Matches | None
 
 
+@dataclass(eq=False)
 class DisparityDetector:
     """Judge stereo pairs.
 
@@ -78,25 +79,22 @@ class DisparityDetector:
     pixels as the disparity of what is there, since the right camera does not see them.
     """
 
-    method = DISPARITY
+    calibration: StereoCalibration
+    grid: Grid
+    matcher: str = BM
+    scale: float = DEFAULT_SCALE
+    kernels: Kernels = KERNELS
+    step: int = STEP_PX
+    method: ClassVar = DISPARITY
 
-    def __init__(
-        self,
-        calibration: StereoCalibration,
-        grid: Grid,
-        matcher: str = BM,
-        scale: float = DEFAULT_SCALE,
-        kernels: Kernels = KERNELS,
-        step: int = STEP_PX,
-    ) -> None:
-        self.calibration = calibration
-        self.rectifier = Rectifier(calibration, scale)
+    def __post_init__(self) -> None:
+        self.rectifier = Rectifier(self.calibration, self.scale)
         self._drift = EpipolarDriftCorrection()
         self._health = PairHealth()
         self._closing = ClosingSpeed()
-        self._matcher = DenseMatcher(self.rectifier, matcher, kernels, step)
-        width, height = calibration.frame_size
-        self._mask_size = grid.resized(height, width)
+        self._matcher = DenseMatcher(self.rectifier, self.matcher, self.kernels, self.step)
+        width, height = self.calibration.frame_size
+        self._mask_size = self.grid.resized(height, width)
 
     def detect(self, frame: Frame) -> Detection:
         """Judge one pair.
@@ -133,9 +131,7 @@ class DisparityDetector:
         """Rows at full resolution by which the right view of the next pair is moved down."""
         return self._drift.px
 
-    def match(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], row_shift_px: float = 0.0
-    ) -> Matches:
+    def match(self, left: U8, right: U8, row_shift_px: float = 0.0) -> Matches:
         """Rectify and match a pair of frames of the calibration's size."""
         views = self.rectifier.left(left), self.rectifier.right(right, row_shift_px)
         return self._matcher.match(*views)
@@ -165,7 +161,7 @@ class DisparityDetector:
         few = "" if distance is None else f"too few matches for a status, at {distance:.1f} m"
         return Detection(np.zeros_like(mask), DISPARITY, note=few)
 
-    def depth_m(self, found: Matches) -> NDArray[np.float32]:
+    def depth_m(self, found: Matches) -> F32:
         """Depth in metres along the views' axis, float32, (height, width); nan without a match."""
         depth = np.full(found.valid.shape, np.nan, np.float32)
         depth[found.valid] = self.rectifier.focal_baseline_px_m / found.disparity_px[found.valid]
@@ -179,26 +175,18 @@ class DisparityDetector:
         return float(self.rectifier.focal_baseline_px_m / far)
 
 
-def _unfit(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], scaled: list[NDArray[np.float32]]
-) -> Fault:
+def _unfit(left: U8, right: U8, scaled: list[F32]) -> Fault:
     """Which picture `frame_fault` finds fault with and why, or an empty string."""
     for side, picture, half in (("left", left, scaled[0]), ("right", right, scaled[1])):
-        fault = frame_fault(picture, *_small(picture, half))
+        height, width = PATCH_GRID.resized(*picture.shape[:2])
+        gray = None
+        if width <= min(half.shape[1], picture.shape[1]):  # the scaled picture is less work
+            small = cv2.resize(half, (width, height), interpolation=cv2.INTER_AREA)
+            gray = np.asarray(cv2.convertScaleAbs(small), np.uint8)
+        fault = frame_fault(picture, gray, PATCH_GRID)
         if fault:
             return fault.about(side)
     return NO_FAULT
-
-
-def _small(
-    picture: NDArray[np.uint8], half: NDArray[np.float32]
-) -> tuple[NDArray[np.uint8] | None, Grid | None]:
-    """The gray picture that `frame_fault` looks at, from the scaled one where that is larger."""
-    height, width = PATCH_GRID.resized(*picture.shape[:2])
-    if half.shape[1] < width or picture.shape[1] < width:
-        return None, None
-    small = cv2.resize(half, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.convertScaleAbs(small), np.uint8), PATCH_GRID
 
 
 WINDOW_S = 2.0
@@ -308,8 +296,11 @@ class ClosingSpeed:
         points = np.array(self._points)
         if len(points) < MIN_POINTS or points[-1, 0] - points[0, 0] < MIN_SPAN_S:
             return Closing()
-        slope, distance_m = _line(points[:, 0] - t_s, points[:, 1])
-        closing = -slope
+        # The line through the points by Theil and Sen.
+        x, y = points[:, 0] - t_s, points[:, 1]
+        first, second = np.triu_indices(len(x), 1)
+        slope = float(np.median((y[second] - y[first]) / (x[second] - x[first])))
+        distance_m, closing = float(np.median(y - slope * x)), -slope
         if closing < MIN_CLOSING_M_S:
             return Closing(closing)
         return Closing(closing, max(distance_m, 0.0) / closing)
@@ -318,10 +309,3 @@ class ClosingSpeed:
 def _continues(old: tuple[float, float], new: tuple[float, float]) -> bool:
     """Whether one thing can have been at both distances."""
     return abs(new[1] - old[1]) <= JUMP_M + FASTEST_M_S * (new[0] - old[0])
-
-
-def _line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
-    """Slope and value at 0 of the line through points, by Theil and Sen."""
-    first, second = np.triu_indices(len(x), 1)
-    slope = float(np.median((y[second] - y[first]) / (x[second] - x[first])))
-    return slope, float(np.median(y - slope * x))

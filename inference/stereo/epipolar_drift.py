@@ -32,6 +32,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, I64, Bools
+
 if TYPE_CHECKING:
     from .matching import Matches
 
@@ -95,8 +97,6 @@ class EpipolarOffset:
         Standard error of the angle.
     agreeing : float
         Part of the points looked at whose patch is found again within the rows searched.
-    points : int
-        How many those are.
     """
 
     px: float
@@ -104,7 +104,6 @@ class EpipolarOffset:
     turn_deg: float
     turn_error_deg: float
     agreeing: float
-    points: int
 
     @property
     def turned(self) -> bool:
@@ -114,7 +113,7 @@ class EpipolarOffset:
 
 
 def epipolar_offset(
-    left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches, scale: float
+    left_view: F32, right_view: F32, matches: Matches, scale: float
 ) -> EpipolarOffset | None:
     """Measure how the rows of a pair lie to each other, from its block matches.
 
@@ -145,12 +144,10 @@ def epipolar_offset(
     middle = _median(higher)
     spread = _median(np.abs(higher - middle))
     turn, error = _turn(columns[good] / scale, higher)
-    return EpipolarOffset(middle, spread, turn, error, count / len(good), count)
+    return EpipolarOffset(middle, spread, turn, error, count / len(good))
 
 
-def _clear_points(
-    view: NDArray[np.float32], matches: Matches
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]] | None:
+def _clear_points(view: F32, matches: Matches) -> tuple[I64, I64, F32] | None:
     """Rows, columns and disparities of the matches whose patches tell rows apart."""
     height, width = view.shape
     margin = PATCH_RADIUS + SEARCH_ROWS
@@ -170,22 +167,15 @@ def _clear_points(
         return None
     evenness = -np.abs(view[rows + 2, columns] - view[rows - 2, columns])
     by_column = np.argsort(columns, kind="stable")
-    chosen = np.concatenate(
-        [
-            part[np.argsort(evenness[part])[: POINTS // STRATA]]
-            for part in np.array_split(by_column, STRATA)
-        ]
-    )
+    strata = np.array_split(by_column, STRATA)
+    clearest = [part[np.argsort(evenness[part])[: POINTS // STRATA]] for part in strata]
+    chosen = np.concatenate(clearest)
     return rows[chosen], columns[chosen], disparity[chosen]
 
 
 def _row_shifts(
-    left_view: NDArray[np.float32],
-    right_view: NDArray[np.float32],
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    disparity: NDArray[np.float32],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    left_view: F32, right_view: F32, rows: I64, columns: I64, disparity: F32
+) -> tuple[F64, F64, Bools]:
     """For each point how many rows lower it stands in the right view, and how well it is found.
 
     Returns the shift in rows of the view, the normalised correlation there, and whether the best
@@ -211,7 +201,7 @@ def _row_shifts(
     return shift, correlation[point, best], inside
 
 
-def _correlation(patches: NDArray[np.float32], strips: NDArray[np.float32]) -> NDArray[np.float64]:
+def _correlation(patches: F32, strips: F32) -> F64:
     """Normalised correlation of each patch with each place down its strip, shape (n, places)."""
     side = patches.shape[1]
     patches = patches - patches.mean(axis=(1, 2), keepdims=True)
@@ -256,11 +246,6 @@ class EpipolarDriftCorrection:
     and the last accepted pairs agree among themselves: a wrong right frame, or a camera out of
     step, leaves it where it is. Memory is `REMEMBERED_PAIRS` numbers.
 
-    Parameters
-    ----------
-    limit_px : float
-        Largest correction, in pixels of the full resolution.
-
     Notes
     -----
     It follows whatever is constant. While a camera is out of step *and* the vehicle rises or
@@ -269,8 +254,7 @@ class EpipolarDriftCorrection:
     it.
     """
 
-    def __init__(self, limit_px: float = LIMIT_PX) -> None:
-        self.limit_px = limit_px
+    def __init__(self) -> None:
         self.px = 0.0
         """The correction: pixels of the full resolution by which to move the right view down."""
         self.deviation_px: float | None = None
@@ -291,33 +275,28 @@ class EpipolarDriftCorrection:
         variation = self.variation_px
         return variation is not None and variation <= MAX_VARIATION_PX
 
-    def add(
-        self,
-        left_view: NDArray[np.float32],
-        right_view: NDArray[np.float32],
-        matches: Matches,
-        scale: float,
-    ) -> EpipolarOffset | None:
+    def add(self, left: F32, right: F32, matches: Matches, scale: float) -> EpipolarOffset | None:
         """Measure a pair whose right view has the present correction, and follow it.
 
         Parameters
         ----------
-        left_view, right_view, matches, scale
-            As in `epipolar_offset`.
+        left, right, matches, scale
+            As in `epipolar_offset`, the views first.
 
         Returns
         -------
         EpipolarOffset or None
             What is left of the offset beside the correction that these views have.
         """
-        offset = epipolar_offset(left_view, right_view, matches, scale)
+        offset = epipolar_offset(left, right, matches, scale)
         self.deviation_px = None
         if offset is None:
             return None
         whole = self.px + offset.px
         if self.settled:
             self.deviation_px = abs(whole - self._middle())
-        if self._accepts(offset):
+        fits = offset.spread_px <= MAX_SPREAD_PX and offset.agreeing >= MIN_AGREEING
+        if fits and not offset.turned:
             self._recent.append(whole)
             if self.settled:
                 self._follow()
@@ -326,11 +305,7 @@ class EpipolarDriftCorrection:
     def _middle(self) -> float:
         return _median(np.array(self._recent))
 
-    def _accepts(self, offset: EpipolarOffset) -> bool:
-        fits = offset.spread_px <= MAX_SPREAD_PX and offset.agreeing >= MIN_AGREEING
-        return fits and not offset.turned
-
     def _follow(self) -> None:
-        goal = float(np.clip(self._middle(), -self.limit_px, self.limit_px))
+        goal = float(np.clip(self._middle(), -LIMIT_PX, LIMIT_PX))
         if abs(goal - self.px) > STILL_PX:
             self.px += float(np.clip(goal - self.px, -STEP_PX, STEP_PX))

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, I16, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.kernels.block_matching import (
     MAX_DISPARITY_PX,
@@ -41,9 +42,7 @@ MIN_SIGMA_GREY = 1.0
 _MIDDLE = 128.0
 
 
-def local_mean_and_sigma(
-    view: NDArray[np.float32], window_px: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def local_mean_and_sigma(view: F32, window_px: int) -> tuple[F32, F32]:
     """Mean and standard deviation around each pixel.
 
     Parameters
@@ -67,9 +66,7 @@ def local_mean_and_sigma(
     return np.asarray(mean, np.float32), np.asarray(sigma, np.float32)
 
 
-def even_contrast(
-    view: NDArray[np.float32], mean: NDArray[np.float32], sigma: NDArray[np.float32], gain: float
-) -> NDArray[np.uint8]:
+def even_contrast(view: F32, mean: F32, sigma: F32, gain: float) -> U8:
     """The view with the same local contrast everywhere, 128 being the local mean.
 
     Parameters
@@ -133,10 +130,10 @@ class Matches:
         not see what is there at any depth that is searched.
     """
 
-    disparity_px: NDArray[np.float32]
-    valid: NDArray[np.bool_]
-    textured: NDArray[np.bool_]
-    searched: NDArray[np.bool_]
+    disparity_px: F32
+    valid: Bools
+    textured: Bools
+    searched: Bools
 
 
 def disparity_range(rectifier: Rectifier) -> tuple[int, int]:
@@ -147,6 +144,7 @@ def disparity_range(rectifier: Rectifier) -> tuple[int, int]:
     return smallest, max(math.ceil((largest + 1 - smallest) / 16), 1) * 16
 
 
+@dataclass(eq=False)
 class DenseMatcher:
     """Match the views of one rectifier.
 
@@ -166,18 +164,18 @@ class DenseMatcher:
         most of the left frame would not be searched.
     """
 
-    def __init__(
-        self,
-        rectifier: Rectifier,
-        matcher: str = BM,
-        kernels: Kernels = KERNELS,
-        step: int = STEP_PX,
-    ) -> None:
-        if matcher not in MATCHERS:
-            raise ToktError(f"unknown matcher {matcher!r} (choose from {', '.join(MATCHERS)})")
-        width = rectifier.size[0]
+    rectifier: Rectifier
+    matcher: str = BM
+    kernels: Kernels = KERNELS
+    step: int = STEP_PX
+
+    def __post_init__(self) -> None:
+        if self.matcher not in MATCHERS:
+            known = ", ".join(MATCHERS)
+            raise ToktError(f"unknown matcher {self.matcher!r} (choose from {known})")
+        width = self.rectifier.size[0]
         ratio = width / SETTINGS_WIDTH
-        smallest, count = disparity_range(rectifier)
+        smallest, count = disparity_range(self.rectifier)
         if smallest >= width:
             raise ToktError(
                 f"views of {width} pixels show nothing at {FARTHEST_M:g} m: the disparity there "
@@ -193,9 +191,8 @@ class DenseMatcher:
         self.settings = BlockMatching(smallest, count, block, CAP, texture, UNIQUENESS_PERCENT)
         self._window = max(2 * round((WINDOW_PX * ratio - 1) / 2) + 1, 3)
         self._least_blob = max(round(BLOB_PX * ratio**2), 2)
-        self._matcher, self._kernels, self._step = matcher, kernels, step
-        self.searched = _searched(rectifier, self.settings)
-        seen = rectifier.to_left(self.searched, 64, 64).mean()
+        self.searched = _searched(self.rectifier, self.settings)
+        seen = self.rectifier.to_left(self.searched, 64, 64).mean()
         if seen < _MIN_SEARCHED:
             raise ToktError(
                 f"by the calibration the right camera sees {100 * seen:.0f} % of what the left "
@@ -203,9 +200,9 @@ class DenseMatcher:
             )
         self._searched = self.searched.view(np.uint8)
         self._matched_pixels = np.zeros_like(self._searched)
-        self._matched_pixels[::step, ::step] = 1
+        self._matched_pixels[:: self.step, :: self.step] = 1
 
-    def match(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> Matches:
+    def match(self, left: F32, right: F32) -> Matches:
         """Match a pair of rectified views, float32, of the rectifier's size."""
         left_mean, left_sigma = local_mean_and_sigma(left, self._window)
         textured = (left_sigma > LOCAL_SIGMA_GREY).view(np.uint8)
@@ -220,7 +217,7 @@ class DenseMatcher:
         wanted = np.asarray(cv2.bitwise_and(textured, self._matched_pixels), np.uint8)
         disparity = self._disparity(left_even, right_even, wanted)
         seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
-        matched = np.s_[:: self._step, :: self._step]
+        matched = np.s_[:: self.step, :: self.step]
         valid = self._without_specks(disparity[matched], seen[matched])
         sparse = disparity[matched].astype(np.float32) / np.float32(PER_PIXEL)
         return Matches(
@@ -232,21 +229,13 @@ class DenseMatcher:
         height, width = self.searched.shape
         return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST))
 
-    def _disparity(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], wanted: NDArray[np.uint8]
-    ) -> NDArray[np.int16]:
+    def _disparity(self, left: U8, right: U8, wanted: U8) -> I16:
         """Disparities in 1/16 pixel of the wanted pixels; `unmatched` elsewhere."""
-        if self._matcher == BM:
-            return self._kernels.block_disparity(left, right, self.settings, wanted)
+        if self.matcher == BM:
+            return self.kernels.block_disparity(left, right, self.settings, wanted)
         return semi_global_disparity(left, right, self.settings, wanted)
 
-    def _seen_twice(
-        self,
-        disparity: NDArray[np.int16],
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
-        right_sigma: NDArray[np.float32],
-    ) -> NDArray[np.uint8]:
+    def _seen_twice(self, disparity: I16, left: U8, right: U8, right_sigma: F32) -> U8:
         """Where matching the right view with the left one leads back; 0 or 1."""
         # By place in the flattened view: half the work of rows and columns.
         width = disparity.shape[1]
@@ -266,22 +255,15 @@ class DenseMatcher:
         seen.ravel()[here[same]] = 1
         return seen
 
-    def _without_specks(
-        self, disparity: NDArray[np.int16], seen: NDArray[np.uint8]
-    ) -> NDArray[np.uint8]:
+    def _without_specks(self, disparity: I16, seen: U8) -> U8:
         """Of what was seen twice, only connected regions of enough pixels of like disparity."""
         kept = np.where(seen != 0, disparity, self.settings.unmatched).astype(np.int16)
-        largest_speck = math.ceil(self._least_blob / self._step**2) - 1
+        largest_speck = math.ceil(self._least_blob / self.step**2) - 1
         cv2.filterSpeckles(kept, self.settings.unmatched, largest_speck, LIKE_PX * PER_PIXEL)
         return np.asarray(kept != self.settings.unmatched, np.uint8)
 
 
-def semi_global_disparity(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    settings: BlockMatching,
-    wanted: NDArray[np.uint8],
-) -> NDArray[np.int16]:
+def semi_global_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:
     """OpenCV's semi-global matching, called as ``KERNELS.block_disparity`` is.
 
     Blocks are of `SEMI_GLOBAL_BLOCK_PX`; the penalties follow OpenCV's own recommendation.
@@ -302,7 +284,7 @@ def semi_global_disparity(
     return np.asarray(np.where(wanted != 0, found, settings.unmatched), np.int16)
 
 
-def _searched(rectifier: Rectifier, settings: BlockMatching) -> NDArray[np.bool_]:
+def _searched(rectifier: Rectifier, settings: BlockMatching) -> Bools:
     """Where the left view shows its frame, and the right one too at some disparity searched."""
     height, width = rectifier.left_inside.shape
     seen = np.zeros((height, width), bool)

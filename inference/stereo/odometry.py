@@ -9,9 +9,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.arrays import F64
+from tokt.features.common.errors import ToktError, os_errors_as
 
 COLUMNS = ("frame", "t", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 UNIT_TOLERANCE = 1e-3
@@ -34,8 +34,8 @@ class Pose:
     """
 
     t: float
-    position_m: NDArray[np.float64]
-    rotation: NDArray[np.float64]
+    position_m: F64
+    rotation: F64
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Motion:
         those of the camera after.
     """
 
-    rotation: NDArray[np.float64]
-    translation_m: NDArray[np.float64]
+    rotation: F64
+    translation_m: F64
 
-    def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def of(self, points_m: F64) -> F64:
         """Points after the move, shape (n, 3) like those before it."""
         return np.asarray(points_m @ self.rotation.T + self.translation_m, np.float64)
 
@@ -90,9 +90,8 @@ def load_odometry(path: Path | str) -> Odometry:
         length 1, or a frame comes twice.
     """
     try:
-        text = Path(path).read_text("utf-8-sig")
-    except OSError as error:
-        raise ToktError(f"cannot read odometry {path}: {error.strerror}") from None
+        with os_errors_as(f"cannot read odometry {path}"):
+            text = Path(path).read_text("utf-8-sig")
     except UnicodeDecodeError:
         raise ToktError(f"odometry {path} is not a text file") from None
     return parse_odometry(text, str(path))
@@ -149,7 +148,7 @@ def _number(name: str, field: str) -> float:
     return value
 
 
-def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rotation(quaternion: F64) -> F64:
     """The rotation matrix of a unit quaternion w, x, y, z."""
     w, axis = quaternion[0], quaternion[1:]
     x, y, z = axis

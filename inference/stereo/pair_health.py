@@ -29,8 +29,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, U8
 from tokt.inference.reason import Fault, Reason
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
@@ -122,10 +122,7 @@ class PairFault:
 
 
 def pair_fault(
-    left_view: NDArray[np.float32],
-    right_view: NDArray[np.float32],
-    matches: Matches,
-    offset: EpipolarOffset | None,
+    left_view: F32, right_view: F32, matches: Matches, offset: EpipolarOffset | None
 ) -> PairFault | None:
     """The fault that one pair shows without those before it, or None.
 
@@ -138,31 +135,27 @@ def pair_fault(
     offset : EpipolarOffset or None
         What `tokt.inference.stereo.epipolar_drift` measured.
     """
-    misfit = (
-        _matching_fault(matches)
-        or _right_only_fault(left_view, right_view, matches)
-        or _rows_fault(offset)
-    )
+    misfit = None
+    if _something_there(matches) and _matched_of_textured(matches) < MATCHED_OF_TEXTURED:
+        misfit = PairFault(MISFIT, vetoes_clear=True)
+    misfit = misfit or _right_only_fault(left_view, right_view, matches) or _rows_fault(offset)
     dark = _darkness_fault(left_view, right_view, matches)
     # Darkness explains a misfit.
     return misfit if dark is None else replace(dark, matches_stand=misfit is None)
 
 
-def _darkness_fault(
-    left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches
-) -> PairFault | None:
+def _darkness_fault(left_view: F32, right_view: F32, matches: Matches) -> PairFault | None:
     left, right = (_band_levels(view) for view in (left_view, right_view))
     stops = np.log2((right + 1) / (left + 1))
-    if stops.max() > DARKER_STOPS:
-        reason = _darker("left", "right", stops.max())
-        return PairFault(reason, vetoes_clear=True, code=Reason.DARK)
-    if -stops.min() > DARKER_STOPS:
-        reason = _darker("right", "left", -stops.min())
-        return PairFault(reason, vetoes_clear=_something_there(matches), code=Reason.DARK)
+    for dark, bright, by in (("left", "right", stops.max()), ("right", "left", -stops.min())):
+        if by > DARKER_STOPS:
+            darker = f"the {dark} view is {2**by:.0f} times darker than the {bright} one"
+            vetoes_clear = dark == "left" or _something_there(matches)
+            return PairFault(f"{darker}: covered or unlit", vetoes_clear, code=Reason.DARK)
     return None
 
 
-def _dim_fault(left_view: NDArray[np.float32], right_view: NDArray[np.float32]) -> PairFault | None:
+def _dim_fault(left_view: F32, right_view: F32) -> PairFault | None:
     """Too little light for the texture of what is there."""
     for side, view in (("left", left_view), ("right", right_view)):
         level = view[::_ROW_STEP, ::_COLUMN_STEP].mean(dtype=np.float64)
@@ -184,14 +177,10 @@ def _nearer_fault(matches: Matches) -> PairFault | None:
     return PairFault(NEARER, vetoes_clear=True, matches_stand=True)
 
 
-def _band_levels(view: NDArray[np.float32]) -> NDArray[np.float64]:
+def _band_levels(view: F32) -> F64:
     """Mean grey level of each quarter of the rows."""
     some = view[::_ROW_STEP, ::_COLUMN_STEP].mean(axis=1, dtype=np.float64)
     return np.array([part.mean() for part in np.array_split(some, _BANDS) if len(part)])
-
-
-def _darker(dark: str, bright: str, stops: float) -> str:
-    return f"the {dark} view is {2**stops:.0f} times darker than the {bright} one: covered or unlit"
 
 
 def _something_there(matches: Matches) -> bool:
@@ -205,15 +194,7 @@ def _matched_of_textured(matches: Matches) -> float:
     return int(np.count_nonzero(matches.valid)) / max(textured, 1)
 
 
-def _matching_fault(matches: Matches) -> PairFault | None:
-    if _something_there(matches) and _matched_of_textured(matches) < MATCHED_OF_TEXTURED:
-        return PairFault(MISFIT, vetoes_clear=True)
-    return None
-
-
-def _right_only_fault(
-    left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches
-) -> PairFault | None:
+def _right_only_fault(left_view: F32, right_view: F32, matches: Matches) -> PairFault | None:
     matched = np.count_nonzero(matches.valid) / matches.valid.size
     if matched >= MATCHED_OF_TEXTURED:
         return None
@@ -226,7 +207,7 @@ def _right_only_fault(
     return PairFault(reason, vetoes_clear=True)
 
 
-def _textured_fraction(view: NDArray[np.float32]) -> float:
+def _textured_fraction(view: F32) -> float:
     """Part of a view with local contrast, seen at a quarter of its size."""
     height, width = view.shape
     size = (max(width // _QUARTER, 1), max(height // _QUARTER, 1))
@@ -245,7 +226,7 @@ def _rows_fault(offset: EpipolarOffset | None) -> PairFault | None:
     return None
 
 
-Transform = Callable[[NDArray[np.uint8], NDArray[np.uint8]], tuple[NDArray[np.uint8], ...]]
+Transform = Callable[[U8, U8], tuple[U8, ...]]
 
 CAUSES: tuple[tuple[str, Transform], ...] = (
     ("the left and right cameras are swapped", lambda left, right: (right, left)),
@@ -255,7 +236,7 @@ CAUSES: tuple[tuple[str, Transform], ...] = (
 """What may be behind views that do not match, and how to undo it."""
 
 
-def _turned(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _turned(frame: U8) -> U8:
     return np.asarray(cv2.rotate(frame, cv2.ROTATE_180), np.uint8)
 
 
@@ -269,15 +250,15 @@ class PairHealth:
     """
 
     def __init__(self) -> None:
-        self._before: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self._before: tuple[F32, F32] | None = None
         self._repeats = 0
         self._cause = ""
         self._tried = 0
 
     def judge(
         self,
-        left_view: NDArray[np.float32],
-        right_view: NDArray[np.float32],
+        left_view: F32,
+        right_view: F32,
         matches: Matches,
         offset: EpipolarOffset | None,
         drift: EpipolarDriftCorrection | None,
@@ -304,9 +285,7 @@ class PairHealth:
             self._cause, self._tried = "", 0
         return fault
 
-    def _frozen_fault(
-        self, left_view: NDArray[np.float32], right_view: NDArray[np.float32], matches: Matches
-    ) -> PairFault | None:
+    def _frozen_fault(self, left_view: F32, right_view: F32, matches: Matches) -> PairFault | None:
         """A camera that repeats its picture exactly, which noise forbids, while the other's
         changes. Where both repeat, the source may repeat a pair, yet not for long.
         """
@@ -327,11 +306,7 @@ class PairHealth:
         return PairFault(reason, vetoes_clear, code=Reason.FROZEN)
 
     def explained(
-        self,
-        fault: PairFault,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
-        match: Callable[[NDArray[np.uint8], NDArray[np.uint8]], Matches],
+        self, fault: PairFault, left: U8, right: U8, match: Callable[[U8, U8], Matches]
     ) -> PairFault:
         """The same fault with its cause where that can be found; other faults as they are.
 

@@ -32,12 +32,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
@@ -127,14 +128,15 @@ class NormalizedView:
         Grey levels a pixel.
     """
 
-    pixels: NDArray[np.uint8]
-    edges: NDArray[np.float32]
+    pixels: U8
+    edges: F32
 
     def rows(self, first: int, last: int) -> NormalizedView:
         """The part from one row of cells to before another."""
         return NormalizedView(self.pixels[first * CELL_PX : last * CELL_PX], self.edges[first:last])
 
 
+@dataclass(eq=False)
 class PushbroomDetector:
     """Judge stereo pairs in the order in which they were taken.
 
@@ -157,31 +159,26 @@ class PushbroomDetector:
         most of the left frame out of view.
     """
 
-    method = PUSHBROOM
+    calibration: StereoCalibration
+    grid: Grid
+    distances_m: Sequence[float] = DISTANCES_M
+    odometry: Odometry | None = None
+    method: ClassVar = PUSHBROOM
 
-    def __init__(
-        self,
-        calibration: StereoCalibration,
-        grid: Grid,
-        distances_m: Sequence[float] = DISTANCES_M,
-        odometry: Odometry | None = None,
-    ) -> None:
-        self.calibration = calibration
-        self.grid = grid
-        width = calibration.frame_size[0]
+    def __post_init__(self) -> None:
+        width = self.calibration.frame_size[0]
         self._checked_grid = PATCH_GRID if width >= VIEW_WIDTH else replace(PATCH_GRID, width=None)
-        self.rectifier = Rectifier(calibration, min(VIEW_WIDTH / width, 1))
+        self.rectifier = Rectifier(self.calibration, min(VIEW_WIDTH / width, 1))
         view_width, view_height = self.rectifier.size
         self._cells = (view_height // CELL_PX, view_width // CELL_PX)
-        self._slices = _slices(distances_m, self.rectifier)
-        self._where = _in_words(distances_m)
-        self._odometry = odometry
+        self._slices = _slices(self.distances_m, self.rectifier)
+        words = [f"{distance:g}" for distance in self.distances_m]
+        self._where = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) + " m"
         self._pose: Pose | None = None
         self._since_pose = 0
         self._health = PairHealth()
-        self._memory = ObstacleMemory(
-            self.rectifier, CELL_PX, KEPT_FRAMES if odometry is None else KEPT_FRAMES_WITH_ODOMETRY
-        )
+        kept = KEPT_FRAMES if self.odometry is None else KEPT_FRAMES_WITH_ODOMETRY
+        self._memory = ObstacleMemory(self.rectifier, CELL_PX, kept)
 
     def detect(self, frame: Frame) -> Detection:
         """Judge one pair.
@@ -212,7 +209,7 @@ class PushbroomDetector:
             return self._unjudged(unfit)
         return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
 
-    def look(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def look(self, left: U8, right: U8) -> F32:
         """What stands at the distances in one pair of frames of the calibration's size.
 
         Returns
@@ -229,9 +226,7 @@ class PushbroomDetector:
         remembered = bool(len(self._memory.ages))
         return Detection(None, PUSHBROOM, fault=fault, vetoes_clear=vetoes_clear or remembered)
 
-    def _doubt(
-        self, left: NDArray[np.float32], right: NDArray[np.float32], seen: NDArray[np.float32]
-    ) -> PairFault | None:
+    def _doubt(self, left: F32, right: F32, seen: F32) -> PairFault | None:
         """Whether a camera is frozen or covered; texture without a match is usual here, no fault.
 
         The rows of what matches at so few disparities tell nothing.
@@ -246,7 +241,7 @@ class PushbroomDetector:
         """Let the memory's time pass; where this frame has a pose, move the camera there."""
         frames = 1 + frame.missed
         self._since_pose += frames
-        pose = None if self._odometry is None else self._odometry.get(frame.number)
+        pose = None if self.odometry is None else self.odometry.get(frame.number)
         before, motion = self._pose, None
         if pose is not None:
             motion = None if before is None else motion_between(before, pose)
@@ -255,7 +250,7 @@ class PushbroomDetector:
         if pose is not None:
             self._since_pose = 0
 
-    def _picture(self, frame: NDArray[np.uint8]) -> tuple[NDArray[np.float32], Fault]:
+    def _picture(self, frame: U8) -> tuple[F32, Fault]:
         """The frame gray and scaled, in grey levels and fractions of them; and its fault."""
         width, height = self.rectifier.size
         # Averaged before rounding: the frames hold only a few grey levels of signal.
@@ -265,7 +260,7 @@ class PushbroomDetector:
         fault = frame_fault(frame, rounded, self._checked_grid)
         return gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL), fault
 
-    def _depths(self, left: NormalizedView, right: NormalizedView) -> NDArray[np.float32]:
+    def _depths(self, left: NormalizedView, right: NormalizedView) -> F32:
         """The depth in metres of each cell's obstacle, 0 where there is none; nearer ones win."""
         found = np.zeros(self._cells, np.float32)
         textured = left.edges > EDGE_GREY
@@ -303,11 +298,6 @@ class PushbroomDetector:
         return Detection(mask, PUSHBROOM, distance_m=distance, note=note)
 
 
-def _in_words(distances_m: Sequence[float]) -> str:
-    words = [f"{distance:g}" for distance in distances_m]
-    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) + " m"
-
-
 def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:
     """The slices, far to near."""
     if not distances_m:
@@ -322,10 +312,8 @@ def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:
         middle = rectifier.focal_baseline_px_m / distance
         if not 2 * CELL_PX <= middle <= width / 2:
             nearest, farthest = rectifier.focal_baseline_px_m / np.array([width / 2, 2 * CELL_PX])
-            raise ToktError(
-                f"pushbroom cannot look at {distance:g} m with this calibration, only from "
-                f"{nearest:.2g} to {farthest:.2g} m"
-            )
+            only = f"with this calibration, only from {nearest:.2g} to {farthest:.2g} m"
+            raise ToktError(f"pushbroom cannot look at {distance:g} m {only}")
         low, high = round(middle / (1 + BAND)), round(middle / (1 - BAND))
         shifts = tuple(range(low, high + 1))
         checks = [
@@ -338,14 +326,14 @@ def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:
     return slices
 
 
-def _normalized(view: NDArray[np.float32]) -> NormalizedView:
+def _normalized(view: F32) -> NormalizedView:
     """Local contrast normalisation, and where there are edges to match."""
     even = even_contrast(view, *local_mean_and_sigma(view, CONTRAST_WINDOW_PX), EVEN_STEPS)
     change = np.abs(cv2.Sobel(view, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8))
     return NormalizedView(even, _block_means(change))
 
 
-def _block_means(pixels: NDArray[Any]) -> NDArray[np.float32]:
+def _block_means(pixels: NDArray[Any]) -> F32:
     """Mean over the block around each cell, shape (rows, columns) of cells."""
     rows, columns = pixels.shape[0] // CELL_PX, pixels.shape[1] // CELL_PX
     cells = pixels[: rows * CELL_PX, : columns * CELL_PX]
@@ -356,7 +344,7 @@ def _block_means(pixels: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, block), np.float32)
 
 
-def _cost(left: NormalizedView, right: NormalizedView, shift_px: int) -> NDArray[np.float32]:
+def _cost(left: NormalizedView, right: NormalizedView, shift_px: int) -> F32:
     """Mean difference of the views at one disparity, by cells of the left view."""
     cost = np.full(left.edges.shape, np.inf, np.float32)
     first = math.ceil(shift_px / CELL_PX)  # left of it the right camera does not see
@@ -366,9 +354,7 @@ def _cost(left: NormalizedView, right: NormalizedView, shift_px: int) -> NDArray
     return cost
 
 
-def _worth_matching(
-    left: NormalizedView, right: NormalizedView, shifts_px: Sequence[int]
-) -> NDArray[np.bool_]:
+def _worth_matching(left: NormalizedView, right: NormalizedView, shifts_px: Sequence[int]) -> Bools:
     """Cells whose blocks have edges in both views, and are seen by both cameras."""
     worth = np.zeros(left.edges.shape, bool)
     first = math.ceil(shifts_px[-1] / CELL_PX) + BLOCK_CELLS // 2
@@ -378,7 +364,7 @@ def _worth_matching(
     return worth
 
 
-def _hits(left: NormalizedView, right: NormalizedView, looked: Slice) -> NDArray[np.float32]:
+def _hits(left: NormalizedView, right: NormalizedView, looked: Slice) -> F32:
     """The disparity in pixels of each cell that stands in a slice, 0 elsewhere."""
     hit = _worth_matching(left, right, looked.shifts_px)
     best = np.full(hit.shape, MAX_COST * EVEN_STEPS, np.float32)
@@ -398,7 +384,7 @@ def _hits(left: NormalizedView, right: NormalizedView, looked: Slice) -> NDArray
     return found * _large_patches(hit)
 
 
-def _large_patches(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _large_patches(cells: Bools) -> Bools:
     """Only the connected regions of at least `MIN_CELLS`."""
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(
         cells.astype(np.uint8), connectivity=8
@@ -440,19 +426,15 @@ class ObstacleMemory:
         self._shape = (height // cell_px, width // cell_px)
         self._oldest = oldest
         self._rotation = rectifier.rotations[0]
-        self._rays = self._cell_rays()
+        # Where the middle of each cell looks, at depth 1 along the view's axis: (n_cells, 3).
+        rows, columns = np.indices(self._shape).reshape(2, -1)
+        middle = np.column_stack([columns, rows]) * cell_px + (cell_px - 1) / 2
+        flat = (middle - rectifier.principal) / rectifier.focal_px
+        self._rays: F64 = np.column_stack([flat, np.ones(len(flat))]) @ self._rotation
         self.points_m = np.empty((0, 3))
         self.ages = np.empty(0, np.int64)
         self._seen_at_m = np.empty(0)
         self._cells = np.empty(0, np.int64)
-
-    def _cell_rays(self) -> NDArray[np.float64]:
-        """Where the middle of each cell looks, at depth 1 along the view's axis: (n_cells, 3)."""
-        rows, columns = np.indices(self._shape).reshape(2, -1)
-        middle = np.column_stack([columns, rows]) * self._cell_px + (self._cell_px - 1) / 2
-        flat = (middle - self._rectifier.principal) / self._rectifier.focal_px
-        rays = np.column_stack([flat, np.ones(len(flat))]) @ self._rotation
-        return np.asarray(rays, np.float64)
 
     def advance(self, frames: int, motion: Motion | None, moving: int = 1) -> None:
         """Let time pass, and move the camera.
@@ -479,7 +461,11 @@ class ObstacleMemory:
         self._keep(self.depths_m > _NEAREST_M)
         self._cells = self._cells_of(self.points_m)
         self._keep(self._cells >= 0)
-        self._keep_nearest()
+        # Of the points in one cell only the nearest: the last one written stays.
+        order = np.argsort(-self.depths_m, kind="stable")
+        owner = np.zeros(self._rays.shape[0], np.int64)
+        owner[self._cells[order]] = order
+        self._keep(owner[self._cells] == np.arange(len(self._cells)))
 
     def add(self, depth_m: NDArray[np.floating]) -> None:
         """Remember what is seen now, in place of what was there before.
@@ -500,11 +486,11 @@ class ObstacleMemory:
         self._cells = np.concatenate([self._cells, seen])
 
     @property
-    def depths_m(self) -> NDArray[np.float64]:
+    def depths_m(self) -> F64:
         """Of each point along the view's axis, in metres, shape (n,)."""
         return np.asarray(self.points_m @ self._rotation[2], np.float64)
 
-    def mask(self) -> NDArray[np.uint8]:
+    def mask(self) -> U8:
         """The view with 255 where an obstacle is remembered, shape (height, width).
 
         A thing that has come nearer since it was seen is painted larger in proportion.
@@ -522,7 +508,7 @@ class ObstacleMemory:
         covered[:] = cells.repeat(side, axis=0).repeat(side, axis=1)
         return view
 
-    def _cells_of(self, points_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _cells_of(self, points_m: F64) -> I64:
         """The cell in which each point stands, shape (n,); -1 where it is out of view."""
         seen = points_m @ self._rotation.T
         pixels = seen[:, :2] / seen[:, 2:] * self._rectifier.focal_px + self._rectifier.principal
@@ -533,13 +519,6 @@ class ObstacleMemory:
         column, row = place.astype(np.int64).T
         return np.where(inside, row * columns + column, -1)
 
-    def _keep(self, which: NDArray[np.bool_]) -> None:
+    def _keep(self, which: Bools) -> None:
         self.points_m, self.ages = self.points_m[which], self.ages[which]
         self._seen_at_m, self._cells = self._seen_at_m[which], self._cells[which]
-
-    def _keep_nearest(self) -> None:
-        """Of the points in one cell only the nearest."""
-        order = np.argsort(-self.depths_m, kind="stable")
-        owner = np.zeros(self._rays.shape[0], np.int64)
-        owner[self._cells[order]] = order  # the last one written stays
-        self._keep(owner[self._cells] == np.arange(len(self._cells)))

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import DEFAULT_SCALE
 
@@ -23,30 +24,15 @@ _MIN_IN_VIEW = 0.5
 """Part of the left frame that has to lie inside its rectified view."""
 
 
-def rectifying(calibration: StereoCalibration) -> tuple[NDArray[np.float64], ...]:
+def rectifying(calibration: StereoCalibration) -> tuple[F64, ...]:
     """Both rectifying rotations (3, 3) and projections (3, 4): R1, R2, P1, P2."""
     known = calibration
-    found = cv2.stereoRectify(
-        known.K1,
-        known.D1,
-        known.K2,
-        known.D2,
-        known.frame_size,
-        known.R,
-        known.T_mm,
-        flags=cv2.CALIB_ZERO_DISPARITY,
-        alpha=-1,
-    )
+    cameras = known.K1, known.D1, known.K2, known.D2, known.frame_size, known.R, known.T_mm
+    found = cv2.stereoRectify(*cameras, flags=cv2.CALIB_ZERO_DISPARITY, alpha=-1)
     return tuple(np.asarray(one, np.float64) for one in found[:4])
 
 
-def rectified(
-    points: NDArray[Any],
-    K: NDArray[np.float64],
-    D: NDArray[np.float64],
-    R: NDArray[np.float64],
-    P: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def rectified(points: NDArray[Any], K: F64, D: F64, R: F64, P: F64) -> F64:
     """Where points (n, 2) of a camera's frame lie in its rectified view, both in pixels."""
     seen = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
     # By default it stops after 5 steps, which strong distortion at the edge outlasts.
@@ -97,7 +83,7 @@ class Rectifier:
         self._rectify()
         if not self.focal_baseline_px_m > 0:
             raise ToktError("by the calibration the right camera is not right of the left one")
-        self._places: dict[tuple[int, int], NDArray[np.float32]] = {}
+        self._places: dict[tuple[int, int], F32] = {}
         places = np.moveaxis(self._frame_places(9, 9), -1, 0)
         if self._inside((places[0], places[1])).mean() < _MIN_IN_VIEW:
             raise ToktError("the calibration moves most of the left frame out of view")
@@ -105,13 +91,8 @@ class Rectifier:
     def _rectify(self) -> None:
         """The maps from frames scaled to `size` to the views, and what describes the views."""
         known = self.calibration
-        to_view = np.array(  # pixel centres have whole-number coordinates at either scale
-            [
-                [self._ratio[0], 0, (self._ratio[0] - 1) / 2],
-                [0, self._ratio[1], (self._ratio[1] - 1) / 2],
-                [0, 0, 1],
-            ]
-        )
+        wide, high = self._ratio  # pixel centres have whole-number coordinates at either scale
+        to_view = np.array([[wide, 0, (wide - 1) / 2], [0, high, (high - 1) / 2], [0, 0, 1]])
         K1, K2 = to_view @ known.K1, to_view @ known.K2
         R1, R2, P1, P2 = rectifying(replace(known, K1=K1, K2=K2, frame_size=self.size))
         self.rotations, self.projections = (R1, R2), (P1, P2)
@@ -125,7 +106,7 @@ class Rectifier:
         )
         self.left_inside, self.right_inside = (self._inside(maps) for maps in self._maps)
 
-    def scaled(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def scaled(self, frame: U8) -> F32:
         """A frame, gray and of the views' size, not rectified yet.
 
         Parameters
@@ -143,32 +124,30 @@ class Rectifier:
         scaled = cv2.resize(gray.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         return np.asarray(scaled, np.float32)
 
-    def left(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def left(self, frame: U8) -> F32:
         """The left view, float32, of `size`; beyond the frame's edge its last pixel."""
         return self.left_of(self.scaled(frame))
 
-    def right(self, frame: NDArray[np.uint8], row_shift_px: float = 0.0) -> NDArray[np.float32]:
+    def right(self, frame: U8, row_shift_px: float = 0.0) -> F32:
         """The right view, moved down by `row_shift_px` pixels of the full resolution."""
         return self.right_of(self.scaled(frame), row_shift_px)
 
-    def left_of(self, scaled: NDArray[np.float32]) -> NDArray[np.float32]:
+    def left_of(self, scaled: F32) -> F32:
         """The left view of a picture that is scaled already (`scaled`)."""
         return _moved(scaled, *self._maps[0])
 
-    def right_of(
-        self, scaled: NDArray[np.float32], row_shift_px: float = 0.0
-    ) -> NDArray[np.float32]:
+    def right_of(self, scaled: F32, row_shift_px: float = 0.0) -> F32:
         """The right view of a picture that is scaled already."""
         x, y = self._maps[1]
         shift = np.float32(row_shift_px * self._ratio[1])
         return _moved(scaled, x, y - shift if shift else y)
 
-    def from_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
+    def from_frame(self, points: NDArray[Any]) -> F64:
         """Where points of the left frame lie in the left view, both in pixels, shape (n, 2)."""
         known = self.calibration
         return rectified(points, known.K1, known.D1, self.rotations[0], self.projections[0])
 
-    def to_frame(self, points: NDArray[Any]) -> NDArray[np.float64]:
+    def to_frame(self, points: NDArray[Any]) -> F64:
         """Where points of the left view lie in the left frame, both in pixels, shape (n, 2)."""
         ray = (np.asarray(points, np.float64).reshape(-1, 2) - self.principal) / self.focal_px
         rays = np.column_stack([ray, np.ones(len(ray))]) @ self.rotations[0]
@@ -178,7 +157,7 @@ class Rectifier:
         seen, _ = cv2.projectPoints(rays, none, none, self.calibration.K1, self.calibration.D1)
         return np.asarray(seen, np.float64).reshape(-1, 2)
 
-    def points_m(self, disparity_px: NDArray[Any], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def points_m(self, disparity_px: NDArray[Any], valid: Bools) -> F64:
         """The points seen, in the left camera's own axes.
 
         Parameters
@@ -198,7 +177,7 @@ class Rectifier:
         y = (row - self.principal[1]) / self.focal_px * depth
         return np.asarray(np.column_stack([x, y, depth]) @ self.rotations[0], np.float64)
 
-    def to_left(self, view: NDArray[Any], height: int, width: int) -> NDArray[np.uint8]:
+    def to_left(self, view: NDArray[Any], height: int, width: int) -> U8:
         """A mask of the left view as it looks in the left frame resized to `height` x `width`.
 
         Parameters
@@ -214,17 +193,12 @@ class Rectifier:
         if key not in self._places:
             self._places[key] = self._frame_places(height, width).astype(np.float32)
         places = self._places[key]
-        mask = cv2.remap(
-            np.asarray(view, np.uint8),
-            places[..., 0],
-            places[..., 1],
-            cv2.INTER_NEAREST,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=0,
-        )
+        x, y, outside = places[..., 0], places[..., 1], cv2.BORDER_CONSTANT
+        seen = np.asarray(view, np.uint8)
+        mask = cv2.remap(seen, x, y, cv2.INTER_NEAREST, borderMode=outside, borderValue=0)
         return np.asarray(mask, np.uint8)
 
-    def _frame_places(self, height: int, width: int) -> NDArray[np.float64]:
+    def _frame_places(self, height: int, width: int) -> F64:
         """For each pixel of the left frame resized so, its place in the view: (h, w, 2)."""
         frame_width, frame_height = self.calibration.frame_size
         rows, columns = np.indices((height, width), np.float64)
@@ -232,12 +206,12 @@ class Rectifier:
         y = (rows + 0.5) * frame_height / height - 0.5
         return self.from_frame(np.stack([x, y], axis=-1)).reshape(height, width, 2)
 
-    def _inside(self, places: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    def _inside(self, places: Sequence[NDArray[Any]]) -> Bools:
         """Which places (x and y) lie in a picture of `size`."""
         x, y = places
         return np.asarray((x >= 0) & (x <= self.size[0] - 1) & (y >= 0) & (y <= self.size[1] - 1))
 
 
-def _moved(picture: NDArray[np.float32], x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float32]:
+def _moved(picture: F32, x: NDArray[Any], y: NDArray[Any]) -> F32:
     view = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(view, np.float32)

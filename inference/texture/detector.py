@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
@@ -65,7 +65,7 @@ class MofNResult:
         decides.
     """
 
-    patches: NDArray[np.bool_] | None
+    patches: Bools | None
     note: str = ""
 
 
@@ -87,9 +87,7 @@ class MofNRun:
         self._state.skip(missed + self._begun)
         self._begun = 1
 
-    def judge(
-        self, scores: NDArray[np.float64], patches: NDArray[np.bool_], min_mask_patches: int
-    ) -> MofNResult:
+    def judge(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
         """Judge the frame that was begun.
 
         Parameters
@@ -169,7 +167,7 @@ class TextureDetector:
             return self._unjudged(Fault(Reason.NOT_FINITE, words))
         return replace(self._ruled(values, *gray.shape), features=features)
 
-    def _ruled(self, values: NDArray[np.float64], height: int, width: int) -> Detection:
+    def _ruled(self, values: F64, height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""
         grid, model = self.scorer.grid, self.scorer.model
         ruled = self._rule.judge(
@@ -177,17 +175,10 @@ class TextureDetector:
             model.obstacle_patches(values),
             min_mask_patches(grid, height, width),
         )
-        label = self.scorer.label
         if ruled.patches is None:
-            return Detection(
-                None,
-                TEXTURE,
-                label,
-                decision_values=values,
-                fault=Fault(Reason.FRAME_RULE, ruled.note),
-                vetoes_clear=True,
-            )
-        mask = grid.paint(ruled.patches, height, width)
+            unjudged = self._unjudged(Fault(Reason.FRAME_RULE, ruled.note))
+            return replace(unjudged, decision_values=values, vetoes_clear=True)
+        mask, label = grid.paint(ruled.patches, height, width), self.scorer.label
         return Detection(mask, TEXTURE, label, decision_values=values, note=ruled.note)
 
     def _unjudged(self, fault: Fault) -> Detection:
@@ -196,21 +187,16 @@ class TextureDetector:
     def _size_fault(self, height: int, width: int) -> Fault:
         """Why a frame is unlike all that the model learnt from, or an empty string."""
         learnt = self.scorer.frame_sizes
-        if any(self._alike(height, width, *size) for size in learnt):
-            return NO_FAULT
+        for its_height, its_width in learnt:
+            aspect_ratio = (width * its_height) / (height * its_width)
+            # Below the grid's width detail is made up; unless the model learnt from such frames.
+            least_width = min(self.scorer.grid.width or 0, its_width)
+            like_in_width = MIN_WIDTH_RATIO <= width / its_width <= MAX_WIDTH_RATIO
+            if abs(aspect_ratio - 1) <= ASPECT_TOLERANCE and like_in_width and width >= least_width:
+                return NO_FAULT
         sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
         words = f"frames are {width}x{height}, the model learnt from {sizes}"
         return Fault(Reason.WRONG_SIZE, words)
-
-    def _alike(self, height: int, width: int, learnt_height: int, learnt_width: int) -> bool:
-        aspect_ratio = (width * learnt_height) / (height * learnt_width)
-        # Below the grid's width detail is made up; unless the model learnt from such frames.
-        least_width = min(self.scorer.grid.width or 0, learnt_width)
-        return (
-            abs(aspect_ratio - 1) <= ASPECT_TOLERANCE
-            and MIN_WIDTH_RATIO <= width / learnt_width <= MAX_WIDTH_RATIO
-            and width >= least_width
-        )
 
 
 class ReloadableTextureDetector:
@@ -224,15 +210,18 @@ class ReloadableTextureDetector:
     detector : Detector or None
     why_none : str
         Why there is no detector, where there is none.
+
+    Attributes
+    ----------
     note : str
         What is not as it should be with the model there is, for every detection's note.
     """
 
     method = TEXTURE
 
-    def __init__(self, detector: Detector | None, why_none: str = "", note: str = "") -> None:
+    def __init__(self, detector: Detector | None, why_none: str = "") -> None:
         self.detector = detector
-        self.note = note
+        self.note = ""
         self._why_none = why_none
 
     def put(self, detector: Detector) -> None:

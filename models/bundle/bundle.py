@@ -39,15 +39,16 @@ import tokenize
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.canonical import json_sha256
-from tokt.features.common.errors import ToktError
+from tokt.features.common.arrays import F64, U8, Bools
+from tokt.features.common.canonical import json_sha256, printable_json
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.extractors.extractor import Extractor, build_extractor
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
@@ -78,36 +79,17 @@ _MAX_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they ar
 _MAX_FILE_BYTES = len(_MEMBERS) * _MAX_MEMBER_BYTES
 # What zipfile raises for bytes that are no zip; OverflowError for a member said to be at 2^63.
 _UNREADABLE_ZIP = (
-    zipfile.BadZipFile,
-    EOFError,
-    OSError,
-    RuntimeError,
-    ValueError,
-    OverflowError,
-    struct.error,
+    *(zipfile.BadZipFile, struct.error, EOFError, OSError),
+    *(RuntimeError, ValueError, OverflowError),
 )
 # What numpy raises for an array whose header is not one, besides ValueError.
 _UNREADABLE_ARRAY = (
-    ValueError,
-    TypeError,
-    SyntaxError,
-    tokenize.TokenError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-    Warning,
+    *(ValueError, TypeError, SyntaxError, tokenize.TokenError),
+    *(OverflowError, MemoryError, RecursionError, Warning),
 )
 _MANIFEST_KEYS = {
-    "format_version",
-    "name",
-    "version",
-    "extractor",
-    "grid",
-    "classes",
-    "provenance",
-    "metrics",
-    "members",
-    "manifest_sha256",
+    *("format_version", "name", "version", "extractor", "grid", "classes"),
+    *("provenance", "metrics", "members", "manifest_sha256"),
 }
 _SINCE_2 = {"operating_point"}
 _DISTRIBUTED = {
@@ -129,8 +111,8 @@ class Golden:
     """
 
     frames: tuple[bytes, ...]
-    decision_values: NDArray[np.float64]
-    obstacle: NDArray[np.bool_]
+    decision_values: F64
+    obstacle: Bools
 
 
 @dataclass(frozen=True)
@@ -174,28 +156,25 @@ class BundleContent:
     distribution: Distribution | None = None
 
 
-@dataclass(frozen=True)
-class Bundle:
-    """A bundle that has passed every check.
+_CONTENT = fields(BundleContent)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bundle(BundleContent):
+    """A bundle that has passed every check: all that it holds, and how it is used.
 
     Its `signature` has not been checked: that takes a key, which comes from elsewhere.
     """
 
-    content: BundleContent
     extractor: Extractor
     sha256: str
     data: bytes
     signature: Signature | None = None
 
     @property
-    def name(self) -> str:
-        """The model's name."""
-        return self.content.name
-
-    @property
-    def version(self) -> str:
-        """The model's version."""
-        return self.content.version
+    def content(self) -> BundleContent:
+        """What it holds, such as to write another one from."""
+        return BundleContent(**{each.name: getattr(self, each.name) for each in _CONTENT})
 
     @property
     def label(self) -> str:
@@ -203,29 +182,9 @@ class Bundle:
         return f"{self.name}/{self.version}"
 
     @property
-    def grid(self) -> Grid:
-        """The grid of patches."""
-        return self.content.grid
-
-    @property
-    def model(self) -> LinearModel:
-        """The linear model."""
-        return self.content.model
-
-    @property
-    def operating_point(self) -> OperatingPoint:
-        """The frame rule, and how it was chosen."""
-        return self.content.operating_point
-
-    @property
-    def distribution(self) -> Distribution | None:
-        """How the training patches' features were distributed; None if drift is not known."""
-        return self.content.distribution
-
-    @property
     def frame_sizes(self) -> tuple[tuple[int, int], ...]:
         """Height and width in pixels of the golden frames, which the model learnt beside."""
-        return tuple(dict.fromkeys(_png_size(png) for png in self.content.golden.frames))
+        return tuple(dict.fromkeys(_png_size(png) for png in self.golden.frames))
 
     @property
     def deployment_fault(self) -> str:
@@ -243,31 +202,31 @@ class Bundle:
         """The pictures of a frame that the extractor looks at; None is the plain one."""
         return self.extractor.images
 
-    def decision_values(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
-    ) -> NDArray[np.float64]:
+    def decision_values(self, frame: U8) -> F64:
         """Decision values of a frame's patches, shape (n_patches, n_outputs).
 
         Parameters
         ----------
         frame : array of uint8, shape (height, width) or (height, width, 3)
             As the camera gave it, gray or BGR, any size.
+        """
+        return self.values_of(self.features(frame))
+
+    def features(self, frame: U8, pictures: FramePictures | None = None, threads: int = 1) -> F64:
+        """Features of a frame's patches, shape (n_patches, dim).
+
+        Parameters
+        ----------
+        frame : array of uint8, shape (height, width) or (height, width, 3)
         pictures : FramePictures, optional
             The frame's pictures on this grid, where the caller has some already.
         threads : int
             How many threads share the work; the values do not depend on it.
         """
-        return self.values_of(self.features(frame, pictures, threads))
-
-    def features(
-        self, frame: NDArray[np.uint8], pictures: FramePictures | None = None, threads: int = 1
-    ) -> NDArray[np.float64]:
-        """Features of a frame's patches, shape (n_patches, dim); takes what the values take."""
-        if pictures is None:
-            pictures = FramePictures(frame, self.grid, threads=threads)
+        pictures = pictures or FramePictures(frame, self.grid, threads=threads)
         return self.extractor.describe_pictures(pictures)
 
-    def values_of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values_of(self, features: F64) -> F64:
         """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
         return self.model.decision_values(features)
 
@@ -412,9 +371,7 @@ def _parse(data: bytes, where: str) -> tuple[dict[str, Any], Signature | None, d
     """Act one: the archive as a manifest and raw members; nothing is believed yet."""
     members = _unzip(data, where)
     try:
-        manifest = json.loads(_manifest_of(members, where))
-        # A half of a surrogate pair is JSON, yet no text that can be printed or written.
-        json.dumps(manifest, ensure_ascii=False).encode("utf-8")
+        manifest = printable_json(_manifest_of(members, where))
     except (ValueError, RecursionError):
         raise ToktError(f"{where}: the bundle's manifest is not JSON") from None
     if not isinstance(manifest, dict):
@@ -428,10 +385,8 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
     if type(version) is not int or version < 1:
         raise ToktError(f"{where}: the bundle has no format version")
     if version > FORMAT_VERSION:
-        raise ToktError(
-            f"{where}: bundle format {version} is newer than this tokt reads ({FORMAT_VERSION}); "
-            "update tokt on this machine"
-        )
+        newer = f"newer than this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
+        raise ToktError(f"{where}: bundle format {version} is {newer}")
     if set(manifest) != _MANIFEST_KEYS | (_SINCE_2 if version >= 2 else set()):
         raise ToktError(f"{where}: the bundle's manifest has unknown or missing entries")
     bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}
@@ -467,9 +422,7 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
             }
     except _UNREADABLE_ARRAY as error:
         raise ToktError(f"{where}: {member} cannot be read ({error})") from None
-    if {name: array.dtype for name, array in arrays.items()} != {
-        name: np.dtype(dtype) for name, dtype in wanted.items()
-    }:
+    if {name: array.dtype for name, array in arrays.items()} != wanted:
         raise ToktError(f"{where}: {member} does not hold {', '.join(wanted)} as expected")
     return arrays
 
@@ -518,9 +471,8 @@ def golden_from_bytes(data: bytes, where: str) -> Golden:
         raise ToktError(f"{where}: the bundle's golden frames are not PNG files")
     pixels = sum(height * width for height, width in map(_png_size, frames))
     if len(frames) > _MAX_GOLDEN_FRAMES or pixels > _MAX_GOLDEN_PIXELS:
-        raise ToktError(
-            f"{where}: {len(frames)} golden frames of {pixels} pixels are more than a bundle needs"
-        )
+        many = f"{len(frames)} golden frames of {pixels} pixels"
+        raise ToktError(f"{where}: {many} are more than a bundle needs")
     return Golden(frames, values, obstacle)
 
 
@@ -545,13 +497,6 @@ def _object(value: Any) -> dict[str, Any]:
     return value
 
 
-def _metrics_from(value: Any) -> dict[str, Any]:
-    """Figures; those of patches are an object, which cards and changed flags take for granted."""
-    metrics = _object(value)
-    _object(metrics.get("patch", {}))
-    return metrics
-
-
 def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     """Names and obstacle flags; a flag that is not a plain yes or no is not taken for a no."""
     if any(
@@ -567,9 +512,8 @@ def _operating_point(manifest: Mapping[str, Any], grid: Grid) -> OperatingPoint:
         return OperatingPoint()
     point = OperatingPoint.from_json(manifest["operating_point"])
     if point.rule.min_patches > grid.n_patches:
-        raise ToktError(
-            f"its frame rule asks for {point.rule.min_patches} of {grid.n_patches} patches"
-        )
+        asked = f"{point.rule.min_patches} of {grid.n_patches} patches"
+        raise ToktError(f"its frame rule asks for {asked}")
     return point
 
 
@@ -586,7 +530,8 @@ def _check_content(
         distribution = distribution_from_bytes(members[_DISTRIBUTION], where)
     try:
         names, obstacle = _classes_from(manifest["classes"])
-        grid = Grid.from_json(manifest["grid"])
+        grid, metrics = Grid.from_json(manifest["grid"]), _object(manifest["metrics"])
+        _object(metrics.get("patch", {}))  # cards and changed flags take that for granted
         return BundleContent(
             name=_text(manifest["name"]),
             version=_text(manifest["version"]),
@@ -594,7 +539,7 @@ def _check_content(
             grid=grid,
             model=LinearModel(**arrays, classes=names, obstacle=obstacle),
             provenance=_object(manifest["provenance"]),
-            metrics=_metrics_from(manifest["metrics"]),
+            metrics=metrics,
             golden=golden,
             trained_on=trained_on,
             card=members["card.md"].decode("utf-8"),
@@ -608,7 +553,7 @@ def _check_content(
 
 def _check_golden(bundle: Bundle, where: str) -> None:
     """Act three: this machine must compute what the training machine computed."""
-    golden = bundle.content.golden
+    golden = bundle.golden
     shape = (bundle.grid.n_patches, len(bundle.model.bias))
     if golden.decision_values.shape[1:] != shape:
         raise ToktError(f"{where}: the golden values have another shape than the model's grid")
@@ -663,7 +608,13 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
         raise ToktError(f"{takes}, its extractor gives {extractor.dim}")
     if content.distribution is not None and content.distribution.dim != content.model.dim:
         raise ToktError(f"{takes}, its distribution has {content.distribution.dim}")
-    bundle = Bundle(content, extractor, hashlib.sha256(data).hexdigest(), data, signature)
+    bundle = Bundle(
+        **vars(content),
+        extractor=extractor,
+        sha256=hashlib.sha256(data).hexdigest(),
+        data=data,
+        signature=signature,
+    )
     if golden:
         _check_golden(bundle, where)
     return bundle
@@ -671,12 +622,10 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
 
 def bundle_file_bytes(path: Path | str) -> bytes:
     """The bytes of a bundle file. Raises ToktError if it is not there or far too large for one."""
-    try:
+    with os_errors_as(f"bundle {path}"):
         if Path(path).stat().st_size > _MAX_FILE_BYTES:
             raise ToktError(f"bundle {path}: far too large for a bundle")
         return Path(path).read_bytes()
-    except OSError as error:
-        raise ToktError(f"bundle {path}: {error.strerror or error}") from None
 
 
 def read_bundle(path: Path | str) -> Bundle:

@@ -20,6 +20,11 @@ _OF_DATA = (
     *("missions", "label_counts", "trained_frames"),
 )
 
+_PATCH_FIGURES = {"f1": "obstacle patches: F1", "precision": "precision", "recall": "recall"} | {
+    "average_precision": "average precision",
+    "macro_f1": "macro-F1 over the classes",
+}
+
 INTENDED_USE = """Warns the pilot of an ROV, frame by frame, that the camera sees something that
 is not open water. For frames of the camera, lamp and water of the missions below; score it on a
 labelled dive of your own (`tokt evaluate`) before you rely on it anywhere else."""
@@ -88,13 +93,7 @@ def _operating_point(point: OperatingPoint) -> str:
 
 def _table(metrics: Mapping[str, Any]) -> str:
     patch, frames = metrics.get("patch", {}), metrics.get("frames")
-    rows = [
-        ("obstacle patches: F1", _figure(patch.get("f1"))),
-        ("precision", _figure(patch.get("precision"))),
-        ("recall", _figure(patch.get("recall"))),
-        ("average precision", _figure(patch.get("average_precision"))),
-        ("macro-F1 over the classes", _figure(patch.get("macro_f1"))),
-    ]
+    rows = [(name, _figure(patch.get(key))) for key, name in _PATCH_FIGURES.items()]
     rows += [
         (f"F1 of class {name}", f"{_figure(one['f1'])} ({one['n']} patches)")
         for name, one in patch.get("per_class", {}).items()
@@ -103,18 +102,13 @@ def _table(metrics: Mapping[str, Any]) -> str:
     if folds:
         rows.append(("F1 of the folds", ", ".join(_figure(fold["f1"]) for fold in folds)))
     if frames:
-        rows += _frame_rows(frames)
-    return "\n".join(f"| {name} | {value} |" for name, value in rows)
-
-
-def _frame_rows(frames: Mapping[str, Any]) -> list[tuple[str, str]]:
-    false = f"{frames['false_status']} of {frames['ocean_frames']}"
-    rows = [("open-ocean frames with a false status", false)]
-    if "obstacle_frames" in frames:
+        false = f"{frames['false_status']} of {frames['ocean_frames']}"
+        rows.append(("open-ocean frames with a false status", false))
+    if frames and "obstacle_frames" in frames:
         seen = f"{frames['detected']} of {frames['obstacle_frames']}"
         rows.append(("obstacle frames with status 1", seen))
         rows.append(("first of three frames in a row", _text(frames["first_detection"])))
-    return rows
+    return "\n".join(f"| {name} | {value} |" for name, value in rows)
 
 
 def _failures(metrics: Mapping[str, Any]) -> str:

@@ -51,10 +51,8 @@ def override_obstacle_classes(
         )
     missing = [name for name in model.classes if name not in flags]
     if missing:
-        raise ToktError(
-            f"taxonomy {taxonomy} has no class {', '.join(missing)}, which model {bundle.label} "
-            "tells apart"
-        )
+        lacks = f"taxonomy {taxonomy} has no class {', '.join(missing)}"
+        raise ToktError(f"{lacks}, which model {bundle.label} tells apart")
     changed = {
         name: flags[name]
         for name, was in zip(model.classes, model.obstacle, strict=True)
@@ -63,7 +61,7 @@ def override_obstacle_classes(
     if not changed:
         return bundle
     anew = replace(model, obstacle=tuple(flags[name] for name in model.classes))
-    golden = bundle.content.golden
+    golden = bundle.golden
     obstacle = np.stack([anew.obstacle_patches(values) for values in golden.decision_values])
     source = {"taxonomy": taxonomy, "sha256": sha256, "changed": changed, "was": bundle.sha256}
     content = replace(
@@ -71,14 +69,13 @@ def override_obstacle_classes(
         model=anew,
         golden=replace(golden, obstacle=obstacle),
         operating_point=OperatingPoint(chosen={"void": _VOID}),
-        metrics=_left(bundle.content.metrics),
-        provenance={**bundle.content.provenance, PROVENANCE_KEY: source},
+        metrics=_left(bundle.metrics),
+        provenance={**bundle.provenance, PROVENANCE_KEY: source},
     )
     found = bundle_from_bytes(bundle_bytes(_with_card(content)), f"model {bundle.label}")
     if found.deployment_fault:
-        raise ToktError(
-            f"model {bundle.label} with the obstacles of {taxonomy}: {found.deployment_fault}"
-        )
+        what = f"model {bundle.label} with the obstacles of {taxonomy}"
+        raise ToktError(f"{what}: {found.deployment_fault}")
     return found
 
 

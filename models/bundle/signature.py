@@ -77,20 +77,17 @@ def signature_from_bytes(data: bytes, where: str) -> Signature:
     if not isinstance(value, dict) or type(value.get("format_version")) is not int:
         raise damaged
     if value["format_version"] > FORMAT_VERSION:
-        raise ToktError(
-            f"{where}: the bundle's signature is of format {value['format_version']}, newer than "
-            f"this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
-        )
+        newer = f"newer than this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
+        found = f"the bundle's signature is of format {value['format_version']}"
+        raise ToktError(f"{where}: {found}, {newer}")
     if value["format_version"] < 1 or set(value) != _KEYS:
         raise damaged
     if value["algorithm"] != ALGORITHM:
         raise ToktError(f"{where}: the bundle's signature is not of the algorithm {ALGORITHM}")
-    key_id, text = value["key_id"], value["signature"]
-    if not (isinstance(key_id, str) and _KEY_ID.fullmatch(key_id)):
-        raise damaged
-    if not (isinstance(text, str) and _VALUE.fullmatch(text)):
-        raise damaged
-    return Signature(key_id, bytes.fromhex(text))
+    for pattern, text in ((_KEY_ID, value["key_id"]), (_VALUE, value["signature"])):
+        if not (isinstance(text, str) and pattern.fullmatch(text)):
+            raise damaged
+    return Signature(value["key_id"], bytes.fromhex(value["signature"]))
 
 
 def signed_message(manifest: bytes) -> bytes:

@@ -229,20 +229,16 @@ class Registry:
             If the registry cannot be read.
         """
         wanted = None if name is None else f"name = '{name}'"
+        found: list[RegisteredVersion] = []
+        token: str | None = None
         with self.reported():
-            found = [
+            while token != "":
+                page = self.client.search_model_versions(wanted, page_token=token)
                 # The search leaves the aliases out.
-                self._listed(self.client.get_model_version(version.name, version.version))
-                for version in self._pages(wanted)
-            ]
+                whole = (self.client.get_model_version(each.name, each.version) for each in page)
+                found += map(self._listed, whole)
+                token = page.token or ""
         return sorted(found, key=lambda item: (item.name, -int(item.version)))
-
-    def _pages(self, wanted: str | None) -> Iterator[ModelVersion]:
-        token = None
-        while token != "":
-            page = self.client.search_model_versions(wanted, page_token=token)
-            yield from page
-            token = page.token or ""
 
     def find(self, reference: str) -> RegisteredVersion:
         """The version behind ``name`` (its newest), ``name@alias`` or ``name/version``.
@@ -318,10 +314,7 @@ class Registry:
             If there is no such version, or it was not trained by tokt.
         """
         version = self.find(reference)
-        return self._card(version, self.recipe(version))
-
-    @staticmethod
-    def _card(version: RegisteredVersion, recipe: dict[str, Any]) -> str:
+        recipe = self.recipe(version)
         return model_card(version.label, recipe, _provenance(version, recipe))
 
     def bundle(self, reference: str) -> Bundle:
@@ -350,17 +343,18 @@ class Registry:
             tuple(item["name"] for item in recipe["classes"]),
             tuple(item["obstacle"] for item in recipe["classes"]),
         )
+        provenance = _provenance(version, recipe)
         return BundleContent(
             name=version.name,
             version=version.version,
             extractor_spec=recipe["extractor"],
             grid=Grid.from_json(recipe["grid"]),
             model=model,
-            provenance=_provenance(version, recipe),
+            provenance=provenance,
             metrics=recipe["metrics"],
             golden=golden_from_bytes(self._artifact(version, "golden.npz"), where),
             trained_on=lineage_from_bytes(self._artifact(version, "lineage.npz"), where),
-            card=self._card(version, recipe),
+            card=model_card(version.label, recipe, provenance),
             operating_point=OperatingPoint.from_json(recipe["operating_point"]),
             distribution=distribution,
         )
@@ -371,9 +365,8 @@ class Registry:
             with tempfile.TemporaryDirectory() as folder:
                 return Path(mlflow.artifacts.download_artifacts(uri, dst_path=folder)).read_bytes()
         except (MlflowException, OSError):
-            raise ToktError(
-                f"model {version.label}: {name} is missing from its run; was it trained by tokt?"
-            ) from None
+            missing = f"{name} is missing from its run; was it trained by tokt?"
+            raise ToktError(f"model {version.label}: {missing}") from None
 
     @staticmethod
     def _listed(version: ModelVersion) -> RegisteredVersion:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.models.bundle.bundle import Bundle, bundle_from_bytes, signed_parts, with_signature
 from tokt.models.bundle.signature import KEY_ID_DIGITS, Signature, signed_message
 
@@ -72,11 +72,8 @@ class PublicKey:
 
 def _key_file_bytes(path: Path) -> bytes:
     """Read a key's file. Raises ToktError if it is not there or far too large for a key."""
-    try:
-        with path.open("rb") as handle:
-            data = handle.read(MAX_KEY_FILE_BYTES + 1)
-    except OSError as error:
-        raise ToktError(f"key {path}: {error.strerror or error}") from None
+    with os_errors_as(f"key {path}"), path.open("rb") as handle:
+        data = handle.read(MAX_KEY_FILE_BYTES + 1)
     if len(data) > MAX_KEY_FILE_BYTES:
         raise ToktError(f"key {path}: far too large for a key")
     return data
@@ -96,10 +93,8 @@ def read_public_key(path: Path) -> PublicKey:
         from cryptography.hazmat.primitives.serialization import load_pem_public_key
     data = _key_file_bytes(path)
     if b"PRIVATE KEY" in data:
-        raise ToktError(
-            f"key {path}: this is a private key, which stays with who signs; "
-            f"give the public one ({PUBLIC_SUFFIX})"
-        )
+        words = "this is a private key, which stays with who signs; give the public one"
+        raise ToktError(f"key {path}: {words} ({PUBLIC_SUFFIX})")
     if data.count(b"-----BEGIN") > 1:
         raise ToktError(f"key {path}: more than one key; give each in a file of its own")
     try:
@@ -178,21 +173,20 @@ def _write_new(path: Path, data: bytes, mode: int) -> None:
 
     A killed process can leave it empty, which is refused as a key and replaced by nobody.
     """
-    try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    except FileExistsError:
-        raise ToktError(f"key {path}: is there already, and is never replaced") from None
-    except OSError as error:
-        raise ToktError(f"key {path}: {error.strerror or error}") from None
-    try:
-        with os.fdopen(handle, "wb") as opened:
-            opened.write(data)
-            opened.flush()
-            os.fsync(handle)
-    except OSError as error:
-        with suppress(OSError):
-            path.unlink()
-        raise ToktError(f"key {path}: {error.strerror or error}") from None
+    with os_errors_as(f"key {path}"):
+        try:
+            handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        except FileExistsError:
+            raise ToktError(f"key {path}: is there already, and is never replaced") from None
+        try:
+            with os.fdopen(handle, "wb") as opened:
+                opened.write(data)
+                opened.flush()
+                os.fsync(handle)
+        except OSError:
+            with suppress(OSError):
+                path.unlink()
+            raise
 
 
 class SigningKey:

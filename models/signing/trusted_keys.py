@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from tokt.features.common.canonical import printable_json
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import signed_parts
 
@@ -95,10 +96,8 @@ class TrustedKeys:
         found = [event for key, event in self.trusted.items() if key.startswith(key_id.lower())]
         if len(key_id) < MIN_ID_DIGITS or len(found) != 1:
             known = ", ".join(self.trusted) or "none"
-            raise ToktError(
-                f"{key_id!r} is not the id of one key this store trusts (at least "
-                f"{MIN_ID_DIGITS} digits; trusted: {known})"
-            )
+            wanted = f"at least {MIN_ID_DIGITS} digits; trusted: {known}"
+            raise ToktError(f"{key_id!r} is not the id of one key this store trusts ({wanted})")
         return found[0]
 
     def check(self, data: bytes, where: str) -> str:
@@ -129,20 +128,15 @@ class TrustedKeys:
             raise ToktError(f"{where}: this store trusts no key any more, and so takes no bundle")
         manifest, signature = signed_parts(data, where)
         if signature is None:
-            raise ToktError(
-                f"{where}: not signed; this store takes only what a key it trusts signed"
-            )
+            words = "not signed; this store takes only what a key it trusts signed"
+            raise ToktError(f"{where}: {words}")
         key = trusted.get(signature.key_id)
         if key is None:
-            raise ToktError(
-                f"{where}: said to be signed by key {signature.key_id}, which this store does not "
-                "trust"
-            )
+            said = f"said to be signed by key {signature.key_id}"
+            raise ToktError(f"{where}: {said}, which this store does not trust")
         if not PublicKey(bytes.fromhex(key.public_key)).signed(manifest, signature):
-            raise ToktError(
-                f"{where}: the signature is not that of key {key.name} ({key.key_id}) for this "
-                "bundle; one of them was changed or exchanged"
-            )
+            wrong = f"the signature is not that of key {key.name} ({key.key_id}) for this bundle"
+            raise ToktError(f"{where}: {wrong}; one of them was changed or exchanged")
         return key.key_id
 
     def to_text(self) -> str:
@@ -163,9 +157,7 @@ def trusted_keys_from_bytes(data: bytes, where: str) -> TrustedKeys:
     """
     damaged = DamagedKeysError(f"{where} is damaged: the store takes no bundle")
     try:
-        value = json.loads(data)
-        # A half of a surrogate pair is JSON, yet no text that `tokt store` could print.
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        value = printable_json(data)
         version = value["format_version"]
         if type(version) is int and version > FORMAT_VERSION:
             raise ToktError(f"{where} was written by a newer tokt (format {version})")

@@ -5,17 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.signing.trusted_keys import TrustedKeys, keys_json
 
-from .history import Activation
 from .last_good import load_running
 from .store import Store
 
-T = TypeVar("T")
+Found = tuple[str, str, dict[str, Any]]
+"""State, text and figures of a `Finding`."""
 
 
 def store_summary(store: Store) -> dict[str, Any]:
@@ -32,32 +32,24 @@ def store_summary(store: Store) -> dict[str, Any]:
     store.check_folder()
     reading = store.read()
     warnings = reading.damage
-    keys = _or_warn(store.trusted_keys, warnings, "")
-    bundle = _active_bundle(store, reading.active, warnings)
+    keys = bundle = None
+    try:
+        keys = store.trusted_keys()
+    except ToktError as error:
+        warnings.append(str(error))
+    try:
+        bundle = None if reading.active is None else store.runnable(reading.active.sha256)
+    except ToktError as error:
+        warnings.append(f"the active model cannot be used: {error}")
     return {
         "active": None if reading.active is None else reading.active.to_json(),
         "signature": None if bundle is None else _signature(bundle, keys),
-        "provenance": None if bundle is None else dict(bundle.content.provenance),
+        "provenance": None if bundle is None else dict(bundle.provenance),
         "starts_with": _starts_with(store) if bundle is None else _named(bundle),
         "history": [entry.to_json() for entry in reading.entries],
         "keys": None if keys is None else keys_json(keys),
         "warnings": warnings,
     }
-
-
-def _or_warn(make: Callable[[], T], warnings: list[str], what: str) -> T | None:
-    try:
-        return make()
-    except ToktError as error:
-        warnings.append(f"{what}{error}")
-        return None
-
-
-def _active_bundle(store: Store, active: Activation | None, warnings: list[str]) -> Bundle | None:
-    if active is None:
-        return None
-    what = "the active model cannot be used: "
-    return _or_warn(lambda: store.runnable(active.sha256), warnings, what)
 
 
 def _starts_with(store: Store) -> dict[str, str] | None:
@@ -86,93 +78,77 @@ def store_findings(path: Path) -> Iterator[Finding]:
         yield Finding("store", FAULT, f"{path} {what}")
         return
     store = Store(path)
-    yield _history(store)
-    yield _active(store)
-    yield _keys(store)
-    yield _last_good(store)
-    yield _versions(store)
+    for name, look in _LOOKS.items():
+        try:
+            yield Finding(name, *look(store))
+        except ToktError as error:
+            yield Finding(name, FAULT, str(error))
     leftovers = [file for where in ("", "versions/*/") for file in path.glob(f"{where}.partial-*")]
     if leftovers:
         text = f"{len(leftovers)} half-written by a command that was killed, or is running now"
         yield Finding("store partial files", NOTE, text, {"files": len(leftovers)})
 
 
-def _history(store: Store) -> Finding:
-    try:
-        entries = store.history()
-    except ToktError as error:
-        return Finding("store", FAULT, str(error))
-    return Finding("store", OK, f"{store.path}: {_count(len(entries), 'activation')}")
+def _history(store: Store) -> Found:
+    return OK, f"{store.path}: {_count(len(store.history()), 'activation')}", {}
 
 
-def _active(store: Store) -> Finding:
-    name = "store active"
+def _active(store: Store) -> Found:
     try:
         entry = store.active_entry()
         if entry is None:
             if store.read().entries:
                 raise ToktError(f"store {store.path}: the active pointer is gone")
-            return Finding(name, NOTE, "none; deploy a model first")
+            return NOTE, "none; deploy a model first", {}
         start = time.perf_counter()
         bundle = store.active()
         seconds = time.perf_counter() - start
     except ToktError as error:
-        return Finding(name, FAULT, f"{error}; {_next_start(store)}")
-    text = (
-        f"{bundle.label} since {entry.time}, loaded and golden values recomputed "
-        f"in {seconds * 1000:.0f} ms"
-    )
+        return FAULT, f"{error}; {_next_start(store)}", {}
+    took = f"loaded and golden values recomputed in {seconds * 1000:.0f} ms"
+    text = f"{bundle.label} since {entry.time}, {took}"
     figures = {"model": bundle.label, "sha256": bundle.sha256, "load_s": round(seconds, 4)}
-    return Finding(name, OK, text, figures)
+    return OK, text, figures
 
 
-def _keys(store: Store) -> Finding:
-    name = "store keys"
-    try:
-        keys = store.trusted_keys()
-    except ToktError as error:
-        return Finding(name, FAULT, str(error))
+def _keys(store: Store) -> Found:
+    keys = store.trusted_keys()
     trusted = keys.trusted
     figures = {"required": keys.required, "trusted": list(trusted)}
     if not keys.required:
         text = "none; it takes any sound bundle, from whomever (docs/deploy.md)"
-        return Finding(name, NOTE if keys.events else OK, text, figures)
+        return NOTE if keys.events else OK, text, figures
     if not trusted:
-        return Finding(name, FAULT, "it trusts no key any more, and so takes no bundle", figures)
+        return FAULT, "it trusts no key any more, and so takes no bundle", figures
     named = ", ".join(f"{event.name} {key}" for key, event in trusted.items())
-    return Finding(name, OK, f"it takes only what these signed: {named}", figures)
+    return OK, f"it takes only what these signed: {named}", figures
 
 
 def _next_start(store: Store) -> str:
     """What a runtime that starts now would do without the active model."""
-    try:
-        _, notes = load_running(store)
-    except ToktError:
-        return "a runtime that starts now has no model to run"
-    return f"a runtime that starts now: {'; '.join(notes[-1:])}"
+    starts = _starts_with(store)
+    does = " has no model to run" if starts is None else f": {starts['instead']}"
+    return f"a runtime that starts now{does}"
 
 
-def _last_good(store: Store) -> Finding:
+def _last_good(store: Store) -> Found:
     """The copy that a runtime kept; without one the earlier versions are what is left."""
-    name = "store last good copy"
     file = store.last_good_file
     if not file.exists():
-        return Finding(name, OK, "none; a runtime that may write here keeps one")
+        return OK, "none; a runtime that may write here keeps one", {}
     try:
         bundle = read_bundle(file)
         store.trusted_keys().check(bundle.data, f"bundle {file}")
         refusal = store.rollback_stack().refusal(bundle.sha256)
     except ToktError as error:
-        return Finding(name, NOTE, f"cannot be used: {error}")
+        return NOTE, f"cannot be used: {error}", {}
     figures = {"model": bundle.label, "sha256": bundle.sha256, "usable": not refusal}
     if refusal:
-        text = f"{bundle.label} will not be used: {refusal}"
-        return Finding(name, NOTE, text, figures)
-    return Finding(name, OK, f"{bundle.label}, verified", figures)
+        return NOTE, f"{bundle.label} will not be used: {refusal}", figures
+    return OK, f"{bundle.label}, verified", figures
 
 
-def _versions(store: Store) -> Finding:
-    name = "store versions"
+def _versions(store: Store) -> Found:
     folders = sorted(folder for folder in store.path.glob("versions/*") if folder.is_dir())
     faults: list[str] = []
     unsigned: list[str] = []
@@ -189,25 +165,32 @@ def _versions(store: Store) -> Finding:
     figures = {"versions": len(folders), "faults": faults, "unsigned": unsigned}
     if faults:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-        text = f"{len(faults)} of {len(folders)} cannot be used: {faults[0]}{more}"
-        return Finding(name, FAULT, text, figures)
+        return FAULT, f"{len(faults)} of {len(folders)} cannot be used: {faults[0]}{more}", figures
     verified = ", every one verified" if folders else ""
     text = f"{_count(len(folders), 'bundle')}{verified}"
     if unsigned:
         text += f"; without a signature asked for, and refused: {', '.join(unsigned)}"
-        return Finding(name, NOTE, text, figures)
-    return Finding(name, OK, text, figures)
+    return NOTE if unsigned else OK, text, figures
 
 
 def _version(folder: Path) -> Bundle:
     """One kept bundle; a version is a folder named by its bundle's hash."""
-    bundle = read_bundle(folder / "bundle.tokt")
+    file = folder / "bundle.tokt"
+    bundle = read_bundle(file)
     if bundle.sha256 != folder.name:
-        raise ToktError(
-            f"bundle {folder / 'bundle.tokt'}: the file is not the one that was deployed"
-        )
+        raise ToktError(f"bundle {file}: the file is not the one that was deployed")
     return bundle
 
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+_LOOKS: dict[str, Callable[[Store], Found]] = {
+    "store": _history,
+    "store active": _active,
+    "store keys": _keys,
+    "store last good copy": _last_good,
+    "store versions": _versions,
+}
+"""What a store is examined for; one that raises ToktError has a fault."""

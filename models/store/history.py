@@ -8,13 +8,13 @@ that relies on signatures is refused by it.
 from __future__ import annotations
 
 import getpass
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from typing import Any
 
+from tokt.features.common.canonical import printable_json
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.signature import KEY_ID_DIGITS
 
@@ -90,9 +90,7 @@ def activation_from_bytes(text: bytes, where: str) -> Activation:
     """
     damaged = DamagedError(f"{where} is damaged (the next deployment sets it aside)")
     try:
-        value = json.loads(text)
-        # A half of a surrogate pair is JSON, yet no text that `tokt store` could print.
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        value = printable_json(text)
         version = value.pop("format_version")
         if type(version) is int and version > FORMAT_VERSION:
             raise ToktError(f"{where} was written by a newer tokt (format {version})")
@@ -196,17 +194,13 @@ def named_entry(entries: Sequence[Activation], to: str) -> Activation:
     return found[-1]
 
 
-def account() -> str:
-    """The account that runs the command."""
+def stamp(reason: str) -> tuple[str, str, str]:
+    """What each entry ends with: the time (UTC, to the second), the account, and the reason."""
     try:
-        return one_line(getpass.getuser())
+        who = one_line(getpass.getuser())
     except (OSError, KeyError, ImportError):
-        return "unknown"
-
-
-def utc_now() -> str:
-    """UTC, ISO 8601, to the second."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+        who = "unknown"
+    return datetime.now(UTC).isoformat(timespec="seconds"), who, one_line(reason)
 
 
 def one_line(text: str) -> str:

@@ -19,7 +19,7 @@ import hashlib
 from collections.abc import Callable, Iterator
 
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_words
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
 
 from .history import Activation, DamagedError, RollbackStack
@@ -50,10 +50,8 @@ def remember_good(store: Store, bundle: Bundle) -> str:
         if not file.is_file() or file.read_bytes() != bundle.data:
             atomic.write_bytes(file, bundle.data)
     except OSError as error:
-        return (
-            f"store {store.path}: no copy of {bundle.label} is kept for the next start: "
-            f"{error.strerror or error}"
-        )
+        what = f"no copy of {bundle.label} is kept for the next start"
+        return f"store {store.path}: {what}: {os_words(error)}"
     return ""
 
 

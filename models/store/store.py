@@ -38,7 +38,7 @@ from pathlib import Path
 
 from tokt.features.common import atomic
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as, os_words
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
 from tokt.models.signing.keys import PublicKey
 from tokt.models.signing.trusted_keys import (
@@ -55,12 +55,11 @@ from .history import (
     Activation,
     DamagedError,
     RollbackStack,
-    account,
     activation_from_bytes,
     named_entry,
     one_line,
     rollback_stack,
-    utc_now,
+    stamp,
 )
 
 LOCK_WAIT_S = 10.0
@@ -191,10 +190,8 @@ class Store:
     def check_fit(self, bundle: Bundle) -> None:
         """Raise ToktError if the bundle's model cannot judge frames."""
         if bundle.deployment_fault:
-            raise ToktError(
-                f"store {self.path}: model {bundle.label} cannot guard a vehicle: "
-                f"{bundle.deployment_fault}"
-            )
+            fault = f"model {bundle.label} cannot guard a vehicle: {bundle.deployment_fault}"
+            raise ToktError(f"store {self.path}: {fault}")
 
     def trusted_keys(self) -> TrustedKeys:
         """The keys whose signatures this store asks for.
@@ -214,7 +211,7 @@ class Store:
                 raise DamagedKeysError(f"{where} is gone: the store takes no bundle") from None
             return TrustedKeys()
         except OSError as error:
-            raise ToktError(f"{where}: {error.strerror or error}") from None
+            raise ToktError(f"{where}: {os_words(error)}") from None
         return trusted_keys_from_bytes(data, where)
 
     def history(self) -> list[Activation]:
@@ -286,7 +283,7 @@ class Store:
         except FileNotFoundError:
             return b""
         except OSError as error:
-            raise ToktError(f"store {self.path}: the history: {error.strerror or error}") from None
+            raise ToktError(f"store {self.path}: the history: {os_words(error)}") from None
 
     def deploy(
         self, bundle: Bundle, reason: str = "", notice: Notice = warnings.warn
@@ -340,12 +337,10 @@ class Store:
 
         What the system refuses, such as a full disk, becomes a ToktError.
         """
-        try:
+        with os_errors_as(f"store {self.path}"):
             self.path.mkdir(parents=True, exist_ok=True)
             with locked(self.path / "lock", LOCK_WAIT_S):
                 yield
-        except OSError as error:
-            raise ToktError(f"store {self.path}: {error.strerror or error}") from None
 
     def _keep(self, file: Path, notice: Notice) -> None:
         """Keep a damaged file under another name.
@@ -416,17 +411,8 @@ class Store:
             self._keep(self._active_file, notice)
         if reading.history_damage:
             self._keep(self._history_file, notice)
-        entry = Activation(
-            number=reading.last_number + 1,
-            action=action,
-            sha256=bundle.sha256,
-            name=bundle.name,
-            version=bundle.version,
-            time=utc_now(),
-            who=account(),
-            reason=one_line(reason),
-            signed_by=signed_by,
-        )
+        number, model = reading.last_number + 1, (bundle.sha256, bundle.name, bundle.version)
+        entry = Activation(number, action, *model, *stamp(reason), signed_by)
         for folder in (self.path, *self.path.glob("versions/*")):
             atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
         lines = "".join(json.dumps(past.to_json()) + "\n" for past in reading.entries)
@@ -439,7 +425,7 @@ class Store:
             self._add_to_history(entry)
         except OSError as error:
             # It is active by now, whatever becomes of the line, which the next command adds.
-            notice(f"store {self.path}: the history: {error.strerror or error}")
+            notice(f"store {self.path}: the history: {os_words(error)}")
         return entry
 
     def _add_to_history(self, entry: Activation) -> None:
@@ -472,7 +458,8 @@ class Store:
             keys = self._keys_or_none(notice)
             if key.id in keys.trusted:
                 raise ToktError(f"store {self.path} trusts key {key.id} already")
-            return self._decide(keys, TRUST, reason, key.id, name, key.raw.hex())
+            public_key, name = key.raw.hex(), one_line(name)
+            return self._decide(keys, KeyEvent(TRUST, key.id, public_key, name, *stamp(reason)))
 
     def distrust(self, key_id: str, reason: str = "") -> KeyEvent:
         """Stop trusting a key: bundles it signed are no longer taken, the active one included.
@@ -493,7 +480,7 @@ class Store:
         with self._writing():
             keys = self.trusted_keys()
             key = keys.named(key_id)
-            return self._decide(keys, DISTRUST, reason, key.key_id, key.name)
+            return self._decide(keys, KeyEvent(DISTRUST, key.key_id, "", key.name, *stamp(reason)))
 
     def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
         """Stop asking for signatures, and trust no key.
@@ -508,7 +495,7 @@ class Store:
             keys = self._keys_or_none(notice)
             if keys.events and not keys.required:
                 raise ToktError(f"store {self.path} takes unsigned bundles already")
-            return self._decide(keys, ACCEPT_UNSIGNED, reason)
+            return self._decide(keys, KeyEvent(ACCEPT_UNSIGNED, "", "", "", *stamp(reason)))
 
     def _keys_or_none(self, notice: Notice) -> TrustedKeys:
         """The keys, or none with a notice if their file is damaged or gone."""
@@ -521,23 +508,6 @@ class Store:
                 notice(str(error))
             return TrustedKeys()
 
-    def _decide(
-        self,
-        keys: TrustedKeys,
-        action: str,
-        reason: str,
-        key_id: str = "",
-        name: str = "",
-        public_key: str = "",
-    ) -> KeyEvent:
-        event = KeyEvent(
-            action=action,
-            key_id=key_id,
-            public_key=public_key,
-            name=one_line(name),
-            time=utc_now(),
-            who=account(),
-            reason=one_line(reason),
-        )
+    def _decide(self, keys: TrustedKeys, event: KeyEvent) -> KeyEvent:
         atomic.write_text(self._keys_file, TrustedKeys((*keys.events, event)).to_text())
         return event

@@ -11,9 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Fault
 
@@ -54,7 +52,7 @@ class Capture:
     taken_s: float
     arrived: float
     t: float
-    picture: NDArray[np.uint8] | None
+    picture: U8 | None
     fault: Fault = NO_FAULT
 
 

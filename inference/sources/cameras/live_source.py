@@ -19,9 +19,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -41,7 +39,7 @@ _FIRST_SILENCE_S = 3.0  # until there are two captures: a camera may take a seco
 _DOUBT_S = 0.15  # of silence, after which the driver is asked whether its camera is there
 
 
-class CameraKeeper:
+class CameraKeeper(threading.Thread):
     """Keep one camera delivering, on a thread of its own.
 
     ::
@@ -61,11 +59,17 @@ class CameraKeeper:
         delivered, by `lost` why it delivers no more, at each attempt that fails.
     wait : bool
         Whether a camera that cannot be opened at first is tried again, as one that was lost is.
+
+    Attributes
+    ----------
+    tried : threading.Event
+        Set when the camera was opened or could not be; then `refused` says why.
     """
 
     def __init__(
         self, camera: int, driver: CameraDriver, clock: Clock, source: CameraSource, wait: bool
     ) -> None:
+        super().__init__(name=f"tokt {SIDES[camera]} camera", daemon=True)
         self.driver = driver
         self.refused: ToktError | None = None
         self._camera = camera
@@ -77,45 +81,25 @@ class CameraKeeper:
         self._captured_s: float | None = None
         self._gap_s: float | None = None
         self._pause_s = MIN_PAUSE_S
-        self._tried = threading.Event()
-        self._thread = threading.Thread(
-            target=self._keep, name=f"tokt {SIDES[camera]} camera", daemon=True
-        )
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def wait_for_first_try(self) -> None:
-        """Return when the camera was opened or could not be; then `refused` says why."""
-        self._tried.wait()
+        self.tried = threading.Event()
 
     def stop(self) -> None:
         """Come to an end soon; may be called from a signal handler."""
         self._stopped = True
 
-    def join(self, timeout_s: float) -> bool:
-        """Wait for the end, but not for ever; whether it has come."""
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    @property
-    def alive(self) -> bool:
-        """Whether somebody looks after the camera."""
-        return self._thread.is_alive()
-
-    def _keep(self) -> None:
+    def run(self) -> None:
+        """Open the camera, and again when it is lost, until the end."""
         try:
             while not self._stopped:
                 words = self._opened() or self._watched()
-                self._tried.set()
+                self.tried.set()
                 if self._stopped or self.refused:
                     return
                 self._source.lost(self._camera, words)
                 self._sleep(self._pause_s)
                 self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
         finally:
-            self._tried.set()
+            self.tried.set()
             self.driver.stop()
 
     def _opened(self) -> str:
@@ -124,11 +108,11 @@ class CameraKeeper:
         try:
             self.driver.start(self._deliver)
         except ToktError as error:
-            if not self._tried.is_set() and not self._wait:
+            if not self.tried.is_set() and not self._wait:
                 self.refused = error
             return str(error)
         self._started_s = self._clock.monotonic()
-        self._tried.set()
+        self.tried.set()
         return ""
 
     def _deliver(self, capture: Capture) -> None:
@@ -160,11 +144,8 @@ class CameraKeeper:
     def _sleep(self, seconds: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
         until = self._clock.monotonic() + seconds
-        while not self._stopped:
-            remaining = until - self._clock.monotonic()
-            if remaining <= 0:
-                return
-            self._clock.sleep(min(remaining, _LOOK_S))
+        while not self._stopped and (left_s := until - self._clock.monotonic()) > 0:
+            self._clock.sleep(min(left_s, _LOOK_S))
 
 
 _CHECK_S = 0.05  # how soon `stop` is noticed: a handler of a signal must not take a lock
@@ -200,6 +181,7 @@ class CameraCounts:
     lost: int = 0
 
 
+@dataclass(eq=False)
 class CameraSource:
     """Frames of one camera, or of two that see the same moments.
 
@@ -216,25 +198,23 @@ class CameraSource:
 
     live = True
 
-    def __init__(
-        self,
-        drivers: Sequence[CameraDriver],
-        clock: Clock,
-        on_event: Callable[[Event], None],
-        wait: bool = False,
-    ) -> None:
-        self.counts = [CameraCounts() for _ in drivers]
+    drivers: Sequence[CameraDriver]
+    clock: Clock
+    on_event: Callable[[Event], None]
+    wait: bool = False
+
+    def __post_init__(self) -> None:
+        self.counts = [CameraCounts() for _ in self.drivers]
         self.overtaken = 0
-        self._clock = clock
-        self._on_event = on_event
         self._keepers = [
-            CameraKeeper(camera, driver, clock, self, wait) for camera, driver in enumerate(drivers)
+            CameraKeeper(camera, driver, self.clock, self, self.wait)
+            for camera, driver in enumerate(self.drivers)
         ]
         self._begun = self._stopped = False
         # All of these under the lock, which captures, keepers and the reader share.
         self._changed = threading.Condition()
         self._pairer = Pairer()
-        self._lost: list[Fault] = [NO_FAULT for _ in drivers]
+        self._lost: list[Fault] = [NO_FAULT for _ in self.drivers]
         self._latest: Moment | None = None
         self._skipped = 0
         self._gap = False
@@ -258,7 +238,7 @@ class CameraSource:
             for keeper in self._keepers:
                 keeper.start()
             for keeper in self._keepers:
-                keeper.wait_for_first_try()
+                keeper.tried.wait()
             refused = [keeper.refused for keeper in self._keepers if keeper.refused]
             if refused:
                 raise refused[0]
@@ -274,7 +254,7 @@ class CameraSource:
         """Stop, and wait until the cameras are closed."""
         self.stop()
         for keeper in self._keepers:
-            if keeper.alive:
+            if keeper.is_alive():
                 keeper.join(_JOIN_S)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -294,7 +274,7 @@ class CameraSource:
             while not self._stopped:
                 frame = self._next(told_s)
                 if frame is not None:
-                    told_s = self._clock.monotonic()
+                    told_s = self.clock.monotonic()
                     yield frame
         finally:
             self.close()
@@ -303,10 +283,8 @@ class CameraSource:
         """The counts so far, as plain JSON."""
         with self._changed:
             cameras = {
-                SIDES[camera]: {**asdict(counts), "failures": keeper.driver.failures}
-                for camera, (counts, keeper) in enumerate(
-                    zip(self.counts, self._keepers, strict=True)
-                )
+                side: {**asdict(counts), "failures": keeper.driver.failures}
+                for side, counts, keeper in zip(SIDES, self.counts, self._keepers, strict=False)
             }
             return {"cameras": cameras, "overtaken": self.overtaken}
 
@@ -341,7 +319,7 @@ class CameraSource:
 
     def _tell(self, name: str, camera: int, words: str) -> None:
         fields = {"camera": SIDES[camera], "name": self._keepers[camera].driver.name}
-        self._on_event(Event(self._clock.time(), name, words, fields))
+        self.on_event(Event(self.clock.time(), name, words, fields))
 
     def _fit(self, camera: int) -> ClockFit:
         """What is known of a camera's clock since it delivers; locked."""
@@ -375,9 +353,12 @@ class CameraSource:
 
     def _next(self, told_s: float) -> Frame | None:
         """The latest frame; None if it is time to look whether all is well."""
-        self._look_after()
+        # One that ended by itself is one that raised: its camera would never come back.
+        for camera, keeper in enumerate(self._keepers):
+            if not keeper.is_alive() and not self._stopped:
+                raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
         with self._changed:
-            now = self._clock.monotonic()
+            now = self.clock.monotonic()
             self._put(self._pairer.expired(now))
             if self._latest is None:
                 due = self._pairer.due()
@@ -386,44 +367,31 @@ class CameraSource:
             moment, self._latest = self._latest, None
             if moment is not None:
                 return self._frame(moment)
-            if self._lost[LEFT] and self._clock.monotonic() - told_s >= _LOST_EVERY_S:
-                return self._lost_frame()
+            if self._lost[LEFT] and self.clock.monotonic() - told_s >= _LOST_EVERY_S:
+                nothing = Moment(None, None, _NOTHING, math.nan)
+                t, arrived = self.clock.time(), self.clock.monotonic()
+                return self._delivered(nothing, t, MANY_MISSED, arrived)
             return None
-
-    def _look_after(self) -> None:
-        """A keeper that ended by itself is one that raised: its camera would never come back."""
-        for camera, keeper in enumerate(self._keepers):
-            if not keeper.alive and not self._stopped:
-                raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
 
     def _frame(self, moment: Moment) -> Frame:
         first = moment.left or moment.right
         assert first is not None
+        missed = self._missed(moment.at)
+        arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
+        return self._delivered(moment, first.t, missed, min(arrived))
+
+    def _delivered(self, moment: Moment, t: float, missed: int, arrived: float) -> Frame:
         left, left_fault = self._view(LEFT, moment.left, moment.alone)
         right, right_fault = self._view(RIGHT, moment.right, moment.alone)
-        missed = self._missed(moment.at)
         self._number += 1 + (missed if missed < MANY_MISSED else 0)
-        arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
-        return Frame(
-            self._number,
-            first.t,
-            left,
-            right,
-            left_fault,
-            right_fault,
-            missed,
-            timed=True,
-            arrived=min(arrived),
-        )
+        views = left, right, left_fault, right_fault
+        return Frame(self._number, t, *views, missed, timed=True, arrived=arrived)
 
-    def _view(
-        self, camera: int, capture: Capture | None, alone: Fault
-    ) -> tuple[NDArray[np.uint8] | None, Fault]:
+    def _view(self, camera: int, capture: Capture | None, alone: Fault) -> tuple[U8 | None, Fault]:
         """A camera's picture, or why there is none."""
         if capture is not None:
-            return capture.picture, capture.fault.about(
-                SIDES[camera]
-            ) if capture.fault else NO_FAULT
+            fault = capture.fault.about(SIDES[camera]) if capture.fault else NO_FAULT
+            return capture.picture, fault
         if camera == len(self._lost):
             return None, _ONE_CAMERA
         return None, (self._lost[camera] or alone).about(SIDES[camera])
@@ -442,19 +410,3 @@ class CameraSource:
         if math.isnan(at - last) or not periods:
             return skipped
         return max(skipped, round((at - last) / min(periods)) - 1)
-
-    def _lost_frame(self) -> Frame:
-        """No picture, and why; nobody knows what was missed."""
-        self._number += 1
-        views = [self._view(camera, None, _NOTHING) for camera in (LEFT, RIGHT)]
-        return Frame(
-            self._number,
-            self._clock.time(),
-            None,
-            None,
-            views[LEFT][1],
-            views[RIGHT][1],
-            MANY_MISSED,
-            timed=True,
-            arrived=self._clock.monotonic(),
-        )

@@ -156,11 +156,8 @@ class Pairer:
             What is settled by that.
         """
         self.fits[camera] = None
-        return [
-            moment
-            for side in (LEFT, RIGHT)
-            for moment in self._alone(side, len(self._waiting[side]))
-        ]
+        left, right = map(len, self._waiting)
+        return [*self._alone(LEFT, left), *self._alone(RIGHT, right)]
 
     @property
     def period_s(self) -> float | None:

@@ -107,7 +107,7 @@ def test_the_fault_of_one_that_became_active_meanwhile_is_not_the_other_s(
 ):
     watched = Watched(store, hand_clock)
     store.deploy(make_bundle("2"))
-    watched.watch._check = lambda _: BundleCheck(make_bundle("3").sha256, "3 is damaged")
+    watched.watch.check = lambda _: BundleCheck(make_bundle("3").sha256, "3 is damaged")
     assert watched.look() == []
 
 

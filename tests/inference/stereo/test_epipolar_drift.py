@@ -125,8 +125,9 @@ def test_the_correction_reaches_an_offset_slowly_and_stays_there() -> None:
     assert len(set(corrections[-5:])) == 1
 
 
-def test_the_correction_keeps_its_limit_and_its_memory() -> None:
-    drift = EpipolarDriftCorrection(limit_px=2.0)
+def test_the_correction_keeps_its_limit_and_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(epipolar_drift, "LIMIT_PX", 2.0)
+    drift = EpipolarDriftCorrection()
     assert follow(drift, 5.0, 40)[-1] == 2.0
     assert follow(drift, -4.0, 40)[-1] == -2.0
     assert len(drift._recent) == epipolar_drift.REMEMBERED_PAIRS

@@ -52,7 +52,7 @@ def matches(textured=0.0, matched=0.0, searched=True, seed=0) -> Matches:
 
 OPEN_WATER = matches()
 SEEN = matches(textured=0.3, matched=0.2)
-GOOD = EpipolarOffset(0.2, 0.3, 0.1, 0.05, 0.95, 46)
+GOOD = EpipolarOffset(0.2, 0.3, 0.1, 0.05, 0.95)
 
 
 def test_open_water_and_a_true_pair_have_no_fault() -> None:

@@ -18,7 +18,7 @@ from tests.load.program import ended, program
 from tests.load.report import WORST, Timing
 from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
-from tokt.inference.monitoring.watchdog import WatchdogTimeouts
+from tokt.inference.monitoring.watchdog import STEADY_S
 from tokt.inference.outputs.udp import decode
 from tokt.inference.reason import Reason
 from tokt.inference.verdict import UNKNOWN
@@ -32,8 +32,6 @@ NAME = "restart.kill_to_datagram"
 ASKED_MS = 1000.0
 _RATE = 20
 _FRAMES = 300
-_STEADY_S = WatchdogTimeouts().steady_s
-"""A runtime that dies sooner is started after a pause; that is not what is measured here."""
 _MARGIN_S = 0.5
 _SILENCE_S = 30.0
 _END_S = 1.0
@@ -85,7 +83,7 @@ class LiveRuns:
             _next_start(heard)
             times = []
             for number in progress(range(kills), kills, "kill"):
-                steady_at = time.monotonic() + (_STEADY_S + _MARGIN_S if number else 0)
+                steady_at = time.monotonic() + (STEADY_S + _MARGIN_S if number else 0)
                 while time.monotonic() < steady_at:
                     datagram(heard, _SILENCE_S)
                 runtime = psutil.Process(process.pid).children()[0]

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import MOSAIC_FORMATS, PIXEL_FORMATS
 from tokt.inference.config import SourceConfig
@@ -56,7 +56,7 @@ class Pixels:
     height: int
     width: int
     pixel_format: str
-    data: NDArray[np.uint8]
+    data: U8
 
 
 def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
@@ -81,7 +81,12 @@ def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
     pixel_format = format_name(
         read_property(image, "pixel_format", read_property(image, "data_format", 0))
     )
-    row = width * bytes_per_pixel(pixel_format)
+    if pixel_format not in PIXEL_FORMATS:
+        known = ", ".join(PIXEL_FORMATS)
+        sent = f"the camera sends {pixel_format} pixels"
+        words = f"{sent}, which tokt does not read (it reads {known})"
+        raise NoPictureError(Fault(Reason.UNREADABLE, words))
+    row = width * (1 if pixel_format in MOSAIC_FORMATS else _COLOUR_BYTES)
     padding = int(read_property(image, "padding_x", read_property(image, "x_padding", 0)))
     lines = int(read_property(buffer, "delivered_image_height", height)) or height
     size = height * (row + padding)
@@ -106,23 +111,6 @@ def _image(buffer: Any) -> tuple[Any, int]:
         if read_property(part, "data_type", 0) == _PART_IS_IMAGE:
             return part, int(read_property(part, "data_offset", 0))
     return buffer, int(read_property(buffer, "image_offset", 0))
-
-
-def bytes_per_pixel(pixel_format: str) -> int:
-    """Bytes a pixel.
-
-    Raises
-    ------
-    NoPictureError
-        If it is not one of the formats that tokt reads.
-    """
-    if pixel_format not in PIXEL_FORMATS:
-        known = ", ".join(PIXEL_FORMATS)
-        words = (
-            f"the camera sends {pixel_format} pixels, which tokt does not read (it reads {known})"
-        )
-        raise NoPictureError(Fault(Reason.UNREADABLE, words))
-    return 1 if pixel_format in MOSAIC_FORMATS else _COLOUR_BYTES
 
 
 def _incomplete(words: str) -> NoPictureError:
@@ -281,7 +269,7 @@ class GenicamCamera:
         self._last_id = int(read_property(buffer, "frame_id", self._last_id + 1))
         when = taken_s(buffer, self._ticks_per_s)
         try:
-            pixels = pixels_of(buffer, self._format_name)
+            pixels = pixels_of(buffer, lambda n: self._formats.get(n, f"unknown (0x{n:08x})"))
         except NoPictureError as error:
             return FetchedFrame(self._last_id, when, fetched_s, None, error.fault)
         return FetchedFrame(self._last_id, when, fetched_s, pixels)
@@ -295,15 +283,9 @@ class GenicamCamera:
         fault = Fault(Reason.INCOMPLETE, "incomplete frame: packets were lost")
         return FetchedFrame(self._last_id, None, time.monotonic(), None, fault)
 
-    def _format_name(self, number: int) -> str:
-        return str(self._formats.get(number, f"unknown (0x{number:08x})"))
-
     def _give_back(self, buffer: Any) -> None:
-        # A camera that is gone takes nothing back: the next call says so.
-        try:
+        with suppress(*self._gone):  # takes nothing back: the next call says so
             buffer.parent.queue_buffer(buffer)
-        except self._gone:
-            return
 
 
 @contextmanager

@@ -19,7 +19,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from tokt.features.common.errors import ToktError
@@ -32,10 +32,14 @@ from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Delive
 from .messages import Message, program, read_message, write_message
 from .producers import ListedCamera, Place, check_installed, is_index, list_cameras
 
+Answers = queue.SimpleQueue[dict[str, Any]]
+"""What a camera's process says, besides frames."""
+
 _OPEN_S = 30.0
 _CLOSE_S = 3.0
 
 
+@dataclass(eq=False)
 class GenicamDriver:
     """A `CameraDriver` through harvesters.
 
@@ -60,23 +64,15 @@ class GenicamDriver:
         As of `CameraDriver`; the clock as of its start.
     """
 
-    def __init__(
-        self,
-        camera: int,
-        name: str,
-        place: Place | None,
-        options: SourceConfig,
-        share: float,
-        clock: Clock,
-        open_s: float = _OPEN_S,
-    ) -> None:
-        self._camera = camera
-        self.name = name
-        self._place = place
-        self._options = options
-        self._share = share
-        self._clock = clock
-        self._open_s = open_s
+    camera: int
+    name: str
+    place: Place | None
+    options: SourceConfig
+    share: float
+    clock: Clock
+    open_s: float = _OPEN_S
+
+    def __post_init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._reader = threading.Thread()
         self._stopping = threading.Event()
@@ -105,23 +101,28 @@ class GenicamDriver:
         except OSError as error:
             raise ToktError(f"camera {self.name}: no process for it: {error}") from error
         self._process = process
-        opened: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-        self._reader = threading.Thread(
-            target=self._read,
-            args=(process, opened, deliver),
-            name=f"tokt camera {self.name}",
-            daemon=True,
-        )
+        opened: Answers = queue.SimpleQueue()
+        name, told = f"tokt camera {self.name}", (process, opened, deliver)
+        self._reader = threading.Thread(target=self._read, args=told, name=name, daemon=True)
         self._reader.start()
-        self._order(process)
+        order = {
+            "name": self.name,
+            "place": None if self.place is None else asdict(self.place),
+            "options": asdict(self.options),
+            "share": self.share,
+        }
+        assert process.stdin is not None
+        # One that has ended already is noticed by the reader.
+        with contextlib.suppress(BrokenPipeError):
+            write_message(process.stdin, order)
         try:
-            answer = opened.get(timeout=self._open_s)
+            answer = opened.get(timeout=self.open_s)
         except queue.Empty:
-            answer = _refused(f"camera {self.name} does not answer in {self._open_s:g} s")
+            answer = _refused(f"camera {self.name} does not answer in {self.open_s:g} s")
         if answer["kind"] != "ready":
             self.stop()
             raise ToktError(answer["words"])
-        self._place = Place(**answer["place"])
+        self.place = Place(**answer["place"])
 
     def stop(self) -> None:
         """Deliver nothing more and end the camera's process, by force if it does not end."""
@@ -144,25 +145,7 @@ class GenicamDriver:
         """Why the camera is gone: what its producer said, or how its process ended."""
         return self._lost
 
-    def _order(self, process: subprocess.Popen[bytes]) -> None:
-        """Tell the process what to do."""
-        assert process.stdin is not None
-        order = {
-            "name": self.name,
-            "place": None if self._place is None else asdict(self._place),
-            "options": asdict(self._options),
-            "share": self._share,
-        }
-        # One that has ended already is noticed by the reader.
-        with contextlib.suppress(BrokenPipeError):
-            write_message(process.stdin, order)
-
-    def _read(
-        self,
-        process: subprocess.Popen[bytes],
-        opened: queue.SimpleQueue[dict[str, Any]],
-        deliver: Deliver,
-    ) -> None:
+    def _read(self, process: subprocess.Popen[bytes], opened: Answers, deliver: Deliver) -> None:
         """Take messages until the process ends; the thread's whole life."""
         assert process.stdout is not None
         try:
@@ -175,7 +158,7 @@ class GenicamDriver:
             self._lose(f"camera {self.name}: its process does not make sense: {error!r}", opened)
         self._lose(f"camera {self.name}: its process ended with {process.wait()}", opened)
 
-    def _hear(self, answer: dict[str, Any], opened: queue.SimpleQueue[dict[str, Any]]) -> None:
+    def _hear(self, answer: dict[str, Any], opened: Answers) -> None:
         """Everything but frames."""
         if answer["kind"] != "ready":
             self._lose(answer["words"], opened)
@@ -184,7 +167,7 @@ class GenicamDriver:
         self.shared_clock = answer["shared_clock"]
         opened.put(answer)
 
-    def _lose(self, words: str, opened: queue.SimpleQueue[dict[str, Any]]) -> None:
+    def _lose(self, words: str, opened: Answers) -> None:
         """The camera is gone, for the first reason that is known."""
         if not self._stopping.is_set() and not self._lost:
             self._lost = words
@@ -202,7 +185,8 @@ class GenicamDriver:
         header = message.header
         # One clock for all processes of a machine.
         age_s = max(0.0, time.monotonic() - header["fetched_s"])
-        taken_s = header["taken_s"]
+        arrived, t = self.clock.monotonic() - age_s, self.clock.time() - age_s
+        taken_s = math.nan if header["taken_s"] is None else header["taken_s"]
         picture, fault = None, Fault(Reason(header["reason"]), header["words"])
         if message.data is not None:
             try:
@@ -211,15 +195,7 @@ class GenicamDriver:
                 )
             except ValueError as error:
                 fault = Fault(Reason.UNREADABLE, str(error))
-        return Capture(
-            self._camera,
-            header["frame_id"],
-            math.nan if taken_s is None else taken_s,
-            self._clock.monotonic() - age_s,
-            self._clock.time() - age_s,
-            picture,
-            fault,
-        )
+        return Capture(self.camera, header["frame_id"], taken_s, arrived, t, picture, fault)
 
 
 def _refused(words: str) -> dict[str, Any]:

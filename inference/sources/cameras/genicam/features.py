@@ -92,7 +92,9 @@ class GenicamFeatures:
 
     def clock_is_shared(self) -> bool:
         """Whether the camera's clock follows the Precision Time Protocol, as of now."""
-        self._execute("PtpDataSetLatch")
+        latch = self._node("PtpDataSetLatch", self._writable)
+        if latch is not None:
+            latch.execute()
         return self.value("PtpStatus") in _PTP_FOLLOWS or (
             self.value("GevIEEE1588Status") in _PTP_FOLLOWS
         )
@@ -126,10 +128,8 @@ class GenicamFeatures:
         chosen = next((name for name in spelt if name in offered), None)
         if chosen is None:
             wanted = wanted or "pixel format that tokt reads"
-            raise ToktError(
-                f"camera {self._name} has no {wanted}; it has {', '.join(offered)}"
-                f" (tokt reads {', '.join(PIXEL_FORMATS)})"
-            )
+            has = f"it has {', '.join(offered)} (tokt reads {', '.join(PIXEL_FORMATS)})"
+            raise ToktError(f"camera {self._name} has no {wanted}; {has}")
         self._set(("PixelFormat",), chosen, "pixel format")
 
     def _set_start(self, options: SourceConfig) -> None:
@@ -183,16 +183,12 @@ class GenicamFeatures:
             try:
                 node.value = value
             except (self._error, TypeError) as error:
-                raise ToktError(
-                    f"camera {self._name} does not take {name} {value}: {_first_sentence(error)}"
-                ) from None
+                # What GenApi says, without the place in its own code.
+                said = str(error).partition(" : ")[0].strip().rstrip(".")
+                refused = f"camera {self._name} does not take {name} {value}"
+                raise ToktError(f"{refused}: {said}") from None
             return
         raise ToktError(f"camera {self._name} has no {what} that could be set ({', '.join(names)})")
-
-    def _execute(self, name: str) -> None:
-        node = self._node(name, self._writable)
-        if node is not None:
-            node.execute()
 
     def _node(self, name: str, access: tuple[Any, ...]) -> Any:
         """A feature, or None where the camera has none that can be used so."""
@@ -208,8 +204,3 @@ def _choices(node: Any) -> tuple[str, ...]:
 def _plain(pixel_format: str) -> str:
     """A pixel format's name as it is spelt today."""
     return pixel_format.removesuffix("Packed")
-
-
-def _first_sentence(error: Exception) -> str:
-    """What GenApi says, without the place in its own code."""
-    return str(error).partition(" : ")[0].strip().rstrip(".")

@@ -14,11 +14,12 @@ import os
 import subprocess
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,7 @@ PATH_VARIABLE = "GENICAM_GENTL64_PATH"
 """Folders of producers, as the GenTL standard names the variable; separated like PATH."""
 
 _TIMEOUT_S = 30.0
-_KEYS: tuple[Callable[[ListedCamera], str], ...] = (
-    lambda camera: camera.place.device,
-    lambda camera: camera.serial,
-    lambda camera: camera.name,
-)
+_KEYS = (attrgetter("place.device"), attrgetter("serial"), attrgetter("name"))
 
 
 @dataclass(frozen=True)
@@ -301,15 +298,10 @@ def in_one_line(words: str) -> str:
 NAME = "genicam cameras"
 
 
-def genicam_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
+def genicam_finding() -> Finding:
     """The GenICam cameras that there are, or what is missing.
 
     Looked for in another process: producers are native code of the vendors.
-
-    Parameters
-    ----------
-    timeout_s : float
-        How long the producers may take, in seconds.
     """
     try:
         harvesters = f"harvesters {version('harvesters')} with genicam {version('genicam')}"
@@ -320,13 +312,12 @@ def genicam_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
     except ToktError as error:
         return Finding(NAME, NOTE, f"{harvesters}, but {error}")
     try:
-        listing = list_cameras(timeout_s)
+        listing = list_cameras()
     except ToktError as error:
         return Finding(NAME, FAULT, f"{harvesters}: {error}")
     figures = {
         "producers": list(listing.producers),
         "cameras": [camera.place.device for camera in listing.cameras],
     }
-    sound = listing.cameras and not listing.complaints
-    state = OK if sound else FAULT if listing.complaints else NOTE
+    state = FAULT if listing.complaints else OK if listing.cameras else NOTE
     return Finding(NAME, state, f"{harvesters}: {listing.in_words()}", figures)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
 from tokt.inference.clock import Clock
@@ -18,7 +19,7 @@ from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Deliver
 
-from .features import CameraTiming, VimbaFeatures, set_features
+from .features import VimbaFeatures, set_features
 from .system import VimbaSystem, load_pymba
 
 _BUFFERS = 6  # a buffer is away for the few ms of its copy: these cover a pause of a tenth of a s
@@ -104,11 +105,8 @@ class VimbaStream:
         self._frames.clear()
 
     def _queue(self, frame: Any) -> int:
-        return int(
-            self._api.vmb_capture_frame_queue(
-                self._camera.handle, ctypes.byref(frame), self._callback
-            )
-        )
+        queued = self._camera.handle, ctypes.byref(frame), self._callback
+        return int(self._api.vmb_capture_frame_queue(*queued))
 
     def _filled(self, handle: int | None, frame: Any) -> None:
         """The library's callback: looks at a buffer and queues it again, whatever happens."""
@@ -139,6 +137,7 @@ _KEPT_STREAMS = 4
 _INCOMPLETE = Fault(Reason.INCOMPLETE, "the camera's frame did not arrive whole")
 
 
+@dataclass(eq=False)
 class VimbaDriver:
     """One camera of the Vimba API.
 
@@ -157,39 +156,23 @@ class VimbaDriver:
         The same for all cameras.
     """
 
-    def __init__(
-        self,
-        camera: int,
-        name: str,
-        options: SourceConfig,
-        share: float,
-        clock: Clock,
-        pymba: ModuleType,
-        system: VimbaSystem,
-    ) -> None:
-        self._camera = camera
-        self.name = name
-        self._options = options
-        self._share = share
-        self._clock = clock
-        self._pymba = pymba
-        self._system = system
+    camera: int
+    name: str
+    options: SourceConfig
+    share: float
+    clock: Clock
+    pymba: ModuleType
+    system: VimbaSystem
+
+    def __post_init__(self) -> None:
         # An index is looked up once: after a camera was pulled out it may be another's.
         self._id: str | None = None
-        self._timing: CameraTiming | None = None
+        self._ticks_per_s = math.nan
+        self.period_s: float | None = None
+        self.shared_clock = False
         self._stream: VimbaStream | None = None
         self._unreleased: list[VimbaStream] = []
         self._failures = 0
-
-    @property
-    def period_s(self) -> float | None:
-        """Seconds between exposures, where a rate was asked for."""
-        return None if self._timing is None else self._timing.period_s
-
-    @property
-    def shared_clock(self) -> bool:
-        """Whether its clock is set by PTP."""
-        return self._timing is not None and self._timing.shared_clock
 
     @property
     def failures(self) -> int:
@@ -204,22 +187,23 @@ class VimbaDriver:
         ToktError
             If it is not there, is refused or cannot be set as asked.
         """
-        self._system.enter()
+        self.system.enter()
         try:
-            self._id = self._id or self._system.camera_id(self.name)
-            opened = self._system.open(self._id)
+            self._id = self._id or self.system.camera_id(self.name)
+            opened = self.system.open(self._id)
         except ToktError:
-            self._system.leave()
+            self.system.leave()
             raise
         self._stream = VimbaStream(opened, lambda frame: deliver(self._capture(frame)))
         try:
-            features = VimbaFeatures(opened, self._pymba.VimbaException, self.name, self._clock)
-            self._timing = set_features(features, self._options, self._share)
+            features = VimbaFeatures(opened, self.pymba.VimbaException, self.name, self.clock)
+            self._ticks_per_s, self.period_s = set_features(features, self.options, self.share)
+            self.shared_clock = self.options.ptp
             self._stream.start()
         except ToktError:
             self.stop()
             raise
-        except self._pymba.VimbaException as error:
+        except self.pymba.VimbaException as error:
             self.stop()
             raise ToktError(f"camera {self.name} cannot be set: {error}") from error
 
@@ -233,26 +217,25 @@ class VimbaDriver:
             if len(self._unreleased) > _KEPT_STREAMS:
                 self._unreleased.pop(0).forget()
         self._failures += stream.failures
-        self._system.leave()
+        self.system.leave()
 
     def lost(self) -> str:
         """Why the camera is known to be gone, or nothing."""
-        if self._id is None or self._system.is_there(self._id):
+        if self._id is None or self.system.is_there(self._id):
             return ""
         return f"camera {self.name} is no longer found"
 
     def _capture(self, frame: Any) -> Capture:
         """What is in a buffer, in memory of its own."""
-        arrived, t = self._clock.monotonic(), self._clock.time()
-        assert self._timing is not None
+        arrived, t = self.clock.monotonic(), self.clock.time()
         taken_s = math.nan
         if frame.receiveFlags & _HAS_TIMESTAMP:
-            taken_s = frame.timestamp / self._timing.ticks_per_s
+            taken_s = frame.timestamp / self._ticks_per_s
         picture, fault = _picture(frame)
-        return Capture(self._camera, frame.frameID, taken_s, arrived, t, picture, fault)
+        return Capture(self.camera, frame.frameID, taken_s, arrived, t, picture, fault)
 
 
-def _picture(frame: Any) -> tuple[NDArray[np.uint8] | None, Fault]:
+def _picture(frame: Any) -> tuple[U8 | None, Fault]:
     """A copy of a buffer's picture, or why there is none."""
     if frame.receiveStatus != _COMPLETE:
         return None, _INCOMPLETE

@@ -22,25 +22,7 @@ _NS_PER_S = 1e9  # ticks of a camera that does not say how many it has a second:
 _ADJUST_S, _PTP_S, _LOOK_S = 3.0, 15.0, 0.02
 
 
-@dataclass(frozen=True)
-class CameraTiming:
-    """The clock and the period of a camera that is set.
-
-    Parameters
-    ----------
-    ticks_per_s : float
-        Of its time stamps.
-    period_s : float or None
-        Seconds between exposures; None where no rate was asked for.
-    shared_clock : bool
-        Whether its clock is set by PTP.
-    """
-
-    ticks_per_s: float
-    period_s: float | None
-    shared_clock: bool
-
-
+@dataclass(eq=False)
 class VimbaFeatures:
     """An opened camera's features.
 
@@ -54,12 +36,13 @@ class VimbaFeatures:
     clock : Clock
     """
 
-    def __init__(self, camera: Any, error: type[Exception], name: str, clock: Clock) -> None:
-        self.name = name
-        self._clock = clock
-        self._camera = camera
-        self._error = error
-        self._names = set(camera.feature_names())
+    camera: Any
+    error: type[Exception]
+    name: str
+    clock: Clock
+
+    def __post_init__(self) -> None:
+        self._names = set(self.camera.feature_names())
 
     def first(self, *names: str) -> str | None:
         """The first of these that the camera has."""
@@ -68,17 +51,17 @@ class VimbaFeatures:
     def get(self, *names: str) -> Any:
         """The value of the first of these that the camera has, or None."""
         name = self.first(*names)
-        return None if name is None else self._camera.feature(name).value
+        return None if name is None else self.camera.feature(name).value
 
     def entries(self, name: str) -> list[str]:
         """What can be chosen; nothing where the camera has no such feature."""
-        return list(self._camera.feature(name).range) if name in self._names else []
+        return list(self.camera.feature(name).range) if name in self._names else []
 
     def limits(self, name: str) -> tuple[int, int] | None:
         """The least and the most that a whole number can be set to; None where there is none."""
         if name not in self._names:
             return None
-        least, most = self._camera.feature(name).range
+        least, most = self.camera.feature(name).range
         return int(least), int(most)
 
     def demand(self, what: str, value: Any, *names: str) -> None:
@@ -92,16 +75,15 @@ class VimbaFeatures:
         name = self.first(*names)
         if name is None:
             raise ToktError(f"camera {self.name} has no {' or '.join(names)}: no {what} to set")
-        feature = self._camera.feature(name)
+        feature = self.camera.feature(name)
         # Some cameras take whole numbers only, where others take any.
         whole = isinstance(value, float) and isinstance(feature.value, int)
         try:
             feature.value = round(value) if whole else value
-        except self._error as error:
+        except self.error as error:
             allowed = ", ".join(map(str, feature.range or ()))
-            raise ToktError(
-                f"camera {self.name} refuses {name} = {value} (it has {allowed}): {error}"
-            ) from error
+            refused = f"camera {self.name} refuses {name} = {value} (it has {allowed})"
+            raise ToktError(f"{refused}: {error}") from error
 
     def offer(self, value: Any, *names: str) -> None:
         """Set what is good to have, where the camera has it."""
@@ -110,22 +92,24 @@ class VimbaFeatures:
 
     def run(self, command: str, limit_s: float) -> None:
         """Run a command and wait until it is done, or until the limit: the camera goes on."""
-        self._camera.run_feature_command(command)
-        until = self._clock.monotonic() + limit_s
-        while not self._camera.feature_command_is_done(command) and self._clock.monotonic() < until:
-            self._clock.sleep(_LOOK_S)
+        self.camera.run_feature_command(command)
+        until = self.clock.monotonic() + limit_s
+        while not self.camera.feature_command_is_done(command) and self.clock.monotonic() < until:
+            self.clock.sleep(_LOOK_S)
 
     def wait_for(self, values: tuple[str, ...], name: str, limit_s: float) -> bool:
         """Whether a feature comes to one of these values before the limit."""
-        until = self._clock.monotonic() + limit_s
+        until = self.clock.monotonic() + limit_s
         while self.get(name) not in values:
-            if self._clock.monotonic() > until:
+            if self.clock.monotonic() > until:
                 return False
-            self._clock.sleep(_LOOK_S)
+            self.clock.sleep(_LOOK_S)
         return True
 
 
-def set_features(features: VimbaFeatures, options: SourceConfig, share: float) -> CameraTiming:
+def set_features(
+    features: VimbaFeatures, options: SourceConfig, share: float
+) -> tuple[float, float | None]:
     """Set an opened camera.
 
     Parameters
@@ -134,6 +118,13 @@ def set_features(features: VimbaFeatures, options: SourceConfig, share: float) -
     options : SourceConfig
     share : float
         The part of the bandwidth that this camera has.
+
+    Returns
+    -------
+    ticks_per_s : float
+        Of its time stamps.
+    period_s : float or None
+        Seconds between exposures; None where no rate was asked for.
 
     Raises
     ------
@@ -156,11 +147,8 @@ def set_features(features: VimbaFeatures, options: SourceConfig, share: float) -
     features.demand("acquisition mode", "Continuous", "AcquisitionMode")
     # What a camera that keeps no rate says of its rate is not to be relied on.
     rate = None if options.camera_rate is None else features.get(*_FRAME_RATE)
-    return CameraTiming(
-        ticks_per_s=float(features.get("GevTimestampTickFrequency") or _NS_PER_S),
-        period_s=1 / rate if rate else None,
-        shared_clock=options.ptp,
-    )
+    ticks_per_s = float(features.get("GevTimestampTickFrequency") or _NS_PER_S)
+    return ticks_per_s, 1 / rate if rate else None
 
 
 def _set_pixel_format(features: VimbaFeatures, asked: str | None) -> None:
@@ -172,14 +160,12 @@ def _set_pixel_format(features: VimbaFeatures, asked: str | None) -> None:
         alike = known[:1]
     else:
         # GigE cameras say BGR8Packed where others say BGR8.
-        alike = [
-            one for one in (asked, asked.removesuffix("Packed"), f"{asked}Packed") if one in offered
-        ]
+        spelt = asked, asked.removesuffix("Packed"), f"{asked}Packed"
+        alike = [name for name in spelt if name in offered]
     if not alike:
         wanted = asked or f"of those that tokt reads ({', '.join(PIXEL_FORMATS)})"
-        raise ToktError(
-            f"camera {features.name} has no pixel format {wanted}: it has {', '.join(offered)}"
-        )
+        has = ", ".join(offered)
+        raise ToktError(f"camera {features.name} has no pixel format {wanted}: it has {has}")
     features.demand("pixel format", alike[0], "PixelFormat")
 
 

@@ -56,11 +56,10 @@ def load_pymba() -> ModuleType:
     # an ImportError); ValueError is for a machine that pymba does not know.
     except (AssertionError, AttributeError, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
+        message = f"cannot load the Vimba library: {reason}"
         if is_missing(reason):
-            message = f"pymba {installed} finds no Vimba library ({reason}): {WHAT_TO_SET}"
-        else:
-            message = f"pymba {installed} cannot load the Vimba library: {reason}"
-        raise ToktError(message) from error
+            message = f"finds no Vimba library ({reason}): {WHAT_TO_SET}"
+        raise ToktError(f"pymba {installed} {message}") from error
     module: ModuleType = pymba
     return module
 
@@ -225,11 +224,7 @@ def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
         return Finding(NAME, OK, f"{pymba} with {library}")
     reason = (tried.stderr.strip().splitlines() or [f"ended with {tried.returncode}"])[-1]
     if is_missing(reason):
-        words = f"{pymba}, but no Vimba library ({_message(reason)}): {WHAT_TO_SET}"
-        return Finding(NAME, NOTE, words)
+        # Without the exception's name.
+        message = " ".join((reason.partition(": ")[2] or reason).split())
+        return Finding(NAME, NOTE, f"{pymba}, but no Vimba library ({message}): {WHAT_TO_SET}")
     return Finding(NAME, FAULT, f"{pymba} cannot be used: {reason}")
-
-
-def _message(reason: str) -> str:
-    """The last line of a traceback without the exception's name."""
-    return " ".join((reason.partition(": ")[2] or reason).split())
