@@ -1,7 +1,7 @@
-"""The kernels as a compiled extension: checked arrays, tables, scratch memory and threads.
+"""The kernels as a compiled extension: tables, scratch memory and threads.
 
 The arithmetic is in ``features/kernels/native``. Tables that depend only on sizes are made once and
-kept; scratch memory belongs to a thread.
+kept; scratch memory belongs to a thread. What is taken and given stands with `dispatch.Kernels`.
 """
 
 from __future__ import annotations
@@ -19,17 +19,8 @@ from numpy.typing import NDArray
 from tokt.features.frames.grid import Grid
 
 from . import _native, numpy_pictures
-from .block_matching import PADDING, BlockMatching, check_views, padded
-from .checks import (
-    check_frame,
-    check_gray,
-    check_gray16,
-    check_gray16_size,
-    check_lbp,
-    check_samples,
-    check_size,
-    over_rows,
-)
+from .block_matching import PADDING, BlockMatching, padded
+from .checks import over_rows
 from .lbp_points import LbpPoints, lbp_points, nearest_points, pattern_codes
 from .numpy_pictures import overlaps
 from .quantization import (
@@ -109,17 +100,7 @@ def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
 def lbp_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
-    """Histograms of uniform rotation-invariant local binary patterns, one a patch.
-
-    Takes and gives what `tokt.features.kernels.reference.lbp_counts` does, to the last integer.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
-    """
-    gray = check_gray(gray, threads)
-    check_lbp(points, radius, border)
+    """`Kernels.lbp_counts`, to the last integer."""
     patch_height, patch_width = grid.patch_size(*gray.shape)
     view = gray.shape if border == "frame" else (patch_height, patch_width)
     tables = _lbp_tables(points, radius, *view)
@@ -147,16 +128,7 @@ def _log2_table(size: int) -> NDArray[np.float64]:
 def haralick_features(
     gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
 ) -> NDArray[np.float64]:
-    """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
-
-    Takes and gives what `tokt.features.kernels.reference.haralick_features` does, up to rounding.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
+    """`Kernels.haralick_features`, up to rounding."""
     patch_height, patch_width = grid.patch_size(*gray.shape)
     log2_of = _log2_table(min(2 * patch_height * patch_width + 1, _LOG2_TABLE))
     features = np.empty((grid.n_patches, 13))
@@ -224,17 +196,7 @@ def _near_tie(shape: tuple[int, ...], height: int, width: int) -> float:
 def resized_gray(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """A frame resized by area, then gray, in one pass over it.
-
-    Takes and gives what `tokt.features.kernels.numpy_pictures.resized_gray` does, to the last bit.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
-    """
-    frame = check_frame(frame, threads)
-    check_size(height, width)
+    """`Kernels.resized_gray` in one pass over the frame, to the last bit."""
     if not _is_own_area(frame.shape, height, width):
         return numpy_pictures.resized_gray(frame, height, width)
     rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
@@ -253,17 +215,7 @@ def resized_gray(
 def lbp_nearest_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
-    """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.lbp_nearest_counts` does.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
-    """
-    gray = check_gray(gray, threads)
-    check_lbp(points, radius, border)
+    """`Kernels.lbp_nearest_counts`."""
     size = grid.patch_size(*gray.shape)
     moves = nearest_points(points, radius)
     reach, across = int(np.abs(moves).max()), border == "frame"
@@ -281,16 +233,7 @@ def lbp_nearest_counts(
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """Sums of the structure tensor over each patch: changes across, down, and both together.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.structure_sums` does.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
+    """`Kernels.structure_sums`."""
     size = grid.patch_size(*gray.shape)
     sums = np.empty((grid.n_patches, 3), np.int64)
 
@@ -305,17 +248,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
 def line_sums(
     gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> NDArray[np.int64]:
-    """Sums along lines in 8 directions, over each patch's pixels.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.line_sums` does.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or the samples or `middle` are others.
-    """
-    gray = check_gray(gray, threads)
-    check_samples(samples, middle)
+    """`Kernels.line_sums`."""
     size = grid.patch_size(*gray.shape)
     numbers = np.array(samples, np.int32)
     sums = np.empty((grid.n_patches, len(numbers), 9), np.int64)
@@ -346,17 +279,7 @@ def _gray16_tables(source: int, target: int) -> Any:
 def resized_gray16(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint16]:
-    """A frame resized by area and gray, in 1/256 grey level, in one pass over it.
-
-    Takes and gives what `numpy_pictures.resized_gray16` does, to the last bit.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the frame is not (rows, columns) or (rows, columns, 3) of uint8, or a size not positive.
-    """
-    frame = check_frame(frame, threads)
-    check_gray16_size(frame.shape, height, width)
+    """`Kernels.resized_gray16` in one pass over the frame, to the last bit."""
     if 255 * frame.shape[0] * frame.shape[1] > _MAX_SUM:
         return numpy_pictures.resized_gray16(frame, height, width)
     rows, columns = _gray16_tables(frame.shape[0], height), _gray16_tables(frame.shape[1], width)
@@ -388,16 +311,7 @@ def _quantizer(quantization: Quantization) -> Any:
 def quantize(
     gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """A 16-bit gray picture quantized.
-
-    Takes and gives what `numpy_pictures.quantize` does, to the last bit.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray16` is not a two-dimensional array of uint16.
-    """
-    gray16 = check_gray16(gray16, threads)
+    """`Kernels.quantize`, to the last bit."""
     kernel = _quantizer(quantization)
     size = kernel.scratch_size(gray16.shape[1])
     total = _native.gray16_total(gray16) if quantization.by == FRAME else 0
@@ -413,14 +327,7 @@ def quantize(
 
 
 def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256).
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
+    """`Kernels.level_counts`."""
     patch_height, patch_width = grid.patch_size(*gray.shape)
     counts = np.empty((grid.n_patches, 256), np.int64)
 
@@ -437,17 +344,7 @@ def block_disparity(
     settings: BlockMatching,
     wanted: NDArray[np.uint8],
 ) -> NDArray[np.int16]:
-    """Disparity of the wanted pixels of the left view, in 1/16 pixel.
-
-    Takes and gives what `tokt.features.kernels.block_matching.block_disparity` does, to the last
-    bit; the fewer and the closer together the wanted pixels are, the less it costs.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the views are not of uint8 and of one shape.
-    """
-    left, right, wanted = check_views(left, right, wanted)
+    """`Kernels.block_disparity`: fewer and closer wanted pixels cost less."""
     disparity = np.full(left.shape, settings.unmatched, np.int16)
     if min(left.shape) <= settings.block:
         return disparity

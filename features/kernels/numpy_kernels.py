@@ -1,7 +1,8 @@
 """The kernels in numpy alone, for machines without a compiler.
 
 The same arithmetic as in ``features/kernels/native``, a whole row of patches at a time: identical
-LBP counts, Haralick features equal to rounding.
+LBP counts, Haralick features equal to rounding. What is taken and given stands with
+`dispatch.Kernels`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from tokt.features.frames.grid import Grid
 
 from .block_matching import block_disparity as block_disparity
-from .checks import check_gray, check_lbp, check_samples, over_rows
+from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points
 from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import quantize as quantize
@@ -39,17 +40,7 @@ _CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cach
 def lbp_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> Counts:
-    """Histograms of uniform rotation-invariant local binary patterns, one a patch.
-
-    Takes and gives what `tokt.features.kernels.reference.lbp_counts` does, to the last integer.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
-    """
-    gray = check_gray(gray, threads)
-    check_lbp(points, radius, border)
+    """`Kernels.lbp_counts`, to the last integer."""
     if border == "frame":
         codes = _sampler(points, radius, len(gray), 1, gray.shape[1]).codes(gray[:, None, :])
         return _histograms(grid.cells(codes[:, 0]).reshape(grid.n_patches, -1), points + 2)
@@ -221,16 +212,7 @@ def _sampler(points: int, radius: float, height: int, n: int, width: int) -> _Sa
 def haralick_features(
     gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
 ) -> Floats:
-    """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
-
-    Takes and gives what `tokt.features.kernels.reference.haralick_features` does, up to rounding.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
+    """`Kernels.haralick_features`, up to rounding."""
     patches = grid.cells(gray).reshape(grid.rows, grid.cols, *grid.patch_size(*gray.shape))
     features = np.empty((grid.rows, grid.cols, 13))
 
@@ -390,17 +372,7 @@ def _patch_sums(values: NDArray[np.integer], grid: Grid) -> Counts:
 def lbp_nearest_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> Counts:
-    """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
-
-    Patterns are those of `tokt.features.kernels.reference.lbp_counts` but for that.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
-    """
-    gray = check_gray(gray, threads)
-    check_lbp(points, radius, border)
+    """`Kernels.lbp_nearest_counts`."""
     size = grid.patch_size(*gray.shape)
     views = gray[None] if border == "frame" else grid.cells(gray)
     reach = int(np.ceil(radius))
@@ -425,29 +397,7 @@ def lbp_nearest_counts(
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> Counts:
-    """Sums of the structure tensor over each patch: changes across, down, and both together.
-
-    With gx the pixel to the right less the one to the left and gy the one below less the one
-    above, 0 where the picture ends: the sums of gx gx, gy gy and gx gy over a patch's pixels.
-
-    Parameters
-    ----------
-    gray : array of uint8, shape (height, width)
-    grid : Grid
-    threads : int
-        Taken so that all kernels are called alike.
-
-    Returns
-    -------
-    numpy.ndarray
-        int64, shape (n_patches, 3).
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
+    """`Kernels.structure_sums`."""
     grid.patch_size(*gray.shape)
     # This border rule mirrors a neighbour into the other's place: their difference is 0.
     gx, gy = (
@@ -462,35 +412,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> Cou
 def line_sums(
     gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> Counts:
-    """How much longer bright or dark lines through a patch's pixels are in one direction.
-
-    S is the sum of n samples, two pixels or a knight's or king's move apart, on a line through
-    the pixel (sample n / 2 is the pixel itself), of levels less `middle`; 0 beyond the picture.
-
-    Parameters
-    ----------
-    gray : array of uint8, shape (height, width)
-    grid : Grid
-    middle : int
-        The level that counts as nothing.
-    samples : sequence of int
-        The numbers n, increasing powers of 2 from 2 to 64.
-    threads : int
-        Taken so that all kernels are called alike.
-
-    Returns
-    -------
-    numpy.ndarray
-        int64, shape (n_patches, len(samples), 9): sums over a patch's pixels, first of 8 times
-        the largest of the directions' S less all of them, then of each direction's S squared.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or the samples or `middle` are others.
-    """
-    gray = check_gray(gray, threads)
-    check_samples(samples, middle)
+    """`Kernels.line_sums`."""
     height, width = gray.shape
     grid.patch_size(height, width)
     reach = samples[-1]

@@ -11,7 +11,6 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ import numpy as np
 import pytest
 
 from tests.calls import refuses, run_python
+from tests.features.kernels.each_kernel import changed
 from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
 from tokt.features.common.sqlite_copy import copy_database
@@ -186,15 +186,15 @@ def test_kernels_that_differ_are_a_fault():
         return np.full_like(KERNELS.haralick_features(*options, **more), np.nan)
 
     assert compared(KERNELS, KERNELS).state == "ok"
-    counts = compared(KERNELS, replace(KERNELS, lbp_counts=one_count_off))
+    counts = compared(KERNELS, changed(KERNELS, lbp_counts=one_count_off))
     assert (counts.state, counts.figures["lbp_difference"]) == ("fault", 4)
     assert "LBP counts: 4" in counts.text
-    near = compared(KERNELS, replace(KERNELS, haralick_features=a_little_off))
+    near = compared(KERNELS, changed(KERNELS, haralick_features=a_little_off))
     assert near.state == "fault"
     assert near.figures["haralick_relative_difference"] == pytest.approx(2e-9, rel=1e-3)
-    lost = compared(KERNELS, replace(KERNELS, haralick_features=not_a_number))
+    lost = compared(KERNELS, changed(KERNELS, haralick_features=not_a_number))
     assert lost.state == "fault" and lost.figures["haralick_relative_difference"] is None
-    gray = compared(KERNELS, replace(KERNELS, resized_gray=lambda *_: KERNELS.resized_gray(*_) ^ 1))
+    gray = compared(KERNELS, changed(KERNELS, resized_gray=lambda *_: KERNELS.resized_gray(*_) ^ 1))
     assert gray.state == "fault" and gray.figures["gray_difference"] == 54 * 72
 
 

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.features.kernels.each_kernel import changed
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Moments, Quantization
 from tokt.features.frames.mission import open_mission
@@ -204,7 +205,7 @@ def test_counts_off_by_one_are_not_exact(picture: Picture) -> None:
         return counts
 
     right = LbpKernel("right", 10, 5, library)
-    wrong = LbpKernel("wrong", 10, 5, replace(library, lbp_counts=off_by_one))
+    wrong = LbpKernel("wrong", 10, 5, changed(library, lbp_counts=off_by_one))
     assert not right.exact  # nothing has been looked at yet
     for case in (right, wrong):
         case.check(picture)
@@ -237,14 +238,14 @@ def test_a_feature_that_is_a_little_wrong_is_not_exact(
     def known(patch: Any, ignore_zeros: bool) -> Any:
         return directions[patch.tobytes(), ignore_zeros]
 
-    def a_little_wrong(gray: Any, grid: Any, ignore_zeros: bool) -> Any:
+    def a_little_wrong(gray: Any, grid: Any, ignore_zeros: bool, threads: int) -> Any:
         features = np.stack([known(p, ignore_zeros).mean(axis=0) for p in picture.patches])
         if feature is not None:
             features[45, feature] *= 1 + 1e-7
         return features
 
     monkeypatch.setattr("tokt.studies.speed.cases.haralick_directions", known)
-    kernels = replace(load_kernels("library"), haralick_features=a_little_wrong)
+    kernels = changed(load_kernels("library"), haralick_features=a_little_wrong)
     case = HaralickKernel("wrong", kernels)
     case.check(picture)
     assert case.exact == (feature is None)
