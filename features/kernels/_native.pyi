@@ -1,4 +1,4 @@
-"""The compiled extension: its types stand in native/kernels.pyx, which checks every call by them."""
+"""The compiled extension: its types stand in native/kernels.pyx, which checks each call by them."""
 
 from typing import Any
 

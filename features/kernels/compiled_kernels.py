@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import platform
 import threading
+from collections import defaultdict
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -34,43 +35,23 @@ from .quantization import (
 )
 
 
-class Scratch(threading.local):
-    """Memory of one thread for intermediate results.
-
-    It is used again for every frame, because a large block that is freed and asked for again costs
-    more in page faults than the counting itself.
-    """
+class _Scratch(threading.local):
+    """One thread's memory for intermediate results."""
 
     def __init__(self) -> None:
-        self.arrays: dict[tuple[str, type], NDArray[Any]] = {}
-        self.glcm: tuple[int, Any] = (0, None)
+        self.of: dict[str, Any] = defaultdict(_native.Scratch)
 
-    def array(self, use: str, size: int, dtype: type) -> NDArray[Any]:
-        """An array of at least that size, its content left from the last use."""
-        kept = self.arrays.get((use, dtype))
-        if kept is None or kept.size < size:
-            kept = self.arrays[use, dtype] = np.zeros(size, dtype)
-        return kept
-
-    def glcm_scratch(self, patch_width: int) -> Any:
-        """Counters for patches up to that width; every count is zero between calls."""
-        width, scratch = self.glcm
-        if scratch is None or width < patch_width:
-            scratch = _native.GlcmScratch(
-                np.zeros((4, 256 * 256), np.uint32),
-                np.zeros((4, 256 * 256), np.uint16),
-                np.zeros(_native.GlcmScratch.sums_size(), np.int64),
-                np.zeros(4 * patch_width, np.uint16),
-            )
-            self.glcm = patch_width, scratch
-        return scratch
+    @cached_property
+    def glcm(self) -> Any:
+        """Counters of pairs."""
+        return _native.GlcmScratch()
 
 
-SCRATCH = Scratch()
-
-_INTERFACE = 4
+_INTERFACE = 5
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
+
+SCRATCH = _Scratch()
 
 DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 
@@ -104,12 +85,10 @@ def lbp_counts(
     patch_height, patch_width = grid.patch_size(*gray.shape)
     view = gray.shape if border == "frame" else (patch_height, patch_width)
     tables = _lbp_tables(points, radius, *view)
-    size = tables.scratch_size(patch_height, patch_width)
     counts = np.zeros((grid.n_patches, points + 2), np.int64)
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("lbp", size, np.float64)
-        whole = border == "frame"
+        scratch, whole = SCRATCH.of["lbp"], border == "frame"
         tables.count_rows(
             gray, grid.cols, patch_height, patch_width, whole, first, last, scratch, counts
         )
@@ -129,23 +108,14 @@ def haralick_features(
     gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
 ) -> NDArray[np.float64]:
     """`Kernels.haralick_features`, up to rounding."""
-    patch_height, patch_width = grid.patch_size(*gray.shape)
-    log2_of = _log2_table(min(2 * patch_height * patch_width + 1, _LOG2_TABLE))
+    size = grid.patch_size(*gray.shape)
+    log2_of = _log2_table(min(2 * size[0] * size[1] + 1, _LOG2_TABLE))
     features = np.empty((grid.n_patches, 13))
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.glcm_scratch(patch_width)
-        scratch.describe_rows(
-            gray,
-            grid.cols,
-            patch_height,
-            patch_width,
-            ignore_zeros,
-            first,
-            last,
-            log2_of,
-            _INVERSE_DIFFERENCE,
-            features,
+        tables = log2_of, _INVERSE_DIFFERENCE
+        SCRATCH.glcm.describe_rows(
+            gray, grid.cols, *size, ignore_zeros, first, last, *tables, features
         )
 
     over_rows(work, grid.rows, threads)
@@ -205,7 +175,7 @@ def resized_gray(
     picture = np.empty((height, width), np.uint8)
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("area", _native.area_scratch_size(pixels, width), np.float32)
+        scratch = SCRATCH.of["area"]
         _native.area_gray(pixels, rows, columns, first, last, near_tie, scratch, picture)
 
     over_rows(work, height, threads)
@@ -222,8 +192,7 @@ def lbp_nearest_counts(
     counts = np.empty((grid.n_patches, points + 2), np.int64)
 
     def work(first: int, last: int) -> None:
-        needed = _native.nearest_scratch_size(gray, *size, moves, reach, across)
-        scratch = SCRATCH.array("nearest", needed, np.uint8)
+        scratch = SCRATCH.of["nearest"]
         _native.nearest_counts(
             gray, grid.cols, *size, moves, reach, across, first, last, scratch, counts
         )
@@ -238,7 +207,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
     sums = np.empty((grid.n_patches, 3), np.int64)
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("structure", _native.structure_scratch_size(gray), np.int32)
+        scratch = SCRATCH.of["structure"]
         _native.structure_sums(gray, grid.cols, *size, first, last, scratch, sums)
 
     over_rows(work, grid.rows, threads)
@@ -254,8 +223,7 @@ def line_sums(
     sums = np.empty((grid.n_patches, len(numbers), 9), np.int64)
 
     def work(first: int, last: int) -> None:
-        needed = _native.lines_scratch_size(gray, size[0], numbers)
-        scratch = SCRATCH.array("lines", needed, np.int16)
+        scratch = SCRATCH.of["lines"]
         _native.line_sums(gray, grid.cols, *size, middle, numbers, first, last, scratch, sums)
 
     over_rows(work, grid.rows, threads)
@@ -288,7 +256,7 @@ def resized_gray16(
     gray16 = np.empty((height, width), np.uint16)
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("gray16", _native.gray16_scratch_size(pixels, width), np.int32)
+        scratch = SCRATCH.of["gray16"]
         _native.resized_gray16(pixels, rows, columns, first, last, step, scratch, gray16)
 
     over_rows(work, height, threads)
@@ -313,14 +281,12 @@ def quantize(
 ) -> NDArray[np.uint8]:
     """`Kernels.quantize`, to the last bit."""
     kernel = _quantizer(quantization)
-    size = kernel.scratch_size(gray16.shape[1])
     total = _native.gray16_total(gray16) if quantization.by == FRAME else 0
     scale = quantization.scale(total, gray16.size)
     picture = np.empty(gray16.shape, np.uint8)
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("quantize", size, np.float64)
-        kernel.rows(gray16, scale, first, last, scratch, picture)
+        kernel.rows(gray16, scale, first, last, SCRATCH.of["quantize"], picture)
 
     over_rows(work, len(gray16), threads)
     return picture
@@ -367,9 +333,9 @@ def block_disparity(
         settings.texture,
         settings.uniqueness,
     )
-    scratch = SCRATCH.array("match", kernel.scratch_size(width), np.uint16)
     wide = np.full(left.shape, settings.unmatched, np.int16)
-    kernel.disparities(left, right, padded(inside, settings, 0), *area, scratch, wide)
+    inside = padded(inside, settings, 0)
+    kernel.disparities(left, right, inside, *area, SCRATCH.of["match"], wide)
     return wide[:, margin:]
 
 
