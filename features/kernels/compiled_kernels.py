@@ -53,6 +53,12 @@ if getattr(_native, "INTERFACE", None) != _INTERFACE:
 
 SCRATCH = _Scratch()
 
+
+def _do_rows(use: str, kernel: Any, rows: int, threads: int, *arguments: Any) -> None:
+    """Have a kernel do all rows, in equal parts, one a thread with scratch memory of its own."""
+    over_rows(lambda first, last: kernel(*arguments, first, last, SCRATCH.of[use]), rows, threads)
+
+
 DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
@@ -82,18 +88,10 @@ def lbp_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
     """`Kernels.lbp_counts`, to the last integer."""
-    patch_height, patch_width = grid.patch_size(*gray.shape)
-    view = gray.shape if border == "frame" else (patch_height, patch_width)
-    tables = _lbp_tables(points, radius, *view)
+    size, whole = grid.patch_size(*gray.shape), border == "frame"
+    count = _lbp_tables(points, radius, *(gray.shape if whole else size)).count_rows
     counts = np.zeros((grid.n_patches, points + 2), np.int64)
-
-    def work(first: int, last: int) -> None:
-        scratch, whole = SCRATCH.of["lbp"], border == "frame"
-        tables.count_rows(
-            gray, grid.cols, patch_height, patch_width, whole, first, last, scratch, counts
-        )
-
-    over_rows(work, grid.rows, threads)
+    _do_rows("lbp", count, grid.rows, threads, gray, grid.cols, *size, whole, counts)
     return counts
 
 
@@ -173,12 +171,8 @@ def resized_gray(
     near_tie = _near_tie(frame.shape, height, width)
     pixels = frame.reshape(*frame.shape[:2], -1)
     picture = np.empty((height, width), np.uint8)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.of["area"]
-        _native.area_gray(pixels, rows, columns, first, last, near_tie, scratch, picture)
-
-    over_rows(work, height, threads)
+    tables = rows, columns, near_tie
+    _do_rows("area", _native.area_gray, height, threads, pixels, *tables, picture)
     return picture
 
 
@@ -190,14 +184,8 @@ def lbp_nearest_counts(
     moves = nearest_points(points, radius)
     reach, across = int(np.abs(moves).max()), border == "frame"
     counts = np.empty((grid.n_patches, points + 2), np.int64)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.of["nearest"]
-        _native.nearest_counts(
-            gray, grid.cols, *size, moves, reach, across, first, last, scratch, counts
-        )
-
-    over_rows(work, grid.rows, threads)
+    options = grid.cols, *size, moves, reach, across
+    _do_rows("nearest", _native.nearest_counts, grid.rows, threads, gray, *options, counts)
     return counts
 
 
@@ -205,12 +193,8 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
     """`Kernels.structure_sums`."""
     size = grid.patch_size(*gray.shape)
     sums = np.empty((grid.n_patches, 3), np.int64)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.of["structure"]
-        _native.structure_sums(gray, grid.cols, *size, first, last, scratch, sums)
-
-    over_rows(work, grid.rows, threads)
+    kernel = _native.structure_sums
+    _do_rows("structure", kernel, grid.rows, threads, gray, grid.cols, *size, sums)
     return sums
 
 
@@ -221,12 +205,8 @@ def line_sums(
     size = grid.patch_size(*gray.shape)
     numbers = np.array(samples, np.int32)
     sums = np.empty((grid.n_patches, len(numbers), 9), np.int64)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.of["lines"]
-        _native.line_sums(gray, grid.cols, *size, middle, numbers, first, last, scratch, sums)
-
-    over_rows(work, grid.rows, threads)
+    options = grid.cols, *size, middle, numbers
+    _do_rows("lines", _native.line_sums, grid.rows, threads, gray, *options, sums)
     return sums
 
 
@@ -254,12 +234,8 @@ def resized_gray16(
     step = gray16_step(frame.shape)
     pixels = frame.reshape(*frame.shape[:2], -1)
     gray16 = np.empty((height, width), np.uint16)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.of["gray16"]
-        _native.resized_gray16(pixels, rows, columns, first, last, step, scratch, gray16)
-
-    over_rows(work, height, threads)
+    tables = rows, columns, step
+    _do_rows("gray16", _native.resized_gray16, height, threads, pixels, *tables, gray16)
     return gray16
 
 
@@ -284,11 +260,7 @@ def quantize(
     total = _native.gray16_total(gray16) if quantization.by == FRAME else 0
     scale = quantization.scale(total, gray16.size)
     picture = np.empty(gray16.shape, np.uint8)
-
-    def work(first: int, last: int) -> None:
-        kernel.rows(gray16, scale, first, last, SCRATCH.of["quantize"], picture)
-
-    over_rows(work, len(gray16), threads)
+    _do_rows("quantize", kernel.rows, len(gray16), threads, gray16, scale, picture)
     return picture
 
 

@@ -107,9 +107,13 @@ def quantize(
 
 def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
     """`Kernels.level_counts`."""
-    patches = grid.cells(gray).reshape(grid.n_patches, -1)
-    flat = patches + 256 * np.arange(grid.n_patches)[:, None]
-    return np.bincount(flat.ravel(), minlength=256 * grid.n_patches).reshape(-1, 256)
+    return histograms(grid.cells(gray).reshape(grid.n_patches, -1), 256)
+
+
+def histograms(codes: NDArray[np.uint8], bins: int) -> NDArray[np.int64]:
+    """One histogram a row of codes."""
+    flat = codes + (bins * np.arange(len(codes)))[:, None]
+    return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
 
 
 def resized_gray(

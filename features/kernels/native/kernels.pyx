@@ -247,8 +247,8 @@ cdef class LbpTables:
             self.points.code = &self.code[0]
 
     def count_rows(self, const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
-                   bint across_patches, int first, int last, Scratch scratch,
-                   int64_t[:, ::1] counts):
+                   bint across_patches, int64_t[:, ::1] counts, int first, int last,
+                   Scratch scratch):
         """Add the histograms of patch rows first..last to `counts`."""
         cdef size_t needed = lbp_scratch(&self.points, patch_height, patch_width)
         cdef double *memory = <double *>scratch.of(needed * sizeof(double))
@@ -331,8 +331,8 @@ cdef AreaFrame area_frame(const uint8_t[:, :, ::1] frame) noexcept nogil:
     return view
 
 
-def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables columns, int first,
-              int last, float near_tie, Scratch scratch, uint8_t[:, ::1] out):
+def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables columns, float near_tie,
+              uint8_t[:, ::1] out, int first, int last, Scratch scratch):
     """Write rows first..last of a frame's gray picture."""
     cdef AreaFrame view = area_frame(frame)
     cdef float *memory = <float *>scratch.of(area_scratch(&view, out.shape[1]) * sizeof(float))
@@ -356,7 +356,7 @@ cdef class Gray16Tables:
 
 
 def resized_gray16(const uint8_t[:, :, ::1] frame, Gray16Tables rows, Gray16Tables columns,
-                   int first, int last, double step, Scratch scratch, uint16_t[:, ::1] out):
+                   double step, uint16_t[:, ::1] out, int first, int last, Scratch scratch):
     """Write rows first..last of a frame's 16-bit gray picture."""
     cdef AreaFrame view = area_frame(frame)
     cdef size_t needed = gray16_scratch(&view, out.shape[1])
@@ -393,8 +393,8 @@ cdef class Quantizer:
         self.settings.ratio_of, self.settings.min_around = ratio_of, min_around
         self.settings.offset, self.settings.top = offset, top
 
-    def rows(self, const uint16_t[:, ::1] gray16, double scale, int first, int last,
-             Scratch scratch, uint8_t[:, ::1] out):
+    def rows(self, const uint16_t[:, ::1] gray16, double scale, uint8_t[:, ::1] out, int first,
+             int last, Scratch scratch):
         """Write rows first..last of the picture in levels."""
         cdef Gray16Picture picture = gray16_picture(gray16)
         cdef size_t needed = quantize_scratch(&self.settings, picture.width)
@@ -424,7 +424,7 @@ cdef PatchedPicture patched(const uint8_t[:, ::1] gray, int cols, int patch_heig
 
 
 def structure_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
-                   int first, int last, Scratch scratch, int64_t[:, ::1] sums):
+                   int64_t[:, ::1] sums, int first, int last, Scratch scratch):
     """Write the sums of patch rows first..last."""
     cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
     cdef size_t needed = structure_scratch(&picture)
@@ -434,8 +434,8 @@ def structure_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int p
 
 
 def line_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width, int middle,
-              const int32_t[::1] samples, int first, int last, Scratch scratch,
-              int64_t[:, :, ::1] sums):
+              const int32_t[::1] samples, int64_t[:, :, ::1] sums, int first, int last,
+              Scratch scratch):
     """Write the sums of patch rows first..last."""
     cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
     cdef LineKinds kinds
@@ -447,8 +447,8 @@ def line_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_
 
 
 def nearest_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
-                   const int32_t[:, ::1] moves, int reach, bint across_patches, int first,
-                   int last, Scratch scratch, int64_t[:, ::1] counts):
+                   const int32_t[:, ::1] moves, int reach, bint across_patches,
+                   int64_t[:, ::1] counts, int first, int last, Scratch scratch):
     """Write the histograms of patch rows first..last."""
     cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
     cdef NearestPoints points
