@@ -42,38 +42,23 @@ def _image_from(spec: Spec) -> Quantization | None:
 
 def _lbp_from(spec: Spec, outer: Outer) -> Lbp:
     points, radius, border = spec["points"], spec["radius"], spec["border"]
+    if "sampling" in spec and spec["sampling"] not in (BILINEAR, NEAREST):
+        raise ToktError(f"lbp: sampling is '{BILINEAR}' or '{NEAREST}', not {spec['sampling']!r}")
     if type(points) is not int or type(radius) is not int:
         raise ToktError(f"lbp: points and radius are whole numbers, not {points!r}, {radius!r}")
     if not 4 <= points <= 64 or not 1 <= radius <= 32:
         raise ToktError(f"lbp: {points} points at radius {radius} is out of range (4-64, 1-32)")
     if border not in ("patch", "frame"):
         raise ToktError(f"lbp: border is 'patch' or 'frame', not {border!r}")
-    return Lbp(points, radius, border, _image_from(spec))
-
-
-def _lbp_2_from(spec: Spec, outer: Outer) -> Lbp:
-    sampling = spec["sampling"]
-    if sampling not in (BILINEAR, NEAREST):
-        raise ToktError(f"lbp: sampling is '{BILINEAR}' or '{NEAREST}', not {sampling!r}")
-    plain = _lbp_from(spec, outer)
-    return Lbp(plain.points, plain.radius, plain.border, plain.image, sampling)
+    return Lbp(points, radius, border, _image_from(spec), spec.get("sampling"))
 
 
 def _haralick_from(spec: Spec, outer: Outer) -> Haralick:
+    if "scale" in spec and spec["scale"] not in (LINEAR, LOG):
+        raise ToktError(f"haralick: scale is '{LINEAR}' or '{LOG}', not {spec['scale']!r}")
     if type(spec["ignore_zeros"]) is not bool:
         raise ToktError("haralick: ignore_zeros is true or false")
-    return Haralick(spec["ignore_zeros"], _image_from(spec))
-
-
-def _haralick_2_from(spec: Spec, outer: Outer) -> Haralick:
-    if spec["scale"] not in (LINEAR, LOG):
-        raise ToktError(f"haralick: scale is '{LINEAR}' or '{LOG}', not {spec['scale']!r}")
-    plain = _haralick_from(spec, outer)
-    return Haralick(plain.ignore_zeros, plain.image, spec["scale"])
-
-
-def _structure_from(spec: Spec, outer: Outer) -> Structure:
-    return Structure(_image_from(spec))
+    return Haralick(spec["ignore_zeros"], _image_from(spec), spec.get("scale"))
 
 
 def _lines_from(spec: Spec, outer: Outer) -> Lines:
@@ -85,10 +70,6 @@ def _lines_from(spec: Spec, outer: Outer) -> Lines:
     except ValueError as error:
         raise ToktError(f"lines: {error}") from None
     return Lines(samples, _image_from(spec))
-
-
-def _moments_from(spec: Spec, outer: Outer) -> Moments:
-    return Moments(_image_from(spec))
 
 
 def _context_from(spec: Spec, outer: Outer) -> Context:
@@ -105,18 +86,18 @@ def _join_from(spec: Spec, outer: Outer) -> Join:
     return Join([_built(part, outer | {"join"}) for part in parts])
 
 
-# By version, the builder and the keys beside name and version.
+# By version, the builder and the keys beside name and version; no other key comes to a builder.
 _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str]]]] = {
     "lbp": {
         1: (_lbp_from, {"points", "radius", "border", "image"}),
-        2: (_lbp_2_from, {"points", "radius", "border", "sampling", "image"}),
+        2: (_lbp_from, {"points", "radius", "border", "sampling", "image"}),
     },
     "haralick": {
         1: (_haralick_from, {"ignore_zeros", "image"}),
-        2: (_haralick_2_from, {"ignore_zeros", "scale", "image"}),
+        2: (_haralick_from, {"ignore_zeros", "scale", "image"}),
     },
-    "moments": {1: (_moments_from, {"image"})},
-    "structure": {1: (_structure_from, {"image"})},
+    "moments": {1: (lambda spec, outer: Moments(_image_from(spec)), {"image"})},
+    "structure": {1: (lambda spec, outer: Structure(_image_from(spec)), {"image"})},
     "lines": {1: (_lines_from, {"samples", "image"})},
     "context": {1: (_context_from, {"part", "statistic"})},
     "join": {1: (_join_from, {"parts"})},

@@ -109,30 +109,7 @@ def block_disparity(
     settings: BlockMatching,
     wanted: NDArray[np.uint8],
 ) -> NDArray[np.int16]:
-    """Disparity of the wanted pixels of the left view, by OpenCV itself.
-
-    For machines without a compiler, and what ours is held to.
-
-    Parameters
-    ----------
-    left, right : array of uint8, shape (height, width)
-        Rectified views.
-    settings : BlockMatching
-    wanted : array of uint8, shape (height, width)
-        Not 0 where a disparity is wanted.
-
-    Returns
-    -------
-    array of int16, shape (height, width)
-        In 1/16 pixel; ``settings.unmatched`` where none is wanted, where the block leaves the
-        view, and where it has too little texture or no unique match.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the views are not of uint8 and of one shape.
-    """
-    left, right, wanted = check_views(left, right, wanted)
+    """`Kernels.block_disparity` by OpenCV itself: without a compiler, and what ours is held to."""
     matcher = cv2.StereoBM.create(settings.n_disparities, settings.block)
     matcher.setMinDisparity(settings.min_disparity)
     matcher.setPreFilterType(cv2.StereoBM_PREFILTER_XSOBEL)

@@ -1,15 +1,16 @@
-"""The kernels as a compiled extension: checked arrays, tables, scratch memory and threads.
+"""The kernels as a compiled extension: tables, scratch memory and threads.
 
 The arithmetic is in ``features/kernels/native``. Tables that depend only on sizes are made once and
-kept; scratch memory belongs to a thread.
+kept; scratch memory belongs to a thread. What is taken and given stands with `dispatch.Kernels`.
 """
 
 from __future__ import annotations
 
 import platform
 import threading
+from collections import defaultdict
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -19,17 +20,8 @@ from numpy.typing import NDArray
 from tokt.features.frames.grid import Grid
 
 from . import _native, numpy_pictures
-from .block_matching import PADDING, BlockMatching, check_views, padded
-from .checks import (
-    check_frame,
-    check_gray,
-    check_gray16,
-    check_gray16_size,
-    check_lbp,
-    check_samples,
-    check_size,
-    over_rows,
-)
+from .block_matching import PADDING, BlockMatching, padded
+from .checks import over_rows
 from .lbp_points import LbpPoints, lbp_points, nearest_points, pattern_codes
 from .numpy_pictures import overlaps
 from .quantization import (
@@ -43,43 +35,29 @@ from .quantization import (
 )
 
 
-class Scratch(threading.local):
-    """Memory of one thread for intermediate results.
-
-    It is used again for every frame, because a large block that is freed and asked for again costs
-    more in page faults than the counting itself.
-    """
+class _Scratch(threading.local):
+    """One thread's memory for intermediate results."""
 
     def __init__(self) -> None:
-        self.arrays: dict[tuple[str, type], NDArray[Any]] = {}
-        self.glcm: tuple[int, Any] = (0, None)
+        self.of: dict[str, Any] = defaultdict(_native.Scratch)
 
-    def array(self, use: str, size: int, dtype: type) -> NDArray[Any]:
-        """An array of at least that size, its content left from the last use."""
-        kept = self.arrays.get((use, dtype))
-        if kept is None or kept.size < size:
-            kept = self.arrays[use, dtype] = np.zeros(size, dtype)
-        return kept
-
-    def glcm_scratch(self, patch_width: int) -> Any:
-        """Counters for patches up to that width; every count is zero between calls."""
-        width, scratch = self.glcm
-        if scratch is None or width < patch_width:
-            scratch = _native.GlcmScratch(
-                np.zeros((4, 256 * 256), np.uint32),
-                np.zeros((4, 256 * 256), np.uint16),
-                np.zeros(_native.GlcmScratch.sums_size(), np.int64),
-                np.zeros(4 * patch_width, np.uint16),
-            )
-            self.glcm = patch_width, scratch
-        return scratch
+    @cached_property
+    def glcm(self) -> Any:
+        """Counters of pairs."""
+        return _native.GlcmScratch()
 
 
-SCRATCH = Scratch()
-
-_INTERFACE = 4
+_INTERFACE = 5
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
+
+SCRATCH = _Scratch()
+
+
+def _do_rows(use: str, kernel: Any, rows: int, threads: int, *arguments: Any) -> None:
+    """Have a kernel do all rows, in equal parts, one a thread with scratch memory of its own."""
+    over_rows(lambda first, last: kernel(*arguments, first, last, SCRATCH.of[use]), rows, threads)
+
 
 DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 
@@ -109,31 +87,11 @@ def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
 def lbp_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
-    """Histograms of uniform rotation-invariant local binary patterns, one a patch.
-
-    Takes and gives what `tokt.features.kernels.reference.lbp_counts` does, to the last integer.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
-    """
-    gray = check_gray(gray, threads)
-    check_lbp(points, radius, border)
-    patch_height, patch_width = grid.patch_size(*gray.shape)
-    view = gray.shape if border == "frame" else (patch_height, patch_width)
-    tables = _lbp_tables(points, radius, *view)
-    size = tables.scratch_size(patch_height, patch_width)
+    """`Kernels.lbp_counts`, to the last integer."""
+    size, whole = grid.patch_size(*gray.shape), border == "frame"
+    count = _lbp_tables(points, radius, *(gray.shape if whole else size)).count_rows
     counts = np.zeros((grid.n_patches, points + 2), np.int64)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("lbp", size, np.float64)
-        whole = border == "frame"
-        tables.count_rows(
-            gray, grid.cols, patch_height, patch_width, whole, first, last, scratch, counts
-        )
-
-    over_rows(work, grid.rows, threads)
+    _do_rows("lbp", count, grid.rows, threads, gray, grid.cols, *size, whole, counts)
     return counts
 
 
@@ -147,33 +105,15 @@ def _log2_table(size: int) -> NDArray[np.float64]:
 def haralick_features(
     gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
 ) -> NDArray[np.float64]:
-    """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
-
-    Takes and gives what `tokt.features.kernels.reference.haralick_features` does, up to rounding.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
-    patch_height, patch_width = grid.patch_size(*gray.shape)
-    log2_of = _log2_table(min(2 * patch_height * patch_width + 1, _LOG2_TABLE))
+    """`Kernels.haralick_features`, up to rounding."""
+    size = grid.patch_size(*gray.shape)
+    log2_of = _log2_table(min(2 * size[0] * size[1] + 1, _LOG2_TABLE))
     features = np.empty((grid.n_patches, 13))
 
     def work(first: int, last: int) -> None:
-        scratch = SCRATCH.glcm_scratch(patch_width)
-        scratch.describe_rows(
-            gray,
-            grid.cols,
-            patch_height,
-            patch_width,
-            ignore_zeros,
-            first,
-            last,
-            log2_of,
-            _INVERSE_DIFFERENCE,
-            features,
+        tables = log2_of, _INVERSE_DIFFERENCE
+        SCRATCH.glcm.describe_rows(
+            gray, grid.cols, *size, ignore_zeros, first, last, *tables, features
         )
 
     over_rows(work, grid.rows, threads)
@@ -224,108 +164,49 @@ def _near_tie(shape: tuple[int, ...], height: int, width: int) -> float:
 def resized_gray(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """A frame resized by area, then gray, in one pass over it.
-
-    Takes and gives what `tokt.features.kernels.numpy_pictures.resized_gray` does, to the last bit.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the frame is not (rows, columns) or (rows, columns, 3) of uint8.
-    """
-    frame = check_frame(frame, threads)
-    check_size(height, width)
+    """`Kernels.resized_gray` in one pass over the frame, to the last bit."""
     if not _is_own_area(frame.shape, height, width):
         return numpy_pictures.resized_gray(frame, height, width)
     rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
     near_tie = _near_tie(frame.shape, height, width)
     pixels = frame.reshape(*frame.shape[:2], -1)
     picture = np.empty((height, width), np.uint8)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("area", _native.area_scratch_size(pixels, width), np.float32)
-        _native.area_gray(pixels, rows, columns, first, last, near_tie, scratch, picture)
-
-    over_rows(work, height, threads)
+    tables = rows, columns, near_tie
+    _do_rows("area", _native.area_gray, height, threads, pixels, *tables, picture)
     return picture
 
 
 def lbp_nearest_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
-    """Histograms of local binary patterns whose points are moved to the nearest whole pixel.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.lbp_nearest_counts` does.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or an option is out of range.
-    """
-    gray = check_gray(gray, threads)
-    check_lbp(points, radius, border)
+    """`Kernels.lbp_nearest_counts`."""
     size = grid.patch_size(*gray.shape)
     moves = nearest_points(points, radius)
     reach, across = int(np.abs(moves).max()), border == "frame"
     counts = np.empty((grid.n_patches, points + 2), np.int64)
-
-    def work(first: int, last: int) -> None:
-        needed = _native.nearest_scratch_size(gray, *size, moves, reach, across)
-        scratch = SCRATCH.array("nearest", needed, np.uint8)
-        _native.nearest_counts(
-            gray, grid.cols, *size, moves, reach, across, first, last, scratch, counts
-        )
-
-    over_rows(work, grid.rows, threads)
+    options = grid.cols, *size, moves, reach, across
+    _do_rows("nearest", _native.nearest_counts, grid.rows, threads, gray, *options, counts)
     return counts
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """Sums of the structure tensor over each patch: changes across, down, and both together.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.structure_sums` does.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
+    """`Kernels.structure_sums`."""
     size = grid.patch_size(*gray.shape)
     sums = np.empty((grid.n_patches, 3), np.int64)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("structure", _native.structure_scratch_size(gray), np.int32)
-        _native.structure_sums(gray, grid.cols, *size, first, last, scratch, sums)
-
-    over_rows(work, grid.rows, threads)
+    kernel = _native.structure_sums
+    _do_rows("structure", kernel, grid.rows, threads, gray, grid.cols, *size, sums)
     return sums
 
 
 def line_sums(
     gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> NDArray[np.int64]:
-    """Sums along lines in 8 directions, over each patch's pixels.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.line_sums` does.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8, or the samples or `middle` are others.
-    """
-    gray = check_gray(gray, threads)
-    check_samples(samples, middle)
+    """`Kernels.line_sums`."""
     size = grid.patch_size(*gray.shape)
     numbers = np.array(samples, np.int32)
     sums = np.empty((grid.n_patches, len(numbers), 9), np.int64)
-
-    def work(first: int, last: int) -> None:
-        needed = _native.lines_scratch_size(gray, size[0], numbers)
-        scratch = SCRATCH.array("lines", needed, np.int16)
-        _native.line_sums(gray, grid.cols, *size, middle, numbers, first, last, scratch, sums)
-
-    over_rows(work, grid.rows, threads)
+    options = grid.cols, *size, middle, numbers
+    _do_rows("lines", _native.line_sums, grid.rows, threads, gray, *options, sums)
     return sums
 
 
@@ -346,29 +227,15 @@ def _gray16_tables(source: int, target: int) -> Any:
 def resized_gray16(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint16]:
-    """A frame resized by area and gray, in 1/256 grey level, in one pass over it.
-
-    Takes and gives what `numpy_pictures.resized_gray16` does, to the last bit.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the frame is not (rows, columns) or (rows, columns, 3) of uint8, or a size not positive.
-    """
-    frame = check_frame(frame, threads)
-    check_gray16_size(frame.shape, height, width)
+    """`Kernels.resized_gray16` in one pass over the frame, to the last bit."""
     if 255 * frame.shape[0] * frame.shape[1] > _MAX_SUM:
         return numpy_pictures.resized_gray16(frame, height, width)
     rows, columns = _gray16_tables(frame.shape[0], height), _gray16_tables(frame.shape[1], width)
     step = gray16_step(frame.shape)
     pixels = frame.reshape(*frame.shape[:2], -1)
     gray16 = np.empty((height, width), np.uint16)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("gray16", _native.gray16_scratch_size(pixels, width), np.int32)
-        _native.resized_gray16(pixels, rows, columns, first, last, step, scratch, gray16)
-
-    over_rows(work, height, threads)
+    tables = rows, columns, step
+    _do_rows("gray16", _native.resized_gray16, height, threads, pixels, *tables, gray16)
     return gray16
 
 
@@ -388,39 +255,17 @@ def _quantizer(quantization: Quantization) -> Any:
 def quantize(
     gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """A 16-bit gray picture quantized.
-
-    Takes and gives what `numpy_pictures.quantize` does, to the last bit.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray16` is not a two-dimensional array of uint16.
-    """
-    gray16 = check_gray16(gray16, threads)
+    """`Kernels.quantize`, to the last bit."""
     kernel = _quantizer(quantization)
-    size = kernel.scratch_size(gray16.shape[1])
     total = _native.gray16_total(gray16) if quantization.by == FRAME else 0
     scale = quantization.scale(total, gray16.size)
     picture = np.empty(gray16.shape, np.uint8)
-
-    def work(first: int, last: int) -> None:
-        scratch = SCRATCH.array("quantize", size, np.float64)
-        kernel.rows(gray16, scale, first, last, scratch, picture)
-
-    over_rows(work, len(gray16), threads)
+    _do_rows("quantize", kernel.rows, len(gray16), threads, gray16, scale, picture)
     return picture
 
 
 def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256).
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    gray = check_gray(gray, threads)
+    """`Kernels.level_counts`."""
     patch_height, patch_width = grid.patch_size(*gray.shape)
     counts = np.empty((grid.n_patches, 256), np.int64)
 
@@ -437,17 +282,7 @@ def block_disparity(
     settings: BlockMatching,
     wanted: NDArray[np.uint8],
 ) -> NDArray[np.int16]:
-    """Disparity of the wanted pixels of the left view, in 1/16 pixel.
-
-    Takes and gives what `tokt.features.kernels.block_matching.block_disparity` does, to the last
-    bit; the fewer and the closer together the wanted pixels are, the less it costs.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the views are not of uint8 and of one shape.
-    """
-    left, right, wanted = check_views(left, right, wanted)
+    """`Kernels.block_disparity`: fewer and closer wanted pixels cost less."""
     disparity = np.full(left.shape, settings.unmatched, np.int16)
     if min(left.shape) <= settings.block:
         return disparity
@@ -470,9 +305,9 @@ def block_disparity(
         settings.texture,
         settings.uniqueness,
     )
-    scratch = SCRATCH.array("match", kernel.scratch_size(width), np.uint16)
     wide = np.full(left.shape, settings.unmatched, np.int16)
-    kernel.disparities(left, right, padded(inside, settings, 0), *area, scratch, wide)
+    inside = padded(inside, settings, 0)
+    kernel.disparities(left, right, inside, *area, SCRATCH.of["match"], wide)
     return wide[:, margin:]
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from types import ModuleType
-from typing import Protocol
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,53 @@ from numpy.typing import NDArray
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
-from .block_matching import BlockMatching
+from .block_matching import BlockMatching, check_views
+from .checks import (
+    check_frame,
+    check_gray,
+    check_gray16,
+    check_gray16_size,
+    check_lbp,
+    check_samples,
+    check_size,
+)
 from .quantization import Quantization
 
 VARIABLE = "TOKT_KERNELS"
 COMPILED, NUMPY, LIBRARY = "compiled", "numpy", "library"
-NAMES = (COMPILED, NUMPY, LIBRARY)
+_MODULES = {COMPILED: "compiled_kernels", NUMPY: "numpy_kernels", LIBRARY: "reference"}
+NAMES = tuple(_MODULES)
 
 
-class LbpCounts(Protocol):
-    """Histograms of uniform rotation-invariant local binary patterns, one a patch."""
+@dataclass(frozen=True)
+class Kernels:
+    """One implementation of everything that is computed from pixels.
 
-    def __call__(
+    What it is given is checked here: a TypeError or ValueError says what an argument must be. The
+    rows of a picture are shared among `threads`, where the implementation knows any; what comes
+    out does not depend on it. Where nothing else is said a `gray` picture is an array of uint8 of
+    shape (height, width), the resized gray frame, and a `frame` one of shape (rows, columns) or
+    (rows, columns, 3), gray or BGR.
+
+    Parameters
+    ----------
+    name : {"compiled", "numpy", "library"}
+    why : str
+        Why it was chosen, for people.
+    module : module
+        Has a function for each method here, which takes what was checked, in C order.
+    """
+
+    name: str
+    why: str
+    module: Any
+
+    @property
+    def detail(self) -> str:
+        """What it consists of: the instruction set, or the libraries' versions."""
+        return str(self.module.DETAIL)
+
+    def lbp_counts(
         self,
         gray: NDArray[np.uint8],
         grid: Grid,
@@ -40,63 +75,147 @@ class LbpCounts(Protocol):
         border: str,
         threads: int = 1,
     ) -> NDArray[np.int64]:
-        """Counts, int64, shape (n_patches, points + 2)."""
+        """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
+        Parameters
+        ----------
+        gray, grid, threads
+            The picture, its patches, and how many threads.
+        points, radius : int, float
+            P sampling points on a circle of R pixels.
+        border : {"patch", "frame"}
+            Whether a patch is cut out first (zeros beyond its edge, as in the thesis) or its
+            neighbours' pixels are read.
 
-class HaralickFeatures(Protocol):
-    """Haralick's first 13 features, mean over 4 directions, one row a patch."""
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (n_patches, points + 2); each row sums to the pixels of a patch.
 
-    def __call__(
+        References
+        ----------
+        Ojala, Pietikainen, Maenpaa (2002), IEEE TPAMI 24(7); `skimage.feature`.
+        """
+        gray = check_gray(gray, threads)
+        check_lbp(points, radius, border)
+        return np.asarray(self.module.lbp_counts(gray, grid, points, radius, border, threads))
+
+    def lbp_nearest_counts(
+        self,
+        gray: NDArray[np.uint8],
+        grid: Grid,
+        points: int,
+        radius: float,
+        border: str,
+        threads: int = 1,
+    ) -> NDArray[np.int64]:
+        """`lbp_counts` with each point moved to the nearest whole pixel, half ones to even."""
+        gray = check_gray(gray, threads)
+        check_lbp(points, radius, border)
+        counts = self.module.lbp_nearest_counts(gray, grid, points, radius, border, threads)
+        return np.asarray(counts)
+
+    def haralick_features(
         self, gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
     ) -> NDArray[np.float64]:
-        """Features, float64, shape (n_patches, 13)."""
+        """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
 
+        Parameters
+        ----------
+        gray, grid, threads
+            The picture, its patches, and how many threads.
+        ignore_zeros : bool
+            Leave grey level 0 out of the co-occurrence counts, as the thesis does. A patch with no
+            pair left in one of the directions has no such features; it gets those with the zeros
+            counted (an all-zero patch: those of a constant patch).
 
-class ResizedGray(Protocol):
-    """Area resize and BGR to gray (ITU-R BT.601), the pixels that OpenCV gives."""
+        Returns
+        -------
+        numpy.ndarray
+            float64, shape (n_patches, 13).
 
-    def __call__(
+        References
+        ----------
+        Haralick, Shanmugam, Dinstein (1973), IEEE TSMC 3(6); `mahotas.features.haralick`.
+        """
+        gray = check_gray(gray, threads)
+        return np.asarray(self.module.haralick_features(gray, grid, ignore_zeros, threads))
+
+    def resized_gray(
         self, frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
     ) -> NDArray[np.uint8]:
-        """Gray picture, uint8, shape (height, width)."""
+        """A frame resized by area, then gray, each step rounded to whole grey levels.
 
+        Returns
+        -------
+        numpy.ndarray
+            uint8, shape (height, width), the pixels that OpenCV gives; the frame itself when it is
+            gray and of that size.
 
-class ResizedGray16(Protocol):
-    """Area resize and BGR to gray (ITU-R BT.601) in 1/256 grey level, rounded once."""
+        References
+        ----------
+        OpenCV ``resize`` with ``INTER_AREA``; ITU-R BT.601.
+        """
+        frame = check_frame(frame, threads)
+        check_size(height, width)
+        return np.asarray(self.module.resized_gray(frame, height, width, threads))
 
-    def __call__(
+    def resized_gray16(
         self, frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
     ) -> NDArray[np.uint16]:
-        """16-bit gray picture, uint16, shape (height, width)."""
+        """A frame resized by area and gray, in 1/256 grey level, rounded once.
 
+        A picture larger than the frame is made by the same rule: its pixels are the frame's, mixed
+        where a border between two falls into one.
 
-class Quantize(Protocol):
-    """A 16-bit gray picture flattened and quantized to a number of levels."""
+        Returns
+        -------
+        numpy.ndarray
+            uint16, shape (height, width), 0 to 255 * 256.
 
-    def __call__(
+        References
+        ----------
+        ITU-R BT.601, weights 4899, 9617, 1868 of 16384 as in OpenCV.
+        """
+        frame = check_frame(frame, threads)
+        check_gray16_size(frame.shape, height, width)
+        return np.asarray(self.module.resized_gray16(frame, height, width, threads))
+
+    def quantize(
         self, gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
     ) -> NDArray[np.uint8]:
-        """Picture, uint8, shape (height, width)."""
+        """A 16-bit gray picture quantized, as `Quantization` says.
 
+        Returns
+        -------
+        numpy.ndarray
+            uint8, shape (height, width), 0 to ``quantization.levels - 1``.
+        """
+        gray16 = check_gray16(gray16, threads)
+        return np.asarray(self.module.quantize(gray16, quantization, threads))
 
-class LevelCounts(Protocol):
-    """Histograms of a picture's levels, one a patch."""
+    def level_counts(
+        self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1
+    ) -> NDArray[np.int64]:
+        """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256)."""
+        return np.asarray(self.module.level_counts(check_gray(gray, threads), grid, threads))
 
-    def __call__(self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-        """Counts, int64, shape (n_patches, 256)."""
+    def structure_sums(
+        self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1
+    ) -> NDArray[np.int64]:
+        """Sums of the structure tensor over each patch: changes across, down, and both together.
 
+        With gx the pixel to the right less the one to the left and gy the one below less the one
+        above, 0 where the picture ends: the sums of gx gx, gy gy and gx gy over a patch's pixels.
 
-class StructureSums(Protocol):
-    """Sums of the structure tensor, one a patch."""
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (n_patches, 3).
+        """
+        return np.asarray(self.module.structure_sums(check_gray(gray, threads), grid, threads))
 
-    def __call__(self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-        """Sums, int64, shape (n_patches, 3)."""
-
-
-class LineSums(Protocol):
-    """Sums along lines in 8 directions, one row a patch and number of samples."""
-
-    def __call__(
+    def line_sums(
         self,
         gray: NDArray[np.uint8],
         grid: Grid,
@@ -104,72 +223,55 @@ class LineSums(Protocol):
         samples: Sequence[int],
         threads: int = 1,
     ) -> NDArray[np.int64]:
-        """Sums, int64, shape (n_patches, len(samples), 9)."""
+        """How much longer bright or dark lines through a patch's pixels are in one direction.
 
+        S is the sum of n samples, two pixels or a knight's or king's move apart, on a line through
+        the pixel (sample n / 2 is the pixel itself), of levels less `middle`; 0 beyond the picture.
 
-class BlockDisparity(Protocol):
-    """Block matching of two rectified views, the integers that OpenCV's StereoBM gives."""
+        Parameters
+        ----------
+        gray, grid, threads
+            The picture, its patches, and how many threads.
+        middle : int
+            The level that counts as nothing.
+        samples : sequence of int
+            The numbers n, increasing powers of 2 from 2 to 64.
 
-    def __call__(
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (n_patches, len(samples), 9): sums over a patch's pixels, first of 8 times
+            the largest of the directions' S less all of them, then of each direction's S squared.
+        """
+        gray = check_gray(gray, threads)
+        check_samples(samples, middle)
+        return np.asarray(self.module.line_sums(gray, grid, middle, samples, threads))
+
+    def block_disparity(
         self,
         left: NDArray[np.uint8],
         right: NDArray[np.uint8],
         settings: BlockMatching,
         wanted: NDArray[np.uint8],
     ) -> NDArray[np.int16]:
-        """Disparity in 1/16 pixel of the wanted pixels, int16, shape (height, width)."""
+        """Disparity of the wanted pixels of the left view, the integers of OpenCV's StereoBM.
 
+        Parameters
+        ----------
+        left, right : array of uint8, shape (height, width)
+            Rectified views.
+        settings : BlockMatching
+        wanted : array of uint8, shape (height, width)
+            Not 0 where a disparity is wanted.
 
-@dataclass(frozen=True)
-class Kernels:
-    """One implementation of everything that is computed from pixels.
-
-    Parameters
-    ----------
-    name : {"compiled", "numpy", "library"}
-    why : str
-        Why it was chosen, for people.
-    detail : str
-        What it consists of: the instruction set, or the libraries' versions.
-    lbp_counts, lbp_nearest_counts : LbpCounts
-    haralick_features : HaralickFeatures
-    resized_gray : ResizedGray
-    resized_gray16 : ResizedGray16
-    quantize : Quantize
-    level_counts : LevelCounts
-    structure_sums : StructureSums
-    line_sums : LineSums
-    block_disparity : BlockDisparity
-    """
-
-    name: str
-    why: str
-    detail: str
-    lbp_counts: LbpCounts
-    lbp_nearest_counts: LbpCounts
-    haralick_features: HaralickFeatures
-    resized_gray: ResizedGray
-    resized_gray16: ResizedGray16
-    quantize: Quantize
-    level_counts: LevelCounts
-    structure_sums: StructureSums
-    line_sums: LineSums
-    block_disparity: BlockDisparity
-
-
-def _module(name: str) -> ModuleType:
-    # Only the one asked for: the reference needs scikit-image and mahotas.
-    if name == COMPILED:
-        from . import compiled_kernels
-
-        return compiled_kernels
-    if name == NUMPY:
-        from . import numpy_kernels
-
-        return numpy_kernels
-    from . import reference
-
-    return reference
+        Returns
+        -------
+        array of int16, shape (height, width)
+            In 1/16 pixel; ``settings.unmatched`` where none is wanted, where the block leaves the
+            view, and where it has too little texture or no unique match.
+        """
+        left, right, wanted = check_views(left, right, wanted)
+        return np.asarray(self.module.block_disparity(left, right, settings, wanted))
 
 
 def load_kernels(name: str, why: str = "asked for") -> Kernels:
@@ -184,9 +286,8 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
     """
     if name not in NAMES:
         raise ToktError(f"{VARIABLE}={name}: unknown kernels (choose from {', '.join(NAMES)})")
-    module = _module(name)
-    made = {each.name: getattr(module, each.name) for each in fields(Kernels)[3:]}
-    return Kernels(name, why, module.DETAIL, **made)
+    # Only the one asked for: the reference needs scikit-image and mahotas.
+    return Kernels(name, why, import_module(f".{_MODULES[name]}", __package__))
 
 
 def _reason(error: ImportError) -> str:

@@ -25,6 +25,14 @@ _KERNELS = f"{__package__}.dispatch"
 _RELATIVE = 1e-9
 _GRID = Grid(2, 2, 72)
 _HEIGHT = 54
+_BORDERS = ("patch", "frame")
+_LBP = ((10, 5, "patch"), (10, 5, "frame"), (24, 8, "patch"), (24, 8, "frame"))
+_QUANTIZATIONS = (
+    Quantization(8.0, 64, 3, 21),
+    Quantization(2.0, 256, 1, 33, RATIO),
+    Quantization(9.0, 32, 1, 9, FRAME),
+)
+_MATCHING = BlockMatching(2, 16, 9, 31, 50, 10)
 
 
 def kernel_findings() -> Iterator[Finding]:
@@ -94,25 +102,18 @@ def compared(active: Kernels, other: Kernels) -> Finding:
     Pictures and counts have to be identical, Haralick features equal to 1e-9 of their value. The
     picture is one where every implementation is accurate to more than that.
     """
-    frame = _frame()
+    both, frame = (active, other), _frame()
     gray = active.resized_gray(frame, _HEIGHT, 72)
+    gray16 = active.resized_gray16(frame, _HEIGHT, 72)
     pixels = int(np.count_nonzero(gray != other.resized_gray(frame, _HEIGHT, 72)))
-    gray16 = _gray16_difference(active, other, frame, gray)
-    counts = sum(
-        _count_difference(active, other, gray, points, radius, border)
-        for points, radius in ((10, 5), (24, 8))
-        for border in ("patch", "frame")
-    )
-    relative = max(
-        _relative_difference(
-            active.haralick_features(gray, _GRID, zeros),
-            other.haralick_features(gray, _GRID, zeros),
-        )
-        for zeros in (False, True)
-    )
-    same = pixels == 0 and gray16 == 0 and counts == 0 and relative <= _RELATIVE
+    pairs = zip(*(_integers(kernels, frame, gray, gray16) for kernels in both), strict=True)
+    deep = sum(int(np.count_nonzero(one != two)) for one, two in pairs)
+    one, two = (_lbp_counts(kernels, gray) for kernels in both)
+    counts = int(np.abs(one - two).sum())
+    relative = _relative_difference(*(_haralick_features(kernels, gray) for kernels in both))
+    same = pixels == 0 and deep == 0 and counts == 0 and relative <= _RELATIVE
     text = (
-        f"gray pixels that differ from {active.name}: {pixels}, 16-bit gray ones: {gray16}, "
+        f"gray pixels that differ from {active.name}: {pixels}, 16-bit gray ones: {deep}, "
         f"LBP counts: {counts}, largest relative difference of Haralick features: {relative:.1e}"
     )
     if same:
@@ -120,49 +121,35 @@ def compared(active: Kernels, other: Kernels) -> Finding:
     figures = {
         "compared_with": active.name,
         "gray_difference": pixels,
-        "deep_difference": gray16,
+        "deep_difference": deep,
         "lbp_difference": counts,
         "haralick_relative_difference": relative if np.isfinite(relative) else None,
     }
     return Finding(f"{other.name} kernels", OK if same else FAULT, text, figures)
 
 
-def _gray16_difference(
-    one: Kernels, two: Kernels, frame: NDArray[np.uint8], gray: NDArray[np.uint8]
-) -> int:
-    """Values that differ in 16-bit gray, once quantized, and in whole sums over patches."""
-    gray16 = one.resized_gray16(frame, _HEIGHT, 72)
-    pairs: list[tuple[NDArray[np.integer], NDArray[np.integer]]] = [
-        (gray16, two.resized_gray16(frame, _HEIGHT, 72)),
-        (one.level_counts(gray, _GRID), two.level_counts(gray, _GRID)),
-        (one.structure_sums(gray, _GRID), two.structure_sums(gray, _GRID)),
-        (one.line_sums(gray, _GRID, 128, (4, 16)), two.line_sums(gray, _GRID, 128, (4, 16))),
+def _integers(
+    kernels: Kernels, frame: NDArray[np.uint8], gray: NDArray[np.uint8], gray16: NDArray[np.uint16]
+) -> list[NDArray[np.integer]]:
+    """16-bit gray, what it is quantized to, whole sums over patches, and disparities."""
+    return [
+        kernels.resized_gray16(frame, _HEIGHT, 72),
+        *(kernels.quantize(gray16, quantization) for quantization in _QUANTIZATIONS),
+        kernels.level_counts(gray, _GRID),
+        kernels.structure_sums(gray, _GRID),
+        kernels.line_sums(gray, _GRID, 128, (4, 16)),
+        *(kernels.lbp_nearest_counts(gray, _GRID, 8, 5, border) for border in _BORDERS),
+        # Of the picture and of itself moved by a few pixels.
+        kernels.block_disparity(gray, np.roll(gray, -9, axis=1), _MATCHING, np.ones_like(gray)),
     ]
-    for quantization in (
-        Quantization(8.0, 64, 3, 21),
-        Quantization(2.0, 256, 1, 33, RATIO),
-        Quantization(9.0, 32, 1, 9, FRAME),
-    ):
-        pairs.append((one.quantize(gray16, quantization), two.quantize(gray16, quantization)))
-    pairs.append((_matched(one, gray), _matched(two, gray)))
-    for border in ("patch", "frame"):
-        options = gray, _GRID, 8, 5, border
-        pairs.append((one.lbp_nearest_counts(*options), two.lbp_nearest_counts(*options)))
-    return sum(int(np.count_nonzero(first != second)) for first, second in pairs)
 
 
-def _matched(kernels: Kernels, gray: NDArray[np.uint8]) -> NDArray[np.int16]:
-    """Disparities of a picture and of itself moved by a few pixels."""
-    return kernels.block_disparity(
-        gray, np.roll(gray, -9, axis=1), BlockMatching(2, 16, 9, 31, 50, 10), np.ones_like(gray)
-    )
+def _lbp_counts(kernels: Kernels, gray: NDArray[np.uint8]) -> NDArray[np.int64]:
+    return np.hstack([kernels.lbp_counts(gray, _GRID, *options) for options in _LBP])
 
 
-def _count_difference(
-    one: Kernels, two: Kernels, gray: NDArray[np.uint8], points: int, radius: int, border: str
-) -> int:
-    options = gray, _GRID, points, radius, border
-    return int(np.abs(one.lbp_counts(*options) - two.lbp_counts(*options)).sum())
+def _haralick_features(kernels: Kernels, gray: NDArray[np.uint8]) -> NDArray[np.float64]:
+    return np.vstack([kernels.haralick_features(gray, _GRID, zeros) for zeros in (False, True)])
 
 
 def _relative_difference(one: NDArray[np.float64], two: NDArray[np.float64]) -> float:

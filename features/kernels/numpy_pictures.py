@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from tokt.features.frames.grid import Grid
 
-from .checks import check_frame, check_gray, check_gray16, check_gray16_size, check_size
 from .quantization import (
     BGR_WEIGHTS,
     MIN_AROUND,
@@ -59,36 +58,7 @@ def _shrunk(rows: Floats, target: int) -> Floats:
 def resized_gray16(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint16]:
-    """A frame resized by area and gray, in 1/256 grey level, rounded once.
-
-    A picture larger than the frame is made by the same rule: its pixels are the frame's, mixed
-    where a border between two falls into one.
-
-    Parameters
-    ----------
-    frame : array of uint8, shape (rows, columns) or (rows, columns, 3)
-        Gray or BGR.
-    height, width : int
-        Of the picture, in pixels.
-    threads : int
-        Taken so that all kernels are called alike.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint16, shape (height, width), 0 to 255 * 256.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the frame is not (rows, columns) or (rows, columns, 3) of uint8, or a size not positive.
-
-    References
-    ----------
-    ITU-R BT.601, weights 4899, 9617, 1868 of 16384 as in OpenCV.
-    """
-    frame = check_frame(frame, threads)
-    check_gray16_size(frame.shape, height, width)
+    """`Kernels.resized_gray16`."""
     # Up to 2**22, so single precision is exact.
     if frame.ndim == 3:
         gray = frame.astype(np.float32) @ np.array(BGR_WEIGHTS, np.float32)
@@ -122,27 +92,7 @@ def _box_mean(gray16: NDArray[np.uint16], side: int) -> Floats:
 def quantize(
     gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """A 16-bit gray picture quantized, as `.quantization.Quantization` says.
-
-    Parameters
-    ----------
-    gray16 : array of uint16, shape (height, width)
-        In 1/256 grey level.
-    quantization : Quantization
-    threads : int
-        Taken so that all kernels are called alike.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, shape (height, width), 0 to ``quantization.levels - 1``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray16` is not a two-dimensional array of uint16.
-    """
-    gray16 = check_gray16(gray16, threads)
+    """`Kernels.quantize`."""
     value = _box_mean(gray16, quantization.smooth)
     if quantization.window:
         around = _box_mean(gray16, quantization.window)
@@ -156,50 +106,22 @@ def quantize(
 
 
 def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256).
+    """`Kernels.level_counts`."""
+    return histograms(grid.cells(gray).reshape(grid.n_patches, -1), 256)
 
-    Raises
-    ------
-    TypeError, ValueError
-        If `gray` is not a two-dimensional array of uint8.
-    """
-    patches = grid.cells(check_gray(gray, threads)).reshape(grid.n_patches, -1)
-    flat = patches + 256 * np.arange(grid.n_patches)[:, None]
-    return np.bincount(flat.ravel(), minlength=256 * grid.n_patches).reshape(-1, 256)
+
+def histograms(codes: NDArray[np.uint8], bins: int) -> NDArray[np.int64]:
+    """One histogram a row of codes."""
+    flat = codes + (bins * np.arange(len(codes)))[:, None]
+    return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
 
 
 def resized_gray(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """A frame resized by area, then gray, each step rounded to whole grey levels.
-
-    Parameters
-    ----------
-    frame : array of uint8, shape (rows, columns) or (rows, columns, 3)
-        Gray or BGR.
-    height, width : int
-        Of the picture, in pixels.
-    threads : int
-        Taken so that all kernels are called alike; OpenCV has threads of its own.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, shape (height, width); the frame itself when it is gray and of that size.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the frame is not (rows, columns) or (rows, columns, 3) of uint8, or a size not positive.
-
-    References
-    ----------
-    OpenCV ``resize`` with ``INTER_AREA``; ITU-R BT.601.
-    """
-    picture = check_frame(frame, threads)
-    check_size(height, width)
-    if (height, width) != picture.shape[:2]:
-        picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
-    if picture.ndim == 3:
-        picture = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
-    return picture.astype(np.uint8, copy=False)
+    """`Kernels.resized_gray`; OpenCV has threads of its own."""
+    if (height, width) != frame.shape[:2]:
+        frame = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA))
+    if frame.ndim == 3:
+        frame = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+    return frame.astype(np.uint8, copy=False)

@@ -1,7 +1,7 @@
 """The texture features as scikit-image, mahotas and OpenCV compute them.
 
 These are the definition that the fast kernels are held against; ``TOKT_KERNELS=library`` runs
-them. They know no threads: `threads` is taken so that all kernels are called alike.
+them. They know no threads. What is taken and given stands with `dispatch.Kernels`.
 """
 
 from __future__ import annotations
@@ -27,29 +27,7 @@ DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahot
 def lbp_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
-    """Histograms of uniform rotation-invariant local binary patterns, one a patch.
-
-    Parameters
-    ----------
-    gray : array of uint8, shape (height, width)
-        The resized gray frame.
-    grid : Grid
-        The patches.
-    points, radius : int, float
-        P sampling points on a circle of R pixels.
-    border : {"patch", "frame"}
-        Whether a patch is cut out first (zeros beyond its edge, as in the thesis) or its
-        neighbours' pixels are read.
-
-    Returns
-    -------
-    numpy.ndarray
-        int64, shape (n_patches, points + 2); each row sums to the pixels of a patch.
-
-    References
-    ----------
-    Ojala, Pietikainen, Maenpaa (2002), IEEE TPAMI 24(7); `skimage.feature`.
-    """
+    """`Kernels.lbp_counts`."""
     if border == "frame":
         codes = grid.cells(local_binary_pattern(gray, points, radius, method="uniform"))
     else:
@@ -66,38 +44,14 @@ def lbp_counts(
 def haralick_features(
     gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
 ) -> NDArray[np.float64]:
-    """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
-
-    Parameters
-    ----------
-    gray : array of uint8, shape (height, width)
-        The resized gray frame.
-    grid : Grid
-        The patches.
-    ignore_zeros : bool
-        Leave grey level 0 out of the co-occurrence counts, as the thesis does. A patch with no
-        pair left in one of the directions has no such features; it gets those with the zeros
-        counted (an all-zero patch: those of a constant patch).
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (n_patches, 13).
-
-    References
-    ----------
-    Haralick, Shanmugam, Dinstein (1973), IEEE TSMC 3(6); `mahotas.features.haralick`.
-    """
+    """`Kernels.haralick_features`."""
     return np.stack([_haralick(patch, ignore_zeros) for patch in grid.cells(gray)])
 
 
 def _haralick(patch: NDArray[np.uint8], ignore_zeros: bool) -> NDArray[np.float64]:
-    if ignore_zeros:
-        try:
-            directions = mahotas.features.haralick(patch, ignore_zeros=True)
-        except ValueError:
-            directions = mahotas.features.haralick(patch)
-    else:
+    try:
+        directions = mahotas.features.haralick(patch, ignore_zeros=ignore_zeros)
+    except ValueError:  # without the zeros there is no pair in one of the directions
         directions = mahotas.features.haralick(patch)
     mean: NDArray[np.float64] = directions.mean(axis=0)
     return mean
@@ -113,11 +67,7 @@ def _covered(source: int, target: int) -> NDArray[np.float64]:
 def resized_gray16(
     frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
 ) -> NDArray[np.uint16]:
-    """A frame resized by area and gray, in 1/256 grey level, rounded once.
-
-    Takes and gives what `numpy_pictures.resized_gray16` does. Two matrix products, exact in double
-    precision as all sums are of whole numbers below 2**53.
-    """
+    """`Kernels.resized_gray16`: two matrix products of whole numbers below 2**53, so exact."""
     rows, columns = _covered(frame.shape[0], height), _covered(frame.shape[1], width)
     if frame.ndim == 2:
         gray = 16384.0 * frame
@@ -143,10 +93,7 @@ def _mean_around(gray16: NDArray[np.uint16], side: int) -> NDArray[np.float64]:
 def quantize(
     gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """A 16-bit gray picture quantized, as `.quantization.Quantization` defines it.
-
-    The means' sums are matrix products, exact in double precision.
-    """
+    """`Kernels.quantize`; the means' sums are matrix products, exact in double precision."""
     x, middle = _mean_around(gray16, quantization.smooth), 0.0
     if quantization.window:
         around = _mean_around(gray16, quantization.window)
@@ -163,14 +110,14 @@ def quantize(
 
 
 def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256)."""
+    """`Kernels.level_counts`."""
     return np.stack([np.bincount(patch.ravel(), minlength=256) for patch in grid.cells(gray)])
 
 
 def lbp_nearest_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> NDArray[np.int64]:
-    """`lbp_counts` with each point moved to the nearest whole pixel; pattern by pattern."""
+    """`Kernels.lbp_nearest_counts`, pattern by pattern."""
     views = [gray] if border == "frame" else list(grid.cells(gray))
     angles = 2 * np.pi * np.arange(points) / points
     codes = []
@@ -188,10 +135,7 @@ def lbp_nearest_counts(
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
-    """Sums of the structure tensor over each patch: changes across, down, and both together.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.structure_sums` does.
-    """
+    """`Kernels.structure_sums`."""
     slopes = []
     for axis in (1, 0):
         slope = ndimage.correlate1d(gray.astype(np.int64), [-1, 0, 1], axis, mode="mirror")
@@ -203,10 +147,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
 def line_sums(
     gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> NDArray[np.int64]:
-    """Sums along lines in 8 directions, over each patch's pixels.
-
-    Takes and gives what `tokt.features.kernels.numpy_kernels.line_sums` does, sample by sample.
-    """
+    """`Kernels.line_sums`, sample by sample."""
     height, width = gray.shape
     out = []
     for n in samples:

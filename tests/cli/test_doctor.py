@@ -7,7 +7,6 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from dataclasses import replace
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.calls import free_port, refuses, run_python, succeeds
+from tests.features.kernels.each_kernel import changed
 from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
 from tokt.features.common.sqlite_copy import copy_database
@@ -161,7 +161,7 @@ def test_the_kernels_of_this_machine_agree():
 def test_kernels_that_differ_are_a_fault():
     def with_wrong(name, spoil):
         kernel = getattr(KERNELS, name)
-        wrong = replace(KERNELS, **{name: lambda *given, **more: spoil(kernel(*given, **more))})
+        wrong = changed(KERNELS, **{name: lambda *given, **more: spoil(kernel(*given, **more))})
         return compared(KERNELS, wrong)
 
     def one_count_off(counts):

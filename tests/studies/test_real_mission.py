@@ -9,7 +9,7 @@ import pytest
 from tests.calls import succeeds
 from tokt.features.frames.mission import open_mission
 from tokt.models.registry.registry import Registry
-from tokt.training.evaluation.metrics import first_of_three
+from tokt.training.evaluation.evaluate import first_detection
 
 # The thesis trains on two images: of the dataset only the figures depend, not the model.
 FEW = "80-85,100-105,140-145,160-165,180-185,200-205"
@@ -80,4 +80,5 @@ def test_preset_thesis_follows_the_thesiss_curve(train, workspace, mission_dir, 
     status = (counts > 0).astype(int).tolist()
     assert np.corrcoef(counts, theirs[CURVE_FRAMES])[0, 1] > 0.95
     assert sum(value for frame, value in zip(CURVE_FRAMES, status, strict=True) if frame < 131) == 0
-    assert 145 <= (first_of_three(CURVE_FRAMES, status) or 0) <= 170
+    gaps = [0] * len(CURVE_FRAMES)
+    assert 145 <= (first_detection(CURVE_FRAMES, gaps, status) or 0) <= 170

@@ -80,34 +80,6 @@ def kind_of_frame(labels_clear: NDArray[np.bool_], whole: bool) -> str:
     return OCEAN if whole else NEITHER
 
 
-def on_grid(
-    scores: NDArray[np.float64],
-    frame: NDArray[np.int64],
-    cell: NDArray[np.int64],
-    shape: tuple[int, int],
-) -> NDArray[np.float64]:
-    """Scores of single patches at their places in their frames.
-
-    Parameters
-    ----------
-    scores : array of float64, shape (n,)
-    frame : array of int, shape (n,)
-        Row in the series.
-    cell : array of int, shape (n,)
-        Place in the grid.
-    shape : (int, int)
-        Frames and patches of a frame.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64; -inf, which exceeds no margin, where a patch has no score.
-    """
-    found = np.full(shape, -np.inf)
-    found[frame, cell] = scores
-    return found
-
-
 def statuses(
     series: FrameSeries,
     scores: NDArray[np.float64],

@@ -19,7 +19,7 @@ from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import DatasetVersion, list_datasets
 from tokt.training.evaluation.frame_scores import KEYS
 
-from .frames import FrameSeries, kind_of_frame, on_grid
+from .frames import FrameSeries, kind_of_frame
 from .predictions import HELD_OUT, ComparedModels, ModelPredictions, error_margins
 
 _PLACE = [*KEYS, "row", "col"]
@@ -91,7 +91,9 @@ def _predictions(
     score = table.obstacle_score.to_numpy(np.float64)
     grid = bundle.grid
     cell = (table.row * grid.cols + table.col).to_numpy(np.int64)
-    n_frames = int(frame.max()) + 1
+    # -inf, which exceeds no margin, where a patch has no score.
+    on_grid = np.full((int(frame.max()) + 1, grid.n_patches), -np.inf)
+    on_grid[frame, cell] = score
     return ModelPredictions(
         bundle=bundle,
         targets=table.target.to_numpy(np.int64),
@@ -99,9 +101,9 @@ def _predictions(
         classes=bundle.model.classes,
         error_margin=error_margins(bundle.model, values, table.target.to_numpy(np.int64)),
         score=score,
-        on_grid=on_grid(score, frame, cell, (n_frames, grid.n_patches)),
+        on_grid=on_grid,
         white=min_mask_patches(grid, *grid.resized(*bundle.frame_sizes[0])),
-        judged=np.ones(n_frames, bool),
+        judged=np.ones(len(on_grid), bool),
         fold_rules=[MofNRule.from_json(rule) for rule in recipe["fold_rules"]],
         split=str(recipe["metrics"]["split"]),
         recipe=recipe,

@@ -118,9 +118,7 @@ def _set_up(
     )
     spec, settings = dict(predictions.bundle.content.extractor_spec), _settings(parameters)
     features, *augmented = (
-        np.asarray(
-            cached_features(dataset, spec, workspace / "cache", progress, augmentation=augmentation)
-        )
+        cached_features(dataset, spec, workspace / "cache", progress, augmentation=augmentation)
         for augmentation in ("", *settings.changes)
     )
     folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(augmented)))

@@ -19,10 +19,8 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import frame_step
-from tokt.training.datasets.dataset import CLEAR
-from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
-from tokt.training.evaluation.evaluate import mission_in_training
+from tokt.training.evaluation.evaluate import classes_and_targets, mission_in_training
 from tokt.training.evaluation.frame_scores import KEYS
 
 from .frames import FrameSeries, kind_of_frame
@@ -97,12 +95,11 @@ def _patches(records: Sequence[LabelRecord]) -> pd.DataFrame:
 def _frames(
     name: str, frames: Sequence[int], records: Sequence[LabelRecord], taxonomy: Taxonomy, n: int
 ) -> pd.DataFrame:
-    by_frame: dict[int, list[str]] = {}
+    by_frame: dict[int, list[str]] = {number: [] for number in frames}
     for record in records:
-        by_frame.setdefault(record.frame, []).append(str(record.label))
+        by_frame[record.frame].append(str(record.label))
     rows = []
-    for number in frames:
-        said = by_frame.get(number, [])
+    for number, said in by_frame.items():
         sure = [label for label in said if label != UNSURE]
         clear = np.array([not taxonomy.is_obstacle(label) for label in sure], bool)
         rows.append((name, LEFT, number, kind_of_frame(clear, len(sure) == n), -1))
@@ -121,12 +118,7 @@ def _predictions(
     """A model on the patches of a table; `places` is each one's frame among those scored."""
     cell = (patches.row * bundle.grid.cols + patches.col).to_numpy()
     values, model = np.stack(of_frames)[places, cell], bundle.model
-    labels = patches.label.tolist()
-    if model.classes == (CLEAR, OBSTACLE_CLASS):
-        labels = [OBSTACLE_CLASS if side else CLEAR for side in truth]
-    classes = (*model.classes, *sorted(set(labels) - set(model.classes)))
-    order = {name: index for index, name in enumerate(classes)}
-    targets = np.array([order[label] for label in labels], np.int64)
+    classes, targets = classes_and_targets(model, patches.label.tolist(), truth)
     return ModelPredictions(
         bundle=bundle,
         targets=targets,

@@ -124,7 +124,7 @@ def cached_features(
         table = _cached(path, shape)
     if table is None:
         raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
-    return table
+    return np.asarray(table)  # what is cut from it is of memory
 
 
 def _tasks(

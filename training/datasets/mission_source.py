@@ -174,9 +174,7 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     images = sorted(path for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES)
     if not images:
         raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
-    rows = []
-    for number, image in enumerate(images, 1):
-        rows.append((mission, "left", number, 0, 0, image.parent.name))
+    rows = [(mission, "left", n, 0, 0, image.parent.name) for n, image in enumerate(images, 1)]
     table = pd.DataFrame(rows, columns=_COLUMNS)
     for label in table.label.unique():
         taxonomy.check_label(label)

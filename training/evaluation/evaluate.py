@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,11 +20,12 @@ from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
+from tokt.models.linear import LinearModel
 from tokt.models.operating_point import frame_step, missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
 
-from .metrics import class_metrics, first_of_three, obstacle_metrics
+from .metrics import class_metrics, obstacle_metrics
 
 
 @dataclass(frozen=True)
@@ -105,18 +105,16 @@ def _unjudged_values(bundle: Bundle, image: NDArray[np.uint8], number: int) -> N
 
 
 def first_detection(frames: list[int], missed: list[int], status: list[int]) -> int | None:
-    """The first of three frames with status 1 that follow each other in the mission.
+    """The first of three frames with status 1 that follow each other (thesis chapter 5), or None.
 
     Parameters
     ----------
     frames, missed, status : list of int
         As in `ScoredMission`. Frames on both sides of missing ones do not follow each other.
     """
-    starts = [i for i, gap in enumerate(missed) if gap or i == 0]
-    for start, end in pairwise([*starts, len(frames)]):
-        found = first_of_three(frames[start:end], status[start:end])
-        if found is not None:
-            return found
+    for i in range(len(frames) - 2):
+        if not any(missed[i + 1 : i + 3]) and status[i : i + 3] == [OBSTACLE] * 3:
+            return frames[i]
     return None
 
 
@@ -156,6 +154,20 @@ def _frame_figures(
     }
 
 
+def classes_and_targets(
+    model: LinearModel, labels: Sequence[str], truth: NDArray[np.bool_]
+) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """A model's classes, with what else was labelled, and each label's index among them.
+
+    Of a model that tells obstacles from clear water a label counts as its side, in `truth`.
+    """
+    if model.classes == (CLEAR, OBSTACLE_CLASS):
+        labels = [OBSTACLE_CLASS if side else CLEAR for side in truth]
+    classes = (*model.classes, *sorted(set(labels) - set(model.classes)))
+    order = {name: index for index, name in enumerate(classes)}
+    return classes, np.array([order[label] for label in labels], np.int64)
+
+
 def _patch_figures(
     bundle: Bundle, scored: ScoredMission, records: list[LabelRecord], taxonomy: Taxonomy
 ) -> dict[str, Any]:
@@ -167,12 +179,8 @@ def _patch_figures(
     truth = np.array([taxonomy.is_obstacle(label) for label in labels])
     predicted = bundle.model.predicted(values)
     figures = obstacle_metrics(truth, bundle.model.obstacle_score(values))
-    binary = bundle.model.classes == (CLEAR, OBSTACLE_CLASS)
-    names = [OBSTACLE_CLASS if side else CLEAR for side in truth] if binary else labels
-    unknown = sorted(set(names) - set(bundle.model.classes))
-    order = {name: index for index, name in enumerate((*bundle.model.classes, *unknown))}
-    targets = np.array([order[name] for name in names])
-    figures.update(class_metrics(targets, predicted, tuple(order)))
+    classes, targets = classes_and_targets(bundle.model, labels, truth)
+    figures.update(class_metrics(targets, predicted, classes))
     right = np.asarray(bundle.model.obstacle, bool)[predicted] == truth
     figures["by_label"] = {
         label: {"n": int(mine.sum()), "right_side": float(right[mine].mean())}

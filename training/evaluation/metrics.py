@@ -84,19 +84,3 @@ def class_metrics(
             "counts": confusion_matrix(truth, predicted, labels=indices).tolist(),
         },
     }
-
-
-def first_of_three(frames: list[int], status: list[int]) -> int | None:
-    """The first frame of three in a row with status 1 (thesis chapter 5), or None.
-
-    Parameters
-    ----------
-    frames : list of int
-        Frame numbers in the order they were seen.
-    status : list of int
-        1 obstacle, 0 clear, -1 unknown (which breaks a row).
-    """
-    for start in range(len(frames) - 2):
-        if all(value == 1 for value in status[start : start + 3]):
-            return frames[start]
-    return None

@@ -200,12 +200,9 @@ def audit(
     dataset, split = audited.dataset, audited.split
     dataset.check()
     folds = blocked_folds(dataset.patches, dataset.targets(), split.folds, split.embargo_frames)
+    spec = audited.extractor_spec
     features, *augmented = (
-        np.asarray(
-            cached_features(
-                dataset, audited.extractor_spec, cache, progress, jobs, augmentation=augmentation
-            )
-        )
+        cached_features(dataset, spec, cache, progress, jobs, augmentation=augmentation)
         for augmentation in ("", *audited.settings.changes)
     )
     check_features(dataset, features)

@@ -177,9 +177,7 @@ def train(
     wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
     tables = {
-        augmentation: np.asarray(
-            cached_features(dataset, spec, cache, progress, jobs, dask, augmentation)
-        )
+        augmentation: cached_features(dataset, spec, cache, progress, jobs, dask, augmentation)
         for augmentation in wanted
     }
     # One thread, so that sums are added up in the same order on every machine.
@@ -284,7 +282,7 @@ def _candidates(settings: TrainingSettings) -> str:
     return f"{penalties} and class weights (of {weights})"
 
 
-def _first_clear_frame(dataset: DatasetVersion) -> int:
+def _first_clear_frame(dataset: DatasetVersion) -> NDArray[np.uint8]:
     clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
     table = dataset.patches.assign(clear=clear).groupby(["mission", "camera", "frame"]).clear
     sizes, sums = table.size(), table.sum()
@@ -292,7 +290,7 @@ def _first_clear_frame(dataset: DatasetVersion) -> int:
     keys = dataset.frames[["mission", "camera", "frame"]].itertuples(index=False, name=None)
     for index, key in enumerate(keys):
         if key in full:
-            return index
+            return dataset.read_frame(index)
     raise ToktError("preset thesis needs --ocean IMAGE: no frame of the dataset is all clear")
 
 
@@ -309,11 +307,9 @@ def _train_on_two_images(
     """The thesis's training: the patches of one ocean image against those of one other image."""
     dataset, settings = request.dataset, request.settings
     check_features(dataset, tables[""])
-    index = None if request.ocean_image else _first_clear_frame(dataset)
-    ocean = (
-        read_image(request.ocean_image) if request.ocean_image else dataset.read_frame(index or 0)
-    )
-    other = read_image(request.other_image) if request.other_image else rendered_other_image()
+    ocean_file, other_file = request.ocean_image, request.other_image
+    ocean = read_image(ocean_file) if ocean_file else _first_clear_frame(dataset)
+    other = read_image(other_file) if other_file else rendered_other_image()
     rows = [request.extractor.describe(image, dataset.grid) for image in (ocean, other)]
     targets = np.repeat([0, 1], dataset.grid.n_patches)
     (choice,) = settings.choices
@@ -321,12 +317,10 @@ def _train_on_two_images(
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
     learnt_from = [pixel_sha256(image) for image in (ocean, other)]
     held_out = _test_on_all(request, tables, stress, pipeline, learnt_from)
-    names = (
-        _name(request.ocean_image, "a frame of the dataset"),
-        _name(request.other_image, "a rendered texture"),
-    )
     split = (
-        f"Trained on two images only, as the thesis: ocean = {names[0]} and other = {names[1]}; "
+        "Trained on two images only, as the thesis: "
+        f"ocean = {ocean_file.name if ocean_file else 'a frame of the dataset'} and "
+        f"other = {other_file.name if other_file else 'a rendered texture'}; "
         "tested on every other frame of the dataset. The folds only say how the figures vary "
         "along the mission."
     )
@@ -348,10 +342,6 @@ def _train_on_two_images(
         },
         None,
     )
-
-
-def _name(path: Path | None, default: str) -> str:
-    return default if path is None else path.name
 
 
 def _test_on_all(

@@ -82,7 +82,7 @@ class BlockConfusion:
     @property
     def score(self) -> float:
         """Pooled over everything."""
-        return float(np.nan_to_num(f1_of_counts(self.counts.sum(axis=0))))
+        return pooled(self.counts)
 
     def of_fold(self, fold: int) -> NDArray[np.int64]:
         """The confusion matrix of one fold."""
@@ -151,7 +151,7 @@ def tally(dataset: DatasetVersion, held_out: HeldOutPredictions) -> BlockConfusi
     return BlockConfusion(cells[:, 0], cells[:, 1], counts, n_blocks)
 
 
-def pooled(matrices: Sequence[NDArray[np.int64]]) -> float:
+def pooled(matrices: Sequence[NDArray[np.int64]] | NDArray[np.int64]) -> float:
     """The score of several confusion matrices together."""
     return float(np.nan_to_num(f1_of_counts(np.sum(matrices, axis=0))))
 

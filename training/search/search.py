@@ -197,7 +197,7 @@ class _Search:
             raise ToktError(f"no extractor of the space can be tried on this dataset: {fault}")
         ranks = ranked(whole)
         best = winner(ranks)
-        write_json(self._state.winner_file, best.trial.spec)
+        write_json(self._state.folder / "winner.json", best.trial.spec)
         honest = self._honest(whole)
         selection = self._selection(len(whole), honest)
         version, metrics = self._model(best.trial, selection)
@@ -209,7 +209,7 @@ class _Search:
             "run_id": version.run_id,
             "cv": metrics,
         }
-        write_json(self._state.result_file, result)
+        write_json(self._state.folder / "result.json", result)
         figures = {"best_score": max(rank.score for rank in ranks), "winner_score": best.score}
         if honest is not None:
             figures["honest_score"] = honest["score"]
@@ -338,7 +338,7 @@ class _Search:
             "faults": self._faults,
             "ranks": [_rank_json(rank) for rank in ranks],
             "winner": {**_rank_json(best), "spec": best.trial.spec},
-            "winner_file": str(self._state.winner_file),
+            "winner_file": str(self._state.folder / "winner.json"),
             "nested": honest,
             "selection": selection,
         }

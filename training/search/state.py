@@ -117,16 +117,6 @@ class SearchState:
             return self.folder / "trials" / f"{trial_id}.json"
         return self.folder / "nested" / f"{outer_fold}-{trial_id}.json"
 
-    @property
-    def winner_file(self) -> Path:
-        """The winner's spec."""
-        return self.folder / "winner.json"
-
-    @property
-    def result_file(self) -> Path:
-        """What was reported last."""
-        return self.folder / "result.json"
-
 
 @contextmanager
 def opened_state(

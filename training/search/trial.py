@@ -78,7 +78,10 @@ def run_task(task: TrialTask) -> TrialOutcome:
     dataset, split = _dataset(task.dataset), task.split
     names = ("", *task.settings.changes)
     try:
-        features, *augmented = [_features(task, dataset, name) for name in names]
+        features, *augmented = (
+            cached_features(dataset, task.trial.spec, task.cache, _silent, 1, augmentation=name)
+            for name in names
+        )
         if task.outer_fold is not None:
             rows = outer_training_rows(dataset, split, task.outer_fold)
             dataset, features = part_of(dataset, rows), features[rows]
@@ -93,13 +96,6 @@ def run_task(task: TrialTask) -> TrialOutcome:
     finished = Finished(tally(dataset, held_out), tuple(held_out.choices), seconds)
     write_finished(task.file, finished)
     return TrialOutcome(task, finished)
-
-
-def _features(task: TrialTask, dataset: DatasetVersion, augmentation: str) -> NDArray[np.float64]:
-    spec = task.trial.spec
-    return np.asarray(
-        cached_features(dataset, spec, task.cache, _silent, jobs=1, augmentation=augmentation)
-    )
 
 
 @lru_cache(maxsize=1)

@@ -22,13 +22,6 @@ enum {
     AREA_CHUNK = 64 /* values that are looked through together for near ties */
 };
 
-/* Which input rows (or columns) make one output row: those from `source`, one for each weight. */
-typedef struct {
-    const int32_t *first;  /* [outputs + 1]: where an output's weights begin */
-    const int32_t *source; /* [outputs]: its first input */
-    const float *weight;   /* [all weights] */
-} AreaTable;
-
 typedef struct {
     const uint8_t *pixels;
     ptrdiff_t stride; /* bytes from row to row */
@@ -40,66 +33,11 @@ static size_t area_scratch(const AreaFrame *frame, int width) {
     return (size_t)frame->width * frame->channels + AREA_LANES + 2 * AREA_LANES * (size_t)width;
 }
 
-/* Add up the frame's rows that make row y of the picture. Mostly those are a part of one, two or
- * three whole ones, which are added as whole numbers, and a part of the last: one pass. */
-TOKT_BODY void area_add_rows(const AreaFrame *frame, const AreaTable *rows, int y,
-                             float *TOKT_RESTRICT sums) {
-    const float *weight = rows->weight + rows->first[y];
-    int n = frame->width * frame->channels, count = rows->first[y + 1] - rows->first[y];
-    const uint8_t *TOKT_RESTRICT a = frame->pixels + rows->source[y] * frame->stride;
-    float part = weight[0], last = weight[count - 1];
-    if (count == 4 && weight[1] == weight[2]) {
-        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
-        const uint8_t *TOKT_RESTRICT d = c + frame->stride;
-        float whole = weight[1];
-        for (int x = 0; x < n; x++)
-            sums[x] = part * (float)a[x] + whole * (float)(b[x] + c[x]) + last * (float)d[x];
-    } else if (count == 5 && weight[1] == weight[2] && weight[2] == weight[3]) {
-        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
-        const uint8_t *TOKT_RESTRICT d = c + frame->stride, *TOKT_RESTRICT e = d + frame->stride;
-        float whole = weight[1];
-        for (int x = 0; x < n; x++)
-            sums[x] = part * (float)a[x] + whole * (float)(b[x] + c[x] + d[x]) + last * (float)e[x];
-    } else {
-        for (int x = 0; x < n; x++) sums[x] = part * (float)a[x];
-        for (int row = 1; row < count; row++) {
-            const uint8_t *TOKT_RESTRICT in = a + row * frame->stride;
-            float more = weight[row];
-            for (int x = 0; x < n; x++) sums[x] += more * (float)in[x];
-        }
-    }
-}
-
-/* Add up the columns of `sums` that make each pixel of the picture's row. What is needed next of
- * the frame, `ahead`, is asked for meanwhile: this loop computes while memory could deliver. */
-TOKT_BODY void area_add_columns(const AreaTable *columns, int channels, int width, const float *sums,
-                                const uint8_t *ahead, ptrdiff_t n_ahead, float *TOKT_RESTRICT out) {
-    for (int x = 0; x < width; x++) {
-        if ((ptrdiff_t)x * AREA_CACHE_LINE < n_ahead)
-            TOKT_PREFETCH(ahead + (ptrdiff_t)x * AREA_CACHE_LINE);
-        const float *in = sums + (ptrdiff_t)columns->source[x] * channels;
-        const float *weight = columns->weight + columns->first[x];
-        int count = columns->first[x + 1] - columns->first[x];
-        if (channels == 1) {
-            float sum = 0;
-            for (int i = 0; i < count; i++) sum += weight[i] * in[i];
-            out[x] = sum;
-            continue;
-        }
-        /* Blue, green and red go side by side; the fourth value is the next pixel's. */
-#if defined(__GNUC__)
-        typedef float pixel __attribute__((vector_size(16), aligned(4), may_alias));
-        pixel sum = {0};
-        for (int i = 0; i < count; i++) sum += weight[i] * *(const pixel *)(in + 3 * i);
-        *(pixel *)(out + AREA_LANES * x) = sum;
-#else
-        float *sum = out + AREA_LANES * x;
-        for (int lane = 0; lane < AREA_LANES; lane++) sum[lane] = 0;
-        for (int i = 0; i < count; i++)
-            for (int lane = 0; lane < AREA_LANES; lane++) sum[lane] += weight[i] * in[3 * i + lane];
-#endif
-    }
-}
+#define SUMS_NAME(name) area_##name
+#define SUMS_TABLE AreaTable
+#define SUMS_VALUE float
+#define SUMS_LANE float
+#include "area_sums.h"
 
 /* One value as OpenCV sums it, rounded. */
 static int area_exact(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
@@ -152,9 +90,7 @@ TOKT_BODY void area_gray_rows_body(const AreaFrame *frame, const AreaTable *rows
         uint8_t *TOKT_RESTRICT gray = out + (ptrdiff_t)y * width;
         area_add_rows(frame, rows, y, sums);
         int next = y + 1 < last ? y + 1 : y;
-        area_add_columns(columns, frame->channels, width, sums,
-                         frame->pixels + rows->source[next] * frame->stride,
-                         (rows->first[next + 1] - rows->first[next]) * frame->stride, along);
+        area_add_columns(frame, rows, next, columns, width, sums, along);
         for (int i = 0; i < lanes * width; i += AREA_CHUNK) {
             int n = lanes * width - i < AREA_CHUNK ? lanes * width - i : AREA_CHUNK;
             if (area_round(along + i, n, near_tie, levels + i))

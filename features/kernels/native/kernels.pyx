@@ -181,7 +181,7 @@ cdef extern from "match.h" nogil:
                      int16_t *out)
 
 
-INTERFACE = 4
+INTERFACE = 5
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -196,6 +196,25 @@ def use_instructions(name):
 
 
 use_instructions(INSTRUCTIONS[len(INSTRUCTIONS) - 1])
+
+
+cdef class Scratch:
+    """Memory of one thread for a kernel's intermediate results.
+
+    It is used again for every frame, because a large block that is freed and asked for again costs
+    more in page faults than the counting itself.
+    """
+
+    cdef readonly bytearray memory
+
+    def __init__(self):
+        self.memory = bytearray(1)
+
+    cdef char *of(self, size_t size):
+        """That many bytes, their content left from the last use."""
+        if <size_t>len(self.memory) < size:
+            self.memory = bytearray(size)
+        return self.memory
 
 
 cdef class LbpTables:
@@ -227,14 +246,12 @@ cdef class LbpTables:
         if code is not None:
             self.points.code = &self.code[0]
 
-    def scratch_size(self, int patch_height, int patch_width):
-        """Number of doubles that `count_rows` needs for patches of this size."""
-        return lbp_scratch(&self.points, patch_height, patch_width)
-
     def count_rows(self, const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
-                   bint across_patches, int first, int last, double[::1] scratch,
-                   int64_t[:, ::1] counts):
+                   bint across_patches, int64_t[:, ::1] counts, int first, int last,
+                   Scratch scratch):
         """Add the histograms of patch rows first..last to `counts`."""
+        cdef size_t needed = lbp_scratch(&self.points, patch_height, patch_width)
+        cdef double *memory = <double *>scratch.of(needed * sizeof(double))
         cdef LbpView view
         cdef LbpBlock patch
         cdef int row, col
@@ -251,37 +268,32 @@ cdef class LbpTables:
                         view.pixels = &gray[patch.row, patch.column]
                         view.height, view.width = patch_height, patch_width
                         patch.row = patch.column = 0
-                    lbp_patch(&view, &self.points, &patch, &scratch[0],
-                              &counts[row * cols + col, 0])
+                    lbp_patch(&view, &self.points, &patch, memory, &counts[row * cols + col, 0])
 
 
 cdef class GlcmScratch:
-    """What one thread counts pairs in; see ``glcm.h``."""
+    """What one thread counts pairs in, every count zero between calls; see ``glcm.h``."""
 
-    cdef uint32_t[:, ::1] counts
-    cdef uint16_t[:, ::1] cells
-    cdef uint16_t[::1] keys
-    cdef int64_t[::1] sums
+    cdef bytearray counts, cells, sums
+    cdef Scratch keys
     cdef GlcmPairs pairs[4]
 
-    def __init__(self, uint32_t[:, ::1] counts, uint16_t[:, ::1] cells, int64_t[::1] sums,
-                 uint16_t[::1] keys):
+    def __init__(self):
         cdef int direction
-        self.counts, self.cells, self.sums, self.keys = counts, cells, sums, keys
+        self.counts = bytearray(4 * 65536 * sizeof(uint32_t))
+        self.cells = bytearray(4 * 65536 * sizeof(uint16_t))
+        self.sums, self.keys = bytearray(sizeof(GlcmSums)), Scratch()
         for direction in range(4):
-            self.pairs[direction].count = &self.counts[direction, 0]
-            self.pairs[direction].cells = &self.cells[direction, 0]
-
-    @staticmethod
-    def sums_size():
-        """Number of int64 values that the sums of one direction take."""
-        return (sizeof(GlcmSums) + 7) // 8
+            self.pairs[direction].count = <uint32_t *><char *>self.counts + direction * 65536
+            self.pairs[direction].cells = <uint16_t *><char *>self.cells + direction * 65536
 
     def describe_rows(self, const uint8_t[:, ::1] gray, int cols, int patch_height,
                       int patch_width, bint ignore_zeros, int first, int last,
                       const double[::1] log2_of, const double[::1] inverse_difference,
                       double[:, ::1] features):
         """Write the features of patch rows first..last."""
+        cdef uint16_t *keys = <uint16_t *>self.keys.of(4 * patch_width * sizeof(uint16_t))
+        cdef GlcmSums *sums = <GlcmSums *><char *>self.sums
         cdef GlcmPatch patch
         cdef GlcmLog2 logarithms
         cdef int row, col
@@ -292,9 +304,8 @@ cdef class GlcmScratch:
             for row in range(first, last):
                 for col in range(cols):
                     patch.pixels = &gray[row * patch_height, col * patch_width]
-                    glcm_patch(&patch, ignore_zeros, logarithms, &inverse_difference[0],
-                               &self.keys[0], self.pairs, <GlcmSums *>&self.sums[0],
-                               &features[row * cols + col, 0])
+                    glcm_patch(&patch, ignore_zeros, logarithms, &inverse_difference[0], keys,
+                               self.pairs, sums, &features[row * cols + col, 0])
 
 
 cdef class AreaTables:
@@ -320,19 +331,14 @@ cdef AreaFrame area_frame(const uint8_t[:, :, ::1] frame) noexcept nogil:
     return view
 
 
-def area_scratch_size(const uint8_t[:, :, ::1] frame, int width):
-    """Number of floats that `area_gray` needs for a picture of this width."""
-    cdef AreaFrame view = area_frame(frame)
-    return area_scratch(&view, width)
-
-
-def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables columns, int first,
-              int last, float near_tie, float[::1] scratch, uint8_t[:, ::1] out):
+def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables columns, float near_tie,
+              uint8_t[:, ::1] out, int first, int last, Scratch scratch):
     """Write rows first..last of a frame's gray picture."""
     cdef AreaFrame view = area_frame(frame)
+    cdef float *memory = <float *>scratch.of(area_scratch(&view, out.shape[1]) * sizeof(float))
     with nogil:
         area_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], near_tie,
-                       &scratch[0], &out[0, 0])
+                       memory, &out[0, 0])
 
 
 cdef class Gray16Tables:
@@ -349,19 +355,15 @@ cdef class Gray16Tables:
         self.table.weight = &self.weight[0]
 
 
-def gray16_scratch_size(const uint8_t[:, :, ::1] frame, int width):
-    """Number of int32 values that `resized_gray16` needs for a picture of this width."""
-    cdef AreaFrame view = area_frame(frame)
-    return gray16_scratch(&view, width)
-
-
 def resized_gray16(const uint8_t[:, :, ::1] frame, Gray16Tables rows, Gray16Tables columns,
-                   int first, int last, double step, int32_t[::1] scratch, uint16_t[:, ::1] out):
+                   double step, uint16_t[:, ::1] out, int first, int last, Scratch scratch):
     """Write rows first..last of a frame's 16-bit gray picture."""
     cdef AreaFrame view = area_frame(frame)
+    cdef size_t needed = gray16_scratch(&view, out.shape[1])
+    cdef int32_t *memory = <int32_t *>scratch.of(needed * sizeof(int32_t))
     with nogil:
-        gray16_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], step,
-                    &scratch[0], &out[0, 0])
+        gray16_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], step, memory,
+                    &out[0, 0])
 
 
 cdef Gray16Picture gray16_picture(const uint16_t[:, ::1] gray16) noexcept nogil:
@@ -391,16 +393,14 @@ cdef class Quantizer:
         self.settings.ratio_of, self.settings.min_around = ratio_of, min_around
         self.settings.offset, self.settings.top = offset, top
 
-    def scratch_size(self, int width):
-        """Number of doubles that `rows` needs for a picture of this width."""
-        return quantize_scratch(&self.settings, width)
-
-    def rows(self, const uint16_t[:, ::1] gray16, double scale, int first, int last,
-             double[::1] scratch, uint8_t[:, ::1] out):
+    def rows(self, const uint16_t[:, ::1] gray16, double scale, uint8_t[:, ::1] out, int first,
+             int last, Scratch scratch):
         """Write rows first..last of the picture in levels."""
         cdef Gray16Picture picture = gray16_picture(gray16)
+        cdef size_t needed = quantize_scratch(&self.settings, picture.width)
+        cdef double *memory = <double *>scratch.of(needed * sizeof(double))
         with nogil:
-            quantize_rows(&picture, &self.settings, scale, first, last, &scratch[0], &out[0, 0])
+            quantize_rows(&picture, &self.settings, scale, first, last, memory, &out[0, 0])
 
 
 def level_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
@@ -423,63 +423,40 @@ cdef PatchedPicture patched(const uint8_t[:, ::1] gray, int cols, int patch_heig
     return picture
 
 
-def structure_scratch_size(const uint8_t[:, ::1] gray):
-    """Number of int32 values that `structure_sums` needs for a picture."""
-    cdef PatchedPicture picture = patched(gray, 1, 1, 1)
-    return structure_scratch(&picture)
-
-
 def structure_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
-                   int first, int last, int32_t[::1] scratch, int64_t[:, ::1] sums):
+                   int64_t[:, ::1] sums, int first, int last, Scratch scratch):
     """Write the sums of patch rows first..last."""
     cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
+    cdef size_t needed = structure_scratch(&picture)
+    cdef int32_t *memory = <int32_t *>scratch.of(needed * sizeof(int32_t))
     with nogil:
-        structure_rows(&picture, first, last, &scratch[0], &sums[0, 0])
-
-
-def lines_scratch_size(const uint8_t[:, ::1] gray, int patch_height, const int32_t[::1] samples):
-    """Number of int16 values that `line_sums` needs for a picture."""
-    cdef PatchedPicture picture = patched(gray, 1, patch_height, 1)
-    cdef LineKinds kinds
-    kinds.middle, kinds.count, kinds.samples = 0, samples.shape[0], &samples[0]
-    return lines_scratch(&picture, &kinds)
+        structure_rows(&picture, first, last, memory, &sums[0, 0])
 
 
 def line_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width, int middle,
-              const int32_t[::1] samples, int first, int last, int16_t[::1] scratch,
-              int64_t[:, :, ::1] sums):
+              const int32_t[::1] samples, int64_t[:, :, ::1] sums, int first, int last,
+              Scratch scratch):
     """Write the sums of patch rows first..last."""
     cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
     cdef LineKinds kinds
     kinds.middle, kinds.count, kinds.samples = middle, samples.shape[0], &samples[0]
+    cdef size_t needed = lines_scratch(&picture, &kinds)
+    cdef int16_t *memory = <int16_t *>scratch.of(needed * sizeof(int16_t))
     with nogil:
-        lines_rows(&picture, &kinds, first, last, &scratch[0], &sums[0, 0, 0])
-
-
-cdef NearestPoints nearest_points(const int32_t[:, ::1] moves, int reach,
-                                  bint across_patches) noexcept nogil:
-    cdef NearestPoints points
-    points.points, points.reach, points.across_patches = moves.shape[0], reach, across_patches
-    points.moves = &moves[0, 0]
-    return points
-
-
-def nearest_scratch_size(const uint8_t[:, ::1] gray, int patch_height, int patch_width,
-                         const int32_t[:, ::1] moves, int reach, bint across_patches):
-    """Number of bytes that `nearest_counts` needs for a picture."""
-    cdef PatchedPicture picture = patched(gray, 1, patch_height, patch_width)
-    cdef NearestPoints points = nearest_points(moves, reach, across_patches)
-    return nearest_scratch(&picture, &points)
+        lines_rows(&picture, &kinds, first, last, memory, &sums[0, 0, 0])
 
 
 def nearest_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,
-                   const int32_t[:, ::1] moves, int reach, bint across_patches, int first,
-                   int last, uint8_t[::1] scratch, int64_t[:, ::1] counts):
+                   const int32_t[:, ::1] moves, int reach, bint across_patches,
+                   int64_t[:, ::1] counts, int first, int last, Scratch scratch):
     """Write the histograms of patch rows first..last."""
     cdef PatchedPicture picture = patched(gray, cols, patch_height, patch_width)
-    cdef NearestPoints points = nearest_points(moves, reach, across_patches)
+    cdef NearestPoints points
+    points.points, points.reach, points.across_patches = moves.shape[0], reach, across_patches
+    points.moves = &moves[0, 0]
+    cdef uint8_t *memory = <uint8_t *>scratch.of(nearest_scratch(&picture, &points))
     with nogil:
-        nearest_rows(&picture, &points, first, last, &scratch[0], &counts[0, 0])
+        nearest_rows(&picture, &points, first, last, memory, &counts[0, 0])
 
 
 cdef class MatchKernel:
@@ -493,17 +470,15 @@ cdef class MatchKernel:
         self.settings.block, self.settings.zero = block, zero
         self.settings.texture, self.settings.uniqueness = texture, uniqueness
 
-    def scratch_size(self, int width):
-        """Number of uint16 values that `disparities` needs for that many columns."""
-        return match_scratch(&self.settings, width)
-
     def disparities(self, const uint8_t[:, ::1] left, const uint8_t[:, ::1] right,
                     const uint8_t[:, ::1] wanted, int top, int bottom, int first, int last,
-                    uint16_t[::1] scratch, int16_t[:, ::1] out):
+                    Scratch scratch, int16_t[:, ::1] out):
         """Write the disparities of the wanted pixels in rows top..bottom, columns first..last."""
         cdef MatchViews views
         views.left, views.right, views.wanted = &left[0, 0], &right[0, 0], &wanted[0, 0]
         views.width = left.shape[1]
         views.top, views.bottom, views.first, views.last = top, bottom, first, last
+        cdef size_t needed = match_scratch(&self.settings, last - first)
+        cdef uint16_t *memory = <uint16_t *>scratch.of(needed * sizeof(uint16_t))
         with nogil:
-            match_views(&views, &self.settings, &scratch[0], &out[0, 0])
+            match_views(&views, &self.settings, memory, &out[0, 0])

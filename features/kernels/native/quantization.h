@@ -65,16 +65,11 @@ static double *quantize_lay_out(QuantizeBox *box, int side, int width, double *m
     return memory + quantize_box_scratch(width, side);
 }
 
-TOKT_BODY void quantize_add_row(const Gray16Picture *picture, int y,
+/* Add a row to the columns' sums, `times` 1, or take it away: -1. */
+TOKT_BODY void quantize_add_row(const Gray16Picture *picture, int y, int times,
                                 uint32_t *TOKT_RESTRICT column) {
     const uint16_t *TOKT_RESTRICT row = picture->pixels + (ptrdiff_t)y * picture->width;
-    for (int x = 0; x < picture->width; x++) column[x] += row[x];
-}
-
-TOKT_BODY void quantize_drop_row(const Gray16Picture *picture, int y,
-                                 uint32_t *TOKT_RESTRICT column) {
-    const uint16_t *TOKT_RESTRICT row = picture->pixels + (ptrdiff_t)y * picture->width;
-    for (int x = 0; x < picture->width; x++) column[x] -= row[x];
+    for (int x = 0; x < picture->width; x++) column[x] += (uint32_t)times * row[x];
 }
 
 /* The box's means for row y, when the row before was done last or y is the first one. */
@@ -88,10 +83,10 @@ TOKT_BODY void quantize_box(const Gray16Picture *picture, QuantizeBox *box, int 
     }
     int top = quantize_max(y - reach, 0), bottom = quantize_min(y + reach, picture->height - 1);
     if (y == first) {
-        for (int row = top; row <= bottom; row++) quantize_add_row(picture, row, box->column);
+        for (int row = top; row <= bottom; row++) quantize_add_row(picture, row, 1, box->column);
     } else {
-        if (y + reach < picture->height) quantize_add_row(picture, y + reach, box->column);
-        if (y > reach) quantize_drop_row(picture, y - reach - 1, box->column);
+        if (y + reach < picture->height) quantize_add_row(picture, y + reach, 1, box->column);
+        if (y > reach) quantize_add_row(picture, y - reach - 1, -1, box->column);
     }
     int side = 2 * reach + 1;
     const double *TOKT_RESTRICT share = box->share;

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 from hypothesis import strategies as st
 
-from tokt.features.kernels.dispatch import COMPILED, LIBRARY, NUMPY, load_kernels
+from tokt.features.kernels.dispatch import COMPILED, LIBRARY, NUMPY, Kernels, load_kernels
 
 REFERENCE = load_kernels(LIBRARY)
 try:
@@ -24,3 +28,8 @@ fast = pytest.mark.parametrize(
     ],
 )
 THREADS = st.integers(1, 4)
+
+
+def changed(kernels: Kernels, **functions: Any) -> Kernels:
+    """The kernels with other functions in place of some."""
+    return replace(kernels, module=SimpleNamespace(**{**vars(kernels.module), **functions}))

@@ -321,8 +321,11 @@ def test_what_the_scratch_memory_holds_does_not_matter() -> None:
     gray, grid = paint("noise", (80, 150), 1, 0, 0), Grid(2, 3, None)
     expected = described(COMPILED_KERNELS, gray, grid)
     for lbp, area in ((np.nan, 127.5), (np.inf, 255.0), (-1e300, -0.5)):
-        for (use, _), array in SCRATCH.arrays.items():
-            array.fill(lbp if use in ("lbp", "levels") else area)
+        for use, scratch in SCRATCH.of.items():
+            kind = {"lbp": np.float64, "quantize": np.float64, "area": np.float32}.get(use, np.int8)
+            size = len(scratch.memory) // np.dtype(kind).itemsize
+            filled = lbp if use == "lbp" else area if kind != np.int8 else int(area) - 128
+            np.frombuffer(scratch.memory, kind, size)[:] = filled
         assert all(map(same_bits, expected, described(COMPILED_KERNELS, gray, grid)))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.calls import refused, refuses, succeeds
+from tests.features.kernels.each_kernel import changed
 from tokt.features.extractors.extractor import Moments, Quantization
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
@@ -173,7 +174,7 @@ def test_counts_off_by_one_are_not_exact(picture):
         return counts
 
     right = LbpKernel("right", 10, 5, library)
-    wrong = LbpKernel("wrong", 10, 5, replace(library, lbp_counts=off_by_one))
+    wrong = LbpKernel("wrong", 10, 5, changed(library, lbp_counts=off_by_one))
     assert not right.exact  # nothing has been looked at yet
     for case in (right, wrong):
         case.check(picture)
@@ -200,14 +201,14 @@ def test_a_feature_that_is_a_little_wrong_is_not_exact(picture, directions, feat
     def known(patch, ignore_zeros):
         return directions[patch.tobytes(), ignore_zeros]
 
-    def a_little_wrong(gray, grid, ignore_zeros):
+    def a_little_wrong(gray, grid, ignore_zeros, threads):
         features = np.stack([known(p, ignore_zeros).mean(axis=0) for p in picture.patches])
         if feature is not None:
             features[45, feature] *= 1 + 1e-7
         return features
 
     monkeypatch.setattr("tokt.studies.speed.cases.haralick_directions", known)
-    kernels = replace(load_kernels("library"), haralick_features=a_little_wrong)
+    kernels = changed(load_kernels("library"), haralick_features=a_little_wrong)
     case = HaralickKernel("wrong", kernels)
     case.check(picture)
     assert case.exact == (feature is None)

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.features.kernels.each_kernel import changed
 from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import open_mission
@@ -97,7 +98,7 @@ def test_other_matches_than_the_library_s_are_not_exact(pair, monkeypatch):
 
     right = StereoPair(PLAIN)
     assert not right.exact  # nothing has been looked at yet
-    wrong_kernels = replace(library, block_disparity=one_off)
+    wrong_kernels = changed(library, block_disparity=one_off)
     monkeypatch.setattr(stereo_cases, "load_kernels", lambda _: wrong_kernels)
     wrong = StereoPair(PLAIN)
     for case in (right, wrong):

@@ -26,7 +26,8 @@ from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold, blocked_folds
-from tokt.training.evaluation.metrics import class_metrics, first_of_three, obstacle_metrics
+from tokt.training.evaluation.evaluate import first_detection
+from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import cross_validation
 from tokt.training.fitting.classifier import fit_classifier, linear_model
 from tokt.training.fitting.cross_validation import (
@@ -263,7 +264,8 @@ def test_figures_without_any_obstacle_or_any_alarm_are_none_not_zero():
     [([0, 1, 1, 0, 1, 1, 1], 14), ([1, 1], None), ([1, 1, -1, 1, 1], None), ([1, 1, 1], 10)],
 )
 def test_first_of_three(status, first):
-    assert first_of_three(list(range(10, 10 + len(status))), status) == first
+    frames = list(range(10, 10 + len(status)))
+    assert first_detection(frames, [0] * len(status), status) == first
 
 
 # --- presets -----------------------------------------------------------------------------------

@@ -176,7 +176,7 @@ def test_a_view_of_little_depth_fixes_less(sure, dive):
         assert after[name].sigma > 2 * before[name].sigma, name
     for name in (*FOCAL, *PRINCIPAL):
         assert after[name].verdict != FIXED
-    assert less.loose and any("focal" in direction.changes for direction in less.loose)
+    assert less.loose and any("focal" in direction["changes"] for direction in less.loose)
 
 
 def test_sigma_is_the_size_of_the_error(sure):

@@ -17,8 +17,8 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.stereo.calibration import StereoCalibration
 
 from .frame_selection import Progress, stereo_frames
-from .matching import gray_frame
-from .vertical_error import VerticalError, row_error
+from .matching import FramePoints, gray_frame
+from .vertical_error import VerticalError, vertical_error
 
 Float = NDArray[np.float64]
 
@@ -30,15 +30,6 @@ _SIDE = range(3, 51)
 _STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
 _FIND = (cv2.CALIB_CB_ACCURACY, cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE)
 """Evened out, dark pictures give a board that they otherwise would not: and bright ones lose it."""
-
-
-@dataclass(frozen=True)
-class BoardCorners:
-    """Inner corners (n, 2) of one board as both cameras see it, in the same order."""
-
-    frame: int
-    left: Float
-    right: Float
 
 
 @dataclass(frozen=True)
@@ -164,11 +155,7 @@ def calibrate_boards(
         left_px,
         right_px,
         stereo_px,
-        row_error(
-            fitted,
-            np.concatenate([one.left for one in test]),
-            np.concatenate([one.right for one in test]),
-        ),
+        vertical_error(fitted, test),
     )
 
 
@@ -180,8 +167,8 @@ def _board_points(corners: tuple[int, int], square_mm: float) -> NDArray[np.floa
 
 def _find(
     mission: Mission, frame: int, corners: tuple[int, int]
-) -> tuple[BoardCorners, tuple[int, int]] | None:
-    """The board in both pictures of a frame, and their size; None where one lacks it."""
+) -> tuple[FramePoints, tuple[int, int]] | None:
+    """The board's inner corners in both pictures, and their size; None where one lacks it."""
     try:
         images = [gray_frame(mission, frame, camera) for camera in (LEFT, RIGHT)]
     except FrameError:
@@ -196,7 +183,7 @@ def _find(
     # A board that looks the same upside down may be counted from opposite corners.
     if (left[-1] - left[0]) @ (right[-1] - right[0]) < 0:
         right = right[::-1]
-    return BoardCorners(frame, left, right), (width, height)
+    return FramePoints(frame, left, right), (width, height)
 
 
 def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None:
@@ -208,7 +195,7 @@ def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None
 
 
 def _fit(
-    boards: Sequence[BoardCorners], points: NDArray[np.float32], size: tuple[int, int]
+    boards: Sequence[FramePoints], points: NDArray[np.float32], size: tuple[int, int]
 ) -> tuple[StereoCalibration, float, float, float]:
     """Calibration and the three reprojection errors of it."""
     world = [points] * len(boards)

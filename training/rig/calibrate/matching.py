@@ -44,25 +44,35 @@ _REACH = 3
 
 
 @dataclass(frozen=True)
-class FrameMatches:
-    """Points of one frame that both cameras see.
+class FramePoints:
+    """Points of one frame that both cameras see, in the same order.
 
     Attributes
     ----------
     left, right : (n, 2) arrays
         Pixels of the full frame; the centre of the first pixel is (0, 0).
-    left_look, right_look : (n, 128) float32 arrays
-        SIFT descriptors.
     """
 
     frame: int
     left: Float
     right: Float
-    left_look: NDArray[np.float32]
-    right_look: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.left)
+
+
+@dataclass(frozen=True)
+class FrameMatches(FramePoints):
+    """Points found by their looks.
+
+    Attributes
+    ----------
+    left_look, right_look : (n, 128) float32 arrays
+        SIFT descriptors.
+    """
+
+    left_look: NDArray[np.float32]
+    right_look: NDArray[np.float32]
 
 
 def view_scale(width: int) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -76,13 +76,6 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Direction:
-    """Numbers that can change together while the pictures stay nearly the same."""
-
-    changes: dict[str, float]
-
-
-@dataclass(frozen=True)
 class FocalStep:
     """Errors and depths at another focal length, everything else fitted anew."""
 
@@ -94,10 +87,14 @@ class FocalStep:
 
 @dataclass(frozen=True)
 class ParameterUncertainty:
-    """Uncertainty of all parameters, and the directions that the frames leave loose."""
+    """Uncertainty of all parameters, and the directions that the frames leave loose.
+
+    In a loose direction its ``changes`` can happen together while the pictures stay nearly the
+    same.
+    """
 
     parameters: list[Parameter]
-    loose: list[Direction]
+    loose: list[dict[str, dict[str, float]]]
     focal: list[FocalStep]
 
     def to_json(self) -> dict[str, Any]:
@@ -107,9 +104,9 @@ class ParameterUncertainty:
 
 def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> ParameterUncertainty:
     """Standard deviations, loose directions, and the profile of the focal length."""
-    estimated = _deviations(fit, fit.names, PRIORS)
+    estimated = _deviations(fit.names, rig_covariance(fit.problem(fit.names, PRIORS), fit.path))
     wide = rig_covariance(fit.problem(_ALL), fit.path)
-    all_free = dict(zip(_ALL, map(float, np.sqrt(np.diag(wide))), strict=True))
+    all_free = _deviations(_ALL, wide)
     elsewhere = adjust(fit.problem(_ALL, PRIORS), fit.path).rig
     parameters = []
     for name in _ALL:
@@ -125,8 +122,7 @@ def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> Paramete
     return ParameterUncertainty(parameters, _loose(fit, wide), _focal_profile(fit, test))
 
 
-def _deviations(fit: RigFit, names: Sequence[str], priors: Mapping[str, float]) -> dict[str, float]:
-    covariance = rig_covariance(fit.problem(names, priors), fit.path)
+def _deviations(names: Sequence[str], covariance: Float) -> dict[str, float]:
     return dict(zip(names, map(float, np.sqrt(np.diag(covariance))), strict=True))
 
 
@@ -147,7 +143,7 @@ def _tolerance(fit: RigFit, name: str) -> float:
     return _TOLERANCE[name] * scale
 
 
-def _loose(fit: RigFit, wide: Float) -> list[Direction]:
+def _loose(fit: RigFit, wide: Float) -> list[dict[str, dict[str, float]]]:
     """Eigenvectors of the covariance, in units of the tolerances, that are longer than these."""
     unit = np.array([_tolerance(fit, name) for name in _ALL])
     values, vectors = np.linalg.eigh(wide / np.outer(unit, unit))
@@ -157,14 +153,14 @@ def _loose(fit: RigFit, wide: Float) -> list[Direction]:
             break
         moves = np.sqrt(value) * vector
         main = np.abs(moves) >= 0.3 * np.abs(moves).max()
-        found.append(Direction({_ALL[i]: float(moves[i] * unit[i]) for i in np.flatnonzero(main)}))
+        changes = {_ALL[i]: float(moves[i] * unit[i]) for i in np.flatnonzero(main)}
+        found.append({"changes": changes})
     return found
 
 
 def _focal_profile(fit: RigFit, test: Sequence[FrameMatches]) -> list[FocalStep]:
     depth = _median_depth(fit.path)
-    steps = [_focal_step(fit, 1.0, depth, test)]
-    return [*steps, *(_focal_step(fit, factor, depth, test) for factor in _FOCAL_STEPS)]
+    return [_focal_step(fit, factor, depth, test) for factor in (1.0, *_FOCAL_STEPS)]
 
 
 def _focal_step(

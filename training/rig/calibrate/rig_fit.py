@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -191,7 +191,7 @@ def fit_rig(matches: Sequence[FrameMatches], start: Rig, free: Sequence[str] = (
         raise ToktError(str(rough[0]))
     tracks, first = min(found, key=lambda one: one[1].cost / len(one[0].point))
     observed = len(tracks.point)
-    tracks, path = _without(tracks, first.path, first.residual_px > _WRONG_PX)
+    tracks, path = _only(tracks, first.path, ~(first.residual_px > _WRONG_PX))
     last = adjust(Problem(first.rig, tracks, path.anchor, names, PRIORS), path)
     return RigFit(
         last.rig, names, tracks, last.path, last.residual_px, observed - len(tracks.point)
@@ -213,20 +213,14 @@ def _roughly(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Ad
 
 def _placed(tracks: Tracks, path: Path, placed: NDArray[np.bool_]) -> tuple[Tracks, Path]:
     """Only the frames that have a pose, and the points seen in them."""
-    keep = placed[tracks.frame]
-    points = np.unique(tracks.point[keep])
+    tracks, path = _only(tracks, path, placed[tracks.frame])
     new = np.cumsum(placed) - 1
     frames = [frame for frame, good in zip(tracks.frames, placed, strict=True) if good]
-    moved = Tracks(frames, new[tracks.frame], tracks.point, tracks.left, tracks.right)
-    return moved.only(keep), Path(
-        path.rotation_vectors[placed],
-        path.shifts_m[placed],
-        path.points_m[points],
-        int(new[path.anchor]),
-    )
+    poses = path.rotation_vectors[placed], path.shifts_m[placed]
+    moved = Path(*poses, path.points_m, int(new[path.anchor]))
+    return replace(tracks, frames=frames, frame=new[tracks.frame]), moved
 
 
-def _without(tracks: Tracks, path: Path, wrong: NDArray[np.bool_]) -> tuple[Tracks, Path]:
-    points = np.unique(tracks.point[~wrong])
-    kept = Path(path.rotation_vectors, path.shifts_m, path.points_m[points], path.anchor)
-    return tracks.only(~wrong), kept
+def _only(tracks: Tracks, path: Path, keep: NDArray[np.bool_]) -> tuple[Tracks, Path]:
+    points = np.unique(tracks.point[keep])
+    return tracks.only(keep), replace(path, points_m=path.points_m[points])

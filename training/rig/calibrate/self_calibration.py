@@ -254,42 +254,32 @@ def self_calibrate(
     ToktError
         If there is too little to match, or nothing is left to fit to or to test on.
     """
-    with ThreadpoolController().limit(limits=1, user_api="blas"):  # threads gain nothing here
-        return _calibrate(mission, start, progress, frames, part)
-
-
-def _calibrate(
-    mission: Mission,
-    start: StartingRig,
-    progress: Progress,
-    frames: Sequence[int] | None,
-    part: str,
-) -> SelfCalibration:
     began = time.perf_counter()
-    matches = match_mission(mission, frames, progress)
-    chosen, tested = _split(matches, part)
-    fit_part = fit_rig(chosen, start.rig, start.free)
-    fit = fit_rig(matches, start.rig, start.free) if part == PARTS[0] else fit_part
-    if start.calibration is None:
-        before = raw_error(tested, start.rig.size)
-    else:
-        before = vertical_error(start.calibration, tested)
-    return SelfCalibration(
-        mission.name,
-        start,
-        part,
-        fit,
-        fit_part,
-        [one.frame for one in chosen],
-        [one.frame for one in tested],
-        part != "all",
-        matches,
-        before,
-        vertical_error(fit_part.rig.calibration(), tested),
-        vertical_error(fit.rig.calibration(), matches),
-        parameter_uncertainty(fit, tested),
-        time.perf_counter() - began,
-    )
+    with ThreadpoolController().limit(limits=1, user_api="blas"):  # threads gain nothing here
+        matches = match_mission(mission, frames, progress)
+        chosen, tested = _split(matches, part)
+        fit_part = fit_rig(chosen, start.rig, start.free)
+        fit = fit_rig(matches, start.rig, start.free) if part == PARTS[0] else fit_part
+        if start.calibration is None:
+            before = raw_error(tested, start.rig.size)
+        else:
+            before = vertical_error(start.calibration, tested)
+        return SelfCalibration(
+            mission.name,
+            start,
+            part,
+            fit,
+            fit_part,
+            [one.frame for one in chosen],
+            [one.frame for one in tested],
+            part != "all",
+            matches,
+            before,
+            vertical_error(fit_part.rig.calibration(), tested),
+            vertical_error(fit.rig.calibration(), matches),
+            parameter_uncertainty(fit, tested),
+            time.perf_counter() - began,
+        )
 
 
 def _split(matches: list[FrameMatches], part: str) -> tuple[list[FrameMatches], list[FrameMatches]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.rectify import rectified, rectifying
 
-from .matching import FrameMatches
+from .matching import FramePoints
 
 Float = NDArray[np.float64]
 
@@ -79,20 +79,17 @@ class VerticalError:
         return replace(self, row_px=self.row_px[chosen]).figures()
 
 
-def vertical_error(
-    calibration: StereoCalibration, matches: Sequence[FrameMatches]
-) -> VerticalError:
+def _pixels(matches: Sequence[FramePoints]) -> tuple[Float, Float]:
+    left = np.concatenate([one.left for one in matches])
+    return left, np.concatenate([one.right for one in matches])
+
+
+def vertical_error(calibration: StereoCalibration, matches: Sequence[FramePoints]) -> VerticalError:
     """Rectify matched points and compare their rows.
 
     Nothing is thrown away here: which matches there are was decided without any calibration.
     """
-    left = np.concatenate([one.left for one in matches])
-    right = np.concatenate([one.right for one in matches])
-    return row_error(calibration, left, right)
-
-
-def row_error(calibration: StereoCalibration, left: Float, right: Float) -> VerticalError:
-    """The same of matched points given as pixels (n, 2) of the left and of the right frame."""
+    left, right = _pixels(matches)
     c = calibration
     R1, R2, P1, P2 = rectifying(c)
     difference = rectified(left, c.K1, c.D1, R1, P1) - rectified(right, c.K2, c.D2, R2, P2)
@@ -100,10 +97,9 @@ def row_error(calibration: StereoCalibration, left: Float, right: Float) -> Vert
     return VerticalError(difference[:, 1], difference[:, 0], left, c.frame_size)
 
 
-def raw_error(matches: Sequence[FrameMatches], frame_size: tuple[int, int]) -> VerticalError:
+def raw_error(matches: Sequence[FramePoints], frame_size: tuple[int, int]) -> VerticalError:
     """The same of the frames as they are, without any calibration."""
-    left = np.concatenate([one.left for one in matches])
-    right = np.concatenate([one.right for one in matches])
+    left, right = _pixels(matches)
     return VerticalError(left[:, 1] - right[:, 1], left[:, 0] - right[:, 0], left, frame_size)
 
 
@@ -148,7 +144,7 @@ def measurable(calibration: StereoCalibration) -> bool:
 
 
 def check_calibration(
-    calibration: StereoCalibration, matches: Sequence[FrameMatches]
+    calibration: StereoCalibration, matches: Sequence[FramePoints]
 ) -> CalibrationCheck:
     """Say whether a calibration is good, shifted by some rows, or unusable for these frames."""
     error = vertical_error(calibration, matches)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 from tokt.training.evaluation.pictures import figure_png
 
-from .pair_depths import DepthRow, gaps_of
+from .pair_depths import DepthRow, gaps_of, runs_of
 
 _DPI = 110
 _DEPTHS = ("distance_m", "median_m", "far_m")
@@ -131,18 +131,7 @@ def _shade(axes: Any, rows: Sequence[DepthRow], found: Mapping[str, Any], step: 
     unknown = [row.frame for row in rows if row.status == UNKNOWN and row.frame not in gaps]
     kinds = {"unknown": unknown, "no depth (gap)": gaps}
     for (label, frames), color in zip(kinds.items(), (_UNKNOWN_COLOR, _GAP_COLOR), strict=True):
-        for place, (first, last) in enumerate(_runs(frames, step)):
+        for place, (first, last) in enumerate(runs_of(frames, step)):
             ends = (first - step / 2, last + step / 2)
             once = None if place else label
             axes.axvspan(*ends, color=color, alpha=0.35, lw=0, label=once)
-
-
-def _runs(frames: Sequence[int], step: int) -> list[tuple[int, int]]:
-    """First and last of each stretch of successive frames."""
-    runs: list[tuple[int, int]] = []
-    for frame in frames:
-        if runs and frame == runs[-1][1] + step:
-            runs[-1] = (runs[-1][0], frame)
-        else:
-            runs.append((frame, frame))
-    return runs

@@ -182,15 +182,20 @@ def nearest(rows: Sequence[DepthRow]) -> dict[str, Any] | None:
 
 def detected_span(rows: Sequence[DepthRow], step: int = 1) -> tuple[int, int] | None:
     """First and last frame of all runs of at least `IN_A_ROW` frames with an obstacle."""
-    run: list[int] = []
-    found: list[int] = []
-    for row in rows:
-        if row.status != OBSTACLE or (run and row.frame != run[-1] + step):
-            run = []
-        if row.status == OBSTACLE:
-            run.append(row.frame)
-            found += run if len(run) >= IN_A_ROW else []
-    return (found[0], found[-1]) if found else None
+    runs = runs_of([row.frame for row in rows if row.status == OBSTACLE], step)
+    long = [run for run in runs if run[1] - run[0] >= (IN_A_ROW - 1) * step]
+    return (long[0][0], long[-1][1]) if long else None
+
+
+def runs_of(frames: Sequence[int], step: int) -> list[tuple[int, int]]:
+    """First and last of each stretch of successive frames."""
+    runs: list[tuple[int, int]] = []
+    for frame in frames:
+        if runs and frame == runs[-1][1] + step:
+            runs[-1] = (runs[-1][0], frame)
+        else:
+            runs.append((frame, frame))
+    return runs
 
 
 def steadiness(rows: Sequence[DepthRow], measure: str, step: int = 1) -> dict[str, Any] | None:
