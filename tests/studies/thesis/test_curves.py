@@ -23,7 +23,6 @@ from tokt.studies.baselines.lab_colour import LabColour
 from tokt.studies.baselines.thesis_models import ThesisModel, thesis_model
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
-from tokt.studies.thesis.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt.studies.thesis.exhibits.curve_figures import (
     agreement_with_distance,
@@ -32,6 +31,7 @@ from tokt.studies.thesis.exhibits.curve_figures import (
     score_methods,
     with_nearness,
 )
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.methods import frame_methods, mission_models
 from tokt.studies.thesis.methods.curves import Curves, Method, _model_method
 from tokt.studies.thesis.methods.frame_methods import (

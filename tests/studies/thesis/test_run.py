@@ -17,7 +17,14 @@ import pytest
 
 from tokt.features.common.errors import ToktError
 from tokt.studies.thesis import run
-from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from tokt.studies.thesis.exhibits.exhibit import (
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Plot,
+    StudyContext,
+    Table,
+)
 from tokt.studies.thesis.inputs import ReproduceRequest
 from tokt.studies.thesis.report import plain
 from tokt.studies.thesis.run import EXHIBITS, Planned, run_reproduce

@@ -16,8 +16,8 @@ from tokt.inference.policy.policy import SinglePolicy, judge_image
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.exhibits import runtime_tables
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.exhibits.runtime_tables import agreement_of
 from tokt.studies.thesis.methods.stage_clock import (
     REST,

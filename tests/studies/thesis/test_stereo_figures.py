@@ -22,7 +22,6 @@ from tokt.studies.simulation.rendering.lighting import expose
 from tokt.studies.simulation.rendering.raycast import cast_rays
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
-from tokt.studies.thesis.exhibit import ClaimAgreement, Exhibit, StudyContext
 from tokt.studies.thesis.exhibits import (
     disparity_figures,
     superpixel_figure,
@@ -30,6 +29,7 @@ from tokt.studies.thesis.exhibits import (
     trend_figure,
 )
 from tokt.studies.thesis.exhibits.disparity_figures import KINDS, OWN, exchange
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit, StudyContext
 from tokt.studies.thesis.exhibits.trend_figure import (
     contact_ratios,
     depth_trend,

@@ -19,11 +19,11 @@ from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.baseline import BaselineResult
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
 from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
 from tokt.studies.thesis.exhibits.dot_figures import pooled_scores, prediction_dots
+from tokt.studies.thesis.exhibits.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import training_images
 from tokt.studies.thesis.methods.curves import THESIS, Curves, Method

@@ -17,7 +17,7 @@ import pandas as pd
 from tokt.training.evaluation.pictures import png_uri
 from tokt.training.evaluation.report import report_page
 
-from .exhibit import ClaimAgreement, Exhibit, Table
+from .exhibits.exhibit import ClaimAgreement, Exhibit, Table
 
 FORMAT = 1
 SHOWN_ROWS = 60

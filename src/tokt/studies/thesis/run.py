@@ -13,19 +13,19 @@ from tokt import __version__
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
-from tokt.studies.thesis.exhibits.centre_figures import centre_and_box
-from tokt.studies.thesis.exhibits.curve_figures import curve_figures
-from tokt.studies.thesis.exhibits.dark_figures import bad_lighting, given_picture
-from tokt.studies.thesis.exhibits.disparity_figures import disparity_figures
-from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
-from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
-from tokt.studies.thesis.exhibits.runtime_tables import runtime_tables
-from tokt.studies.thesis.exhibits.superpixel_figure import superpixel_figure
-from tokt.studies.thesis.exhibits.synchrony_figure import synchrony_figure
-from tokt.studies.thesis.exhibits.training_image_figures import training_images
-from tokt.studies.thesis.exhibits.trend_figure import trend_exhibit
 
-from .exhibit import Exhibit, StudyContext
+from .exhibits.centre_figures import centre_and_box
+from .exhibits.curve_figures import curve_figures
+from .exhibits.dark_figures import bad_lighting, given_picture
+from .exhibits.disparity_figures import disparity_figures
+from .exhibits.dot_figures import prediction_dots
+from .exhibits.exhibit import Exhibit, StudyContext
+from .exhibits.patch_figures import patch_histograms
+from .exhibits.runtime_tables import runtime_tables
+from .exhibits.superpixel_figure import superpixel_figure
+from .exhibits.synchrony_figure import synchrony_figure
+from .exhibits.training_image_figures import training_images
+from .exhibits.trend_figure import trend_exhibit
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
 from .report import FORMAT, exhibit_json, report_html, table_csv

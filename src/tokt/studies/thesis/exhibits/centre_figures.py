@@ -22,8 +22,11 @@ from tokt.studies.baselines.thesis_centre import (
     without_area,
 )
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
-from tokt.studies.thesis.frame_drawing import (
+from tokt.studies.thesis.methods.curves import THESIS
+
+from .dot_figures import by_held_out, by_stereo, by_thesis
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
     THESIS_COLOR,
@@ -33,9 +36,6 @@ from tokt.studies.thesis.frame_drawing import (
     show_frame,
     show_mask,
 )
-from tokt.studies.thesis.methods.curves import THESIS
-
-from .dot_figures import by_held_out, by_stereo, by_thesis
 
 _SOURCE = "the published program"
 

@@ -11,7 +11,10 @@ from matplotlib.figure import Figure
 
 from tokt.features.frames.mission import format_frames
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
-from tokt.studies.thesis.exhibit import (
+from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
+from tokt.studies.thesis.patch_scores import pooled_score
+
+from .exhibit import (
     NOT_KNOWN,
     Claim,
     ClaimAgreement,
@@ -22,9 +25,7 @@ from tokt.studies.thesis.exhibit import (
     Table,
     known,
 )
-from tokt.studies.thesis.frame_drawing import new_figure, png_of
-from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
-from tokt.studies.thesis.patch_scores import pooled_score
+from .frame_drawing import new_figure, png_of
 
 IN_A_ROW = 3
 MIN_FRAMES = 8

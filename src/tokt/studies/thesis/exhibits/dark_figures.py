@@ -23,27 +23,6 @@ from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.simulation.scene.water import CameraResponse, Water
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import (
-    DARK_SHOWN,
-    draw_dots,
-    draw_truth,
-    explain_dots,
-    new_figure,
-    png_of,
-    show_dark,
-    show_mask,
-)
 from tokt.studies.thesis.methods.curves import OURS, THESIS
 from tokt.studies.thesis.methods.mission_models import (
     TOKT_TEXTURE,
@@ -63,6 +42,27 @@ from .dot_figures import (
     said_by_patches,
     score_predictions,
     scored_predictions,
+)
+from .exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    StudyContext,
+    Table,
+    known,
+)
+from .frame_drawing import (
+    DARK_SHOWN,
+    draw_dots,
+    draw_truth,
+    explain_dots,
+    new_figure,
+    png_of,
+    show_dark,
+    show_mask,
 )
 
 SEED = 8

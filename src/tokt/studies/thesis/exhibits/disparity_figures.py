@@ -42,16 +42,6 @@ from tokt.studies.baselines.thesis_stereo import (
     disparity_map,
 )
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import SHOWN, new_figure, png_of
 from tokt.studies.thesis.inputs import StudyInputs
 from tokt.training.evaluation.pictures import raise_contrast
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
@@ -59,6 +49,9 @@ from tokt.training.rig.calibrate.matching import match_frame
 from tokt.training.rig.depth.cloud import PointCloud, cloud_of
 from tokt.training.rig.depth.pair_depths import measure_depths
 from tokt.training.rig.depth.picture import DepthPicture
+
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import SHOWN, new_figure, png_of
 
 KEY = "figure-3.8-to-3.10"
 TITLE = "Disparity map, margin and point cloud"

@@ -18,28 +18,6 @@ from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import read_bundle
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import (
-    SHOWN,
-    draw_dots,
-    draw_grid,
-    draw_truth,
-    explain_dots,
-    new_figure,
-    png_of,
-    show_frame,
-    show_mask,
-)
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, SLIC_TITLES, THESIS
 from tokt.studies.thesis.methods.frame_methods import TOKT_MODEL, TOKT_STEREO
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
@@ -51,6 +29,29 @@ from tokt.studies.thesis.patch_scores import (
     patches_of_mask,
     pooled_score,
     score_patches,
+)
+
+from .exhibit import (
+    NOT_KNOWN,
+    Claim,
+    ClaimAgreement,
+    Exhibit,
+    Numbers,
+    Plot,
+    StudyContext,
+    Table,
+    known,
+)
+from .frame_drawing import (
+    SHOWN,
+    draw_dots,
+    draw_grid,
+    draw_truth,
+    explain_dots,
+    new_figure,
+    png_of,
+    show_frame,
+    show_mask,
 )
 
 Image = NDArray[np.uint8]

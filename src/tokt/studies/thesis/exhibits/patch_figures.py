@@ -15,25 +15,6 @@ from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import (
-    OCEAN_COLOR,
-    OTHER_COLOR,
-    SHOWN,
-    draw_grid,
-    new_figure,
-    png_of,
-    show_frame,
-)
 from tokt.studies.thesis.methods.texture_histograms import (
     EXTRACTORS,
     LBP_KEYS,
@@ -42,6 +23,16 @@ from tokt.studies.thesis.methods.texture_histograms import (
     hellinger,
 )
 
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Numbers, Plot, StudyContext, Table
+from .frame_drawing import (
+    OCEAN_COLOR,
+    OTHER_COLOR,
+    SHOWN,
+    draw_grid,
+    new_figure,
+    png_of,
+    show_frame,
+)
 from .training_image_figures import draw_histogram, kind_legend
 
 _DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}

@@ -14,17 +14,6 @@ from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.speed.paired_timing import single_thread
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import new_figure, png_of
 from tokt.studies.thesis.methods.mission_models import SLIC
 from tokt.studies.thesis.methods.stage_clock import (
     STAGES,
@@ -40,6 +29,9 @@ from tokt.studies.thesis.methods.stage_clock import (
     tokt_stereo,
     tokt_texture,
 )
+
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Numbers, Plot, StudyContext, Table
+from .frame_drawing import new_figure, png_of
 
 ROUNDS = 1
 SPREAD = (10, 90)

@@ -16,25 +16,10 @@ from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.superpixels import resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import (
-    SHOWN,
-    draw_grid,
-    new_figure,
-    png_of,
-    show_frame,
-    show_mask,
-)
 from tokt.studies.thesis.patch_scores import PatchScore, patches_of_mask, score_patches
 
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table, known
+from .frame_drawing import SHOWN, draw_grid, new_figure, png_of, show_frame, show_mask
 from .runtime_tables import agreement_of
 
 Image = NDArray[np.uint8]

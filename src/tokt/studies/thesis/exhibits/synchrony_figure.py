@@ -7,17 +7,6 @@ import pandas as pd
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import new_figure, png_of
 from tokt.studies.thesis.methods.synchrony import (
     FARTHEST_FRAMES,
     LateRight,
@@ -26,6 +15,9 @@ from tokt.studies.thesis.methods.synchrony import (
     rows_of,
 )
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Numbers, Plot, StudyContext, Table
+from .frame_drawing import new_figure, png_of
 
 KEY = "figure-6.1"
 TITLE = "Are the two cameras synchronous?"

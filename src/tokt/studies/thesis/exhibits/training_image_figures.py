@@ -20,17 +20,6 @@ from skimage import data
 
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import resized_gray
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import SHOWN, new_figure, png_of, show_frame
 from tokt.studies.thesis.methods.texture_histograms import (
     EXTRACTORS,
     LBP_KEYS,
@@ -46,6 +35,9 @@ from tokt.studies.thesis.methods.texture_histograms import (
 from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Numbers, Plot, StudyContext, Table
+from .frame_drawing import SHOWN, new_figure, png_of, show_frame
 
 KIND_COLORS = {
     BinKind.FLAT: "#4da3ff",

@@ -39,21 +39,12 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, UNKNOWN, verdict_from_mask
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import new_figure, png_of
 from tokt.studies.thesis.methods.curves import Curves
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 
 from .curve_figures import agreement_with_distance
+from .exhibit import Claim, ClaimAgreement, Exhibit, Numbers, Plot, StudyContext, Table, known
+from .frame_drawing import new_figure, png_of
 
 KEY = "trend"
 TITLE = "Mean value over time: relative distance, trend and time to contact"

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import pandas as pd
 
+from tokt.studies.thesis.inputs import StudyInputs
 from tokt.studies.thesis.methods.curves import Curves, measure_curves
 from tokt.studies.thesis.methods.mission_models import (
     SuperpixelMethods,
@@ -15,8 +16,6 @@ from tokt.studies.thesis.methods.mission_models import (
     tokt_model,
     train_superpixel_methods,
 )
-
-from .inputs import StudyInputs
 
 Numbers = dict[str, float | int | str | bool]
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from tokt.inference.verdict import Box
 from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
 from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.patch_scores import Flags, PatchTruth
 from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
-
-from .patch_scores import Flags, PatchTruth
 
 SHOWN = (
     "Frames are nearly black: what is shown, not what is judged, has its contrast raised "
