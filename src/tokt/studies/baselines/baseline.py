@@ -64,9 +64,6 @@ class Baseline(Protocol):
             If the method needs a right frame and there is none.
         """
 
-    def reset(self) -> None:
-        """Forget the frames before: another run starts."""
-
 
 def not_judged(fault: Fault) -> BaselineResult:
     """A frame that a method cannot judge, and why."""

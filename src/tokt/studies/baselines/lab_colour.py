@@ -31,7 +31,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 
 from .baseline import BaselineResult
-from .superpixels import resized_bgr, superpixels
+from .slic import resized_bgr, superpixels
 from .thesis_texture import GRID
 
 BINS = 32
@@ -132,9 +132,6 @@ class LabColour:
         mask = np.where(obstacle[cut], 255, 0).astype(np.uint8)
         words = f"{int(obstacle.sum())} of {len(obstacle)} superpixels are not coloured as water"
         return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
-
-    def reset(self) -> None:
-        """Nothing is kept from frame to frame."""
 
 
 def _counted(cut: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -60,12 +60,8 @@ class Thirds:
     def __init__(
         self, calibration: StereoCalibration, near_m: float = NEAR_M, blocked: float = BLOCKED
     ) -> None:
-        self._calibration, self._near_m, self._blocked = calibration, near_m, blocked
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the pairs before: another run starts."""
-        self._detector = DisparityDetector(self._calibration, GRID)
+        self._near_m, self._blocked = near_m, blocked
+        self._detector = DisparityDetector(calibration, GRID)
         self._number = 0
 
     def judge(

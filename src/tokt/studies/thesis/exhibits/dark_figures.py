@@ -29,7 +29,7 @@ from tokt.studies.thesis.methods.mission_models import (
     AllLabelsTexture,
     train_on_all_labels,
 )
-from tokt.studies.thesis.patch_scores import PatchScore, PatchTruth, truth_by_mask
+from tokt.studies.thesis.patch_scores import PatchScore, Truth, truth_by_mask
 
 from .dot_figures import (
     MethodPrediction,
@@ -43,17 +43,7 @@ from .dot_figures import (
     score_predictions,
     scored_predictions,
 )
-from .exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     DARK_SHOWN,
     draw_dots,
@@ -93,7 +83,7 @@ class DarkPicture:
         What the right camera saw at that moment, where that is known.
     mask : array of uint8, shape (height, width), or None
         White where the obstacle is, as it is shown.
-    truth : PatchTruth or None
+    truth : array of int8, shape (n_patches,), or None
         By patch; None where nobody marked the picture.
     calibration : StereoCalibration or None
     words, truth_words, calibration_words : str
@@ -106,7 +96,7 @@ class DarkPicture:
     left: NDArray[np.uint8]
     right: NDArray[np.uint8] | None
     mask: NDArray[np.uint8] | None
-    truth: PatchTruth | None
+    truth: Truth | None
     calibration: StereoCalibration | None
     words: str
     truth_words: str
@@ -145,7 +135,7 @@ def given_picture(context: StudyContext) -> DarkPicture | None:
 
 def _truth(
     context: StudyContext, left: NDArray[np.uint8], number: int | None
-) -> tuple[NDArray[np.uint8] | None, PatchTruth | None, str]:
+) -> tuple[NDArray[np.uint8] | None, Truth | None, str]:
     """A mask to show, the truth by patch, and whose it is."""
     file = context.request.dark_mask
     if file is not None:
@@ -157,10 +147,10 @@ def _truth(
             image = context.request.dark
             raise ToktError(f"the mask {file} is {sizes[0]}, its image {image} is {sizes[1]}")
         return mask, truth_by_mask(mask, GRID), f"the mask {file.name}"
-    truth = None if number is None else context.patch_truth(number)
+    truth = None if number is None else context.labelled.get(number)
     if truth is None:
         return None, None, "not marked by anybody (give --dark-mask)"
-    mask = GRID.paint(truth.obstacle, *GRID.resized(*left.shape[:2]))
+    mask = GRID.paint(truth == 1, *GRID.resized(*left.shape[:2]))
     return mask, truth, "the frame's labels"
 
 
@@ -287,9 +277,6 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             )
         )
     return Exhibit(
-        "figure-5.6-5.8",
-        "Bad lighting: a person's eye, and every method's predictions",
-        "thesis section 5.3, figures 5.6 to 5.8",
         _words(dark, said),
         _claims(said, scores, dark),
         tuple(tables),
@@ -358,7 +345,7 @@ def _claims(said: Said, scores: Scores, dark: DarkPicture) -> tuple[Claim, ...]:
             "which method comes nearest to a person in bad light", f"F1 by patch: {listed}", dark
         )
     ]
-    if dark.truth.obstacle.any():
+    if (dark.truth == 1).any():
         words = [
             f"{status}: {', '.join(who)}"
             for status in STATUS_WORDS.values()
@@ -467,7 +454,7 @@ def _sweep_plot(sweep: pd.DataFrame) -> Plot:
     return Plot("by-light", caption, png_of(figure))
 
 
-def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame) -> Numbers:
+def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "rendered": dark.rendered,
         "mean_grey": float(np.mean(dark.left)),
@@ -475,12 +462,12 @@ def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame)
         "not_judged": sum(one.patches is None for one in said),
     }
     if dark.truth is not None:
-        numbers["obstacle_patches"] = int(dark.truth.obstacle.sum())
-        if dark.truth.obstacle.any():
+        numbers["obstacle_patches"] = int((dark.truth == 1).sum())
+        if (dark.truth == 1).any():
             numbers["wrong_clear"] = ", ".join(_say_clear(said))
     for name, score in scores.items():
         numbers |= {f"{name}_{figure}": value for figure, value in score.figures().items()}
     for name in _methods(sweep):
         enough = sweep.loc[sweep[name].astype(float) > 0.5, "light"]
         numbers[f"least_light_{name}"] = float(enough.min()) if len(enough) else None
-    return known(numbers)
+    return numbers

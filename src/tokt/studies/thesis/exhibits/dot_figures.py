@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,23 +26,13 @@ from tokt.studies.thesis.methods.texture_histograms import described
 from tokt.studies.thesis.patch_scores import (
     Flags,
     PatchScore,
-    PatchTruth,
+    Truth,
     patches_of_mask,
     pooled_score,
     score_patches,
 )
 
-from .exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     SHOWN,
     draw_dots,
@@ -212,7 +203,7 @@ def may_have_learnt(said: Sequence[MethodPrediction]) -> str:
 
 
 def score_predictions(
-    said: Sequence[MethodPrediction], truth: PatchTruth | None
+    said: Sequence[MethodPrediction], truth: Truth | None
 ) -> dict[str, PatchScore]:
     """The scores of the methods that judged the picture; none without a truth."""
     return {
@@ -254,7 +245,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
         If the frame or a file of the request cannot be read.
     """
     number = context.structure_frame
-    frame, truth = context.left(number), context.patch_truth(number)
+    frame, truth = context.left(number), context.labelled.get(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
     said = [
         *by_thesis(context, frame),
@@ -264,9 +255,6 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     ]
     scores, pooled = score_predictions(said, truth), pooled_scores(context, context.curves.patches)
     return Exhibit(
-        "figure-3.17-3.20",
-        "Prediction dots over the grid, and the mask",
-        "thesis sections 3.4 and 3.5, figures 3.17 and 3.20",
         (
             f"Frame {number}, by the thesis's three models and by ours. Red dots are patches said "
             "to be other than ocean; they are white in the mask. Of stereo, which judges pixels, "
@@ -351,7 +339,7 @@ def _words(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.2f}"
 
 
-def _figure(frame: Image, said: Sequence[MethodPrediction], truth: PatchTruth | None) -> Figure:
+def _figure(frame: Image, said: Sequence[MethodPrediction], truth: Truth | None) -> Figure:
     figure, rows = new_figure(10.5, 3.55 * len(said) + 0.3, len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):
         size = show_frame(dots, frame)
@@ -369,11 +357,11 @@ def _figure(frame: Image, said: Sequence[MethodPrediction], truth: PatchTruth | 
     return figure
 
 
-def _numbers(number: int, scores: Scores, pooled: Scores, n_labelled: int) -> Numbers:
+def _numbers(number: int, scores: Scores, pooled: Scores, n_labelled: int) -> dict[str, Any]:
     figures = {
         f"{place}_{name}_{figure}": value
         for place, found in (("frame", scores), ("mission", pooled))
         for name, score in found.items()
         for figure, value in score.figures().items()
     }
-    return known({"frame": number, "labelled_frames": n_labelled, **figures})
+    return {"frame": number, "labelled_frames": n_labelled, **figures}

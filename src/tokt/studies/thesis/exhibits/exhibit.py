@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import pandas as pd
 
@@ -16,8 +17,6 @@ from tokt.studies.thesis.methods.mission_models import (
     tokt_model,
     train_superpixel_methods,
 )
-
-Numbers = dict[str, float | int | str | bool]
 
 NOT_KNOWN = "not known here"
 """What stands for a printed number that the sources at hand do not give."""
@@ -107,36 +106,30 @@ class Exhibit:
 
     Parameters
     ----------
-    key : str
-        Name of its folder and its anchor, such as ``table-5.1-to-5.4``.
-    title : str
-    section : str
-        Where the thesis has it.
     words : tuple of str
         Paragraphs: what was done, and how figures were split.
     claims : tuple of Claim
     tables : tuple of Table
     plots : tuple of Plot
     numbers : dict
-        What other pages quote, by name: finite floats, ints, strings and booleans.
+        What other pages quote, by name: finite floats, ints, strings and booleans. What is None
+        is not written: a page that quotes it asks first if it is there.
+    key, title, section : str
+        Name of its folder and its anchor, such as ``table-5.1-to-5.4``; what it is called, and
+        where the thesis has it. Given by the run, like the next.
     missing : str
         Why there is nothing to show, where there is not: what it needs that this mission lacks.
     """
 
-    key: str
-    title: str
-    section: str
     words: tuple[str, ...] = ()
     claims: tuple[Claim, ...] = ()
     tables: tuple[Table, ...] = ()
     plots: tuple[Plot, ...] = ()
-    numbers: Numbers = field(default_factory=dict)
+    numbers: dict[str, Any] = field(default_factory=dict)
+    key: str = ""
+    title: str = ""
+    section: str = ""
     missing: str = ""
-
-
-def known(numbers: dict[str, float | int | str | bool | None]) -> Numbers:
-    """Numbers without those that are None: a page that quotes one asks first if it is there."""
-    return {name: value for name, value in numbers.items() if value is not None}
 
 
 class StudyContext(StudyInputs):

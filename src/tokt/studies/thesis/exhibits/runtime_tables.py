@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,7 +31,7 @@ from tokt.studies.thesis.methods.stage_clock import (
     tokt_texture,
 )
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Numbers, Plot, StudyContext, Table
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
 ROUNDS = 1
@@ -61,9 +62,6 @@ def runtime_tables(context: StudyContext) -> Exhibit:
     found = {one.method.key: one for one in measured}
     summary = _summary(found)
     return Exhibit(
-        "table-5.1-to-5.4",
-        "Run time by method",
-        "Tables 5.1 to 5.4",
         _words(context, frames),
         tuple(_claims(found)),
         tuple(_tables(found, summary, len(frames))),
@@ -280,8 +278,8 @@ def _grid_claim(found: Found) -> Claim:
     )
 
 
-def _numbers(found: Found, summary: pd.DataFrame, n_frames: int) -> Numbers:
-    numbers: Numbers = {"frames": n_frames, "rounds": ROUNDS}
+def _numbers(found: Found, summary: pd.DataFrame, n_frames: int) -> dict[str, Any]:
+    numbers: dict[str, Any] = {"frames": n_frames, "rounds": ROUNDS}
     for key, row in summary.drop(columns=["method", "whose"]).iterrows():
         numbers |= {f"{key}_{name}": value for name, value in row.items()}
     for name in ("lbp_10_5", "lbp_24_8", "haralick"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -16,12 +18,9 @@ from tokt.studies.thesis.methods.synchrony import (
 )
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Numbers, Plot, StudyContext, Table
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
-KEY = "figure-6.1"
-TITLE = "Are the two cameras synchronous?"
-SECTION = "figure 6.1"
 FRAMES = 14
 """Pairs whose points are followed, spread over those with something in them."""
 SHIFTED = 1
@@ -37,7 +36,7 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
     """The exhibit of figure 6.1; needs pairs of something that moves in the picture."""
     calibration = context.calibration
     if calibration is None:
-        return _missing(f"a calibration of the two cameras: {context.calibration_words}")
+        raise ToktError(f"needs a calibration of the two cameras: {context.calibration_words}")
     frames = evenly_spaced(_with_neighbours(context), FRAMES)
     missions = {AS_IT_IS: context.mission, ON_PURPOSE: LateRight(context.mission, SHIFTED)}
     try:
@@ -46,8 +45,10 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
             for words, mission in missions.items()
         }
     except ToktError as error:
-        return _missing(f"points that both cameras see in successive frames: {error}")
-    numbers: Numbers = {}
+        raise ToktError(
+            f"needs points that both cameras see in successive frames: {error}"
+        ) from error
+    numbers: dict[str, Any] = {}
     for name, one in zip(("own", "shifted"), found.values(), strict=True):
         numbers |= {
             f"{name}_offset_frames": one.frames,
@@ -56,19 +57,12 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
             f"{name}_points": one.n_points,
         }
     return Exhibit(
-        KEY,
-        TITLE,
-        SECTION,
         words=_words(context),
         claims=(claim_of(found),),
         tables=(_table(found),),
         plots=(_plot(found),),
         numbers=numbers,
     )
-
-
-def _missing(what: str) -> Exhibit:
-    return Exhibit(KEY, TITLE, SECTION, missing=f"needs {what}")
 
 
 def _with_neighbours(context: StudyContext) -> list[int]:

@@ -324,10 +324,9 @@ def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabe
     extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
     rows, targets = [], []
     for number, frame in inputs.decoded(chosen):
-        truth = inputs.patch_truth(number)
-        if truth is not None:
-            rows.append(extractor.describe(frame, GRID)[truth.sure])
-            targets.append(truth.obstacle[truth.sure].astype(np.int64))
+        truth = inputs.truth(number)
+        rows.append(extractor.describe(frame, GRID)[truth >= 0])
+        targets.append(truth[truth >= 0].astype(np.int64))
     known = np.concatenate(targets) if targets else np.zeros(0, np.int64)
     if len(np.unique(known)) < 2:
         raise ToktError("there are no labels of both obstacles and clear water to learn from")

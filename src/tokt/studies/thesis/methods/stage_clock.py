@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -27,14 +26,14 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import Verdict, verdict_from_mask
 from tokt.models.linear import LinearModel
-from tokt.studies.baselines.slic import SlicTexture
-from tokt.studies.baselines.superpixels import resized_bgr, superpixels
+from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import ThesisModel
 from tokt.studies.baselines.thesis_stereo import (
     LEFT_CAMERA,
     RIGHT_CAMERA,
     disparity_map,
     judge_pair,
+    undistorted,
 )
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 
@@ -269,16 +268,14 @@ def thesis_disparity() -> TimedMethod:
         left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
         verdict = judge_pair(left, right).verdict
         laps.lap(REST)
-        _split_matching(laps, lambda: _undistort(left, right), lambda: disparity_map(left, right))
+        _split_matching(
+            laps,
+            lambda: (undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA)),
+            lambda: disparity_map(left, right),
+        )
         return verdict
 
     return TimedMethod("disparity", "disparity, a pair", THESIS, run)
-
-
-def _undistort(left: Image, right: Image) -> None:
-    for frame, (fx, fy, distortion) in ((left, LEFT_CAMERA), (right, RIGHT_CAMERA)):
-        gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-        cv2.undistort(gray, np.diag([fx, fy, 1.0]), np.array(distortion))
 
 
 def tokt_texture(
