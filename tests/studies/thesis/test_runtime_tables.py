@@ -73,7 +73,7 @@ def test_stages_of_slic_add_up_to_its_verdict(reproduced: StudyContext) -> None:
 
 
 def test_ours_are_timed_as_the_runtime_judges(reproduced: StudyContext) -> None:
-    bundle = reproduced.tokt_model.bundle
+    bundle = reproduced.tokt_model[0]
     item, left = encoded(reproduced, 12), reproduced.left(12)
     texture = tokt_texture(bundle.extractor, bundle.model).run(item, Laps())
     assert same(texture, judge_image(bundle, left).verdict)
@@ -169,7 +169,7 @@ def test_the_exhibit_has_each_methods_profile(
         methods: list[TimedMethod], frames: Any, rounds: int, progress: Any
     ) -> list[StageTimes]:
         rows = made_up({method.key: 1.0 + at for at, method in enumerate(methods)})
-        verdicts = tuple(judge_image(reproduced.tokt_model.bundle, reproduced.left(12)).verdict
+        verdicts = tuple(judge_image(reproduced.tokt_model[0], reproduced.left(12)).verdict
                          for _ in frames)  # fmt: skip
         return [replace(rows[method.key], method=method, verdicts=verdicts) for method in methods]
 

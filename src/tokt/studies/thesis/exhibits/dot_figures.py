@@ -247,10 +247,11 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     number = context.structure_frame
     frame, truth = context.left(number), context.labelled.get(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
+    learnt = context.curves.methods.get(TOKT_MODEL)
     said = [
         *by_thesis(context, frame),
         *by_held_out(context, number, frame),
-        *by_bundle(context, frame, context.curves.words.get(TOKT_MODEL, "")),
+        *by_bundle(context, frame, learnt.words if learnt else ""),
         stereo,
     ]
     scores, pooled = score_predictions(said, truth), pooled_scores(context, context.curves.patches)

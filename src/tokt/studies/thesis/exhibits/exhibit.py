@@ -9,11 +9,11 @@ from typing import Any
 
 import pandas as pd
 
+from tokt.models.bundle.bundle import Bundle
 from tokt.studies.thesis.inputs import StudyInputs
 from tokt.studies.thesis.methods.curves import Curves, measure_curves
 from tokt.studies.thesis.methods.mission_models import (
     SuperpixelMethods,
-    ToktModel,
     tokt_model,
     train_superpixel_methods,
 )
@@ -141,8 +141,8 @@ class StudyContext(StudyInputs):
         return train_superpixel_methods(self)
 
     @cached_property
-    def tokt_model(self) -> ToktModel:
-        """A texture model of ours that learnt from all it may: nothing to be scored here."""
+    def tokt_model(self) -> tuple[Bundle, str]:
+        """A texture model of ours, nothing to be scored here, and what it learnt from."""
         return tokt_model(self)
 
     @cached_property

@@ -86,7 +86,7 @@ def methods_of(context: StudyContext) -> list[TimedMethod]:
     if context.pairs and size == THESIS_FRAME_SIZE:
         methods.append(thesis_disparity())
     methods += [thesis_model_with_kernels(model) for model in context.thesis.values()]
-    own = context.tokt_model.bundle
+    own, _ = context.tokt_model
     if own.grid == GRID:
         methods.append(tokt_texture(own.extractor, own.model))
     if context.calibration is not None:
@@ -116,7 +116,7 @@ def _frames(context: StudyContext) -> list[EncodedPair]:
 
 
 def _words(context: StudyContext, frames: Sequence[EncodedPair]) -> tuple[str, ...]:
-    own = context.tokt_model.words
+    _, own = context.tokt_model
     seen = ", ".join(str(frame.number) for frame in frames)
     about = machine()
     return (

@@ -299,7 +299,8 @@ def contact_ratios(held: pd.DataFrame, unchecked: bool = False) -> pd.Series:
 def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
     curves = context.curves
     learnt = "; ".join(
-        f"{curves.methods[name].title}: {curves.words[name].rstrip('.')}" for name in texture
+        f"{curves.methods[name].title}: {curves.methods[name].words.rstrip('.')}"
+        for name in texture
     )
     return (
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
