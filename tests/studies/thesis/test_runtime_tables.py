@@ -101,7 +101,7 @@ def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: StudyConte
     slow = TimedMethod("slow", "slow", "x", slow.run)
     methods = [thesis_texture(model), slow]
     frames = [encoded(reproduced, number) for number in (3, 12)]
-    plain, found = time_stages(methods, frames, 1, lambda items, total, what: items)
+    plain, found = time_stages(methods, frames, lambda items, total, what: items)
     more = (found.seconds - plain.seconds).mean(axis=0)
     expected = EXTRA_S * GRID.n_patches
     assert more[STAGES.index("features")] == pytest.approx(expected, rel=0.5)
@@ -165,9 +165,7 @@ def test_agreement(ratio: float, agreement: str) -> None:
 def test_the_exhibit_has_each_methods_profile(
     reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def timed(
-        methods: list[TimedMethod], frames: Any, rounds: int, progress: Any
-    ) -> list[StageTimes]:
+    def timed(methods: list[TimedMethod], frames: Any, progress: Any) -> list[StageTimes]:
         rows = made_up({method.key: 1.0 + at for at, method in enumerate(methods)})
         verdicts = tuple(judge_image(reproduced.tokt_model[0], reproduced.left(12)).verdict
                          for _ in frames)  # fmt: skip

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -38,6 +37,7 @@ from tokt.studies.thesis.exhibits.trend_figure import (
     trend_against_depth,
 )
 from tokt.studies.thesis.methods.curves import Curves
+from tokt.studies.thesis.methods.mission_models import SuperpixelMethods
 from tokt.studies.thesis.methods.synchrony import Rows, offset_of
 
 pytestmark = pytest.mark.xdist_group("stereo-figures")  # what they share is made once
@@ -221,26 +221,20 @@ def test_right_rows_of_other_frames_tell_no_offset() -> None:
 def test_superpixels_and_grid_see_the_same_with_one_classifier(
     context: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(superpixel_figure, "FEATURES", ("lbp_10_5",))
+    monkeypatch.setattr(superpixel_figure, "SLIC", ("lbp_10_5",))
     model = thesis_model("lbp_10_5", context.ocean, context.other)
+    slic = SlicTexture.train(context.ocean.image, context.other.image, model.describe, model.name)
+    methods = SuperpixelMethods((slic,), (), 1, "", "")
     given = {"structure_frame": APART, "scored": [APART], "thesis": {"lbp_10_5": model}}
-    context.__dict__ |= given
-    trained = []
-    train = SlicTexture.train
-
-    def kept(*arguments: Any) -> SlicTexture:
-        trained.append(train(*arguments))
-        return trained[-1]
-
-    monkeypatch.setattr(superpixel_figure.SlicTexture, "train", kept)
+    context.__dict__ |= {**given, "superpixel_methods": methods}
     found = superpixel_figure.superpixel_figure(context)
     assert found.numbers["lbp_10_5_frames"] == 1
     assert 60 < found.numbers["lbp_10_5_segments_median"] < 150
     assert found.numbers["lbp_10_5_slic_over_grid"] > 1
     assert found.numbers["lbp_10_5_pixels_same"] > 0.85
     assert found.numbers["lbp_10_5_overlap"] > 0.5
-    turned = SlicTexture(model.describe, Opposite(trained[0]), "turned")
-    monkeypatch.setattr(superpixel_figure.SlicTexture, "train", lambda *_: turned)
+    turned = SlicTexture(model.describe, Opposite(slic), "turned")
+    context.__dict__["superpixel_methods"] = replace(methods, textures=(turned,))
     monkeypatch.setattr(superpixel_figure, "_plot", lambda *_: None)
     wrong = superpixel_figure.superpixel_figure(context)
     assert wrong.numbers["lbp_10_5_pixels_same"] < 0.5
@@ -250,7 +244,7 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
     ("ratio", "agreement"), [(18.0, "YES"), (12.0, "PARTLY"), (2.7, "NO"), (0.9, "NO")]
 )
 def test_superpixels_are_as_much_slower_as_printed_or_not(ratio: float, agreement: str) -> None:
-    summaries = {name: {"slic_over_grid": ratio} for name in superpixel_figure.FEATURES}
+    summaries = {name: {"slic_over_grid": ratio} for name in superpixel_figure.SLIC}
     claim = superpixel_figure._time_claim(summaries)
     assert claim.agreement is ClaimAgreement[agreement]
     assert ("not slower at all" in claim.why) == (ratio < 1)

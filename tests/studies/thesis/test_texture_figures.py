@@ -22,7 +22,7 @@ from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
 from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
-from tokt.studies.thesis.exhibits.dot_figures import pooled_scores, prediction_dots
+from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
 from tokt.studies.thesis.exhibits.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import training_images
@@ -44,6 +44,7 @@ from tokt.studies.thesis.methods.texture_histograms import (
 from tokt.studies.thesis.patch_scores import (
     PatchScore,
     patches_of_mask,
+    pooled_score,
     score_patches,
     truth_by_mask,
 )
@@ -124,7 +125,7 @@ class TopHalf:
     ) -> BaselineResult:
         """White down to the middle."""
         mask = white(np.s_[:135])
-        return BaselineResult(verdict_from_mask(mask, self.name), mask, "")
+        return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
 
 def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example() -> None:
@@ -299,14 +300,11 @@ def test_prediction_dots(context: StudyContext, drawn: None) -> None:
     assert titles == ["LBP (10, 5)", "LBP (24, 8)", "Haralick", "ours", "tokt stereo"]
     assert float(numbers["frame_tokt_stereo_recall"]) > 0.3
     moved = {
-        TOKT_TEXTURE: {
-            number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
-            for number, said in context.curves.patches[TOKT_TEXTURE].items()
-        }
+        number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
+        for number, said in context.curves.patches[TOKT_TEXTURE].items()
     }
-    pooled = pooled_scores(context, moved)
     assert len(context.truths) == numbers["labelled_frames"]
-    assert (pooled[TOKT_TEXTURE].f1 or 0.0) < 0.5
+    assert (pooled_score(moved, context.truths).f1 or 0.0) < 0.5
 
 
 def test_centre_and_box(context: StudyContext, drawn: None) -> None:

@@ -22,13 +22,10 @@ class BaselineResult:
         Its status is decided by the method's own rule; `Verdict.mean` is of `mask`, 0..255.
     mask : array of uint8, shape (height, width), or None
         255 where the method sees an obstacle, at the grid's width; None where it cannot judge.
-    words : str
-        What the status was decided by, for people.
     """
 
     verdict: Verdict
     mask: NDArray[np.uint8] | None
-    words: str
 
 
 class Baseline(Protocol):
@@ -67,4 +64,4 @@ class Baseline(Protocol):
 
 def not_judged(fault: Fault) -> BaselineResult:
     """A frame that a method cannot judge, and why."""
-    return BaselineResult(unknown_verdict(fault), None, str(fault))
+    return BaselineResult(unknown_verdict(fault), None)

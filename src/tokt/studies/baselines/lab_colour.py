@@ -130,8 +130,7 @@ class LabColour:
         cut = _counted(superpixels(picture))
         obstacle = self._classifier.predict(_colours(picture, cut)) == 1
         mask = np.where(obstacle[cut], 255, 0).astype(np.uint8)
-        words = f"{int(obstacle.sum())} of {len(obstacle)} superpixels are not coloured as water"
-        return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
+        return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
 
 def _counted(cut: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -127,13 +127,10 @@ class SizeChange:
         count = len(found)
         status = OBSTACLE if count >= self._least else CLEAR
         verdict = replace(verdict_from_mask(mask, self.name), status=status)
-        words = f"{count} keypoints grew"
         if count:
             scale = float(np.median([scale for _, _, scale in found]))
-            contact_s = elapsed_s / (scale - 1)
-            verdict = replace(verdict, contact_s=contact_s)
-            words += f", to {scale:.1f} times their size: {contact_s:.1f} s to contact"
-        return BaselineResult(verdict, mask, words)
+            verdict = replace(verdict, contact_s=elapsed_s / (scale - 1))
+        return BaselineResult(verdict, mask)
 
 
 def _grown(before: _RememberedFrame, now: _RememberedFrame) -> list[_Grown]:

@@ -154,16 +154,13 @@ class SlicTexture:
         """Judge the left frame; see `Baseline.judge`."""
         picture = resized_bgr(left)
         mask = np.zeros(picture.shape[:2], np.uint8)
-        seen = obstacles = 0
         cut = superpixels(picture)
         for number in np.unique(cut):
             for box in outline_boxes(np.where(cut == number, 255, 0).astype(np.uint8)):
-                obstacle = self._is_obstacle(_gray(picture, box))
-                seen, obstacles = seen + 1, obstacles + obstacle
                 x, y, width, height = box
+                obstacle = self._is_obstacle(_gray(picture, box))
                 mask[y : y + height, x : x + width] = 255 * obstacle
-        words = f"{obstacles} of {seen} superpixels are not ocean"
-        return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
+        return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
     def _is_obstacle(self, patch: NDArray[np.uint8]) -> bool:
         """What has no features is ocean, as in the thesis's program."""

@@ -24,11 +24,7 @@ from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.simulation.scene.water import CameraResponse, Water
 from tokt.studies.thesis.methods.curves import OURS, THESIS
-from tokt.studies.thesis.methods.mission_models import (
-    TOKT_TEXTURE,
-    AllLabelsTexture,
-    train_on_all_labels,
-)
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, JudgeFrame, train_on_all_labels
 from tokt.studies.thesis.patch_scores import PatchScore, Truth, truth_by_mask
 
 from .dot_figures import (
@@ -69,6 +65,7 @@ _SAYS_CLEAR = "say clear"
 _COLORS = {THESIS: "#d9771e", OURS: "#12836f"}
 
 Said = Sequence[MethodPrediction]
+Texture = tuple[str, JudgeFrame]
 Scores = Mapping[str, PatchScore]
 
 
@@ -187,13 +184,9 @@ class DarkScene:
     def at(self, light: float) -> DarkPicture:
         """The pair by a lamp of `light`, as a share of a rendered mission's."""
         water = _dimmed(self._scene.water, light)
-        left, right = (
-            self._picture(water, side, response)
-            for side, response in enumerate((water.left, water.right))
-        )
         return DarkPicture(
-            left,
-            right,
+            self._picture(water, 0, water.left),
+            self._picture(water, 1, water.right),
             self.mask,
             truth_by_mask(self.mask, GRID),
             self._calibration(),
@@ -220,17 +213,11 @@ class DarkScene:
 
 
 def _dimmed(water: Water, light: float) -> Water:
-    def times(values: tuple[float, float, float]) -> tuple[float, float, float]:
-        blue, green, red = values
-        return blue * light, green * light, red * light
-
-    return replace(
-        water,
-        lamp=times(water.lamp),
-        veil=times(water.veil),
-        veil_floor=times(water.veil_floor),
-        snow_brightness=water.snow_brightness * light,
-    )
+    lit: dict[str, Any] = {
+        name: tuple(value * light for value in getattr(water, name))
+        for name in ("lamp", "veil", "veil_floor")
+    }
+    return replace(water, **lit, snow_brightness=water.snow_brightness * light)
 
 
 def bad_lighting(context: StudyContext) -> Exhibit:
@@ -247,9 +234,10 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     dark, sweep = given_picture(context), pd.DataFrame()
     try:
         near = dark.number if dark else None
-        texture: AllLabelsTexture | str = train_on_all_labels(context, near)
+        texture = train_on_all_labels(context, near)
     except ToktError as error:
-        texture = str(error)
+        fault = str(error)
+        texture = "", lambda frame: fault
     if dark is None:
         # As wide as the mission's frames if that can be rendered.
         width = context.left(context.structure_frame).shape[1]
@@ -265,7 +253,13 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             png_of(_figure(dark, said, scores)),
         )
     ]
-    tables = [_score_table(said, scores, dark)]
+    caption = (
+        f"By patch, against {dark.truth_words}: an obstacle is what covers a tenth of a patch, "
+        "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
+        f"Counts of patches. Nothing that is trained here learnt from this picture"
+        f"{may_have_learnt(said)}"
+    )
+    tables = [Table("scores", caption, scored_predictions(said, scores))]
     if len(sweep):
         plots.append(_sweep_plot(sweep))
         tables.append(
@@ -286,18 +280,15 @@ def bad_lighting(context: StudyContext) -> Exhibit:
 
 
 def _predictions(
-    context: StudyContext, texture: AllLabelsTexture | str, dark: DarkPicture, slow: bool = True
+    context: StudyContext, texture: Texture, dark: DarkPicture, slow: bool = True
 ) -> list[MethodPrediction]:
     """What every method says of a picture; without `slow` the superpixels are left out."""
-    frame, who = dark.left, (TOKT_TEXTURE, "tokt texture", OURS)
-    if isinstance(texture, str):
-        ours = MethodPrediction(*who, "", fault=texture)
+    frame, (words, judge) = dark.left, texture
+    who, judged = (TOKT_TEXTURE, "tokt texture", OURS, words), judge(frame)
+    if isinstance(judged, str):
+        ours = MethodPrediction(*who, fault=judged)
     else:
-        judged = texture.judge(frame)
-        if isinstance(judged, str):
-            ours = MethodPrediction(*who, texture.words, fault=judged)
-        else:
-            ours = said_by_patches(*who, texture.words, judged, frame)
+        ours = said_by_patches(*who, judged, frame)
     return [
         *by_thesis(context, frame),
         *(by_superpixels(context, dark.number or 0, frame) if slow else []),
@@ -305,16 +296,6 @@ def _predictions(
         *by_bundle(context, frame, "the model as given"),
         by_stereo(dark.calibration, frame, dark.right, dark.calibration_words),
     ]
-
-
-def _score_table(said: Said, scores: Scores, dark: DarkPicture) -> Table:
-    caption = (
-        f"By patch, against {dark.truth_words}: an obstacle is what covers a tenth of a patch, "
-        "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
-        f"Counts of patches. Nothing that is trained here learnt from this picture"
-        f"{may_have_learnt(said)}"
-    )
-    return Table("scores", caption, scored_predictions(said, scores))
 
 
 def _words(dark: DarkPicture, said: Said) -> tuple[str, ...]:
@@ -404,9 +385,7 @@ def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, score: PatchScor
     axes.set_title(title, fontsize=9, loc="left")
 
 
-def _sweep(
-    context: StudyContext, texture: AllLabelsTexture | str, scene: DarkScene
-) -> pd.DataFrame:
+def _sweep(context: StudyContext, texture: Texture, scene: DarkScene) -> pd.DataFrame:
     """A row a light, a column a method: F1, or nothing where it was not judged."""
     rows = []
     for light in _LIGHTS:

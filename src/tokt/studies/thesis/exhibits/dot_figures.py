@@ -175,15 +175,12 @@ def by_superpixels(context: StudyContext, number: int, frame: Image) -> list[Met
     """
     found, methods = [], context.superpixel_methods
     for method in methods.of(number):
-        judged = method.judge(frame, None, 0.0)
+        mask = method.judge(frame, None, 0.0).mask
         kind = THESIS if isinstance(method, SlicTexture) else COMPARED
         title = SLIC_TITLES.get(method.name, method.title)
+        patches = None if mask is None else patches_of_mask(mask, GRID)
         who = method.name, title, kind, methods.words(method)
-        if judged.mask is None:
-            found.append(MethodPrediction(*who, fault=judged.words))
-        else:
-            patches = patches_of_mask(judged.mask, GRID)
-            found.append(MethodPrediction(*who, patches, judged.mask))
+        found.append(MethodPrediction(*who, patches, mask))
     return found
 
 
@@ -254,7 +251,9 @@ def prediction_dots(context: StudyContext) -> Exhibit:
         *by_bundle(context, frame, learnt.words if learnt else ""),
         stereo,
     ]
-    scores, pooled = score_predictions(said, truth), pooled_scores(context, context.curves.patches)
+    scores, truths = score_predictions(said, truth), context.truths
+    by_method = context.curves.patches.items() if truths else ()
+    pooled = {name: pooled_score(patches, truths) for name, patches in by_method}
     return Exhibit(
         (
             f"Frame {number}, by the thesis's three models and by ours. Red dots are patches said "
@@ -263,7 +262,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
             *learnt_words(said),
         ),
         tuple(_claim(one, scores, number) for one in said),
-        _tables(said, scores, pooled, number, len(context.truths)),
+        _tables(said, scores, pooled, number, len(truths)),
         (
             Plot(
                 "dots",
@@ -272,23 +271,8 @@ def prediction_dots(context: StudyContext) -> Exhibit:
                 png_of(_figure(frame, said, truth)),
             ),
         ),
-        _numbers(number, scores, pooled, len(context.truths)),
+        _numbers(number, scores, pooled, len(truths)),
     )
-
-
-def pooled_scores(
-    context: StudyContext, patches: Mapping[str, Mapping[int, Flags]]
-) -> dict[str, PatchScore]:
-    """Each method's score over all labelled frames that it judged; none without labels.
-
-    Parameters
-    ----------
-    context : StudyContext
-    patches : mapping of str to mapping of int to array of bool
-        By method and frame.
-    """
-    truths = context.truths
-    return {name: pooled_score(said, truths) for name, said in patches.items() if truths}
 
 
 def _tables(

@@ -34,7 +34,6 @@ from tokt.studies.thesis.methods.stage_clock import (
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
-ROUNDS = 1
 SPREAD = (10, 90)
 PRINTED = {"slic_lbp_10_5": 19.7, "disparity": 1.19, "haralick": 1.726}
 """Times the run time of LBP: our reading of the thesis's three ratios, the only ones at hand."""
@@ -58,7 +57,7 @@ def runtime_tables(context: StudyContext) -> Exhibit:
     with single_thread():
         methods = methods_of(context)
         frames = _frames(context)
-        measured = time_stages(methods, frames, ROUNDS, context.progress)
+        measured = time_stages(methods, frames, context.progress)
     found = {one.method.key: one for one in measured}
     summary = _summary(found)
     return Exhibit(
@@ -120,7 +119,7 @@ def _words(context: StudyContext, frames: Sequence[EncodedPair]) -> tuple[str, .
     seen = ", ".join(str(frame.number) for frame in frames)
     about = machine()
     return (
-        f"Every method judges the same {len(frames)} frames ({seen}), {_times()}, in turns, in "
+        f"Every method judges the same {len(frames)} frames ({seen}), once each, in turns, in "
         "one run on one thread, from the bytes of the image file to the verdict: processor time, "
         "which on an idle machine is the time that passes. Medians, with the 10th and 90th "
         "percentile of the single runs. For SLIC, the thesis's disparity and tokt's stereo the "
@@ -135,12 +134,8 @@ def _words(context: StudyContext, frames: Sequence[EncodedPair]) -> tuple[str, .
     )
 
 
-def _times() -> str:
-    return "once each" if ROUNDS == 1 else f"{ROUNDS} times each"
-
-
 def _ratio(found: Found, key: str, to: str = REFERENCE) -> Float:
-    """A method's time over another's, run by run: both of the same frame in the same round."""
+    """A method's time over another's, run by run: both of the same frame."""
     return found[key].total_ms / found[to].total_ms
 
 
@@ -169,7 +164,7 @@ def _tables(found: Found, summary: pd.DataFrame, n_frames: int) -> list[Table]:
     words = ["method", "whose", "median ms", "p10 ms", "p90 ms", "times LBP", "p10", "p90"]
     compared = Table(
         "run_times",
-        f"From an image file's bytes to a verdict: {n_frames} frames, {_times()}, one thread; "
+        f"From an image file's bytes to a verdict: {n_frames} frames, once each, one thread; "
         "ms a frame (a pair for the disparities), and times the run time of the thesis's LBP on "
         "the same frame in the same round. Median, 10th and 90th percentile.",
         summary.set_axis(words, axis=1).assign(printed=pd.Series(PRINTED)),
@@ -279,7 +274,7 @@ def _grid_claim(found: Found) -> Claim:
 
 
 def _numbers(found: Found, summary: pd.DataFrame, n_frames: int) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"frames": n_frames, "rounds": ROUNDS}
+    numbers: dict[str, Any] = {"frames": n_frames, "rounds": 1}
     for key, row in summary.drop(columns=["method", "whose"]).iterrows():
         numbers |= {f"{key}_{name}": value for name, value in row.items()}
     for name in ("lbp_10_5", "lbp_24_8", "haralick"):

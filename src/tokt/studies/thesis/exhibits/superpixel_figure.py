@@ -15,6 +15,7 @@ from skimage.segmentation import find_boundaries
 from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.methods.mission_models import SLIC
 from tokt.studies.thesis.patch_scores import PatchScore, patches_of_mask, score_patches
 
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
@@ -25,7 +26,6 @@ Image = NDArray[np.uint8]
 Segments = NDArray[np.int64]
 
 TITLE = "SLIC superpixels against the grid"
-FEATURES = ("lbp_10_5", "haralick")
 THESIS_RATIO = 20.0
 """By how much the thesis says that SLIC is slower."""
 _COLUMNS = {
@@ -47,9 +47,8 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
     segments = {number: superpixels(resized_bgr(left)) for number, left in context.decoded(numbers)}
     masks: dict[tuple[str, str], Image] = {}
     rows = []
-    for name in FEATURES:
+    for name, slic in zip(SLIC, context.superpixel_methods.textures, strict=True):
         model = context.thesis[name]
-        slic = SlicTexture.train(context.ocean.image, context.other.image, model.describe, name)
         for number, cut in segments.items():
             by_slic, by_grid, row = _compared(context, number, slic, model)
             rows.append({**row, "superpixels": len(np.unique(cut))})
@@ -80,10 +79,7 @@ def _compared(
     left = context.left(number)
     slic_mask, slic_s = _timed(lambda: slic.judge(left, None, 0.0).mask)
     by_grid, grid_s = _timed(lambda: model.judge(left).obstacle)
-    size = GRID.resized(*left.shape[:2])
-    if slic_mask is None:
-        slic_mask = np.zeros(size, np.uint8)
-    grid_mask = GRID.paint(by_grid, *size)
+    grid_mask = GRID.paint(by_grid, *GRID.resized(*left.shape[:2]))
     row = {"frame": number, "features": model.name, "slic_s": slic_s, "grid_s": grid_s}
     row |= {
         "slic_mean": float(slic_mask.mean()),
@@ -126,7 +122,7 @@ def _summary(frames: pd.DataFrame) -> dict[str, Any]:
 
 def _time_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
     ratios = {name: summary["slic_over_grid"] for name, summary in summaries.items()}
-    ratio = ratios[FEATURES[0]]
+    ratio = ratios[SLIC[0]]
     agreement = agreement_of(ratio, THESIS_RATIO)
     if agreement is ClaimAgreement.YES:
         why = "within a quarter of the printed ratio"

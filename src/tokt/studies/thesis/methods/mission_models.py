@@ -12,7 +12,7 @@ A picture of somewhere else may be judged by a model that learnt from every labe
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,12 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.extractor import Extractor
 from tokt.inference.frame_checks import frame_fault
 from tokt.inference.texture.detector import MofNRun, min_mask_patches
 from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import Bundle, read_bundle
-from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.lab_colour import LabColour, labelled_example
@@ -78,6 +76,7 @@ _PENALTY = 1.0
 """C; not searched for, as the picture judged is no part of the mission."""
 
 Tables = Mapping[int, Sequence[NDArray[np.float64]]]
+JudgeFrame = Callable[[NDArray[np.uint8]], Flags | str]
 Learnt = tuple[dict[int, NDArray[np.float64]], MofNRule]
 """Of a model of one fold's training part: the obstacle scores of the frames that it judges, and the
 frame rule, chosen inside the training part."""
@@ -270,36 +269,21 @@ def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) ->
     )
 
 
-@dataclass(frozen=True)
-class AllLabelsTexture:
-    """A texture model and what it learnt from.
-
-    Parameters
-    ----------
-    words : str
-    """
-
-    words: str
-    _extractor: Extractor
-    _model: LinearModel
-
-    def judge(self, frame: NDArray[np.uint8]) -> Flags | str:
-        """Obstacle patches, bool (n_patches,), or why the frame cannot be judged."""
-        fault = frame_fault(frame)
-        if fault:
-            return str(fault)
-        values = self._model.decision_values(self._extractor.describe(frame, GRID))
-        return self._model.obstacle_patches(values)
-
-
-def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabelsTexture:
-    """Learn from the mission's labelled frames.
+def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> tuple[str, JudgeFrame]:
+    """A texture model of the mission's labelled frames.
 
     Parameters
     ----------
     inputs : StudyInputs
     near : int, optional
         A frame from which to stay away by more than the embargo.
+
+    Returns
+    -------
+    words : str
+        What it learnt from.
+    judge : callable
+        Gives the obstacle patches of a frame, bool (n_patches,), or why it cannot be judged.
 
     Raises
     ------
@@ -329,7 +313,14 @@ def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabe
         f"learnt from {len(rows)} labelled frames spread over the mission{left_out} (the features "
         f"of preset {PRESET}, C = {_PENALTY:g}, no search)"
     )
-    return AllLabelsTexture(words, extractor, model)
+
+    def judge(frame: NDArray[np.uint8]) -> Flags | str:
+        fault = frame_fault(frame)
+        if fault:
+            return str(fault)
+        return model.obstacle_patches(model.decision_values(extractor.describe(frame, GRID)))
+
+    return words, judge
 
 
 def tokt_model(inputs: StudyInputs) -> tuple[Bundle, str]:

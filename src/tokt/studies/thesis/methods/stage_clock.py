@@ -10,7 +10,7 @@ import gc
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -103,16 +103,8 @@ class Laps:
         return done
 
 
-@dataclass(frozen=True)
-class EncodedPair:
-    """A frame, or a pair, as it lies on the disk.
-
-    Parameters
-    ----------
-    number : int
-    left : bytes
-    right : bytes or None
-    """
+class EncodedPair(NamedTuple):
+    """A frame, or a pair, as it lies on the disk."""
 
     number: int
     left: bytes
@@ -145,7 +137,7 @@ class StageTimes:
     ----------
     method : TimedMethod
     seconds : array of float64, shape (n_runs, n_stages)
-        A run is one frame in one round; runs are in the same order for all methods.
+        A run is one frame; runs are in the same order for all methods.
     verdicts : tuple of Verdict
         Of each frame, in the order of the frames.
     """
@@ -168,10 +160,9 @@ class StageTimes:
 def time_stages(
     methods: Sequence[TimedMethod],
     frames: Sequence[EncodedPair],
-    rounds: int,
     progress: Callable[[Iterable[int], int, str], Iterable[Any]],
 ) -> list[StageTimes]:
-    """Time each method on each frame, `rounds` times, the methods in turns.
+    """Time each method on each frame once, the methods in turns.
 
     One after another the methods get different frames, as in `speed.paired_timing`: one
     that the method before has just read would come from the cache.
@@ -180,30 +171,25 @@ def time_stages(
     ----------
     methods : sequence of TimedMethod
     frames : sequence of EncodedPair
-    rounds : int
     progress : callable
     """
     count = len(frames)
     shift = max(1, count // len(methods))
-    seconds = {method.key: np.zeros((rounds, count, len(STAGES))) for method in methods}
+    seconds = {method.key: np.zeros((count, len(STAGES))) for method in methods}
     # A warm-up, not timed: imports, caches, lazily made tables.
     verdicts = {method.key: [method.run(frames[0], Laps())] * count for method in methods}
     gc.disable()
     try:
-        for step in progress(range(rounds * count), rounds * count, "run times"):
-            turn, at = divmod(step, count)
+        for at in progress(range(count), count, "run times"):
             for place, method in enumerate(methods):
                 index = (at + place * shift) % count
                 laps = Laps()
                 verdicts[method.key][index] = method.run(frames[index], laps)
-                seconds[method.key][turn, index] = [laps.seconds[stage] for stage in STAGES]
+                seconds[method.key][index] = [laps.seconds[stage] for stage in STAGES]
     finally:
         gc.enable()
     return [
-        StageTimes(
-            method, seconds[method.key].reshape(rounds * count, -1), tuple(verdicts[method.key])
-        )
-        for method in methods
+        StageTimes(method, seconds[method.key], tuple(verdicts[method.key])) for method in methods
     ]
 
 
