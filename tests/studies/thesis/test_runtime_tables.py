@@ -18,14 +18,14 @@ from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.exhibits import runtime_tables
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
-from tokt.studies.thesis.exhibits.runtime_tables import agreement_of
-from tokt.studies.thesis.methods.stage_clock import (
+from tokt.studies.thesis.exhibits.runtime_tables import (
     REST,
     STAGES,
     EncodedPair,
     Laps,
     StageTimes,
     TimedMethod,
+    agreement_of,
     slic_texture,
     thesis_model_with_kernels,
     thesis_texture,

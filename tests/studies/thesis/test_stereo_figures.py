@@ -29,6 +29,7 @@ from tokt.studies.thesis.exhibits import (
 )
 from tokt.studies.thesis.exhibits.disparity_figures import KINDS, OWN, exchange
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit, StudyContext
+from tokt.studies.thesis.exhibits.synchrony_figure import Rows, offset_of
 from tokt.studies.thesis.exhibits.trend_figure import (
     contact_ratios,
     depth_trend,
@@ -38,7 +39,6 @@ from tokt.studies.thesis.exhibits.trend_figure import (
 )
 from tokt.studies.thesis.methods.curves import Curves
 from tokt.studies.thesis.methods.mission_models import SuperpixelMethods
-from tokt.studies.thesis.methods.synchrony import Rows, offset_of
 
 pytestmark = pytest.mark.xdist_group("stereo-figures")  # what they share is made once
 
